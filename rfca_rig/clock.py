@@ -1,4 +1,4 @@
-"""Time is passed in. Nothing else in the package sleeps or reads a clock."""
+"""Clocks: real time and simulated time. They are passed in; nothing else in the package sleeps or reads a clock."""
 
 import time
 from collections.abc import Callable
@@ -7,22 +7,22 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What the engine and the drivers wait on."""
+    """Time source of the engine and the drivers."""
 
     def now_s(self) -> float:
-        """Seconds since the clock was made; never runs backwards."""
+        """Seconds since the clock was created; never runs backwards."""
         ...
 
     def started_at(self) -> datetime:
-        """The moment, with time zone, at which `now_s` was zero."""
+        """Date and time, with time zone, at which `now_s` was zero."""
         ...
 
     def wall_time(self) -> datetime:
-        """What a clock on the wall shows now, with time zone. It may be set while `now_s` goes on: together they tell by how much."""
+        """Date and time now, with time zone. The system may set it while `now_s` runs on; comparing the two shows by how much."""
         ...
 
     def wait_until(self, t_s: float) -> None:
-        """Returns at `now_s() >= t_s`; at once where that has passed."""
+        """Waits until `now_s() >= t_s`; returns at once if that time has passed."""
         ...
 
 
@@ -31,6 +31,7 @@ class WallClock:
 
     def __init__(self) -> None:
         self._started_at = datetime.now(UTC)
+        # The monotonic clock is not affected when the system time is set.
         self._zero_s = time.monotonic()
 
     def now_s(self) -> float:
@@ -49,9 +50,9 @@ class WallClock:
 
 
 class TwinClock:
-    """Time of a simulated rig: passes only while somebody waits, and carries the twins along.
+    """Simulated time: it advances only in `wait_until`, and advances the twins with it.
 
-    A run on it never waits for the wall clock and is the same to the last bit every time.
+    A run on this clock never waits for real time, and is reproducible to the last bit.
     """
 
     def __init__(self) -> None:
@@ -59,13 +60,14 @@ class TwinClock:
         self._worlds: list[Callable[[float], None]] = []
 
     def carry(self, process: Callable[[float], None]) -> None:
-        """`process(t_s)` is called to bring a twin from where it was to `t_s`."""
+        """Registers a twin: `process(t_s)` is called to advance it to `t_s`."""
         self._worlds.append(process)
 
     def now_s(self) -> float:
         return self._now_s
 
     def started_at(self) -> datetime:
+        # A fixed date keeps simulated recordings reproducible.
         return datetime(2000, 1, 1, tzinfo=UTC)
 
     def wall_time(self) -> datetime:
@@ -78,11 +80,12 @@ class TwinClock:
                 process(t_s)
 
 
+# Lag in s that a delayed simulation makes up by running faster; a larger one stays.
 HURRIES_S = 0.1
 
 
 class WatchedTwinClock(TwinClock):
-    """The same for somebody who looks on: rig time passes at `pace` times real time at most. What happens is the same to the last bit."""
+    """`TwinClock` for a live view: rig time passes at no more than `pace` times real time. The results are the same to the last bit."""
 
     def __init__(self, pace: float = 1.0) -> None:
         super().__init__()
@@ -91,7 +94,7 @@ class WatchedTwinClock(TwinClock):
         self._behind_s = 0.0
 
     def wait_until(self, t_s: float) -> None:
-        """A simulation that was held up hurries for at most a blink afterwards, and is late for good by the rest."""
+        """Advances, then waits for real time. A delayed simulation makes up at most 0.1 s, and stays late by the rest."""
         super().wait_until(t_s)
         due_s = t_s / self._pace
         self._behind_s = max(self._behind_s, self._wall.now_s() - due_s - HURRIES_S)

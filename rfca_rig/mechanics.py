@@ -1,7 +1,7 @@
 """The paper's mechanics, equation by equation: (1) to (19).
 
 Plain functions of numpy arrays in SI units. Angles count from the horizontal downwards, the first coordinate runs along the floor and the
-second down. Where the simulation has an equation, the function here calls it; the others are short enough to be read. Misprints of the
+second down. Where the simulation uses an equation, the function here calls the same code. Misprints of the
 paper are corrected, and each docstring says so. `docs/mechanics.md` has an example of each.
 
 References
@@ -91,13 +91,13 @@ def curvature_per_m(slope: Floats, second_derivative_per_m: Floats) -> Floats:
     Parameters
     ----------
     slope
-        y' (...).
+        y', (m,) or any other shape.
     second_derivative_per_m
-        y'' (...) [1/m].
+        y'', of the same shape [1/m].
 
     Returns
     -------
-    (...) [1/m].
+    (m,) [1/m].
 
     References
     ----------
@@ -107,16 +107,16 @@ def curvature_per_m(slope: Floats, second_derivative_per_m: Floats) -> Floats:
 
 
 def small_slope_error(angle_rad: Floats) -> Floats:
-    """By how much |y''| exceeds the curvature, as a share of it, where the line has this angle: sec^3 - 1.
+    """Relative error of |y''| as an estimate of the curvature, where the line has this angle: sec^3 - 1.
 
     Parameters
     ----------
     angle_rad
-        (...), between -pi/2 and pi/2.
+        (m,) or any other shape, between -pi/2 and pi/2.
 
     Returns
     -------
-    (...), a share.
+    (m,), relative to the curvature.
 
     References
     ----------
@@ -126,7 +126,7 @@ def small_slope_error(angle_rad: Floats) -> Floats:
 
 
 def small_slope_limit_rad(share: float = 0.1) -> float:
-    """The angle from which on |y''| exceeds the curvature by more than a share of it.
+    """Angle beyond which |y''| exceeds the curvature by more than a share of it.
 
     For a tenth this is 0.251 rad; where the error is counted as a share of |y''| it is 0.263 rad. The paper says 0.27 rad.
 
@@ -186,11 +186,12 @@ def spring_energy_J(stiffness_Nm_per_rad: Floats, phi_rad: Floats) -> float:
     ----------
     Equation (3).
     """
+    # numpy broadcasts a single stiffness to all hinges.
     return float(0.5 * np.sum(np.asarray(stiffness_Nm_per_rad) * np.asarray(phi_rad) ** 2))
 
 
 def bend_held_strip(EI_Nm2: float, length_m: float, stations_m: Floats, angles_rad: Floats, elements: int = 400) -> Bent:
-    """The shape of least energy (7) of a strip whose tangent angles are held at some stations.
+    """Shape of least energy (7) of a strip whose tangent angles are prescribed at some stations.
 
     Parameters
     ----------
@@ -199,7 +200,7 @@ def bend_held_strip(EI_Nm2: float, length_m: float, stations_m: Floats, angles_r
     stations_m, angles_rad
         (h,) where it is held, ascending, and the angles there.
     elements
-        How many there are, about.
+        Approximate number of elements; the error is of second order in their length.
 
     Returns
     -------
@@ -209,7 +210,7 @@ def bend_held_strip(EI_Nm2: float, length_m: float, stations_m: Floats, angles_r
     Raises
     ------
     SimulationFailed
-        Where Newton's iteration does not settle.
+        Where Newton's iteration does not converge.
 
     References
     ----------
@@ -217,6 +218,7 @@ def bend_held_strip(EI_Nm2: float, length_m: float, stations_m: Floats, angles_r
     """
     mesh, nodes = mesh_through(EI_Nm2, length_m, np.asarray(stations_m), elements)
     angles = np.asarray(angles_rad, dtype=np.float64)
+    # No force on the free end. Between stations the exact angles are near linear, and beyond them constant.
     return bend(mesh, Holds(nodes, angles), np.zeros(2), np.interp(mesh.s_m, stations_m, angles))
 
 
@@ -252,7 +254,7 @@ def second_difference(energy_J: Callable[[Floats], float], phi_rad: Floats, step
     phi_rad
         (h,) about which the hinges are perturbed.
     step_rad
-        By how much each.
+        Perturbation of each.
 
     Returns
     -------
@@ -264,6 +266,7 @@ def second_difference(energy_J: Callable[[Floats], float], phi_rad: Floats, step
     """
     phi = np.asarray(phi_rad, dtype=np.float64)
     middle, steps = energy_J(phi), step_rad * np.eye(phi.size)
+    # One hinge at a time: the diagonal of the stiffness matrix, as the paper defines K_i.
     return np.array([energy_J(phi + step) - 2.0 * middle + energy_J(phi - step) for step in steps]) / step_rad**2
 
 
@@ -275,13 +278,13 @@ def solve_held_contact(mass: Floats, force: Floats, jacobian: Floats, jacobian_r
     mass, force
         M (n, n) and F (n,).
     jacobian, jacobian_rate_times_speed
-        J_y (c, n), how fast each contact sinks, and (dJ_y/dt) q' (c,).
+        J_y (c, n), the derivative of each contact's depth, and (dJ_y/dt) q' (c,).
 
     Returns
     -------
     tuple
-        Accelerations (n,), and lambda (c,) in the sense of (15), M q'' + J_y^T lambda = F: below 0 the floor would have to pull where
-        J_y counts downwards.
+        Accelerations (n,), and lambda (c,) as in (15), M q'' + J_y^T lambda = F. Where J_y counts downwards, the floor would have to pull
+        for a lambda below 0.
 
     References
     ----------
@@ -289,13 +292,14 @@ def solve_held_contact(mass: Floats, force: Floats, jacobian: Floats, jacobian_r
     """
     M, J = np.asarray(mass, dtype=np.float64), np.atleast_2d(np.asarray(jacobian, dtype=np.float64))
     n, held = M.shape[0], J.shape[0]
+    # The saddle-point matrix is symmetric but not definite, so a general solver is needed.
     matrix = np.block([[M, J.T], [J, np.zeros((held, held))]])
     z = np.linalg.solve(matrix, np.concatenate([np.asarray(force), -np.atleast_1d(jacobian_rate_times_speed)]))
     return z[:n], z[n:]
 
 
 def effective_modulus_Pa(E1_Pa: float, nu1: float, E2_Pa: float, nu2: float) -> float:
-    """E' of two bodies.
+    """Effective modulus E' of two elastic bodies in contact.
 
     Parameters
     ----------
@@ -328,12 +332,12 @@ def effective_modulus_Pa(E1_Pa: float, nu1: float, E2_Pa: float, nu2: float) -> 
 
 
 def effective_radius_m(R1_m: float, R2_m: float = np.inf) -> float:
-    """R of two spheres; a plane has the radius infinity, and a hollow a negative one.
+    """Effective radius R of two spheres in contact; a plane has the radius infinity, a hollow a negative radius.
 
     Parameters
     ----------
     R1_m, R2_m
-        Their radii.
+        Radii of the spheres.
 
     Returns
     -------
@@ -345,6 +349,7 @@ def effective_radius_m(R1_m: float, R2_m: float = np.inf) -> float:
         For a first radius that is not above 0, or a hollow that is not wider than the sphere in it.
     """
     _check_positive("R1_m", R1_m)
+    # A hollow must be wider than the sphere in it, or it touches along a rim instead of a point. `not` also catches NaN.
     if R2_m == 0.0 or not 1.0 / R1_m + 1.0 / R2_m > 0.0:
         raise BadInput(f"R2_m {R2_m:g}: must be above 0, or below -R1_m = {-R1_m:g} for a hollow that is wider than the sphere")
     return 1.0 / (1.0 / R1_m + 1.0 / R2_m)
@@ -353,12 +358,12 @@ def effective_radius_m(R1_m: float, R2_m: float = np.inf) -> float:
 def contact_radius_m(radius_m: float, depth_m: float) -> float:
     """Radius a of the circle of contact, a^2 = R depth.
 
-    Holds for a well below R (Johnson, Contact Mechanics, 1985, section 4.2).
+    Valid for a well below R (Johnson, Contact Mechanics, 1985, section 4.2).
 
     Parameters
     ----------
     radius_m, depth_m
-        R as of `effective_radius_m`, and by how much the bodies approach; 0 where they do not touch.
+        R from `effective_radius_m`, and the approach of the bodies; 0 or less where they do not touch.
 
     Returns
     -------
@@ -385,7 +390,7 @@ def contact_stiffness_N_per_m1p5(modulus_Pa: float, radius_m: float) -> float:
     Parameters
     ----------
     modulus_Pa, radius_m
-        E' and R as of `effective_modulus_Pa` and `effective_radius_m`.
+        E' and R from `effective_modulus_Pa` and `effective_radius_m`.
 
     Returns
     -------
@@ -411,13 +416,13 @@ def contact_pressure_Pa(r_m: Floats, modulus_Pa: float, radius_m: float, depth_m
     Parameters
     ----------
     r_m
-        (...).
+        Distances, (m,) or any other shape.
     modulus_Pa, radius_m, depth_m
         E', R and the depth.
 
     Returns
     -------
-    (...) [Pa].
+    (m,) [Pa].
 
     Raises
     ------
@@ -442,13 +447,13 @@ def coulomb_friction_N(speed_m_s: Floats, normal_N: Floats, coefficient: float) 
     Parameters
     ----------
     speed_m_s, normal_N
-        (...) of the contact.
+        Of the contact, (m,) or any other shape.
     coefficient
-        Of friction.
+        Kinetic coefficient of friction mu_k.
 
     Returns
     -------
-    (...) [N].
+    (m,) [N].
 
     References
     ----------
@@ -463,7 +468,7 @@ def stick_friction_N(speed_m_s: float, applied_N: float, static_N: float, kineti
     Parameters
     ----------
     speed_m_s, applied_N
-        Speed of the contact, and the tangential force that everything else applies.
+        Speed of the contact, and the tangential force of everything else.
     static_N, kinetic_N
         Limit of friction at rest, and friction in motion.
 
@@ -473,13 +478,15 @@ def stick_friction_N(speed_m_s: float, applied_N: float, static_N: float, kineti
 
     References
     ----------
-    Equation (19). The simulation keeps stick as a state, with a tie that yields: `rfca_rig.model.contact.tangential_force`.
+    Equation (19). The simulation treats stick as a state, with a compliant tie: `rfca_rig.model.contact.tangential_force`.
     """
+    # Exactly zero, as in (19): this function evaluates the equation and is no law for an integrator.
     if speed_m_s != 0.0:
         return float(kinetic_N * np.sign(speed_m_s))
     return applied_N if abs(applied_N) < static_N else float(static_N * np.sign(applied_N))
 
 
 def _check_positive(name: str, value: float) -> None:
+    # Written so that NaN is refused, too.
     if not value > 0.0:
         raise BadInput(f"{name} {value:g}: must be above 0")

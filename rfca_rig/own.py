@@ -1,4 +1,4 @@
-"""What a file of a lab's own devices imports: docs/add-a-motor.md, docs/add-a-force-sensor.md."""
+"""Plug-in API: what device files of a lab import. See docs/add-a-motor.md and docs/add-a-force-sensor.md."""
 
 from rfca_rig.description.force_sensor_sections import ForceSensorKeys
 from rfca_rig.description.motor_sections import MotorKeys

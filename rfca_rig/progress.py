@@ -1,25 +1,27 @@
-"""How far long work has come, told to whoever wants to know."""
+"""Progress callbacks of long-running work."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 T = TypeVar("T")
 
+# Called with the number of items done, and their total.
 Watcher = Callable[[int, int], None]
+# Called with the name of the work, the number of items done, and their total.
 Told = Callable[[str, int, int], None]
 """Is told what is being done, how many of it are done, and of how many."""
 
 
 def silent(what: str, done: int, of: int) -> None:
-    """Tells nobody."""
+    """Callback that ignores progress, with the name of the work."""
 
 
 def unwatched(_done: int, _of: int) -> None:
-    """For work that nobody watches."""
+    """Callback that ignores progress."""
 
 
 def counted(items: Sequence[T], told: Watcher) -> Iterator[T]:
-    """The items; before each, and behind the last, `told` hears how many are done, of how many."""
+    """Yields the items. Before each, and after the last, `told` is called with the number done and the total."""
     for number, item in enumerate(items):
         told(number, len(items))
         yield item

@@ -1,7 +1,7 @@
-"""A process of this package beside the one that runs a rig.
+"""Helper processes beside the one that runs a rig.
 
-`multiprocessing` would run the main program's file once more in the new process: with a script that moves a rig and has no guard
-against that, the rig would be opened twice. So it is an interpreter of its own, tied to this one by a pair of sockets.
+`multiprocessing` would import the main program's file again in the new process. A script that moves a rig without a `__main__` guard
+would then open the rig twice. Therefore a new interpreter is started, connected to this one by a socket pair.
 """
 
 import socket
@@ -11,20 +11,20 @@ from multiprocessing.connection import Connection
 
 
 def can_be_started() -> bool:
-    """Whether this system lets a process inherit a socket."""
+    """Whether a child process can inherit a socket on this system."""
     return sys.platform != "win32"
 
 
 def started(module: str, assignment: object) -> tuple[subprocess.Popen[bytes], Connection]:
-    """The process at work, and the way to talk to it; of a session of its own, so that neither ^C nor a closed terminal reaches it.
+    """Starts a helper process; returns the process and a connection to it.
 
-    `module` runs as a program, is given the number of its socket, and receives the assignment there. Not on Windows, where no process
-    can inherit a socket.
+    The process has its own session, so that neither ^C nor a closed terminal reaches it. `module` runs as a program; its argument is
+    the number of its socket, over which it receives the assignment. Not on Windows, where processes cannot inherit a socket.
     """
-    here, there = socket.socketpair()
-    with there:
-        words = [sys.executable, "-m", module, str(there.fileno())]
-        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, pass_fds=[there.fileno()], start_new_session=True)
-    child = Connection(here.detach())
-    child.send(assignment)
-    return process, child
+    own_end, child_end = socket.socketpair()
+    with child_end:
+        command = [sys.executable, "-m", module, str(child_end.fileno())]
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=[child_end.fileno()], start_new_session=True)
+    connection = Connection(own_end.detach())
+    connection.send(assignment)
+    return process, connection

@@ -1,1 +1,1 @@
-"""Reading a fast sensor in a process of its own, so that nothing this process does can make it miss a record."""
+"""Acquisition of a fast sensor in a separate process, so that no delay of this process can lose a record."""

@@ -1,4 +1,4 @@
-"""A sensor's datagrams, read by a process of their own: stands where `UdpDatagrams` would."""
+"""Datagrams of a sensor, received by a separate process; a replacement for `UdpDatagrams`."""
 
 import subprocess
 from contextlib import suppress
@@ -10,20 +10,23 @@ from rfca_rig.clock import WallClock
 from rfca_rig.codecs.rdt import MOST_RECORDS, PORT, RECORD_BYTES
 from rfca_rig.errors import DeviceError
 
-RING_RECORDS = 1 << 18  # 17 s at 15 kHz, 12 MB
+# 17 s of records at 15 kHz, 12 MB.
+RING_RECORDS = 1 << 18
+# A new interpreter has to import numpy, which takes long on a loaded machine.
 STARTED_WITHIN_S = 30.0
 ENDED_WITHIN_S = 2.0
+# Cap per call, so that a flood of invalid datagrams cannot fill the memory.
 MOST_REFUSED = 100
 
 
 class AcquiredDatagrams:
-    """Implements `drivers.datagrams.Datagrams` for one sensor. Whatever this process does meanwhile, no record is missed.
+    """Implements `drivers.datagrams.Datagrams` for one sensor. No record is lost, whatever this process does meanwhile.
 
-    What `receive_all` gives are the records in their order, but not the datagrams' own limits: as many records as fit stand in
-    one. A datagram that was no whole records is stood for by as many zero bytes as the latest of them had. Views and recorders
-    in other processes attach to the ring by `ring_name`. The process ends with `close`, and by itself when this one dies.
+    `receive_all` returns the records in order, but not in their original datagrams: each returned one holds as many records as fit.
+    A datagram that was not whole records is replaced by zero bytes of the length of the latest such datagram. Views and recorders in
+    other processes attach to the ring by `ring_name`. The process ends with `close`, and by itself when this one dies.
 
-    Raises DeviceError where the host cannot be addressed.
+    Raises DeviceError if the host cannot be addressed.
     """
 
     def __init__(self, host: str, clock: WallClock, port: int = PORT, ring_records: int = RING_RECORDS) -> None:
@@ -38,27 +41,27 @@ class AcquiredDatagrams:
         except OSError as error:
             self._ring.remove()
             raise DeviceError(f"acquisition of {self._peer}: no process can be started: {error}") from error
-        self.receive_buffer_bytes = self._granted()
+        self.receive_buffer_bytes = self._await_started()
 
-    def _granted(self) -> int:
-        """What the process says first."""
+    def _await_started(self) -> int:
+        """Receive buffer in bytes that the process was granted: its first message."""
         try:
-            said = self._child.recv() if self._child.poll(STARTED_WITHIN_S) else f"it did not start within {STARTED_WITHIN_S:g} s"
+            message = self._child.recv() if self._child.poll(STARTED_WITHIN_S) else f"it did not start within {STARTED_WITHIN_S:g} s"
         except EOFError:
-            said = "it ended before it began"
-        if isinstance(said, int):
-            return said
+            message = "it ended before it began"
+        if isinstance(message, int):
+            return message
         self.close()
-        raise DeviceError(f"acquisition of {self._peer}: {said}")
+        raise DeviceError(f"acquisition of {self._peer}: {message}")
 
     @property
     def process_id(self) -> int:
-        """Of the reading process, for watching its cost."""
+        """Process id of the reading process, to measure its CPU time."""
         return self._process.pid
 
     @property
     def overrun(self) -> int:
-        """Records that this side read too late; they are also missing from the numbers of what it got."""
+        """Number of records overwritten before this side read them; they also appear as gaps in the record numbers."""
         return self._reader.overrun
 
     def send(self, datagram: bytes) -> None:
@@ -76,10 +79,11 @@ class AcquiredDatagrams:
     def _newly_refused(self) -> list[bytes]:
         refused, size = self._ring.refused
         new, self._refused = refused - self._refused, refused
+        # The driver's decoder refuses the zeros, and so counts the datagram as malformed.
         return [bytes(size)] * min(new, MOST_REFUSED)
 
     def _check(self) -> None:
-        """Raises DeviceError for what the process complained of, or where it ended."""
+        """Raises DeviceError for an error that the process reported, or if it has ended."""
         try:
             if self._child.poll():
                 raise DeviceError(self._child.recv())
@@ -87,10 +91,11 @@ class AcquiredDatagrams:
             raise DeviceError(f"acquisition of {self._peer} has ended by itself; start the run anew") from error
 
     def close(self) -> None:
-        """Ends the process, which takes a few milliseconds, and takes the ring away."""
+        """Ends the process, which takes a few milliseconds, and removes the ring."""
         if self._child.closed:
             return
-        with suppress(OSError):  # it may have just ended
+        # The process may have just ended.
+        with suppress(OSError):
             self._child.send(None)
         try:
             self._process.wait(ENDED_WITHIN_S)

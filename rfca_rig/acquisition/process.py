@@ -1,4 +1,4 @@
-"""The process that owns the sensor's socket, and does nothing but carry its records into the ring."""
+"""Main function of the acquisition process: it only copies records from the sensor's socket into the ring."""
 
 import signal
 from dataclasses import dataclass
@@ -11,13 +11,15 @@ from rfca_rig.clock import WallClock
 from rfca_rig.drivers.datagrams import UdpDatagrams
 from rfca_rig.errors import DeviceError
 
-PAUSE_S = 1e-3  # between two looks at the socket while records come: 15 datagrams at 15 kHz, against hundreds that it holds
+# Pause between two reads of the socket: 15 datagrams at 15 kHz, while the socket holds hundreds.
+PAUSE_S = 1e-3
+# Longest wait without records, in s.
 IDLE_S = 0.2
 
 
 @dataclass(frozen=True)
 class RecordSource:
-    """Where the records come from; each datagram holds 1..`most_records` of `record_bytes` bytes."""
+    """Address of the sensor; each datagram holds 1..`most_records` records of `record_bytes` bytes."""
 
     host: str
     port: int
@@ -27,7 +29,7 @@ class RecordSource:
 
 @dataclass(frozen=True)
 class AcquisitionAssignment:
-    """What to carry where. `clock` is the parent's: both stamp alike, as the clock behind it is the machine's."""
+    """Source and destination of the records. `clock` is the parent's; its time is the same in both processes."""
 
     source: RecordSource
     ring_name: str
@@ -35,11 +37,10 @@ class AcquisitionAssignment:
 
 
 def acquire(parent: Connection) -> None:
-    """Takes its assignment from the parent, and runs until that says None, or is gone.
+    """Receives its assignment from the parent, and runs until the parent sends None, or has ended.
 
-    First tells the parent the receive buffer that was granted, in bytes, or in words why there is no way to the sensor. Then
-    sends what it is given as bytes, and tells in words what went wrong, once until the next order. An interrupt from the
-    keyboard is left to the parent.
+    Its first message is the granted receive buffer in bytes, or a text on why the sensor cannot be reached. Afterwards it forwards
+    the bytes that it is given, and reports an error as text, once until the next command. ^C is left to the parent.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     assignment: AcquisitionAssignment = parent.recv()
@@ -58,7 +59,7 @@ def acquire(parent: Connection) -> None:
 
 
 class Carrier:
-    """From the socket to the ring, and orders of the parent to the socket."""
+    """Copies records from the socket to the ring, and commands of the parent to the socket."""
 
     def __init__(self, source: RecordSource, datagrams: UdpDatagrams, ring: Ring, clock: WallClock, parent: Connection) -> None:
         self._source = source
@@ -66,24 +67,25 @@ class Carrier:
         self._ring = ring
         self._clock = clock
         self._parent = parent
-        self._complained = False
+        self._has_reported = False
 
     def run(self) -> None:
         while self._obey():
-            if self._carry():
+            if self._copy_records():
                 self._clock.wait_until(self._clock.now_s() + PAUSE_S)
             else:
+                # Nothing is coming: sleep until a datagram or a command arrives.
                 wait([self._datagrams.fileno(), self._parent], IDLE_S)
 
     def _obey(self) -> bool:
-        """False when there is nobody left to work for."""
+        """Forwards the parent's commands. False if the parent is done or gone."""
         try:
             while self._parent.poll():
-                order = self._parent.recv()
-                if order is None:
+                command = self._parent.recv()
+                if command is None:
                     return False
-                self._complained = False
-                self._send(order)
+                self._has_reported = False
+                self._send(command)
         except (EOFError, ConnectionError):
             return False
         return True
@@ -92,19 +94,20 @@ class Carrier:
         try:
             self._datagrams.send(order)
         except DeviceError as error:
-            self._complain(error)
+            self._report_error(error)
 
-    def _complain(self, error: DeviceError) -> None:
-        if not self._complained:
-            self._complained = True
+    def _report_error(self, error: DeviceError) -> None:
+        # An unreachable sensor fails at every read; one message until the next command is enough.
+        if not self._has_reported:
+            self._has_reported = True
             self._parent.send(str(error))
 
-    def _carry(self) -> bool:
-        """Whether anything had arrived."""
+    def _copy_records(self) -> bool:
+        """Copies what has arrived to the ring. True if anything had."""
         try:
             arrived = self._datagrams.receive_all()
         except DeviceError as error:
-            self._complain(error)
+            self._report_error(error)
             return False
         whole = [datagram for datagram in arrived if self._is_whole(datagram)]
         if whole:
@@ -113,8 +116,8 @@ class Carrier:
         return bool(arrived)
 
     def _is_whole(self, datagram: bytes) -> bool:
-        count, rest = divmod(len(datagram), self._source.record_bytes)
-        if rest == 0 and 1 <= count <= self._source.most_records:
+        count, remainder = divmod(len(datagram), self._source.record_bytes)
+        if remainder == 0 and 1 <= count <= self._source.most_records:
             return True
         self._ring.refuse(len(datagram))
         return False

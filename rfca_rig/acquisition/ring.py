@@ -1,4 +1,4 @@
-"""A ring of records in shared memory: one process writes, any number of processes read, and nobody waits for anybody."""
+"""Lock-free ring buffer of records in shared memory: one writer, any number of readers, none of which waits."""
 
 from dataclasses import dataclass
 from multiprocessing.shared_memory import SharedMemory
@@ -12,14 +12,19 @@ from rfca_rig.errors import DeviceError
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 
+# Spells "RFCARING" in ASCII, to recognise the memory.
 MARK = 0x52464341_52494E47
+# Room for 16 words of 64 bits, of which seven are used.
 HEADER_BYTES = 128
 _MARK, _CAPACITY, _RECORD_BYTES, _CLAIMED, _PUBLISHED, _REFUSED, _REFUSED_BYTES = range(7)
 
 
 @dataclass(frozen=True)
 class RingBlock:
-    """What was new: `records` (m, bytes of a record), when each was read from the wire (m,), and how many went by unread before."""
+    """New records.
+
+    `records` (m, bytes of a record), `t_s` (m,) when each was read from the wire, `overrun` how many were lost unread before them.
+    """
 
     t_s: Floats
     records: Bytes
@@ -27,11 +32,11 @@ class RingBlock:
 
 
 class Ring:
-    """The memory and its counters: a header of 64 bit words, one time stamp per record, the records.
+    """The shared memory and its counters: a header of 64 bit words, one time stamp per record, the records.
 
-    Record n lies in slot n modulo capacity. The writer first claims numbers, then fills their slots, then publishes them; a
-    reader copies what is published, and afterwards drops whatever the writer has claimed again meanwhile. So a reader that is
-    too slow loses the oldest records, knows how many, and never sees half of one.
+    Record n is in slot n modulo capacity. The writer first claims numbers, then fills their slots, then publishes them. A reader
+    copies published records, and afterwards drops those whose slots the writer has claimed in the meantime. A slow reader therefore
+    loses the oldest records, knows how many, and never sees a half-written one.
     """
 
     def __init__(self, memory: SharedMemory) -> None:
@@ -50,35 +55,38 @@ class Ring:
 
     @staticmethod
     def create(capacity: int, record_bytes: int) -> "Ring":
-        """A new and empty one; its maker calls `remove` in the end."""
+        """Creates an empty ring; the creator calls `remove` in the end."""
         memory = SharedMemory(create=True, size=HEADER_BYTES + capacity * (8 + record_bytes))
         header = _everything(memory)[:HEADER_BYTES].cast("Q")
+        # The mark is written last: a process that sees it also sees the sizes.
         header[_CAPACITY], header[_RECORD_BYTES], header[_MARK] = capacity, record_bytes, MARK
         header.release()
         return Ring(memory)
 
     @staticmethod
     def attach(name: str) -> "Ring":
-        """Another process's ring. Raises DeviceError where there is none of that name."""
+        """Opens the ring of another process. Raises DeviceError if there is none of that name."""
         return Ring(attached(name))
 
     @property
     def published(self) -> int:
-        """Records written since the ring was made."""
+        """Number of records written since the ring was created."""
         return int(self._header[_PUBLISHED])
 
     @property
     def refused(self) -> tuple[int, int]:
-        """How many datagrams were no whole records, and how many bytes the last of them had."""
+        """Number of datagrams that were not whole records, and the length of the last one in bytes."""
         return int(self._header[_REFUSED]), int(self._header[_REFUSED_BYTES])
 
     def write(self, t_s: float, records: Bytes) -> None:
-        """Adds `records` (m, bytes of a record), all read at `t_s`. For the one writer only."""
+        """Adds `records` (m, bytes of a record), all read at time `t_s`. Only for the single writer."""
+        # In pieces of at most one capacity, so that a piece never overwrites itself.
         for begin in range(0, len(records), self.capacity):
             self._write(t_s, records[begin : begin + self.capacity])
 
     def _write(self, t_s: float, records: Bytes) -> None:
         first, end = self.published, self.published + len(records)
+        # Claim before writing, publish after it: a reader can thus detect which of its copies are stale.
         self._header[_CLAIMED] = end
         at = first % self.capacity
         before_wrap = min(len(records), self.capacity - at)
@@ -89,26 +97,38 @@ class Ring:
         self._header[_PUBLISHED] = end
 
     def refuse(self, size: int) -> None:
-        """Counts a datagram of that many bytes that was no whole records. For the one writer only."""
+        """Counts a datagram of `size` bytes that was not whole records. Only for the single writer."""
         self._header[_REFUSED_BYTES] = size
         self._header[_REFUSED] += 1
 
     def copied(self, first: int, end: int) -> tuple[Floats, Bytes, int]:
-        """Stamps and records from `first` to before `end`, and how many of the first of them have been overwritten by now."""
+        """Copies the records `first`..`end` - 1.
+
+        Returns
+        -------
+        t_s : ndarray, shape (m,)
+            Times when they were read, m = end - first.
+        records : ndarray, shape (m, bytes of a record)
+            The records.
+        gone : int
+            How many of the first ones have been overwritten by now, and must be dropped.
+        """
         slots = np.arange(first, end) % self.capacity
         t_s, records = self._t_s[slots], self._slots[slots]
+        # Read after the copy: slots claimed up to now may hold mixed data.
         gone = int(self._header[_CLAIMED]) - self.capacity - first
         return t_s, records, min(max(gone, 0), end - first)
 
     def close(self) -> None:
-        """Lets go of the memory, which stays for others. May be called any number of times."""
+        """Detaches from the memory, which stays for others. May be called any number of times."""
         if self._memory.buf is not None:
             self._header.release()
+            # Arrays that still refer to the buffer would keep it from being closed.
             del self._t_s, self._slots
             self._memory.close()
 
     def remove(self) -> None:
-        """For its maker: closes, and takes the memory away; who is attached keeps what it sees until it closes too."""
+        """For the creator: closes and removes the memory. Processes that are attached can use it until they close it."""
         self.close()
         self._memory.unlink()
 
@@ -120,7 +140,7 @@ def _everything(memory: SharedMemory) -> memoryview:
 
 
 class RingReader:
-    """One reader's place in a ring; begins with what is written next, or with the oldest record still there."""
+    """Read position of one reader. It starts at the next record written, or at the oldest one still there."""
 
     def __init__(self, ring: Ring, from_oldest: bool = False) -> None:
         self._ring = ring
@@ -128,7 +148,7 @@ class RingReader:
         self.overrun = 0
 
     def read(self) -> RingBlock:
-        """Everything that was published since the last call; never waits."""
+        """All records published since the last call; never waits."""
         published = self._ring.published
         first = max(self._next, published - self._ring.capacity)
         t_s, records, gone = self._ring.copied(first, published)

@@ -1,4 +1,4 @@
-"""Shared memory by name, without the surprise that whoever merely looked at it takes it away."""
+"""Attaching to shared memory by name, without the attaching process removing it at its end."""
 
 import multiprocessing
 import sys
@@ -9,11 +9,11 @@ from rfca_rig.errors import DeviceError
 
 
 def attached(name: str) -> SharedMemory:
-    """The memory called `name`, made by another process, which stays its owner.
+    """Opens the shared memory `name` of another process, which stays its owner.
 
-    Before Python 3.13 a process that attaches is taken for an owner too: when it ends, its tracker removes the memory under
-    everybody's feet (python/cpython#82300). Children of the owner share its tracker and must leave that entry alone. Raises
-    DeviceError where there is no such memory.
+    Before Python 3.13 an attaching process is registered as an owner too: when it ends, its resource tracker removes the memory
+    although others use it (python/cpython#82300). Children of the owner share its tracker and must not unregister it. Raises
+    DeviceError if there is no such memory.
     """
     try:
         if sys.version_info >= (3, 13):
@@ -21,6 +21,7 @@ def attached(name: str) -> SharedMemory:
         memory = SharedMemory(name)
     except FileNotFoundError as error:
         raise DeviceError(f"there is no shared memory called {name}; has the acquisition ended?") from error
+    # A child started by multiprocessing shares the owner's tracker, whose entry must stay.
     if multiprocessing.parent_process() is None:
         resource_tracker.unregister(memory._name, "shared_memory")  # type: ignore[attr-defined]
     return memory

@@ -1,4 +1,4 @@
-"""How the acquisition process comes to be."""
+"""Start of the acquisition process; also its main module."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ MODULE = "rfca_rig.acquisition.starting"
 
 
 def started(assignment: AcquisitionAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
-    """The process at work, and the way to talk to it."""
+    """Starts the acquisition process; returns it and a connection to it."""
     return subprocesses.started(MODULE, assignment)
 
 

@@ -1,1 +1,1 @@
-"""What recordings say: phases and valleys of strokes, set against the model's."""
+"""Analysis of recordings: phases and valleys of strokes, compared with the model's."""

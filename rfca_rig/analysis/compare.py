@@ -1,4 +1,4 @@
-"""Measured and simulated strokes side by side, and what is left when one is taken from the other."""
+"""Measured and simulated strokes compared: residuals of fz, their phases and their valleys."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 class ComparedRepeat:
     """One measured stroke with its residual, measured minus simulated fz, on the measured time base; arrays (m,).
 
-    The residual is NaN where the simulation did not reach. All are empty where fz was not recorded. Phases are the measured stroke's.
+    The residual is NaN where the simulation has ended. All arrays are empty where fz was not recorded. Phases are the measured stroke's.
     """
 
     repeat: int
@@ -33,7 +33,7 @@ class ComparedRepeat:
 
 @dataclass(frozen=True)
 class ComparedCondition:
-    """All repeats of a condition with the model's counterpart: one stroke, or one for each repeat."""
+    """All repeats of a condition with the matched simulation: one stroke, or one for each repeat."""
 
     condition: Condition
     repeats: tuple[ComparedRepeat, ...]
@@ -41,18 +41,19 @@ class ComparedCondition:
 
     @property
     def contact_is_measured(self) -> bool:
-        """Whether at least one repeat shows its contact with the ground."""
+        """Whether at least one repeat has a measurable contact with the ground."""
         return any(np.isfinite(r.phases.touchdown_s) for r in self.repeats)
 
     def mean_phases(self) -> StrokePhases:
-        """Each border as the mean over the repeats that reached it; by the simulated strokes where no repeat shows its contact."""
+        """Mean of each border over the repeats that reached it; of the simulated strokes where no repeat has a measurable contact."""
         measured = [r.phases for r in self.repeats]
         return _mean_phases(measured if self.contact_is_measured else [_phases_of(model) for model in self.simulated])
 
     def rms_N(self) -> dict[str, float]:
-        """Root mean square of the residual over all repeats, by phase; phases without samples are left out."""
+        """Root mean square of the residual over all repeats, by phase; phases without samples are omitted."""
         residual = np.concatenate([r.residual_N for r in self.repeats])
         phase = np.concatenate([r.phases.number(r.t_s) for r in self.repeats])
+        # The residual is NaN after the end of the simulation.
         known = np.isfinite(residual)
         return {
             name: float(np.sqrt(np.mean(residual[known & (phase == number)] ** 2)))
@@ -62,8 +63,24 @@ class ComparedCondition:
 
 
 def compare_condition(rig: RigModel, condition: Condition, shaft: Shaft = "average") -> ComparedCondition:
-    """Simulates the condition and sets every repeat against it. Raises SimulationFailed."""
+    """Simulate the condition and compare every repeat with it.
+
+    Parameters
+    ----------
+    rig
+        The nominal model.
+    condition
+        Measured strokes of one height and one commanded speed.
+    shaft
+        Motion of the simulated shaft, as in `matched_simulation.counterparts`.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the model cannot be computed.
+    """
     simulated = counterparts(rig, condition, shaft)
+    # One simulated stroke serves all repeats, unless each repeat has its own.
     of_each = simulated if len(simulated) == len(condition.strokes) else simulated * len(condition.strokes)
     repeats = tuple(_compare_stroke(stroke, model) for stroke, model in zip(condition.strokes, of_each, strict=True))
     return ComparedCondition(condition, repeats, simulated)
@@ -76,7 +93,7 @@ def _compare_stroke(stroke: Stroke, model: Counterpart) -> ComparedRepeat:
         return ComparedRepeat(stroke.repeat, nothing, nothing, nothing, Refused("fz was not recorded"), StrokePhases())
     t_s, fz_N = trace
     valley, phases = valley_and_phases(t_s, fz_N)
-    return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - _simulated_fz(model, t_s), valley, phases)
+    return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - _interpolate_fz(model, t_s), valley, phases)
 
 
 def _phases_of(model: Counterpart) -> StrokePhases:
@@ -96,6 +113,6 @@ def _mean_of_finite(times_s: Sequence[float]) -> float:
     return float(np.mean(finite)) if finite else np.inf
 
 
-def _simulated_fz(model: Counterpart, t_s: Floats) -> Floats:
-    """The model at the measured moments; before its grid it is at rest, after it unknown."""
+def _interpolate_fz(model: Counterpart, t_s: Floats) -> Floats:
+    """Simulated fz at the measured times (m,). Before its grid the model is at rest; after it the force is unknown, NaN."""
     return np.interp(t_s, model.stroke.t_s, model.stroke.fz_N, right=np.nan)

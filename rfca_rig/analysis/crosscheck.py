@@ -1,8 +1,8 @@
-"""The model against MuJoCo, as the paper holds its own against RecurDyn: contact force curves under the paper's conditions.
+"""Comparison of the model with MuJoCo: contact force curves under the paper's conditions, as the paper compares with RecurDyn.
 
-Twice: MuJoCo's mechanics under the nominal ground, which must agree to the accuracy of the integrators; and MuJoCo with its own
-contact, a linear spring where the model has Hertz. Springs and Hertz are not one physics, so there the ground is made so stiff on
-both sides that the loading no longer depends on its law; touchdown and release always do.
+There are two comparisons. With the nominal ground, MuJoCo's mechanics must agree to the accuracy of the integrators. With MuJoCo's own
+contact, a linear spring replaces Hertz, and the two laws differ physically. The ground is then made so stiff on both sides that the loading
+no longer depends on the law. Touchdown and release always do.
 """
 
 from collections.abc import Sequence
@@ -25,13 +25,15 @@ from rfca_rig.protocol.experiments import PlannedCondition
 Floats = NDArray[np.float64]
 
 PAPER_PCT = 4.91  # section IV: theoretical model against RecurDyn
+# Factor on the contact stiffness in the comparison with MuJoCo's own contact.
 STIFFER = 100.0
+# The stiff ground is compared at a tight tolerance, so that the integrator's error does not count as a difference of laws.
 TIGHT = Tolerance(angle_rad=1e-7, speed_rad_s=3e-4)
 
 
 @dataclass(frozen=True)
 class CheckedCondition:
-    """One condition, `ours` by the model and `theirs` by MuJoCo at the same times."""
+    """One condition, `ours` by the model and `theirs` by MuJoCo at the same times; `contact_N` is (m,)."""
 
     condition: PlannedCondition
     ours: SimulatedStroke
@@ -59,7 +61,7 @@ class CheckedCondition:
 
     @property
     def loading_pct(self) -> float | None:
-        """The same from 30 ms after touchdown to the valley; None where there is no valley."""
+        """The difference from 30 ms after touchdown to the valley; None where there is no valley."""
         if not np.isfinite(self.phases.valley_s):
             return None
         t_s = self.ours.t_s
@@ -71,9 +73,9 @@ class CheckedCondition:
         return {
             "height_mm": round(1e3 * self.condition.height_m, 6),
             "speed_rad_s": self.condition.speed_rad_s,
-            "contact_force_difference_pct": _rounded(self.stroke_pct),
-            "contact_force_difference_loading_pct": _rounded(self.loading_pct),
-            "fz_difference_pct": _rounded(difference_pct(self.ours.fz_N, self.theirs.fz_N)),
+            "contact_force_difference_pct": _round_or_none(self.stroke_pct),
+            "contact_force_difference_loading_pct": _round_or_none(self.loading_pct),
+            "fz_difference_pct": _round_or_none(difference_pct(self.ours.fz_N, self.theirs.fz_N)),
             "valley_ours": _valley(self.ours.t_s, self.ours.fz_N),
             "valley_mujoco": _valley(self.theirs.t_s, self.theirs.fz_N),
             "mujoco_steps": self.theirs.steps,
@@ -82,14 +84,14 @@ class CheckedCondition:
 
 
 def difference_pct(ours: Floats, theirs: Floats) -> float:
-    """Relative L2 difference [%] of two curves sampled at the same times: |ours - theirs| / |theirs|; 0 where both vanish."""
+    """Relative L2 difference [%] of two curves (m,) sampled at the same times: |ours - theirs| / |theirs|; 0 where both vanish."""
     size = float(np.linalg.norm(theirs))
     apart = float(np.linalg.norm(ours - theirs))
     return 100.0 * apart / size if size else (float("inf") if apart else 0.0)
 
 
 def check_condition(rig: RigModel, condition: PlannedCondition, sweep_deg: float) -> CheckedCondition:
-    """The model at its usual tolerance against MuJoCo under the nominal ground, sampled at 1 kHz."""
+    """Compare the model at its usual tolerance with MuJoCo under the nominal ground, sampled at 1 kHz."""
     t_s = _times(rig, condition, sweep_deg)
     ours = stroke_at_speed(rig, condition.height_m, condition.speed_rad_s, t_s)
     _must_touch(ours, condition)
@@ -97,9 +99,9 @@ def check_condition(rig: RigModel, condition: PlannedCondition, sweep_deg: float
 
 
 def check_own_contact(rig: RigModel, condition: PlannedCondition, sweep_deg: float) -> CheckedCondition:
-    """Both on `stiff_ground`, the model at a tight tolerance, so that only the law of contact is left to differ.
+    """Compare both on `stiff_ground`, the model at a tight tolerance, so that only the contact laws differ.
 
-    MuJoCo's springs are as stiff as Hertz is at the valley, force over indentation.
+    MuJoCo's springs have the secant stiffness of Hertz at the valley, force over indentation.
     """
     stiff, t_s = stiff_ground(rig), _times(rig, condition, sweep_deg)
     ours = stroke_at_speed(stiff, condition.height_m, condition.speed_rad_s, t_s, TIGHT)
@@ -109,13 +111,13 @@ def check_own_contact(rig: RigModel, condition: PlannedCondition, sweep_deg: flo
 
 
 def stiff_ground(rig: RigModel) -> RigModel:
-    """`rig` over a ground a hundred times as stiff, without damping and without viscous drag, which MuJoCo's contact lacks."""
+    """`rig` over a ground a hundred times as stiff, without the damping and viscous drag that MuJoCo's contact lacks."""
     stiffness = STIFFER * rig.ground.stiffness_N_per_m1p5
     return replace(rig, ground=replace(rig.ground, stiffness_N_per_m1p5=stiffness, damping_s_per_m=0.0, drag_N_s_per_m=0.0))
 
 
 def average_pct(checked: Sequence[CheckedCondition]) -> float:
-    """Mean difference over the whole strokes, the figure that stands beside the paper's 4.91 %."""
+    """Mean difference over the whole strokes, to compare with the paper's 4.91 %."""
     return float(np.mean([one.stroke_pct for one in checked]))
 
 
@@ -132,10 +134,11 @@ def _must_touch(stroke: SimulatedStroke, condition: PlannedCondition) -> None:
 
 
 def _secant_N_per_m(rig: RigModel, stroke: SimulatedStroke) -> float:
-    """Force over indentation of Hertz, at the valley or else at the greatest force: of the end that is pushed hardest."""
+    """Secant stiffness of Hertz, force over indentation, of the end with the largest force, at the valley or else at the greatest force."""
     valley = find_valley(stroke.t_s, stroke.fz_N)
     at = int(np.abs(stroke.t_s - valley.time_s).argmin()) if isinstance(valley, Valley) else int(stroke.normal_N.max(axis=1).argmax())
     N = float(stroke.normal_N[at].max())
+    # N = k d^1.5 gives N / d = (N k^2)^(1/3).
     return float(np.cbrt(N * rig.ground.stiffness_N_per_m1p5**2))
 
 
@@ -144,5 +147,5 @@ def _valley(t_s: Floats, fz_N: Floats) -> tuple[float, float] | None:
     return None if isinstance(valley, Refused) else (round(valley.time_s, 5), round(valley.fz_N, 4))
 
 
-def _rounded(value: float | None) -> float | None:
+def _round_or_none(value: float | None) -> float | None:
     return None if value is None else round(value, 5)

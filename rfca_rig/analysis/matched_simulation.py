@@ -1,4 +1,4 @@
-"""The model's stroke to set beside a measured one: same height, same motion of the shaft as far as it is known."""
+"""Simulation that matches a measured stroke: same height, and the same shaft motion as far as it is known."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -18,14 +18,16 @@ from rfca_rig.recording.model import Stroke, collect_strokes_before
 Floats = NDArray[np.float64]
 Shaft = Literal["commanded", "average", "recorded"]
 
+# Samples of the simulated stroke, and how much of the rest before it is shown.
 GRID_S = 5e-4
-REST_SHOWN_S = 0.1
-LONGER = 1.3  # a model that reaches its valley later than the leg did must be given the time to
+REST_BEFORE_S = 0.1
+# Simulated over measured duration: a model that reaches its valley later than the leg did needs the time to.
+LONGER = 1.3
 
 
 @dataclass(frozen=True)
 class Counterpart:
-    """One simulated stroke, the shaft speed it was given (the mean where a recorded turn was followed), and its valley."""
+    """One simulated stroke and its valley, with its shaft speed (the mean where a recorded turn was followed) and where that came from."""
 
     shaft_speed_rad_s: float
     shaft_taken_from: str
@@ -34,10 +36,22 @@ class Counterpart:
 
 
 def counterparts(rig: RigModel, condition: Condition, shaft: Shaft) -> tuple[Counterpart, ...]:
-    """One stroke for all repeats; with `shaft` "recorded" one for each repeat, in their order.
+    """Simulate one stroke for all repeats; with `shaft` "recorded" one for each repeat, in their order.
 
-    "commanded" turns the shaft at the condition's speed, "average" at the mean over the repeats of their average speeds, as the paper
-    does, both from the nominal start angle; "recorded" follows each repeat's own shaft angle. Raises SimulationFailed.
+    Parameters
+    ----------
+    rig
+        The nominal model.
+    condition
+        Measured strokes of one height and one commanded speed.
+    shaft
+        "commanded": the condition's speed. "average": the mean of the repeats' average speeds, as in the paper. Both begin at the nominal
+        start angle. "recorded": each repeat's own shaft angle.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the model cannot be computed.
     """
     if shaft == "recorded":
         return tuple(_following(rig, condition, stroke) for stroke in condition.strokes)
@@ -53,14 +67,15 @@ def counterparts(rig: RigModel, condition: Condition, shaft: Shaft) -> tuple[Cou
 
 def _following(rig: RigModel, condition: Condition, stroke: Stroke) -> Counterpart:
     average = average_speed(stroke, rig.drive.ramp_s)
-    motion = _recorded_motion(rig, stroke)
+    motion = _motion_from_recording(rig, stroke)
+    # The motion is unknown after the last recorded shaft angle.
     end_s = min(float(motion.breaks_s[-1]), _last_moment_s(stroke))
     simulated = stroke_following(rig, condition.height_m, motion, _grid(end_s), strokes_before=collect_strokes_before((stroke,)))
     return _counterpart(average.speed_rad_s, average.taken_from, simulated)
 
 
-def _recorded_motion(rig: RigModel, stroke: Stroke) -> ShaftMotion:
-    """The shaft's angle where it was recorded; else its speed, summed up from the nominal start angle; else the command."""
+def _motion_from_recording(rig: RigModel, stroke: Stroke) -> ShaftMotion:
+    """Motion from the recorded shaft angle; else from the recorded speed, integrated from the nominal start angle; else as commanded."""
     angle, speed = stroke.channel("shaft_angle_rad"), stroke.channel("shaft_speed_rad_s")
     if angle is not None:
         return follow(*angle)
@@ -68,6 +83,7 @@ def _recorded_motion(rig: RigModel, stroke: Stroke) -> ShaftMotion:
     if speed is None:
         return ramp_to_speed(start_rad, stroke.speed_rad_s, rig.drive.ramp_s, _last_moment_s(stroke))
     t_s, speed_rad_s = speed
+    # Trapezoidal rule; the turn is then shifted so that it is zero at the commanded start.
     turned = np.concatenate([[0.0], np.cumsum(0.5 * (speed_rad_s[1:] + speed_rad_s[:-1]) * np.diff(t_s))])
     return follow(t_s, start_rad + turned - float(np.interp(0.0, t_s, turned)))
 
@@ -81,4 +97,4 @@ def _last_moment_s(stroke: Stroke) -> float:
 
 
 def _grid(end_s: float) -> Floats:
-    return GRID_S * np.arange(-round(REST_SHOWN_S / GRID_S), int(end_s / GRID_S) + 1, dtype=np.float64)
+    return GRID_S * np.arange(-round(REST_BEFORE_S / GRID_S), int(end_s / GRID_S) + 1, dtype=np.float64)

@@ -1,7 +1,7 @@
-"""The leg of a rig as a MuJoCo model: MuJoCo's own kinematics, inertia, weight and hinge springs, on a shaft that turns as told.
+"""The leg of a rig as a MuJoCo model: MuJoCo's own kinematics, inertia, weight and hinge springs, on a shaft with a prescribed motion.
 
-Plane of motion x-z, hinges around +y, so that MuJoCo's hinge angles are positive downwards like the model's. Needs MuJoCo 3.7, the
-first whose joints carry polynomial springs (MJCF reference, joint/stiffness).
+The plane of motion is x-z, with hinges around +y, so that MuJoCo's hinge angles are positive downwards as in the model. Needs MuJoCo 3.7,
+the first version whose joints have polynomial springs (MJCF reference, joint/stiffness).
 """
 
 from dataclasses import dataclass
@@ -17,8 +17,11 @@ from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]
 
-FLYWHEEL_KG_M2 = 1e9  # the leg slows it by parts in 1e9 only; at the root of the tree so heavy a pivot costs the others no digits
-NEVER_COLLIDES = 'contype="0" conaffinity="0"'  # but for the pairs that are named
+# Prescribes the shaft's motion without a constraint: the leg slows it by parts in 1e9 only. At the root of the tree, so heavy a pivot costs
+# the other joints no digits.
+FLYWHEEL_KG_M2 = 1e9
+# Only the contact pairs that are listed explicitly collide.
+NEVER_COLLIDES = 'contype="0" conaffinity="0"'
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class MujocoLeg:
 
 
 def load_mujoco() -> Any:
-    """The module; raises BadInput, naming the extra, where it is not installed."""
+    """Import and return the module. Raises BadInput, naming the extra, where MuJoCo is not installed."""
     try:
         import mujoco  # noqa: PLC0415  (an extra that most labs do not need)
     except ImportError:
@@ -47,29 +50,33 @@ def mujoco_leg(rig: RigModel, height_m: float, floor: bool, integrator: str) -> 
 
 
 def hang(leg: MujocoLeg, start_angle_rad: float) -> None:
-    """Puts the leg at rest under its weight with the shaft held, at MuJoCo's own equilibrium of forces."""
+    """Put the leg at rest under its weight with the shaft held, at MuJoCo's own equilibrium of forces."""
 
-    def unbalanced_Nm(hinges_rad: Floats) -> Floats:
+    def residual_Nm(hinges_rad: Floats) -> Floats:
         leg.data.qpos[0], leg.data.qpos[1:] = start_angle_rad, hinges_rad
         leg.mujoco.mj_forward(leg.model, leg.data)
         return np.array(leg.data.qfrc_smooth[1:])
 
     if leg.model.nq > 1:
-        found = root(unbalanced_Nm, np.zeros(leg.model.nq - 1), tol=1e-13)
-        if not np.abs(unbalanced_Nm(found.x)).max() < 1e-8:
+        solution = root(residual_Nm, np.zeros(leg.model.nq - 1), tol=1e-13)
+        # Written with `not`, so that NaN counts as a failure too. The call also leaves the pose in `data`.
+        if not np.abs(residual_Nm(solution.x)).max() < 1e-8:
             raise SimulationFailed(f"MuJoCo finds no rest pose with the shaft at {np.degrees(start_angle_rad):.1f} degrees")
+    # A leg of a single link has no hinge to solve for, but its pose must still be evaluated.
     else:
-        unbalanced_Nm(np.zeros(0))
+        residual_Nm(np.zeros(0))
 
 
 def leg_xml(rig: RigModel, height_m: float, floor: bool, integrator: str) -> str:
-    """The model in MuJoCo's language (MJCF). Sites `end1`, `end2` .. are the link ends; with `floor` each carries a ball."""
+    """The model in MuJoCo's language (MJCF). Sites `end1`, `end2` .. are the link ends; with `floor` each carries a sphere."""
     links = len(rig.leg.link_lengths_m)
     bodies = ""
+    # Bodies are nested, so the innermost one, the tip, is written first.
     for i in reversed(range(links)):
         bodies = _link_xml(rig, i, floor, bodies)
     plane = f'<geom name="floor" type="plane" size="2 2 1" pos="0 0 {-height_m!r}" {NEVER_COLLIDES}/>' if floor else ""
     pairs = "".join(_pair_xml(i, rig.ground.friction_coefficient) for i in range(links)) if floor else ""
+    # Numbers are written with repr, which keeps all digits. Automatic resets are off: a failed simulation must be seen, not restarted.
     return (
         f'<mujoco><compiler angle="radian"/><option gravity="0 0 {-GRAVITY_M_S2!r}" integrator="{integrator}" cone="elliptic">'
         f'<flag autoreset="disable"/></option><worldbody>{plane}{bodies}</worldbody><contact>{pairs}</contact></mujoco>'
@@ -77,7 +84,7 @@ def leg_xml(rig: RigModel, height_m: float, floor: bool, integrator: str) -> str
 
 
 def _link_xml(rig: RigModel, i: int, ball: bool, further_links: str) -> str:
-    """Link i, a thin uniform rod along its own x; a thousandth of its inertia about x, which planar motion never feels."""
+    """Link i, a thin uniform rod along its own x axis. Its inertia about x is a thousandth, which planar motion never uses."""
     length, mass = rig.leg.link_lengths_m[i], rig.leg.link_masses_kg[i]
     inertia = mass * length**2 / 12.0
     geom = f'<geom name="ball{i}" size="{rig.leg.link_radius_m!r}" pos="{length!r} 0 0" mass="0" {NEVER_COLLIDES}/>' if ball else ""

@@ -1,4 +1,4 @@
-"""One stroke of the leg in MuJoCo, with the nominal ground or with MuJoCo's own contact."""
+"""One stroke of the leg in MuJoCo, either with the nominal ground law or with MuJoCo's own contact."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,17 +16,22 @@ from rfca_rig.model.parameters import RigModel
 
 Floats = NDArray[np.float64]
 
-STEP_S = 2e-5  # with RK4 half of it changes the contact force by less than 1e-5
-CREEP_N_S_PER_M = 1.2e4  # of friction that does not yet slide: 2 mm/s under 24 N; a tenth of it changes the loading by less than 1e-4
+# With RK4, half of this step changes the contact force by less than 1e-5.
+STEP_S = 2e-5
+# MuJoCo has no static friction: a contact below its friction limit creeps, here by 2 mm/s under 24 N. A tenth of this viscosity changes the
+# loading by less than 1e-4.
+CREEP_N_S_PER_M = 1.2e4
+# Damping [1/s] of the friction constraint, in MuJoCo's direct format of solref.
 CREEP_DAMPING = 6.0
-NO_SPRING = 1e-9  # MuJoCo takes a pair of numbers as stiffness and damping where both are negative
+# MuJoCo reads a pair of numbers as stiffness and damping where both are negative.
+NO_SPRING = 1e-9
 
 
 @dataclass(frozen=True)
 class MujocoStroke:
-    """`normal_N`, `tangential_N` (m,) summed over the link ends, `fz_N` (m,) at the mount, in the sensor's sign.
+    """One simulated stroke. `normal_N`, `tangential_N` (m,) are sums over the link ends; `fz_N` (m,) is at the mount, in the sensor's sign.
 
-    `speed_error` is how far the shaft was off its speed at the end, relative.
+    `speed_error` is the relative error of the shaft speed at the end.
     """
 
     t_s: Floats
@@ -40,16 +45,17 @@ class MujocoStroke:
 def stroke_in_mujoco(
     rig: RigModel, height_m: float, speed_rad_s: float, t_s: Floats, step_s: float = STEP_S, integrator: str = "RK4"
 ) -> MujocoStroke:
-    """MuJoCo's mechanics under the nominal ground, which is computed apart from the model's code and applied as outer forces.
+    """MuJoCo's mechanics with the nominal ground law, which is implemented separately from the model and applied as external forces.
 
-    `t_s` (m,) ascending; times up to 0 show the leg at rest, which must hang clear of the ground. Raises SimulationFailed, BadInput.
+    `t_s` (m,) is ascending, in s. At times up to 0 the leg is at rest and must hang clear of the ground. Raises SimulationFailed, BadInput.
     """
     leg = mujoco_leg(rig, height_m, floor=False, integrator=integrator)
     hang(leg, rig.leg.start_angle_rad)
     contact = np.zeros((2, leg.model.nq))
-    with _pushed_by_ground(rig, height_m, leg, contact) as begin_step:
+    with _apply_ground_law(rig, height_m, leg, contact) as begin_step:
 
         def steps(count: int) -> None:
+            # Steps are taken one by one, because the friction state may change only between steps, not at the stages of RK4.
             for _ in range(count):
                 begin_step()
                 leg.mujoco.mj_step(leg.model, leg.data)
@@ -60,7 +66,7 @@ def stroke_in_mujoco(
 def stroke_on_springs(
     rig: RigModel, height_m: float, speed_rad_s: float, t_s: Floats, stiffness_N_per_m: float, step_s: float = STEP_S
 ) -> MujocoStroke:
-    """The same with MuJoCo's own contact as undamped linear spring under each end, and its own friction.
+    """The stroke (m samples at `t_s` (m,)) with MuJoCo's own contact: an undamped linear spring under each end, and MuJoCo's friction.
 
     Of the nominal ground only the friction coefficient counts. Raises SimulationFailed, BadInput.
     """
@@ -79,11 +85,17 @@ def stroke_on_springs(
 
 
 def leg_on_springs(rig: RigModel, height_m: float, stiffness_N_per_m: float) -> MujocoLeg:
-    """The leg over a floor whose soft constraints are bent into springs of physical stiffness.
+    """The leg over a floor whose soft constraints are set up to act as springs of a physical stiffness.
 
-    MuJoCo: force = (reference - acceleration) / (A + R), R = w (1 - d) / d with impedance d. At d = 1e-4 R outweighs A ten thousand
-    times, and with reference = k w indentation the force is k indentation to 1e-4. Friction: R / impratio and damping alone,
-    hence a viscous slope of impratio * damping / w. (MuJoCo documentation, Computation, Constraint model.)
+    Notes
+    -----
+    MuJoCo: force = (reference - acceleration) / (A + R), R = w (1 - d) / d with impedance d. At d = 1e-4 R is ten thousand times A, and
+    with reference = k w indentation the force is k indentation to 1e-4. Friction: R / impratio and damping alone, hence a viscous slope of
+    impratio * damping / w.
+
+    References
+    ----------
+    MuJoCo documentation, Computation, Constraint model.
     """
     leg = mujoco_leg(rig, height_m, floor=True, integrator="implicitfast")
     w = leg.model.body_invweight0[1:, 0]
@@ -94,13 +106,15 @@ def leg_on_springs(rig: RigModel, height_m: float, stiffness_N_per_m: float) -> 
 
 
 @contextmanager
-def _pushed_by_ground(rig: RigModel, height_m: float, leg: MujocoLeg, contact: Floats) -> Iterator[Callable[[], None]]:
-    """Within, MuJoCo asks for the ground's push at every evaluation of its equations. Gives what to call before each step."""
+def _apply_ground_law(rig: RigModel, height_m: float, leg: MujocoLeg, contact: Floats) -> Iterator[Callable[[], None]]:
+    """Within, MuJoCo calls the ground law at every evaluation of its equations. Yields the function to call before each step."""
     data = leg.data
+    # These are views of MuJoCo's own memory: they follow every step without a copy.
     ends = Ends(data.site_xpos, data.xipos, data.subtree_com[1], data.cvel, data.qpos, data.xfrc_applied)
     law = ground_law(rig, height_m)
     angle = np.cumsum(data.qpos)
     zeros = np.zeros_like(angle)
+    # Friction starts without force: each anchor lies below its end.
     ties = np.column_stack([data.site_xpos[:, 0] - law.lever * angle, angle, zeros, zeros, zeros])
     step_begins = True
 
@@ -113,12 +127,13 @@ def _pushed_by_ground(rig: RigModel, height_m: float, leg: MujocoLeg, contact: F
         nonlocal step_begins
         step_begins = True
 
-    others = leg.mujoco.get_mjcb_passive()
+    # The callback is global to the MuJoCo module, so the previous one is restored afterwards.
+    previous = leg.mujoco.get_mjcb_passive()
     leg.mujoco.set_mjcb_passive(ask)
     try:
         yield begin
     finally:
-        leg.mujoco.set_mjcb_passive(others)
+        leg.mujoco.set_mjcb_passive(previous)
 
 
 def _follow(
@@ -130,19 +145,22 @@ def _follow(
     steps: Callable[[int], None],
     contact: Callable[[], Floats],
 ) -> MujocoStroke:
-    """Steps from sample to sample, none longer than `step_s`, one ending with the ramp."""
+    """Steps from sample to sample, none longer than `step_s`. One step ends exactly with the ramp, where the shaft torque jumps."""
     rows, now_s, taken = np.empty((len(t_s), 3)), 0.0, 0
-    with _warnings_left_to_us(leg.mujoco):
+    with _silence_warnings(leg.mujoco):
         for row, sample_s in zip(rows, t_s, strict=True):
+            # Splitting at the end of the ramp keeps the order of the integrator, which a jump within a step would spoil.
             for stop_s in (min(rig.drive.ramp_s, sample_s), sample_s):
                 if stop_s > now_s:
                     ramping = stop_s <= rig.drive.ramp_s
+                    # The flywheel is so heavy that this torque alone gives the commanded acceleration.
                     leg.data.qfrc_applied[0] = FLYWHEEL_KG_M2 * speed_rad_s / rig.drive.ramp_s if ramping else 0.0
                     count = ceil((stop_s - now_s) / step_s - 1e-6)
                     leg.model.opt.timestep = (stop_s - now_s) / count
                     steps(count)
                     now_s, taken = stop_s, taken + count
             leg.mujoco.mj_forward(leg.model, leg.data)
+            # Forces between bodies are not computed by a step; this call fills cfrc_int.
             leg.mujoco.mj_rnePostConstraint(leg.model, leg.data)
             row[:2], row[2] = contact(), leg.data.cfrc_int[1, 5]
             _must_be_sound(leg, sample_s, step_s)
@@ -150,14 +168,14 @@ def _follow(
 
 
 @contextmanager
-def _warnings_left_to_us(mujoco: Any) -> Iterator[None]:
-    """Within, MuJoCo counts its warnings, but neither prints them nor leaves a log file in the user's folder."""
-    others = mujoco.get_mju_user_warning()
+def _silence_warnings(mujoco: Any) -> Iterator[None]:
+    """Within the context, MuJoCo counts its warnings but neither prints them nor writes a log file into the user's folder."""
+    previous = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda *_: None)
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(others)
+        mujoco.set_mju_user_warning(previous)
 
 
 def _must_be_sound(leg: MujocoLeg, at_s: float, step_s: float) -> None:

@@ -1,7 +1,7 @@
-"""The peak of a stroke: the sample with the largest force on the sensor in the plane of motion, as the paper prints its impact test.
+"""The peak of a stroke: the sample with the largest force on the sensor in the plane of motion, as in the paper's impact test.
 
-The paper gives fy and fz "at the peak test point", so both belong to one instant; their own extremes may lie elsewhere in the stroke.
-The peak is a single sample, the touchdown spike included, because a parabola over 20 ms, as the valley has, would flatten a spike of 1 ms.
+The paper gives fy and fz "at the peak test point", so both belong to one instant; their own extremes may lie elsewhere in the stroke. The
+peak is a single sample and may be the touchdown spike. A parabola over 20 ms, as used for the valley, would flatten a spike of 1 ms.
 """
 
 from dataclasses import dataclass
@@ -40,9 +40,9 @@ class PeakSpread:
 
 @dataclass(frozen=True)
 class PeakForceRow:
-    """One condition. `simulated_touching` says whether the ground pushes the model's leg at its peak, None where it has no peak.
+    """One condition. `simulated_touching`: whether the model's leg has ground contact at its peak, None where it has no peak.
 
-    `refused` says which strokes gave no peak, and why; `repeats` counts those that did.
+    `refused` lists the strokes without a peak and the reasons; `repeats` counts those with one.
     """
 
     source: str
@@ -71,6 +71,7 @@ def find_peak(t_s: Floats, fy_N: Floats, fz_N: Floats) -> PeakForce | Refused:
     ----------
     The paper's section IV.A, impact test.
     """
+    # Samples before the start show the load at rest, and missing ones are NaN.
     moving = np.flatnonzero((t_s >= 0.0) & np.isfinite(fy_N) & np.isfinite(fz_N))
     if not len(moving):
         return Refused("no sample of fy and fz after the start")
@@ -79,23 +80,24 @@ def find_peak(t_s: Floats, fy_N: Floats, fz_N: Floats) -> PeakForce | Refused:
 
 
 def stroke_peak(stroke: Stroke) -> PeakForce | Refused:
-    """The peak of a recorded stroke. Needs fy and fz with one time base."""
+    """The peak of a recorded stroke. Needs fy and fz on one time base."""
     for stream in stroke.streams.values():
         if "fy_N" in stream.columns and "fz_N" in stream.columns:
             return find_peak(stream.t_s, stream.columns["fy_N"].values, stream.columns["fz_N"].values)
+    # fy and fz must be of one instant, so they are not interpolated between time bases.
     missing = [name for name in ("fy", "fz") if stroke.channel(f"{name}_N") is None]
     return Refused(f"{' and '.join(missing)} not recorded" if missing else "fy and fz have different time bases")
 
 
 def peak_row_of(compared: ComparedCondition, source: str) -> PeakForceRow:
-    """The row of one condition; `source` names the recording it came from.
+    """The row of one condition; `source` names the recording.
 
-    The simulation goes on for longer than the recording does. Its peak is sought up to the end of the longest recorded stroke.
+    The simulation lasts longer than the recording, so its peak is searched up to the end of the longest recorded stroke.
     """
     strokes = compared.condition.strokes
     end_s = max(float(stream.t_s[-1]) for stroke in strokes for stream in stroke.streams.values())
     measured = [stroke_peak(stroke) for stroke in strokes]
-    simulated = [(model, _simulated_peak(model, end_s)) for model in compared.simulated]
+    simulated = [(model, _find_simulated_peak(model, end_s)) for model in compared.simulated]
     found = [(model, peak) for model, peak in simulated if isinstance(peak, PeakForce)]
     speeds = [model.shaft_speed_rad_s for model in compared.simulated]
     return PeakForceRow(
@@ -112,7 +114,7 @@ def peak_row_of(compared: ComparedCondition, source: str) -> PeakForceRow:
     )
 
 
-def _simulated_peak(model: Counterpart, end_s: float) -> PeakForce | Refused:
+def _find_simulated_peak(model: Counterpart, end_s: float) -> PeakForce | Refused:
     stroke = model.stroke
     shown = stroke.t_s <= end_s
     return find_peak(stroke.t_s[shown], stroke.fy_N[shown], stroke.fz_N[shown])

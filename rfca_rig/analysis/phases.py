@@ -1,10 +1,12 @@
-"""The phases of a stroke: when the leg touches, when it lets go, and what lies between.
+"""Phases of a stroke: touchdown, lift-off, and what lies between them.
 
-A measured stroke knows its contact only by its force. Pressing is the stretch in which the smoothed fz stays below its level at rest by
-more than a tenth of its greatest depth, and which carries an impulse that free swinging cannot have. Touchdown is sought before it,
-where fz leaves the course it was on. Valid for one flap per recording at up to about 5 rad/s, sampled at 500 Hz or faster; touchdown
-is then true to about 10 ms for a firm touch, and up to 30 ms late for one that begins as softly as the leg swings. Lift-off is the
-moment the ground has ceased to push, not that of the last contact. A simulated stroke knows its contact forces and uses them.
+In a measured stroke the contact is found from the force alone. The leg presses while the smoothed fz stays below its level at rest by more
+than a tenth of its greatest depth, with an impulse that free swinging cannot have. Touchdown is searched before it, where fz leaves its
+previous course.
+
+Valid for one stroke per recording at up to about 5 rad/s, sampled at 500 Hz or faster. Touchdown is then accurate to about 10 ms for a firm
+touch. It is up to 30 ms late for a touch that begins as softly as the leg swings. Lift-off is the moment when the ground no longer pushes,
+not that of the last contact. A simulated stroke has known contact forces and uses them.
 """
 
 from dataclasses import dataclass
@@ -19,14 +21,21 @@ Floats = NDArray[np.float64]
 
 PHASES = ("rest", "free", "touchdown", "loading", "release", "rebound")
 REGIONS = ("I", "II", "III")
+# Time after touchdown that belongs to the first impact, not to the loading.
 TOUCHDOWN_LASTS_S = 0.030
+# Whole width of the window over which fz is smoothed, and spacing of the smoothed trace.
 SMOOTHING_S = 0.020
 GRID_S = 0.001
+# Share of the greatest depth of fz below its level at rest, from which on the leg presses.
 PRESSING_DEPTH = 0.1
-FREE_IMPULSE_NS = 0.5  # 2 m v of a 0.32 kg leg whose middle moves at 0.15 m * 5 rad/s
-SAME_IMPULSE = 0.5
-COURSE_S = 0.020
-AHEAD_S = 0.004
+# 2 m v of a leg of 0.32 kg whose middle moves at 0.15 m * 5 rad/s: free swinging cannot have a larger impulse.
+FREE_IMPULSE_NS = 0.5
+# The first stretch with this share of the largest impulse is the contact: a later rebound may be as strong.
+CONTACT_IMPULSE_SHARE = 0.5
+# Touchdown: a line through this much of the past is extrapolated, and compared with a short stretch ahead.
+COURSE_WINDOW_S = 0.020
+LOOKAHEAD_S = 0.004
+# Fall of fz below the extrapolated line that counts as a touch.
 OFF_COURSE_N = 0.6
 
 
@@ -41,7 +50,7 @@ class StrokeRegion:
 
 @dataclass(frozen=True)
 class Refused:
-    """A value that could not be had, and why, in words for the reader of a report."""
+    """A value that could not be determined, and why, in words for the reader of a report."""
 
     reason: str
 
@@ -57,7 +66,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class StrokePhases:
-    """Where the phases of a stroke meet, in seconds from the commanded start; infinite where the phase was not reached."""
+    """Borders between the phases of a stroke, in seconds from the commanded start; infinite where the phase was not reached."""
 
     touchdown_s: float = np.inf
     valley_s: float = np.inf
@@ -67,6 +76,7 @@ class StrokePhases:
         """Index into PHASES of each moment, same shape as `t_s`."""
         valley_s = min(self.valley_s, self.lift_off_s)
         borders = np.array([0.0, self.touchdown_s, self.touchdown_s + TOUCHDOWN_LASTS_S, valley_s, self.lift_off_s])
+        # Borders must ascend, also where the valley follows touchdown at once or was not reached.
         return np.searchsorted(np.maximum.accumulate(borders), t_s, side="right")
 
     def regions(self, end_s: float) -> tuple[StrokeRegion, ...]:
@@ -81,14 +91,20 @@ class StrokePhases:
 
 
 def smoothed(t_s: Floats, fz_N: Floats) -> LocalFit:
-    """The trace on a 1 ms grid, fitted over 20 ms around each moment; ends where half a window still fits."""
+    """Smooth the trace (m,) by local parabolas over 20 ms, on a 1 ms grid that ends where half a window still fits."""
     start, end = float(t_s[0]) + 0.5 * SMOOTHING_S, float(t_s[-1]) - 0.5 * SMOOTHING_S
     grid = GRID_S * np.arange(np.ceil(start / GRID_S), np.floor(end / GRID_S) + 1)
     return local_quadratic(t_s, fz_N, grid, SMOOTHING_S)
 
 
 def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Refused:
-    """The contact of a measured stroke from its fz alone. `t_s`, `fz_N` (m,), time from the commanded start, ascending."""
+    """Find the contact of a measured stroke from its fz alone, or why there is none.
+
+    Parameters
+    ----------
+    t_s, fz_N : (m,) time from the commanded start, ascending, in s, and force in N
+    smooth : the same trace, smoothed
+    """
     if not np.isfinite(smooth.value).all():
         where = float(smooth.t_s[~np.isfinite(smooth.value)][0])
         return Refused(f"fz has fewer than 5 samples within {1e3 * SMOOTHING_S:.0f} ms at {where:.3f} s: a gap, or a rate under 250 Hz")
@@ -97,28 +113,30 @@ def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Refus
     if pressing is None:
         return Refused(f"no contact: fz never presses below its level at rest, {rest_N:.1f} N, with more than {FREE_IMPULSE_NS:g} N s")
     start_s = float(smooth.t_s[pressing.start])
+    # A recording that ends under load has no lift-off; infinity keeps all later comparisons valid.
     reaches_end = pressing.stop == len(smooth.t_s)
     lift_off_s = np.inf if reaches_end else float(smooth.t_s[pressing.stop])
     return Contact(_touchdown(t_s, fz_N, smooth, start_s), lift_off_s, rest_N)
 
 
 def simulated_phases(stroke: SimulatedStroke, valley_s: float) -> StrokePhases:
-    """Phases of the model's stroke by its own contact forces; `valley_s` from `valley.find_valley`, infinite where refused."""
+    """Phases of a simulated stroke from its contact forces; `valley_s` from `valley.find_valley`, infinite where refused."""
     touching = (stroke.normal_N > 0.0).any(axis=1)
     moments = stroke.t_s[touching & (stroke.t_s >= 0.0)]
     if not len(moments):
         return StrokePhases()
+    # Contact may be lost briefly after touchdown, so lift-off counts only after the valley.
     apart = stroke.t_s[~touching & (stroke.t_s > valley_s)]
     return StrokePhases(float(moments[0]), valley_s, float(apart[0]) if len(apart) else np.inf)
 
 
 def _rest_level(t_s: Floats, fz_N: Floats) -> float:
-    """Mean before the start; of the first 20 ms where a recording begins with the motion."""
+    """Mean of fz before the start; of the first 20 ms where a recording begins with the motion."""
     return float(fz_N[t_s <= max(0.0, float(t_s[0]) + SMOOTHING_S)].mean())
 
 
 def _pressing(smooth: LocalFit, rest_N: float) -> slice | None:
-    """Grid stretch of the first long push. Spike, whip and rebound may be deeper, but carry a fraction of its impulse."""
+    """Grid stretch of the first long push. Spike, whip and rebound may be deeper, but carry only a fraction of its impulse."""
     below_N = rest_N - smooth.mean
     inside = (below_N > PRESSING_DEPTH * below_N.max()) & (smooth.t_s > 0.0)
     turns = np.diff(np.concatenate([[0], inside.astype(np.int8), [0]]))
@@ -126,21 +144,22 @@ def _pressing(smooth: LocalFit, rest_N: float) -> slice | None:
     impulses = [GRID_S * float(below_N[s].sum()) for s in stretches]
     if not impulses or max(impulses) < FREE_IMPULSE_NS:
         return None
-    return next(s for s, impulse in zip(stretches, impulses, strict=True) if impulse >= SAME_IMPULSE * max(impulses))
+    return next(s for s, impulse in zip(stretches, impulses, strict=True) if impulse >= CONTACT_IMPULSE_SHARE * max(impulses))
 
 
 def _touchdown(t_s: Floats, fz_N: Floats, smooth: LocalFit, pressing_s: float) -> float:
-    """Where fz first falls off the straight course of the last 20 ms, between the crest of the free swing and the push.
+    """Where fz first falls off the straight course of the last 20 ms, between the maximum of the free swing and the push.
 
-    Before the crest the drive's ramp bends the trace much as a soft touch does, so nothing is looked for there.
+    Before this maximum, the drive's ramp bends the trace much like a soft touch, so nothing is searched there.
     """
     free = (smooth.t_s >= 0.0) & (smooth.t_s <= pressing_s)
     if not free.any():
         return pressing_s
     crest_s = float(smooth.t_s[free][smooth.value[free].argmax()])
-    at_s = np.arange(max(crest_s, COURSE_S), pressing_s, GRID_S)
-    course = local_quadratic(t_s, fz_N, at_s - 0.5 * COURSE_S, COURSE_S)
-    ahead = local_quadratic(t_s, fz_N, at_s + 0.5 * AHEAD_S, 1.5 * AHEAD_S)
-    expected_N = course.value + course.slope * 0.5 * (COURSE_S + AHEAD_S)
+    at_s = np.arange(max(crest_s, COURSE_WINDOW_S), pressing_s, GRID_S)
+    # The line is fitted to the past window and extrapolated to the centre of the short stretch ahead.
+    course = local_quadratic(t_s, fz_N, at_s - 0.5 * COURSE_WINDOW_S, COURSE_WINDOW_S)
+    ahead = local_quadratic(t_s, fz_N, at_s + 0.5 * LOOKAHEAD_S, 1.5 * LOOKAHEAD_S)
+    expected_N = course.value + course.slope * 0.5 * (COURSE_WINDOW_S + LOOKAHEAD_S)
     off = np.flatnonzero(ahead.value < expected_N - OFF_COURSE_N)
     return float(at_s[off[0]]) if len(off) else pressing_s

@@ -1,4 +1,4 @@
-"""What the model expects of one stroke, as figures a lab plans with."""
+"""Predictions of one stroke for planning: valley, peak force, peak shaft torque, touchdown."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +10,14 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed
 
+# Samples of the prediction, and how much of the rest before the start is shown.
 SAMPLE_S = 1e-3
 BEFORE_S = 0.1
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """One predicted stroke and its condition."""
+    """One predicted stroke with its height and speed."""
 
     height_m: float
     speed_rad_s: float
@@ -41,18 +42,18 @@ class Prediction:
         }
 
     def lines(self) -> list[str]:
-        """The same for a person."""
-        found = self.summary()
+        """The same figures as lines for a terminal."""
+        figures = self.summary()
         valley = (
-            f"no valley: {found['no_valley']}"
-            if found["no_valley"]
-            else f"valley at {found['valley_time_s']:.3f} s, fz {found['valley_fz_N']:.2f} N"
+            f"no valley: {figures['no_valley']}"
+            if figures["no_valley"]
+            else f"valley at {figures['valley_time_s']:.3f} s, fz {figures['valley_fz_N']:.2f} N"
         )
-        touch = "never touches the ground" if found["touches_from_s"] is None else f"touches from {found['touches_from_s']:.3f} s"
+        touch = "never touches the ground" if figures["touches_from_s"] is None else f"touches from {figures['touches_from_s']:.3f} s"
         return [
-            f"{found['height_mm']:g} mm, {self.speed_rad_s:g} rad/s: {touch}, {valley}",
-            f"peak force {found['peak_force_N']:.1f} N at {found['peak_force_time_s']:.3f} s, "
-            f"peak shaft torque {found['peak_shaft_torque_Nm']:.2f} N m",
+            f"{figures['height_mm']:g} mm, {self.speed_rad_s:g} rad/s: {touch}, {valley}",
+            f"peak force {figures['peak_force_N']:.1f} N at {figures['peak_force_time_s']:.3f} s, "
+            f"peak shaft torque {figures['peak_shaft_torque_Nm']:.2f} N m",
         ]
 
 
@@ -62,14 +63,15 @@ def _touch_s(stroke: SimulatedStroke) -> float | None:
 
 
 def predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg: float) -> Prediction:
-    """A stroke from the start angle over `sweep_deg` at constant speed, sampled at 1 kHz."""
+    """Predict a stroke from the start angle over `sweep_deg` at constant speed, sampled at 1 kHz."""
+    # The ramp covers half the angle of a turn at full speed, so the sweep takes half a ramp longer.
     end_s = float(np.radians(sweep_deg)) / speed_rad_s + 0.5 * rig.drive.ramp_s
     t_s = np.arange(-round(BEFORE_S / SAMPLE_S), max(int(end_s / SAMPLE_S), 1) + 1, dtype=np.float64) * SAMPLE_S
     return Prediction(height_m, speed_rad_s, stroke_at_speed(rig, height_m, speed_rad_s, t_s))
 
 
 def write_csv(stroke: SimulatedStroke, path: Path) -> None:
-    """The stroke with the column names of a campaign's dynamic CSV, so that it can be read back as one."""
+    """Write the stroke with the column names of a campaign's dynamic CSV, so that it can be imported as a campaign."""
     names = "t_s,shaft_angle_rad,motor_torque_Nm,fy_N,fz_N,tx_Nm"
     columns = [stroke.t_s, stroke.shaft_angle_rad, stroke.shaft_torque_Nm, stroke.fy_N, stroke.fz_N, stroke.tx_Nm]
     try:

@@ -1,4 +1,4 @@
-"""Strokes of one condition taken together, and what is said of their values as a set."""
+"""Strokes grouped by condition, and mean and spread of their values."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Condition:
 
     @property
     def strokes_before(self) -> tuple[int, ...]:
-        """How many strokes the leg had made before each of these; () where that is not known of all."""
+        """How many strokes the leg had made before each of these; () where that is not known for all of them."""
         return collect_strokes_before(self.strokes)
 
 
@@ -37,9 +37,13 @@ class Spread:
 
 
 def conditions_of(strokes: Iterable[Stroke]) -> tuple[Condition, ...]:
-    """Groups by height and commanded speed, sorted by them; heights within 0.05 mm and speeds within 0.0005 rad/s are one."""
+    """Group strokes by height and commanded speed, sorted by both.
+
+    Heights that agree after rounding to 0.1 mm, and speeds to 0.001 rad/s, form one condition.
+    """
     groups: dict[tuple[float, float], list[Stroke]] = {}
     for stroke in strokes:
+        # Rounding makes equal what differs in the last digits alone.
         groups.setdefault((round(stroke.height_m, 4), round(stroke.speed_rad_s, 3)), []).append(stroke)
     return tuple(
         Condition(height_m, speed_rad_s, tuple(sorted(group, key=lambda s: s.repeat)))
@@ -48,7 +52,7 @@ def conditions_of(strokes: Iterable[Stroke]) -> tuple[Condition, ...]:
 
 
 def spread_of(values: Sequence[float]) -> Spread:
-    """Mean and spread of repeats."""
+    """Mean and sample standard deviation of repeats."""
     mean = float(np.mean(values)) if values else None
     std = float(np.std(values, ddof=1)) if len(values) > 1 else None
     return Spread(mean, std, len(values))

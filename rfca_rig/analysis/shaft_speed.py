@@ -1,4 +1,4 @@
-"""The average speed of the shaft over a stroke, which the paper puts into its simulation in place of the commanded speed."""
+"""The average speed of the shaft over a stroke, which the paper's simulation uses in place of the commanded speed."""
 
 from dataclasses import dataclass
 
@@ -9,20 +9,22 @@ from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
 
-END_MEAN_S = 0.020  # averages encoder noise at either end; the turn is long against it
-ARRIVED = 0.998  # a shaft that has made this share of its turn has arrived, should the recording go on
+# Averages encoder noise at either end; the turn is long compared with it.
+END_MEAN_S = 0.020
+# A shaft that has made this share of its turn has arrived, even if the recording continues.
+ARRIVED_SHARE = 0.998
 
 
 @dataclass(frozen=True)
 class AverageSpeed:
-    """Average shaft speed, and from what it was taken: "shaft angle", "shaft speed" or "command"."""
+    """Average shaft speed and its source: "shaft angle", "shaft speed" or "command"."""
 
     speed_rad_s: float
     taken_from: str
 
 
 def average_speed(stroke: Stroke, ramp_s: float) -> AverageSpeed:
-    """The turn from the end of the drive's ramp to the end of the motion, over the time it took.
+    """Turned angle from the end of the drive's ramp to the end of the motion, divided by the time it took.
 
     Falls back to the mean recorded shaft speed, then to the commanded speed.
     """
@@ -40,25 +42,29 @@ def _from_angle(stroke: Stroke, ramp_s: float) -> float | None:
     if trace is None:
         return None
     t_s, angle_rad = _moving_part(*trace, ramp_s)
+    # Both ends need their own samples to average over.
     if len(t_s) < 2 or t_s[-1] - t_s[0] < 2.0 * END_MEAN_S:
         return None
+    # Angle and time are averaged over the same samples, so that a steady turn gives its exact speed.
     first, last = t_s <= t_s[0] + END_MEAN_S, t_s >= t_s[-1] - END_MEAN_S
     return float((angle_rad[last].mean() - angle_rad[first].mean()) / (t_s[last].mean() - t_s[first].mean()))
 
 
 def _moving_part(t_s: Floats, angle_rad: Floats, ramp_s: float) -> tuple[Floats, Floats]:
-    """From the end of the ramp until the shaft has arrived where it turns no further."""
+    """Samples from the end of the ramp until the shaft has arrived at the angle where it stops."""
     after = t_s >= ramp_s
     t_s, angle_rad = t_s[after], angle_rad[after]
     if not len(t_s):
         return t_s, angle_rad
     turn = np.abs(angle_rad - angle_rad[0])
-    arrived = int(np.argmax(turn >= ARRIVED * turn.max()))
+    arrived = int(np.argmax(turn >= ARRIVED_SHARE * turn.max()))
     return t_s[: arrived + 1], angle_rad[: arrived + 1]
 
 
 def _from_speed(stroke: Stroke, ramp_s: float) -> float | None:
-    """Without an angle a standing shaft tells itself by less than half the commanded speed."""
+    """Mean of the recorded speed while the shaft runs. Without an angle, a standing shaft is recognised by less than half the commanded
+    speed.
+    """
     trace = stroke.channel("shaft_speed_rad_s")
     if trace is None:
         return None

@@ -1,7 +1,7 @@
-"""How far a leg's stiffness has drifted: forces at the same shaft angles, held against those of the first check.
+"""Drift of a leg's stiffness: forces at the same shaft angles, compared with those of the first check.
 
-At a given height and shaft angle a leg of springs pushes in proportion to their stiffness, so one factor between two checks says by how
-much it changed. Weight, and friction that differs from touchdown to touchdown, are in what that factor leaves over.
+At a given height and shaft angle, a leg of springs pushes in proportion to their stiffness. One factor between two checks therefore
+measures the change. The residual of that factor contains the weight, and friction that differs from touchdown to touchdown.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from rfca_rig.recording.model import StaticStage
 
 @dataclass(frozen=True)
 class StiffnessDrift:
-    """Change of the forces since the first check, as a share of them, and its standard error (nan from a single force)."""
+    """Relative change of the forces since the first check, and its standard error (nan from a single force)."""
 
     relative: float
     std: float
@@ -24,18 +24,30 @@ class StiffnessDrift:
 
 
 def stiffness_drift(stages: Sequence[StaticStage], holds: int, check: int) -> StiffnessDrift | None:
-    """Of the check with that number, each of which is `holds` stages; None where it, or the first, is not whole.
+    """Drift of check number `check`; None where this check or the first one is incomplete.
 
-    Least squares of fy and fz at all angles on those of the first check; the standard error is from what is left over.
+    Parameters
+    ----------
+    stages
+        Static stages; each check consists of `holds` of them.
+    holds
+        Stages in one check.
+    check
+        Number of the check, from 1.
+
+    Notes
+    -----
+    Least squares of fy and fz at all angles on those of the first check; the standard error comes from the residual.
     """
     by_number = {stage.stage: stage for stage in stages}
     first, now = _forces(by_number, holds, 1), _forces(by_number, holds, check)
     if first is None or now is None:
         return None
+    # Regression through the origin: now = factor * first.
     weight = float(first @ first)
     factor = float(first @ now) / weight
-    left_over = now - factor * first
-    variance = float(left_over @ left_over) / (len(first) - 1) if len(first) > 1 else np.nan
+    residual = now - factor * first
+    variance = float(residual @ residual) / (len(first) - 1) if len(first) > 1 else np.nan
     return StiffnessDrift(factor - 1.0, float(np.sqrt(variance / weight)))
 
 

@@ -1,10 +1,16 @@
-"""What the leg would do with spring pieces of other materials and thicknesses: beside the paper's Table I.
+"""Predicted stroke with spring strips of other materials and thicknesses, next to Table I of the paper.
 
-The fitted hinge stiffness k0 belongs to the CFSP of 0.8 mm and scales with E I; hardening k2, damping and the leg's mass stay (all
-strips together are 14 g of 320 g). The strain at the largest hinge angle of the stroke depends on the length over which the strip
-bends there, which nobody has measured. Two lengths bracket it: the distance from link middle to link middle, the kindest to the strip,
-and E I / k0, over which it must bend if the fitted k0 is its doing alone. A third figure needs no length: the moment at which the strips
-break, beside the largest torque of a hinge. What exceeds it, the strips cannot be carrying.
+The fitted hinge stiffness k0 belongs to the CFSP of 0.8 mm and scales with E I. Hardening k2, damping and the mass of the leg are
+unchanged, because all strips together weigh 14 g of 320 g.
+
+The strain at the largest hinge angle of the stroke depends on the length over which the strip bends, which has not been measured. Two
+lengths bracket it:
+
+- the distance between link centres, which gives the smallest strain;
+- E I / k0, the bent length if the fitted k0 comes from the strip alone.
+
+A third figure needs no length: the moment at which the strips break, next to the largest torque of a hinge. A torque above it cannot be
+carried by the strips alone.
 """
 
 from collections.abc import Sequence
@@ -25,8 +31,10 @@ from rfca_rig.progress import Watcher, counted, unwatched
 
 Floats = NDArray[np.float64]
 
+# The two thicknesses that section II.A of the paper describes.
 THICKNESSES_M = (0.8e-3, 0.3e-3)
 SWEEP_DEG = 200.0
+# Columns of the two printed tables: name, unit, width in characters.
 STRIP_COLUMNS = (
     ("density", "g/cm3", 9),
     ("E", "GPa", 9),
@@ -36,12 +44,13 @@ STRIP_COLUMNS = (
     ("k0", "N m/rad", 10),
 )
 STROKE_COLUMNS = (("valley", "s", 8), ("fz", "N", 9), ("angle", "deg", 8), ("strain", "%", 8), ("stress", "MPa", 8), ("used", "%", 17))
-FITTED = ("CFSP", 0.8e-3)
+# The strip of the leg whose k0 was fitted; all other k0 scale from it.
+FITTED_STRIP = ("CFSP", 0.8e-3)
 
 
 @dataclass(frozen=True)
 class StrokeWith:
-    """The stroke with one strip: valley (or why there is none), largest angle and spring torque of any hinge, where computed."""
+    """The stroke with one strip: valley (or why there is none), largest angle and spring torque of any hinge, None if not computed."""
 
     valley_fz_N: float | None
     valley_time_s: float | None
@@ -52,10 +61,10 @@ class StrokeWith:
 
 @dataclass(frozen=True)
 class Strain:
-    """The strip's surface at the stroke's largest hinge angle; shares are of the bending strength, above 1 the strip breaks.
+    """Surface strain of the strip at the largest hinge angle of the stroke. Shares are of the bending strength: above 1 the strip breaks.
 
-    `spread` is over the pitch of the links, `concentrated` over E I / k0, `share_torque` if the largest torque of a hinge is all bending
-    of the strip. `needed_length_m` is the bent length per hinge from which on the strength suffices.
+    `spread` is over the pitch of the links, `concentrated` over E I / k0. `share_torque` holds if the strip alone bears the largest torque
+    of a hinge. `needed_length_m` is the bent length per hinge above which the strength suffices.
     """
 
     strain_spread: float
@@ -66,7 +75,8 @@ class Strain:
     needed_length_m: float
 
     def verdict(self) -> str:
-        """Whether the strip lives."""
+        """Whether the strip survives."""
+        # A clear verdict needs all three estimates to agree; otherwise the text names the length on which it depends.
         shares = (self.share_spread, self.share_concentrated, self.share_torque)
         if max(shares) <= 1.0:
             return "holds"
@@ -78,8 +88,11 @@ class Strain:
 
 @dataclass(frozen=True)
 class StripRow:
-    """One pair of strips. `hinge_Nm_per_rad` is the stiffness of an inner hinge by (8), `end_hinge_Nm_per_rad` that of the first and last;
-    `k0_Nm_per_rad` the fitted one, scaled. `strain` is None where the stroke could not be computed."""
+    """One pair of strips.
+
+    `hinge_Nm_per_rad` is the stiffness of an inner hinge by equation (8), `end_hinge_Nm_per_rad` that of the first and last hinge.
+    `k0_Nm_per_rad` is the fitted stiffness, scaled. `strain` is None where the stroke could not be computed.
+    """
 
     material: Material
     thickness_m: float
@@ -91,17 +104,17 @@ class StripRow:
     strain: Strain | None
 
     def verdict(self) -> str:
-        """Whether the strip lives, as far as known."""
+        """Whether the strip survives, as far as known."""
         return "strain not known" if self.strain is None else self.strain.verdict()
 
     def said(self) -> str:
-        """The same, and why there is no valley."""
+        """The verdict, and why there is no valley."""
         return self.verdict() if self.stroke.no_valley is None else f"{self.verdict()}; no valley: {self.stroke.no_valley}"
 
 
 @dataclass(frozen=True)
 class StripComparison:
-    """All rows, for one stroke."""
+    """All rows for one stroke."""
 
     height_m: float
     speed_rad_s: float
@@ -114,7 +127,7 @@ class StripComparison:
         return {**asdict(self), "rows": [{**asdict(row), "verdict": row.verdict()} for row in self.rows]}
 
     def lines(self) -> list[str]:
-        """Two tables for a person, 80 columns wide, and what is to be said of each strip."""
+        """Two tables for a terminal, 80 columns wide, and a verdict on each strip."""
         return [
             "two strips of 226 x 25.4 mm, and k0 in proportion to EI:",
             *_table(STRIP_COLUMNS, [_strip_cells(row) for row in self.rows]),
@@ -126,12 +139,28 @@ class StripComparison:
 
 
 def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, told: Watcher = unwatched) -> StripComparison:
-    """The four materials of Table I at 0.8 and 0.3 mm, in the leg of `rig`, whose k0 is taken to be that of the 0.8 mm CFSP.
+    """Predict one stroke with the four materials of Table I at 0.8 and 0.3 mm.
 
-    Raises BadInput where the strip does not fit the leg. A strip with which the model cannot be computed keeps its row and says so.
+    Parameters
+    ----------
+    rig
+        Rig whose k0 is taken to be that of the 0.8 mm CFSP.
+    height_m, speed_rad_s
+        Condition of the stroke.
+    told
+        Progress callback.
+
+    Raises
+    ------
+    BadInput
+        Where the strip does not fit the leg.
+
+    Notes
+    -----
+    A strip for which the model cannot be computed keeps its row, with the reason.
     """
     materials = {material.name: material for material in table_1_materials()}
-    fitted = paper_strips(materials[FITTED[0]], FITTED[1])
+    fitted = paper_strips(materials[FITTED_STRIP[0]], FITTED_STRIP[1])
     every = list(product(THICKNESSES_M, materials.values()))
     rows = tuple(_row(rig, paper_strips(m, t), fitted, height_m, speed_rad_s) for t, m in counted(every, told))
     return StripComparison(height_m, speed_rad_s, _pitch_m(rig.leg), fitted.bending_stiffness_Nm2 / rig.leg.k0_Nm_per_rad, rows)
@@ -139,6 +168,7 @@ def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, told: Wat
 
 def _row(rig: RigModel, strip: Strip, fitted: Strip, height_m: float, speed_rad_s: float) -> StripRow:
     EI = strip.bending_stiffness_Nm2
+    # In a pseudo-rigid-body model every hinge stiffness is proportional to E I, so the fitted value scales with it.
     k0 = rig.leg.k0_Nm_per_rad * EI / fitted.bending_stiffness_Nm2
     stiffness = _hinge_stiffness(rig.leg, strip)
     stroke = _stroke(replace(rig, leg=replace(rig.leg, k0_Nm_per_rad=k0)), height_m, speed_rad_s)
@@ -169,12 +199,13 @@ def _strain(strip: Strip, angle_rad: float, torque_Nm: float, pitch_m: float, co
 
 
 def _pitch_m(leg: Leg) -> float:
-    """From link middle to link middle, of the links between the end links."""
+    """Mean distance between link centres, of the links between the end links."""
     return float(np.mean(leg.link_lengths_m[1:-1]))
 
 
 def _hinge_stiffness(leg: Leg, strip: Strip) -> Floats:
     lay = centred_lay(leg.link_lengths_m, strip.length_m)
+    # Stiffness of the unbent strip, equation (8) at phi = 0.
     encased = EncasedStrip(strip.bending_stiffness_Nm2, lay, by_its_middle(lay))
     return encased.perturbed_stiffness(np.zeros(lay.pins_m.size))
 
@@ -183,9 +214,11 @@ def _stroke(rig: RigModel, height_m: float, speed_rad_s: float) -> StrokeWith:
     try:
         stroke = predict_stroke(rig, height_m, speed_rad_s, SWEEP_DEG).stroke
     except SimulationFailed as error:
+        # The text after the semicolon is advice for a rig file, which does not apply to a strip of a table.
         return StrokeWith(None, None, str(error).split(";")[0], None, None)
     angle = float(np.abs(np.diff(stroke.q_rad, axis=1)).max())
     torque = float(bending_torque_Nm(rig.leg, np.array(angle)))
+    # Without a free start the stroke has no touchdown, and its minimum of fz would be no valley.
     if stroke.normal_N[0].any():
         return StrokeWith(None, None, "the leg lies on the ground before it starts", angle, torque)
     valley = find_valley(stroke.t_s, stroke.fz_N)
@@ -199,7 +232,7 @@ def _name(row: StripRow) -> str:
 
 
 def _table(columns: Sequence[tuple[str, str, int]], rows: Sequence[Sequence[str]]) -> list[str]:
-    """`columns` are (name, unit, width) behind the strip's own."""
+    """Lines of a table; `columns` are (name, unit, width), printed to the right of the strip's name."""
     widths = [width for _, _, width in columns]
     heads = [[name for name, _, _ in columns], [unit for _, unit, _ in columns]]
     return [_line("", widths, head) for head in heads] + [_line(row[0], widths, row[1:]) for row in rows]

@@ -1,7 +1,8 @@
-"""Recorded swings of a pendulum against simulated ones, for a diagnosis that asks which effects the model lacks.
+"""Residuals between recorded and simulated swings of a pendulum: the data of a diagnosis of omitted physics.
 
-A long simulation of a pendulum near the top says nothing: the smallest difference grows hundredfold in a second. So a recording is cut
-into windows, and the model starts in each from the measured state, smoothed. Angles and speeds are compared as means over short bins.
+A long free simulation of a pendulum near its upright position cannot be compared with data: a tiny difference grows hundredfold within a
+second. A recording is therefore cut into windows, and the model starts each window from the measured, smoothed state. Angles and speeds are
+compared as means over short bins.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,18 +21,22 @@ from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, PendulumLink, driv
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
 
-SMOOTHED_S = 0.06  # to either side of a window's start
-DEGREE = 5  # of the polynomial there: a cubic is too stiff for the second link of a double pendulum
+# Half width of the stretch around a window's start from which its state is estimated.
+SMOOTHED_S = 0.06
+# A cubic is too stiff for the second link of a double pendulum.
+POLYNOMIAL_DEGREE = 5
 BIN_S = 0.02
-MARGIN_S = 0.1  # of torque before and after a window: twice the longest delay, and two of the longest lags, that are plausible
+# Torque before and after a window: twice the longest plausible delay, and two of the longest plausible lags.
+MARGIN_S = 0.1
 
 
-TORQUE_ERROR = 0.01  # usual error of joint torques where [known_to] has no torque_error_relative: that of a torque sensor
+# Usual error of joint torques where [known_to] has no torque_error_relative: that of a torque sensor.
+TORQUE_ERROR = 0.01
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """A nominal value that may be a little off: `std` is its standard deviation, its nominal value counts as 0."""
+    """A nominal value that may be off: `std` is its prior standard deviation, and 0 stands for the nominal value."""
 
     name: str
     std: float
@@ -39,11 +44,11 @@ class Nuisance:
 
 @dataclass(frozen=True)
 class SwingWindow:
-    """A stretch of a run: what drives it, the smoothed state it starts from (n,), and what was measured.
+    """One window of a run: the torques, the smoothed start state (n,) of n joints, and the measured bins.
 
-    Times `t_s` (k,) count from the start; `bins` (b,) is where each bin of samples begins; `measured` (2, n, b) or (1, n, b) are means
-    of bins of angle [rad] and speed [rad/s], `sensor_std` of the same shape. `start_effect` (2 n, ...) is what an error of one standard
-    deviation in each angle and speed of the start makes of them, as the nominal pendulum has it.
+    Times `t_s` (k,) count from the start. `bins` (b,) holds the index of the first sample of each bin. `measured` is (2, n, b), or (1, n,
+    b) without speeds: bin means of angle [rad] and speed [rad/s]. `sensor_std` has the same shape. `start_effect` (2 n, ...) is the change
+    of these means for an error of one standard deviation in each start angle and speed, computed with the nominal pendulum.
     """
 
     run: int
@@ -59,16 +64,18 @@ class SwingWindow:
 
     @property
     def noise_std(self) -> Floats:
-        """Of the sensors and of the uncertain start together; the start's share is common to the rows of a window."""
+        """Standard deviation, shape of `measured`, of sensor noise and start error together. The start error is common to all rows of a
+        window.
+        """
         return np.asarray(np.sqrt(self.sensor_std**2 + (self.start_effect**2).sum(axis=0)))
 
     @property
     def middles_s(self) -> Floats:
-        """Where the bins lie, from the start, (b,)."""
+        """Centres of the bins from the start of the window, (b,) in s."""
         return bin_means(self.t_s[:, None], self.bins)[:, 0]
 
     def predicted(self, pendulum: DrivenPendulum) -> Floats:
-        """The same as `measured` of the model. Raises SimulationFailed."""
+        """The model's values of `measured`, same shape. Raises SimulationFailed."""
         swing = pendulum.swing(self.trace, self.angle_rad, self.speed_rad_s, self.t_s)
         channels = (swing.angle_rad, swing.speed_rad_s)[: len(self.measured)]
         return np.stack([bin_means(channel, self.bins).T for channel in channels])
@@ -76,12 +83,12 @@ class SwingWindow:
 
 @dataclass(frozen=True)
 class SwingProblem:
-    """Everything that a campaign's swings have to say, as one vector of m rows.
+    """All windows of a campaign as one data vector of m rows.
 
-    `conditions` names the groups of rows, one per run; `groups` (m,) is the place of a row's run in it. Rows of a group share their
-    faults, rows of different groups do not. `windows_of_row` (m,), `signals` and `signal_of_row` (m,), `t_s` (m,) tell where in the
-    runs a row lies; `measured` and `noise_std` are (m,), angles in rad and speeds in rad/s. `torque_error` is the usual error of the
-    torques, recorded or of the model, as a share of what acts in the joint.
+    `conditions` names the groups of rows, one per run; `groups` (m,) is the index of a row's run. Rows of one group share their systematic
+    errors, rows of different groups do not. `windows_of_row` (m,), `signals`, `signal_of_row` (m,) and `t_s` (m,) locate a row in the runs.
+    `measured` and `noise_std` are (m,), angles in rad and speeds in rad/s. `torque_error` is the usual relative error of the recorded or
+    modelled torque in a joint.
     """
 
     pendulum: Pendulum
@@ -113,19 +120,26 @@ class SwingProblem:
 
     @property
     def signal_of_row(self) -> Places:
-        """The place of a row's signal in `signals`."""
+        """Index of each row's signal in `signals`, (m,)."""
         return np.concatenate([np.repeat(np.arange(w.measured[:, :, 0].size), w.measured.shape[2]) for w in self.windows])
 
     @property
     def t_s(self) -> Floats:
-        """Times of the rows in their runs, at the middle of their bins."""
+        """Times of the rows in their runs, at the centres of their bins, (m,) in s."""
         return np.concatenate([np.tile(w.start_s + w.middles_s, w.measured[:, :, 0].size) for w in self.windows])
 
     def predicted(self, nuisances: Mapping[str, float], effects: Sequence[PresentEffect] = ()) -> Floats:
-        """What the model says of all rows, with nominal values off by `nuisances` and the effects in it.
+        """Predict all rows, (m,), with nominal values shifted by `nuisances` and with the given effects.
 
-        A nuisance that is not named is 0. Raises BadInput for a name that is none, or values that no pendulum has, and
-        SimulationFailed where the model has no answer.
+        Parameters
+        ----------
+        nuisances : shift of each nominal value by name, in its own unit; a missing name counts as 0
+        effects : effects that are added to the model
+
+        Raises
+        ------
+        BadInput : for an unknown name, or values that no pendulum can have
+        SimulationFailed : where the model cannot be computed
         """
         ready = driven(shifted(self.pendulum, nuisances), effects)
         return self._all([window.predicted(ready) for window in self.windows])
@@ -139,13 +153,14 @@ class SwingProblem:
 
 
 def swings_of(campaign: PendulumCampaign, window_s: float = 0.5, bin_s: float = BIN_S) -> SwingProblem:
-    """All windows of all runs, cut into bins. Raises BadInput where no run is long enough for one."""
+    """Cut all runs of a campaign into windows and bins. Raises BadInput where no run is long enough for one window."""
     powered = any(run.powered for run in campaign.runs)
     nuisances = tuple(
         Nuisance(f"link{place}.{key}", std)
         for place, link in enumerate(campaign.pendulum.links, start=1)
         for key, std in campaign.known_to.items()
-        if key != "torque_error_relative" and (key not in OF_DRIVES or (link.driven and powered))
+        # The torque error belongs to the whole problem, not to one link. Drive values change nothing without a driven run.
+        if key != "torque_error_relative" and (key not in DRIVE_NUISANCES or (link.driven and powered))
     )
     ready = driven(campaign.pendulum)
     windows = tuple(
@@ -158,9 +173,9 @@ def swings_of(campaign: PendulumCampaign, window_s: float = 0.5, bin_s: float = 
 
 
 def shifted(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendulum:
-    """The pendulum with nominal values off by so much; keys are `link1.mass_relative` and so on, as in [known_to].
+    """The pendulum with shifted nominal values; keys are `link1.mass_relative` and so on, as in [known_to].
 
-    Damping, friction and rotor end at 0. Raises BadInput for another key, and for values that no pendulum has.
+    Damping, friction and rotor inertia are cut off at 0. Raises BadInput for an unknown key, and for values that no pendulum can have.
     """
     links = list(pendulum.links)
     for name, value in nuisances.items():
@@ -173,16 +188,19 @@ def shifted(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendulum:
 
 
 def _mass(link: PendulumLink, share: float) -> PendulumLink:
+    # A heavier link of the same shape: its inertia grows in proportion.
     return replace(link, mass_kg=link.mass_kg * (1.0 + share), inertia_kg_m2=link.inertia_kg_m2 * (1.0 + share))
 
 
 def _centre(link: PendulumLink, by_m: float) -> PendulumLink:
-    """The inertia about the centre of mass stays."""
+    """Shifts the centre of mass; the inertia about the centre of mass stays."""
+    # Steiner's theorem: inertia_kg_m2 is about the joint, so it changes by m (c_new^2 - c_old^2).
     centre = link.centre_of_mass_m + by_m
     return replace(link, centre_of_mass_m=centre, inertia_kg_m2=link.inertia_kg_m2 + link.mass_kg * (centre**2 - link.centre_of_mass_m**2))
 
 
-OF_DRIVES = ("torque_offset_Nm", "torque_delay_s")  # without a driven run they change nothing
+# Without a driven run these change nothing.
+DRIVE_NUISANCES = ("torque_offset_Nm", "torque_delay_s")
 
 _SHIFTS: Mapping[str, Callable[[PendulumLink, float], PendulumLink]] = {
     "mass_relative": _mass,
@@ -198,7 +216,7 @@ _SHIFTS: Mapping[str, Callable[[PendulumLink, float], PendulumLink]] = {
 
 
 def sample_noise(run: PendulumRun, noise_std: Mapping[str, float]) -> Floats:
-    """Standard deviation of one sample of the angles and, where recorded, the speeds of each joint, (1 or 2, n): as stated, or found."""
+    """Standard deviation of one sample, (1, n) for angles or (2, n) with speeds: as stated in the campaign, or estimated from the run."""
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
     stated = [noise_std.get(name) for name in ("angle_rad", "speed_rad_s")]
     return np.stack([np.full(c.shape[1], s) if s else sample_std(c) for c, s in zip(channels, stated, strict=False)])
@@ -209,6 +227,7 @@ def _windows(
 ) -> list[SwingWindow]:
     window_s, _ = cut_s
     noise = sample_noise(run, noise_std)
+    # The first window begins late enough that its start state can be smoothed from both sides.
     starts = np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - window_s, window_s)
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
     return [_window(place, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts]
@@ -233,6 +252,7 @@ def _window(
         t_s=t_s,
         bins=bins,
         measured=measured,
+        # Noise of a mean of independent samples.
         sensor_std=noise[:, :, None] / np.sqrt(counts),
         start_effect=np.empty((0, *measured.shape)),
     )
@@ -240,7 +260,7 @@ def _window(
 
 
 def _trace(run: PendulumRun, start_s: float, window_s: float) -> TorqueTrace:
-    """Torques of the window with a margin on both sides, as far as the run has one, for drives that are late or early."""
+    """Torques of the window with a margin on both sides, as far as the run has one, so that a drive may act late or early."""
     begin_s, end_s = max(run.t_s[0], start_s - MARGIN_S), min(run.t_s[-1], start_s + window_s + MARGIN_S)
     between = (run.t_s > begin_s) & (run.t_s < end_s)
     t_s = np.concatenate([[begin_s], run.t_s[between], [end_s]])
@@ -250,10 +270,10 @@ def _trace(run: PendulumRun, start_s: float, window_s: float) -> TorqueTrace:
 
 @dataclass(frozen=True)
 class LocalPolynomial:
-    """Positions near one moment as a polynomial in the time from there over `half_s`.
+    """Positions near one moment as a polynomial in the time from that moment, divided by `half_s`.
 
-    `coefficients` (DEGREE + 1, n) have standard deviations `std` (DEGREE + 1,) per unit of noise; `missed` (n,) is the rms that the
-    polynomial does not follow.
+    `coefficients` (POLYNOMIAL_DEGREE + 1, n) have standard deviations `std` (POLYNOMIAL_DEGREE + 1,) per unit of noise. `missed` (n,) is
+    the rms of the misfit.
     """
 
     coefficients: Floats
@@ -262,37 +282,48 @@ class LocalPolynomial:
     half_s: float
 
     def derivative(self, order: int) -> Floats:
-        """(n,) at the moment itself: position, speed and acceleration for 0, 1 and 2."""
+        """Derivative (n,) at the moment itself: position, speed and acceleration for `order` 0, 1 and 2."""
         return np.asarray(factorial(order) * self.coefficients[order] / self.half_s**order)
 
 
 def local_polynomial(t_s: Floats, position: Floats, at_s: float) -> LocalPolynomial:
-    """The polynomial that fits the positions (m, n) around `at_s` best.
+    """Least-squares polynomial through the positions (m, n) around `at_s`, for ascending times `t_s` (m,).
 
-    Where too few samples lie around it, as many as the polynomial needs are taken.
+    The window is widened where fewer samples lie in it than the polynomial needs.
     """
-    half_s = max(SMOOTHED_S, 0.5 * (DEGREE + 2) * float(np.median(np.diff(t_s))))
+    half_s = max(SMOOTHED_S, 0.5 * (POLYNOMIAL_DEGREE + 2) * float(np.median(np.diff(t_s))))
+    # The tolerance keeps samples at the border in, whatever the rounding of their times.
     near = np.abs(t_s - at_s) <= half_s * (1.0 + 1e-9)
-    design = np.vander((t_s[near] - at_s) / half_s, DEGREE + 1, increasing=True)
+    design = np.vander((t_s[near] - at_s) / half_s, POLYNOMIAL_DEGREE + 1, increasing=True)
     solution = np.linalg.lstsq(design, position[near], rcond=None)[0]
     missed = np.sqrt(np.mean((design @ solution - position[near]) ** 2, axis=0))
+    # Covariance of the coefficients for noise of standard deviation 1.
     std = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
     return LocalPolynomial(np.asarray(solution, dtype=np.float64), std, missed, half_s)
 
 
 def estimate_start(t_s: Floats, position: Floats, start_s: float, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Position and speed (n,) at `start_s` by the polynomial that fits the positions (m, n) around it best, and how well they are known.
+    """Position and speed at `start_s` from a local polynomial, each with its standard deviation: four arrays (n,).
 
-    What the polynomial does not follow, as where dry friction reverses, counts as noise too.
+    Parameters
+    ----------
+    t_s : (m,) ascending, in s
+    position : (m, n) in rad
+    start_s : moment of the estimate, in s
+    noise : (n,) standard deviation of one sample, in rad
+
+    Notes
+    -----
+    The misfit of the polynomial counts as noise too, for instance where dry friction reverses.
     """
     local = local_polynomial(t_s, position, start_s)
-    spread = local.std[:, None] * np.maximum(noise, local.missed)
-    return local.derivative(0), local.derivative(1), spread[0], spread[1] / local.half_s
+    std = local.std[:, None] * np.maximum(noise, local.missed)
+    return local.derivative(0), local.derivative(1), std[0], std[1] / local.half_s
 
 
 def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats, speed_std: Floats) -> Floats:
-    """What an uncertain start makes of angles and speeds later on, as the nominal pendulum has it."""
-    found = []
+    """Change of `measured` for one standard deviation of each start angle and speed, by central differences with the nominal pendulum."""
+    effects = []
     for joint in range(len(angle_std)):
         angle, speed = (std * np.eye(len(std))[joint] for std in (angle_std, speed_std))
         for by_angle, by_speed in ((angle, 0.0 * speed), (0.0 * angle, speed)):
@@ -300,30 +331,36 @@ def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats,
                 replace(window, angle_rad=window.angle_rad + sign * by_angle, speed_rad_s=window.speed_rad_s + sign * by_speed)
                 for sign in (1.0, -1.0)
             )
-            found.append(0.5 * (ahead.predicted(ready) - behind.predicted(ready)))
-    return np.stack(found)
+            effects.append(0.5 * (ahead.predicted(ready) - behind.predicted(ready)))
+    return np.stack(effects)
 
 
 def bin_starts(t_s: Floats, bin_s: float) -> Places:
-    """The first sample of each bin, of samples at times (k,) above zero; one on the edge ends its bin."""
+    """Index of the first sample of each bin, (b,), for sample times (k,) above zero; a sample on an edge ends its bin."""
+    # The small offset puts a sample on a bin's edge into the bin that ends there, in spite of rounding.
     return np.flatnonzero(np.diff(np.ceil(t_s / bin_s - 1e-6), prepend=0.0))
 
 
 def bin_means(values: Floats, bins: Places) -> Floats:
-    """Means (b, n) of samples (k, n)."""
+    """Means (b, n) of samples (k, n) over bins that begin at indices `bins` (b,)."""
     counts = np.diff(np.append(bins, len(values)))
     return np.asarray(np.add.reduceat(values, bins) / counts[:, None])
 
 
 def sample_std(values: Floats) -> Floats:
-    """Of one sample of each column of (m, n): from second differences, or from the steps in which an encoder counts, whichever is more."""
+    """Noise of one sample, (n,), of each column of values (m, n).
+
+    The larger of two estimates: from second differences, and from the smallest step of an encoder.
+    """
+    # A second difference 1, -2, 1 of white noise has sqrt(6) times its deviation, and a smooth motion leaves it small.
     from_neighbours = np.sqrt(np.mean(np.diff(values, 2, axis=0) ** 2, axis=0) / 6.0)
     steps = np.array([smallest_step(column) for column in values.T])
+    # A uniform rounding error over one step has the deviation step / sqrt(12). The floor keeps weights finite for simulated data.
     return np.asarray(np.maximum(np.maximum(from_neighbours, steps / np.sqrt(12.0)), 1e-9))
 
 
 def smallest_step(values: Floats) -> float:
-    """The smallest step between neighbouring samples, the count of an encoder; 0 where nothing ever moves."""
+    """The smallest step between neighbouring samples (m,), which is the resolution of an encoder; 0 where the value never changes."""
     steps = np.abs(np.diff(values))
     moved = steps[steps > 0.0]
     return float(moved.min()) if moved.size else 0.0

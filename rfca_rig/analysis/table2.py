@@ -7,14 +7,15 @@ from rfca_rig.analysis.compare import ComparedCondition
 from rfca_rig.analysis.repeats import Spread, spread_of
 from rfca_rig.analysis.valley import Valley
 
-PAPER_AVERAGE_ERROR_PCT = (3.2, 2.7)  # time and force, the paper's section IV.B
+# Time and force, from the paper's section IV.B.
+PAPER_AVERAGE_ERROR_PCT = (3.2, 2.7)
 
 
 @dataclass(frozen=True)
 class Table2Row:
-    """One condition. `time`, `fz` are the measured valleys' spread, `simulated_*` the model's mean valley, None where it has none.
+    """One condition. `time` and `fz` are mean and spread of the measured valleys, `simulated_*` the model's mean valley, None without one.
 
-    `refused` says which strokes gave no valley, and why; `repeats` counts those that did.
+    `refused` lists the strokes without a valley and the reasons; `repeats` counts those with one.
     """
 
     source: str
@@ -38,7 +39,7 @@ class Table2Row:
 
     @property
     def signed_force_error_pct(self) -> float | None:
-        """Simulated minus measured, in percent of the measured value's magnitude; negative where the model presses harder."""
+        """Simulated minus measured, in percent of the measured value's magnitude; negative where the model's force is larger."""
         return _percent(self.simulated_fz_N, self.fz.mean)
 
     @property
@@ -54,18 +55,18 @@ class Table2Row:
 
 @dataclass(frozen=True)
 class Table2:
-    """Rows in the order of their sources, heights and speeds."""
+    """Rows in the order of their recordings, heights and speeds."""
 
     rows: tuple[Table2Row, ...]
 
     @property
     def average_time_error_pct(self) -> float | None:
-        """Mean over the rows that have one; None where none has."""
+        """Mean over the rows with a time error; None without any."""
         return _mean([row.time_error_pct for row in self.rows])
 
     @property
     def average_force_error_pct(self) -> float | None:
-        """Mean over the rows that have one; None where none has."""
+        """Mean over the rows with a force error; None without any."""
         return _mean([row.force_error_pct for row in self.rows])
 
 
@@ -78,6 +79,7 @@ def row_of(compared: ComparedCondition, source: str) -> Table2Row:
         source=source,
         height_m=compared.condition.height_m,
         speed_rad_s=compared.condition.speed_rad_s,
+        # With recorded motions each repeat has its own simulated speed.
         shaft_speed_rad_s=sum(speeds) / len(speeds),
         time=spread_of([v.time_s for v in measured]),
         fz=spread_of([v.fz_N for v in measured]),
@@ -96,6 +98,7 @@ def _refusals(compared: ComparedCondition) -> tuple[str, ...]:
 def _percent(simulated: float | None, measured: float | None) -> float | None:
     if simulated is None or not measured:
         return None
+    # The valley of fz is negative. The magnitude below keeps the sign of the difference.
     return 100.0 * (simulated - measured) / abs(measured)
 
 

@@ -1,6 +1,6 @@
-"""The leg under a force at its tip, and back: `load_tip` gives the shape for a force, `find_tip_force` the force for a shape.
+"""Statics of the leg under a tip force: `load_tip` gives the shape for a force, `find_tip_force` the force for a shape.
 
-Section III.B of the paper: a leg that grasps or holds. The floor plays no part, effects are left out, and the weight of the links counts.
+Section III.B of the paper: a leg that grasps or holds. There is no floor contact, effects are ignored, and the weight of the links counts.
 """
 
 from collections.abc import Iterator, Sequence
@@ -43,7 +43,7 @@ class LoadedShape:
     is_stable: bool
 
     def lines(self) -> Iterator[str]:
-        """For a terminal."""
+        """The result as lines for a terminal."""
         along_N, down_N = self.force_N
         yield f"force at the tip: {along_N:+.2f} N along, {down_N:+.2f} N down; torque of the shaft {self.torques_Nm[0]:+.3f} N m"
         for hinge, (angle, torque) in enumerate(zip(np.degrees(self.angles_rad[1:]), self.torques_Nm[1:], strict=True), start=2):
@@ -55,7 +55,7 @@ class LoadedShape:
             yield "this shape is not stable: the leg snaps into another one when pushed"
 
     def summary(self) -> dict[str, object]:
-        """For JSON."""
+        """The result as plain data for JSON."""
         return {
             "force_N": self.force_N.tolist(),
             "angles_deg": np.degrees(self.angles_rad).tolist(),
@@ -68,7 +68,7 @@ class LoadedShape:
 
 @dataclass(frozen=True)
 class FoundTipForce:
-    """A tip force and its standard errors (2,), along and down, and the largest hinge moment that it leaves open."""
+    """A tip force and its standard errors (2,), along and down, and the largest hinge moment that the solution leaves unbalanced."""
 
     force_N: Floats
     std_N: Floats
@@ -88,13 +88,15 @@ def load_tip(leg: Leg, shaft_rad: float, force_N: Floats) -> LoadedShape:
     Equations (9) and (10), with the springs' own law and the links' weight.
     """
     chain = tip_chain_of(leg)
+    # The second equilibrium, without the force, shows what the weight alone does.
     found, alone = equilibrium_under_tip_force(chain, shaft_rad, force_N), equilibrium_under_tip_force(chain, shaft_rad, np.zeros(2))
+    # The first angle is the shaft's, which has no spring: its torque is that of the drive.
     torques = np.append(found.shaft_torque_Nm, chain.springs.torque_Nm(found.phi)[1:])
     return LoadedShape(force_N, found.phi, torques, _ends_mm(chain.L, found.phi), _ends_mm(chain.L, alone.phi), found.stable)
 
 
 def find_tip_force(leg: Leg, angles_rad: Sequence[float], angle_std_rad: float) -> FoundTipForce:
-    """The force at the tip that bends the leg like this, by least squares with the errors of the angles as weights.
+    """The force at the tip that bends the leg into this shape, by least squares weighted with the errors of the angles.
 
     Parameters
     ----------
@@ -108,7 +110,7 @@ def find_tip_force(leg: Leg, angles_rad: Sequence[float], angle_std_rad: float) 
     Raises
     ------
     BadInput
-        Where the angles are not as many as the links, or leave the force open.
+        Where the number of angles differs from that of the links, or the angles do not determine the force.
 
     References
     ----------

@@ -1,7 +1,7 @@
 """The valley of a stroke: the most negative fz of the contact, after touchdown and before lift-off, and its time.
 
-A plain minimum over the recording is not it: the spike of touchdown and the whip after lift-off can be deeper. Measured and simulated
-strokes go through the same estimator, so that what smoothing does to one it does to the other.
+A plain minimum over the recording would be wrong: the spike of touchdown and the whip after lift-off can be deeper. Measured and simulated
+strokes are evaluated by the same estimator, so that smoothing affects both alike.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
 
-SHORTEST_S = 2.0 * SMOOTHING_S
+MIN_RECORDED_S = 2.0 * SMOOTHING_S
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,19 @@ class Valley:
 def find_valley(t_s: Floats, fz_N: Floats) -> Valley | Refused:
     """The valley of one stroke, or why there is none.
 
-    `t_s` (m,) ascending, from the commanded start, evenly spaced or not, 500 Hz or faster; `fz_N` (m,). Time is where the slope of a
-    parabola over 20 ms vanishes, force the parabola's value there. With 0.15 N of noise at 1 kHz and a valley as sharp as the paper's
-    leg has, the time is good to about 1 ms and the force to 0.05 N.
+    Parameters
+    ----------
+    t_s : (m,) ascending, in s from the commanded start, evenly spaced or not, 500 Hz or faster
+    fz_N : (m,) in N, negative where the ground pushes the leg up
+
+    Notes
+    -----
+    The time is where the slope of a parabola over 20 ms vanishes, the force is the parabola's value there. With 0.15 N of noise at 1 kHz
+    and a valley as sharp as the paper's leg has, the time is good to about 1 ms and the force to 0.05 N.
+
+    References
+    ----------
+    Table II of the paper.
     """
     valley, _ = valley_and_phases(t_s, fz_N)
     return valley
@@ -53,10 +63,10 @@ def stroke_valley(stroke: Stroke) -> Valley | Refused:
 
 
 def valley_and_phases(t_s: Floats, fz_N: Floats) -> tuple[Valley | Refused, StrokePhases]:
-    """The valley with the phases it divides; a phase that was not reached begins at infinity."""
+    """The valley and the phases that it separates, from times and forces (m,); a phase that was not reached begins at infinity."""
     recorded_s = float(t_s[-1] - t_s[0]) if len(t_s) else 0.0
-    if recorded_s < SHORTEST_S:
-        return Refused(f"fz was recorded for {recorded_s:.3f} s only; a stroke needs {SHORTEST_S:g} s at least"), StrokePhases()
+    if recorded_s < MIN_RECORDED_S:
+        return Refused(f"fz was recorded for {recorded_s:.3f} s only; a stroke needs {MIN_RECORDED_S:g} s at least"), StrokePhases()
     smooth = smoothed(t_s, fz_N)
     contact = find_contact(t_s, fz_N, smooth)
     if isinstance(contact, Refused):
@@ -67,17 +77,19 @@ def valley_and_phases(t_s: Floats, fz_N: Floats) -> tuple[Valley | Refused, Stro
 
 
 def _valley_within(t_s: Floats, fz_N: Floats, smooth: LocalFit, contact: Contact) -> Valley | Refused:
+    # The spike of touchdown may be deeper than the valley, so its time is left out of the search.
     begin_s = contact.touchdown_s + TOUCHDOWN_LASTS_S
     window = np.flatnonzero((smooth.t_s >= begin_s) & (smooth.t_s < contact.lift_off_s))
     if len(window) < 3:
         return Refused(f"contact at {contact.touchdown_s:.3f} s lasts less than touchdown, {1e3 * TOUCHDOWN_LASTS_S:.0f} ms")
+    # The mean is searched, not the parabola: beside the jumps of the contact a parabola overshoots.
     lowest = int(window[smooth.mean[window].argmin()])
     refusal = _at_an_edge(smooth, window, lowest, contact)
     return refusal or _where_slope_vanishes(t_s, fz_N, smooth, lowest)
 
 
 def _at_an_edge(smooth: LocalFit, window: NDArray[np.intp], lowest: int, contact: Contact) -> Refused | None:
-    """A minimum at a border of the window is the border's doing. Towards the end the force must have risen visibly again."""
+    """Refuses a minimum that comes from a border of the window. Towards the end, the force must have risen visibly again."""
     time_s, fz_N = smooth.t_s[lowest], smooth.mean[lowest]
     if time_s - smooth.t_s[window[0]] < 0.5 * SMOOTHING_S:
         return Refused(f"fz is lowest, {fz_N:.1f} N, right after touchdown at {contact.touchdown_s:.3f} s: the spike outweighs the loading")
@@ -88,12 +100,14 @@ def _at_an_edge(smooth: LocalFit, window: NDArray[np.intp], lowest: int, contact
 
 
 def _where_slope_vanishes(t_s: Floats, fz_N: Floats, smooth: LocalFit, lowest: int) -> Valley | Refused:
+    # About 15 ms to either side on the 1 ms grid: the zero of the slope may differ a little from the minimum of the mean.
     near = slice(max(lowest - 15, 0), lowest + 17)
     time, slope = smooth.t_s[near], smooth.slope[near]
     rising = np.flatnonzero((slope[:-1] <= 0.0) & (slope[1:] > 0.0))
     if not len(rising):
         return Refused(f"fz has no rounded minimum near {smooth.t_s[lowest]:.3f} s")
     i = int(rising[np.abs(time[rising] - smooth.t_s[lowest]).argmin()])
+    # Linear interpolation of the slope between two grid points, then one parabola exactly there.
     time_s = float(time[i] - slope[i] * (time[i + 1] - time[i]) / (slope[i + 1] - slope[i]))
     fit = local_quadratic(t_s, fz_N, np.array([time_s]), SMOOTHING_S)
     return Valley(time_s, float(fit.value[0]))

@@ -1,4 +1,4 @@
-"""The cameras that a rig file may name, and the twin of one, each behind what the engine asks of a camera."""
+"""The cameras that a rig file may name, and the camera twin, each behind the interface that the engine uses."""
 
 import sys
 from collections.abc import Callable
@@ -16,7 +16,8 @@ from rfca_rig.drivers.roles import Camera, Photo, Photographer
 from rfca_rig.twins.camera import CameraTwin, StandingLeg
 from rfca_rig.vision.leg_photo import Eye
 
-TWIN_PHOTO_S = 0.2  # exposure, and the way to the host
+# Exposure and transfer to the host.
+TWIN_PHOTO_S = 0.2
 
 
 class TwinCamera:
@@ -25,11 +26,11 @@ class TwinCamera:
     def __init__(self, twin: CameraTwin, clock: Clock) -> None:
         self._twin = twin
         self._clock = clock
-        self._taken = 0
+        self._count = 0
 
     def photo(self) -> Photo:
-        self._taken += 1
-        return Photo(self._twin.expose(), self._clock.now_s(), f"photo-{self._taken:03d}")
+        self._count += 1
+        return Photo(self._twin.expose(), self._clock.now_s(), f"photo-{self._count:03d}")
 
     def close(self) -> None:
         """Nothing is held open."""
@@ -39,7 +40,7 @@ class TwinCamera:
 
 
 class DelayedCamera:
-    """Implements `Photographer` with a camera that takes no time: it exposes when asked, and hands the photo out `takes_s` later.
+    """Implements `Photographer` with a camera that takes no time: exposes on request, and delivers the photo `takes_s` later.
 
     All on the caller's thread, so that a run on a twin's clock is the same every time.
     """
@@ -67,7 +68,7 @@ class DelayedCamera:
 
 
 class AnnouncingCamera:
-    """Implements `Camera`: tells the person at the shutter when it is time."""
+    """Implements `Camera`: tells the person at the shutter when to take the photo."""
 
     def __init__(self, camera: Camera, tell: Callable[[str], None]) -> None:
         self._camera = camera
@@ -85,7 +86,7 @@ class AnnouncingCamera:
 
 
 def make_camera(section: CameraSection, eye: Eye, clock: Clock, stack: ExitStack) -> Photographer:
-    """The camera that [camera] names, closed with the stack. Raises DeviceError or BadInput where it cannot be had."""
+    """The camera that [camera] names, closed with the stack. Raises DeviceError or BadInput where it cannot be opened."""
     camera: Camera
     match section:
         case OpenCvCameraSection():
@@ -93,12 +94,13 @@ def make_camera(section: CameraSection, eye: Eye, clock: Clock, stack: ExitStack
         case PhotoFolderSection():
             arriving = ArrivingPhotos(Path(section.folder), clock, section.photo_limit_s)
             camera = AnnouncingCamera(arriving, lambda line: print(line, file=sys.stderr))
+    # A camera may block for seconds; on its own thread it cannot delay the control loop.
     threaded = CameraThread(camera)
     stack.callback(threaded.close)
     return threaded
 
 
 def make_twin_camera(eye: Eye, leg: StandingLeg, twin: TwinCameraSection, random: np.random.Generator, clock: Clock) -> Photographer:
-    """The twin of whatever camera it is: it renders `leg` as it stands when a photo is asked for."""
+    """The twin of any camera: renders `leg` as it stands when a photo is requested."""
     rendered = CameraTwin(leg, eye.plan, eye.camera, twin.disturbance(), random)
     return DelayedCamera(TwinCamera(rendered, clock), clock, TWIN_PHOTO_S)

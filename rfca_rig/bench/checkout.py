@@ -1,4 +1,4 @@
-"""Which state of its source this program runs from."""
+"""The state of the source that this program runs from: git revision and local changes."""
 
 import os
 import subprocess
@@ -13,9 +13,9 @@ _REVISION = "# branch.oid "
 
 
 def source_state(package: Path = PACKAGE) -> dict[str, str]:
-    """Git revision, and whether files that it knows were changed since; words instead where there is no checkout, or git cannot tell.
+    """Git revision, and whether tracked files were changed since; plain words where there is no checkout, or git fails.
 
-    Costs some hundredths of a second; for when a run begins, not for when the program does.
+    Takes some hundredths of a second, so it is called when a run begins and not when the program starts.
     """
     root = package.parent
     if not (root / ".git").exists():
@@ -27,10 +27,11 @@ def source_state(package: Path = PACKAGE) -> dict[str, str]:
 
 
 def _status_lines(root: Path) -> list[str]:
-    """Git may be missing, slow, or mistrust a folder of somebody else's: then it tells nothing, and the run goes on."""
-    asking = {**os.environ, "GIT_OPTIONAL_LOCKS": "0"}
+    """Lines of git status; none where git is missing, slow, or mistrusts another user's folder. The run goes on without."""
+    # Without optional locks git status only reads: it does not disturb a git command that runs meanwhile.
+    environment = {**os.environ, "GIT_OPTIONAL_LOCKS": "0"}
     try:
-        said = subprocess.run(_STATUS, cwd=root, env=asking, capture_output=True, text=True, timeout=WITHIN_S, check=False)
+        finished = subprocess.run(_STATUS, cwd=root, env=environment, capture_output=True, text=True, timeout=WITHIN_S, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return []
-    return said.stdout.splitlines()
+    return finished.stdout.splitlines()

@@ -1,4 +1,4 @@
-"""What the nominal model expects of a plan, for its check and its printout."""
+"""Loads that the nominal model predicts for a plan, for its check and its printout."""
 
 from itertools import pairwise
 
@@ -15,25 +15,29 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, SetHei
 
 Floats = NDArray[np.float64]
 
-Motion = tuple[float, tuple[MoveShaft | None, ...]]  # height, and moves; None for a hold
-Loads = list[tuple[int, Load]]  # the load of the stage at each place
+# Height, and the moves; None stands for a hold.
+Motion = tuple[float, tuple[MoveShaft | None, ...]]
+# Index of a stage in its sequence, and its load.
+Loads = list[tuple[int, Load]]
 
+# Sampling of predicted loads, in s: a stroke has an impact, a static sequence has none.
 SAMPLE_S = 1e-3
 SLOW_SAMPLE_S = 1e-2
-HOLD_S = 0.5  # enough for the model to settle
+# Simulated duration of a hold: enough for the model to settle.
+HOLD_S = 0.5
 
 
 def expected_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
-    """The load that the model predicts in each stroke, in each hold of a static sequence, and in its moves elsewhere.
+    """The predicted load of each stroke, of each hold of a static sequence, and of its other moves.
 
-    A static sequence is followed at one height after the other, as the plan moves the shaft, so that a leg which wedges when
-    it is pushed back is seen beforehand. Which link ends touch is part of the model's solution. A hold's load is the largest on the
-    way to it and at it.
+    A static sequence is simulated height by height, as the plan moves the shaft, so that a leg which wedges when it is pushed back is found
+    beforehand. Which link ends touch is part of the model's solution. A hold's load is the largest on the way to it and at it.
     """
     return {**_flaps(plan, rig), **turn_loads(plan, rig), **_holds(plan, rig)}
 
 
 def _flaps(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
+    # Repeats have the same load: each condition is simulated once.
     by_condition: dict[tuple[float, float], Load] = {}
     strokes = [stage for stage in plan.stages if isinstance(stage, Approach | Flap)]
     for flap in strokes:
@@ -47,6 +51,7 @@ def _flaps(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
 
 def _holds(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
     expected: dict[Stage, Load] = {}
+    # Equal sequences, for example the checks of a fatigue run, are simulated once.
     known: dict[Motion, Loads] = {}
     for height_m, stages in _sequences(plan):
         motion = height_m, tuple(stage if isinstance(stage, MoveShaft) else None for stage in stages)
@@ -58,7 +63,7 @@ def _holds(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
 
 
 def _sequences(plan: Plan) -> list[tuple[float, list[MoveShaft | Hold]]]:
-    """Moves and holds between one setting of the rack and the next; strokes and cycles divide them, as each ends at the start angle."""
+    """Moves and holds between two settings of the rack. Strokes and cycles divide them, because each ends at the start angle."""
     found: list[tuple[float, list[MoveShaft | Hold]]] = []
     for stage in plan.stages:
         if isinstance(stage, SetHeight | Approach | Flap | Cycles):
@@ -69,20 +74,21 @@ def _sequences(plan: Plan) -> list[tuple[float, list[MoveShaft | Hold]]]:
 
 
 def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Loads:
-    """Follows the shaft through moves at their speeds and short holds; the load of each hold with the way to it, and of other moves."""
+    """Simulates moves at their speeds and short holds; returns the load of each hold, its way included, and of other moves."""
     angles, times = [rig.leg.start_angle_rad], [0.0]
     for stage in stages:
         way_rad = way_to(stage.angle_rad, angles[-1], stage.forwards) if isinstance(stage, MoveShaft) else 0.0
+        # A move of no length still takes one sample: a piece of zero duration has no speed.
         times.append(times[-1] + (max(abs(way_rad) / stage.speed_rad_s, SLOW_SAMPLE_S) if isinstance(stage, MoveShaft) else HOLD_S))
         angles.append(angles[-1] + way_rad)
     t_s = np.arange(0.0, times[-1], SLOW_SAMPLE_S)
-    held = stroke_following(rig, height_m, _polyline(np.array(times), np.array(angles)), t_s)
+    simulated = stroke_following(rig, height_m, _polyline(np.array(times), np.array(angles)), t_s)
     parts = enumerate(pairwise(times))
-    return [(_meant(place, stages), _load(held, (t_s >= begin_s) & (t_s <= end_s))) for place, (begin_s, end_s) in parts]
+    return [(_stage_that_counts(place, stages), _load(simulated, (t_s >= begin_s) & (t_s <= end_s))) for place, (begin_s, end_s) in parts]
 
 
-def _meant(place: int, stages: list[MoveShaft | Hold]) -> int:
-    """The place of the hold that the stage there leads straight to, else of the stage itself."""
+def _stage_that_counts(place: int, stages: list[MoveShaft | Hold]) -> int:
+    """Index of the hold that this move leads to directly, else of the stage itself."""
     return place + 1 if place + 1 < len(stages) and isinstance(stages[place + 1], Hold) and isinstance(stages[place], MoveShaft) else place
 
 
@@ -93,5 +99,6 @@ def _load(stroke: SimulatedStroke, part: slice | NDArray[np.bool_]) -> Load:
 
 def _polyline(times_s: Floats, angles_rad: Floats) -> ShaftMotion:
     speeds = np.diff(angles_rad) / np.diff(times_s)
+    # Cubic pieces of a motion with constant speed: angle, speed, and two coefficients of zero.
     pieces = np.column_stack([angles_rad[:-1], speeds, np.zeros_like(speeds), np.zeros_like(speeds)])
     return ShaftMotion(times_s, pieces, times_s[:-1])

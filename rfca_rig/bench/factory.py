@@ -1,4 +1,4 @@
-"""Opens the bench a rig file describes: the real devices, or their twins on wires of their own."""
+"""Opens the devices that a rig file describes: the real ones, or their twins on wires of their own."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -24,17 +24,35 @@ from rfca_rig.twins.sensor import SensorTwin
 from rfca_rig.twins.world import TwinWorld
 from rfca_rig.vision.leg_photo import Eye
 
-FIRST_HEIGHT_M = 0.25  # where the twin's rack stands until a plan sets it
+# Height of the twin's rack until a plan sets it.
+FIRST_HEIGHT_M = 0.25
 
 
 @contextmanager
 def open_bench(
     rig: RigFile, seed: int | None, eye: Eye | None = None, twin_clock: TwinClock | None = None, faults: Sequence[Switching] = ()
 ) -> Iterator[Bench]:
-    """The devices, open for the length of the block. `seed` decides all randomness of a twin; None on a real rig.
+    """Opens the devices for the length of the block.
 
-    With `eye`, the rig file's own, the camera too. `twin_clock` is for a twin whose time is to pass otherwise than as fast as it can,
-    `faults` happen to a twin, by its own clock.
+    Parameters
+    ----------
+    rig : RigFile
+        The rig.
+    seed : int or None
+        Decides all randomness of a twin; None on a real rig.
+    eye : Eye, optional
+        The rig file's camera and marks; with it, the camera is opened too.
+    twin_clock : TwinClock, optional
+        For a twin whose time must not pass as fast as it can.
+    faults : sequence of Switching
+        Faults that happen to a twin, by its own clock.
+
+    Raises
+    ------
+    BadInput
+        A twin without a [twin] section or a seed.
+    DeviceError
+        A device cannot be opened.
     """
     with ExitStack() as stack:
         if rig.is_real:
@@ -49,6 +67,7 @@ def _real_bench(rig: RigFile, eye: Eye | None, stack: ExitStack) -> Bench:
     clock, motor = WallClock(), rig.motor
     try:
         bus = stack.enter_context(open_commanding_bus(rig, clock))
+    # python-can raises any of these, depending on the interface.
     except (can.CanError, OSError, ValueError) as error:
         raise DeviceError(
             f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check [motor] in the rig file, "
@@ -62,17 +81,19 @@ def _twin_bench(
     rig: RigFile, twin: TwinSection, seed: int, eye: Eye | None, clock: TwinClock, faults: FaultInjection, stack: ExitStack
 ) -> Bench:
     drivers_end, twins_end = stack.enter_context(can_wire())
+    # Separate generators: a different number of sensor records then changes nothing in the friction of a touchdown.
     noise, chance = _randomness(seed)
     pair = make_sensor_pair(rig, twin, noise, faults.on_link)
     twins = _put_together(rig, twin, chance, faults.on_bus(twins_end), pair.twin)
     clock.carry(faults.befalling(twins.world.process, twins.motor))
+    # A third generator, so that photos change neither the sensor's noise nor the scatter.
     camera = make_twin_camera(eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock) if eye else None
     return Bench(make_motor(rig, drivers_end, clock), pair.driver(clock), TwinRack(twins.plant), clock, False, camera)
 
 
 @dataclass(frozen=True)
 class Twins:
-    """The devices' side of a twin rig; `world` carries all of it."""
+    """The simulated devices of a twin rig; `world` advances all of them."""
 
     plant: LegPlant
     motor: MotorTwin
@@ -84,13 +105,13 @@ SensorMaker = Callable[[RigFile, TwinSection, np.random.Generator], SensorTwin]
 
 
 def make_twins(rig: RigFile, twin: TwinSection, seed: int, bus: can.BusABC, make_sensor: SensorMaker) -> Twins:
-    """The twins of a rig on their ends of the wires, the sensor's made elsewhere. `seed` decides all their randomness."""
+    """The twins of a rig on their ends of the wires; `make_sensor` makes the sensor's. `seed` decides all their randomness."""
     noise, chance = _randomness(seed)
     return _put_together(rig, twin, chance, bus, make_sensor(rig, twin, noise))
 
 
 def _randomness(seed: int) -> tuple[np.random.Generator, np.random.Generator]:
-    """The sensor's noise, and what differs from repeat to repeat."""
+    """Generators of the sensor's noise, and of what differs from repeat to repeat."""
     return np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
 
 

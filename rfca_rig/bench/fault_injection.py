@@ -1,4 +1,4 @@
-"""What may go wrong on purpose with the devices of a rig file, and a twin in this process to which it happens."""
+"""Faults that can be injected into the devices of a rig file, and their injection into a twin in this process."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -23,7 +23,8 @@ from rfca_rig.twins.odrive import OdriveTwin
 
 
 def faults_of(rig: RigFile) -> tuple[Fault, ...]:
-    """Every fault that this rig's devices can have, those of the sensor box's own pages aside."""
+    """Every fault that this rig's devices can have, except those of the sensor box's own pages."""
+    # Faults of the force stream act on UDP datagrams, which only a Net F/T sends.
     force = FORCE_FAULTS if isinstance(rig.force_sensor, NetFtSection) else ()
     return (*force, *CAN_FAULTS, *_motor_faults(rig))
 
@@ -56,7 +57,7 @@ def dialect_of(rig: RigFile) -> DriveDialect:
 
 
 def events_of(motor: MotorTwin) -> Mapping[str, Callable[[], None]]:
-    """What happens once inside the drive, by the name of the fault."""
+    """Faults that happen once inside the drive, by name."""
     match motor:
         case OdriveTwin():
             return odrive_events(motor)
@@ -69,13 +70,14 @@ def events_of(motor: MotorTwin) -> Mapping[str, Callable[[], None]]:
 
 
 class FaultInjection:
-    """Faults of a twin in this process, switched by the rig's own clock. Without orders it leaves everything as it is."""
+    """Faults of a twin in this process, switched by the rig's own clock. Without orders it changes nothing."""
 
     def __init__(self, rig: RigFile, orders: Sequence[Switching]) -> None:
         """Raises BadInput for an order that names no fault of this rig."""
         self._rig = rig
         self._is_idle = not orders
         self._panel = FaultPanel(faults_of(rig))
+        # Refuses orders of unknown faults.
         self._agenda = Agenda(orders, self._panel)
 
     def on_bus(self, end: can.BusABC) -> can.BusABC:
@@ -87,14 +89,15 @@ class FaultInjection:
         return link if self._is_idle else TamperedLink(link, self._panel)
 
     def befalling(self, process: Callable[[float], None], motor: MotorTwin) -> Callable[[float], None]:
-        """`process`, which carries the twins to a moment, with what befalls them until then."""
+        """`process`, which advances the twins to a time, preceded by the faults that are due until then."""
         if self._is_idle:
             return process
         events = events_of(motor)
 
-        def carried(to_s: float) -> None:
+        def process_with_faults(to_s: float) -> None:
+            # Switched before the step, so that a fault acts from its time on and not one step later.
             self._agenda.pass_to(to_s)
             self._panel.let_happen(events)
             process(to_s)
 
-        return carried
+        return process_with_faults

@@ -1,4 +1,4 @@
-"""Drivers and twins of the force sensors that a rig file may name: one place that knows them all."""
+"""Makes drivers and twins of the force sensors that a rig file may name: the one place that knows them all."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -44,6 +44,7 @@ def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> Force
     sensor = rig.force_sensor
     match sensor:
         case NetFtSection():
+            # A process of its own empties the socket, so that a busy loop loses no records.
             datagrams = AcquiredDatagrams(sensor.host, clock, sensor.port) if can_be_started() else UdpDatagrams(sensor.host, sensor.port)
             stack.callback(datagrams.close)
             return NetFtSensor(datagrams, clock, _netft(sensor), _box(sensor), receive_buffer_advice(datagrams.receive_buffer_bytes))
@@ -57,21 +58,22 @@ def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> Force
             stack.callback(gages.stop)
             return DaqFtSensor(gages, clock, calibration, DaqFtSettings(sensor.rate_Hz, sensor.unloaded_V))
         case OwnForceSensorSection():
-            keys = _loaded(sensor)
+            keys = _keys_of_loaded(sensor)
             way = keys.open()
             stack.callback(way.close)
             return keys.driver(way, clock)
 
 
-def _loaded(sensor: OwnForceSensorSection) -> ForceSensorKeys:
+def _keys_of_loaded(sensor: OwnForceSensorSection) -> ForceSensorKeys:
     if isinstance(sensor, ForceSensorKeys):
         return sensor
+    # Own devices are loaded relative to the rig file; a section made without a file has no driver.
     raise BadInput(f"{sensor.file} was not loaded; read the rig file from where it stands")
 
 
 @dataclass(frozen=True)
 class SensorPair:
-    """A sensor's twin, and what makes the driver on the other end of its wire."""
+    """A sensor's twin, and a function that makes the driver at the other end of its wire."""
 
     twin: SensorTwin
     driver: Callable[[Clock], ForceSensor]
@@ -80,9 +82,9 @@ class SensorPair:
 def make_sensor_pair(
     rig: RigFile, twin: TwinSection, random: np.random.Generator, on_link: Callable[[DatagramLink], DatagramLink]
 ) -> SensorPair:
-    """The twin that [force_sensor] names on a wire of its own, all in this process. `random` is the sensor's noise.
+    """The twin that [force_sensor] names, on a wire of its own in this process. `random` is the sensor's noise.
 
-    `on_link` puts whatever happens on a network between the twin and its link.
+    `on_link` may put network faults between the twin and its link.
     """
     sensor = rig.force_sensor
     match sensor:
@@ -98,7 +100,7 @@ def make_sensor_pair(
             settings = DaqFtSettings(sensor.rate_Hz, sensor.unloaded_V)
             return SensorPair(gages, lambda clock: DaqFtSensor(gages, clock, calibration, settings))
         case OwnForceSensorSection():
-            keys, (host, device) = _loaded(sensor), serial_line()
+            keys, (host, device) = _keys_of_loaded(sensor), serial_line()
             return SensorPair(make_own_twin(keys, twin, random, device), lambda clock: keys.driver(host, clock))
 
 
@@ -158,7 +160,7 @@ def _netft_twin(sensor: NetFtSection, twin: TwinSection) -> NetFtTwinSettings:
 
 
 def _serial_twin(sensor: AtiSerialSection, twin: TwinSection) -> AtiSerialTwinSettings:
-    """A transducer whose range is what 16 bits hold."""
+    """Settings of a transducer whose full scale is the largest count of 16 bits."""
     return AtiSerialTwinSettings(
         counts_per_N=sensor.counts_per_N,
         counts_per_Nm=sensor.counts_per_Nm,
@@ -170,11 +172,12 @@ def _serial_twin(sensor: AtiSerialSection, twin: TwinSection) -> AtiSerialTwinSe
 
 
 def _noise_std(twin: TwinSection) -> tuple[float, ...]:
+    # One value for the three forces, one for the three moments.
     return (twin.noise_N,) * 3 + (twin.noise_Nm,) * 3
 
 
 def _calibration(sensor: AtiDaqSection) -> TransducerCalibration:
-    """Raises BadInput where there is no such file, or it is none."""
+    """Raises BadInput where the file cannot be read, or is no calibration file."""
     try:
         content = Path(sensor.calibration_file).read_bytes()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Photos that a person took, one for each static stage of a recording, put beside it and read."""
+"""Photos taken by hand, one for each static stage of a recording: copied beside it and read."""
 
 import shutil
 from collections.abc import Sequence
@@ -18,9 +18,9 @@ from rfca_rig.vision.leg_photo import Eye
 
 
 def eye_for(recording: Recording, camera_path: Path, mark_diameter_mm: float | None) -> Eye:
-    """What photos of the recording's leg are read with: marks as its rig file had them, else at every hinge axis and the tip.
+    """Camera and marks for photos of the recording's leg: marks as its rig file had them, else at every hinge axis and the tip.
 
-    Raises BadInput where the camera file cannot be used, or the recording does not say how long the links are.
+    Raises BadInput where the camera file cannot be used, or the recording does not state the lengths of the links.
     """
     leg = recording.nominal.get("leg")
     if not leg:
@@ -40,17 +40,19 @@ def _marks(recording: Recording) -> MarksSection:
 
 
 def with_hand_photos(recording: Recording, photos: Sequence[Path], eye: Eye, run_folder: Path, told: Watcher = unwatched) -> Recording:
-    """The recording with its stages' angles from the photos, in the stages' order; copies and overlays go into `run_folder`.
+    """The recording with hinge angles from the photos, in the stages' order; copies and overlays go into `run_folder`.
 
-    Raises BadInput where there is not one photo for each stage.
+    Raises BadInput where there is not exactly one photo for each stage.
     """
     if len(photos) != len(recording.static):
         raise BadInput(f"{len(photos)} photos for {len(recording.static)} static stages; give one for each, named in their order")
+    # Without exist_ok: photos of another recording must not mix with these.
     (run_folder / FOLDER).mkdir(parents=True)
     stages = []
     for number, (stage, photo) in enumerate(zip(recording.static, photos, strict=True), start=1):
         name = f"{FOLDER}/{number:03d}{photo.suffix.lower()}"
         shutil.copyfile(photo, run_folder / name)
+        # Angles of an earlier reading must not survive where the new photo shows none.
         unread = (float("nan"),) * len(stage.hinge_deg)
         stages.append(replace(stage, hinge_deg=unread, hinge_std_deg=(), photo=name, overlay="", photo_doubts=""))
     read = read_stage_photos(stages, run_folder, eye, told)

@@ -1,4 +1,4 @@
-"""The mechanics behind the twins: the model's chain, its shaft turned by whatever torque the motor twin gives."""
+"""Mechanics of the twins: the model's chain, with the shaft driven by the torque of the motor twin."""
 
 from dataclasses import dataclass, field
 from math import sin
@@ -16,12 +16,13 @@ from rfca_rig.twins.plant import ShaftDrive, ShaftState
 
 Floats = NDArray[np.float64]
 
-IN_THE_AIR_S = 0.2  # longer than a bounce: the next touch is a new one
+# Longer than a bounce: after it, a contact counts as a new touchdown with new friction.
+IN_THE_AIR_S = 0.2
 
 
 @dataclass(frozen=True)
 class TwinScatter:
-    """Standard deviations of what differs from repeat to repeat: floor friction at each touchdown, height at each setting."""
+    """Standard deviations between repeats: floor friction at each touchdown, height at each setting."""
 
     friction: float = 0.0
     height_m: float = 0.0
@@ -52,9 +53,10 @@ class LegPlant:
         self._stand(self.shaft_angle_rad)
 
     def _stand(self, shaft_angle_rad: float) -> None:
-        """The leg hangs anew, at rest, at the present height."""
+        """Resets the leg: hanging at rest, at the present height."""
         still = ramp_to_speed(shaft_angle_rad, 0.0, 1.0, 1.0)
         setup = set_up(self.rig, self.height_m, still)
+        # The twins simulate drive and sensor themselves, so effects that act there have no place in this model.
         if setup.drive is not None or setup.sensor_changes or setup.motion is not still:
             raise BadInput("the twin has a drive and a sensor of its own; leave effects that act there out of its rig file")
         for effect, _ in map(resolved, self.rig.effects):
@@ -65,13 +67,30 @@ class LegPlant:
         self._state = at_rest(self._chain, shaft_angle_rad, self._laws)
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
-        """Moves on to `to_s`; returns the wrench (m, 6) at `force_times_s`, out-of-plane components zero."""
+        """Moves on to `to_s` and returns the wrench at the sensor.
+
+        Parameters
+        ----------
+        to_s : float
+            End of the step, s.
+        drive : ShaftDrive
+            Feedback law of the motor, held constant during the step.
+        force_times_s : ndarray, shape (m,)
+            Times in s within the step.
+
+        Returns
+        -------
+        ndarray, shape (m, 6)
+            Force in N and moment in N m at `force_times_s`; out-of-plane components are zero.
+        """
         samples = room_for(force_times_s, self._state.q.size, self._state.anchor.size)
         span_s = (self._now_s, to_s)
         cost = advance(self._chain, self._shaft(drive), self._state, span_s, self._step_s, Tolerance(), samples, self._laws)
+        # The integrator's last step width is the best guess for the next call.
         self._step_s = cost.next_s
         self._notice_touchdown(to_s - self._now_s)
         self._now_s = to_s
+        # At the end of the step: what the drive reports until the next one.
         self._torque_Nm = drive.torque_Nm(float(self._state.q[0]), float(self._state.w[0]))
         return self._wrench(samples.force)
 
@@ -89,6 +108,7 @@ class LegPlant:
     def _wrench(self, force: Floats) -> Floats:
         wrench = np.zeros((len(force), 6))
         wrench[:, 1:3] = force[:, :2]
+        # Moment about the shaft, moved to the sensor's origin, which is `below_shaft_m` lower.
         wrench[:, 3] = force[:, 2] + self.rig.sensor.below_shaft_m * force[:, 0]
         return wrench
 
@@ -98,6 +118,7 @@ class LegPlant:
         elif self._airborne_s > IN_THE_AIR_S:
             self._airborne_s = 0.0
             friction = self.rig.ground.friction_coefficient + self.scatter.friction * self.random.standard_normal()
+            # Cut off at zero: with a large scatter, the normal distribution reaches negative friction.
             self._chain = self._chain._replace(mu=max(friction, 0.0))
 
     def _deepest_m(self) -> float:
@@ -111,15 +132,17 @@ class LegPlant:
         return ShaftState(float(self._state.q[0]), float(self._state.w[0]), self._torque_Nm)
 
     def link_angles_rad(self) -> Floats:
+        """Angles (n,) of the links from the horizontal, rad."""
         return np.array(self._state.q[: len(self.rig.leg.link_lengths_m)])
 
     def link_lengths_m(self) -> Floats:
+        """Lengths (n,) of the links, m."""
         return np.array(self.rig.leg.link_lengths_m)
 
     def ground_depth_m(self) -> float:
         return self.height_m
 
     def set_height(self, height_m: float) -> None:
-        """Within the scatter of a hand on the lead screws."""
+        """Sets the height in m, within the scatter of a hand on the lead screws."""
         self.height_m = height_m + self.scatter.height_m * self.random.standard_normal()
         self._stand(float(self._state.q[0]))

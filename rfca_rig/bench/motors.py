@@ -1,4 +1,4 @@
-"""Drivers and twins of the motors that a rig file may name: one place that knows them all."""
+"""Makes drivers and twins of the motors that a rig file may name: the one place that knows them all."""
 
 import can
 
@@ -34,11 +34,12 @@ from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.speed_loop import LoopGains
 
+# Watchdog of the twin of a lab's own motor, whose real one the rig file does not state.
 USUAL_WATCHDOG_S = 0.1
 
 
 def open_bus(motor: MotorSection) -> can.BusABC:
-    """The bus that [motor] names, to be shut by the caller. Raises what python-can raises."""
+    """The bus that [motor] names; the caller shuts it down. Raises what python-can raises."""
     return motor.open() if isinstance(motor, MotorKeys) else _bus(motor).open()
 
 
@@ -47,13 +48,15 @@ def _bus(motor: MotorSection) -> CanBusSettings:
 
 
 def open_commanding_bus(rig: RigFile, clock: WallClock) -> can.BusABC:
-    """The bus for a run, to be shut by the caller; held by a guardian where the rig file wants one.
+    """The bus for a run, held by a guardian where the rig file wants one; the caller shuts it down.
 
     Raises what python-can raises, and BadInput where this system has no guardian.
     """
     last_word = _last_word(rig)
+    # Drives without a torque-off sequence here have a watchdog of their own, which is nearer to the motor.
     if last_word is None or not rig.motor.is_guarded:
         return open_bus(rig.motor)
+    # Refused, not ignored: a drive without a watchdog must not run without the guardian that its rig file wants.
     if not can_be_started():
         raise BadInput(f"{rig.rig.title}: motor.guardian: this system has none; use Linux, or see docs/guardian.md on going without")
     return GuardedBus(_bus(rig.motor), last_word, rig.motor.guardian_silence_ms / 1e3, clock)
@@ -145,7 +148,7 @@ def _mit(motor: CubemarsMitSection, timeout_s: float) -> MitSettings:
 
 
 def _mit_twin(motor: CubemarsMitSection, drive: TwinDriveSection) -> MitTwinSettings:
-    """Its gains come over the wire; of [twin.drive] only the torque limit is its own."""
+    """Its gains come over the wire; of [twin.drive] it only uses the torque limit."""
     return MitTwinSettings(
         drive_id=motor.drive_id,
         model=motor.model,
@@ -196,7 +199,9 @@ def _moteus(motor: MoteusSection, timeout_s: float) -> MoteusSettings:
 
 
 def _moteus_twin(motor: MoteusSection, drive: TwinDriveSection) -> MoteusTwinSettings:
-    """A moteus has one PID about its target; this one does to an angle what the cascade that [twin.drive] describes does."""
+    """A moteus has one PID loop on its target. These gains act on an angle as the cascade of [twin.drive] does."""
+    # Cascade: torque = (kv + ki / s) (ka e - w) with kv the speed gain, ki its integral gain, ka the angle gain. For a target at rest, its
+    # terms in e, in the integral of e and in w are kp, ki and kd.
     gains = MoteusGains(
         kp_Nm_per_rad=drive.speed_gain_Nm_s_per_rad * drive.angle_gain_per_s + drive.integral_gain_Nm_per_rad,
         ki_Nm_per_rad_s=drive.integral_gain_Nm_per_rad * drive.angle_gain_per_s,

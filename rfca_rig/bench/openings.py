@@ -1,4 +1,4 @@
-"""Where a served rig is to be reached, as ordered, and as it came out."""
+"""Network and serial addresses of a served rig: as requested, and as opened."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from rfca_rig.twin_server.port import Port
 
 @dataclass(frozen=True)
 class Openings:
-    """A port of 0 is any that is free; `control_port` is always on this machine only."""
+    """Requested ports; 0 is any that is free. `control_port` is always on this machine only."""
 
     host: str = LOOPBACK
     rdt_port: int = 0
@@ -21,7 +21,7 @@ class Openings:
 
 
 class Reached:
-    """The openings there are: `ports` to be polled, `addresses` for people, `names` for programs."""
+    """The opened ones: `ports` to be polled, `addresses` for people, `names` for programs."""
 
     def __init__(self) -> None:
         self.ports: list[Port] = []
@@ -29,11 +29,11 @@ class Reached:
         self.names: dict[str, int | str] = {}
 
     def note(self, address: str, **names: int | str) -> None:
-        """An opening that its twin itself reads and writes."""
+        """Adds an address that its twin reads and writes by itself."""
         self.addresses.append(address)
         self.names.update(names)
 
     def add(self, port: Port, **names: int | str) -> None:
-        """An opening that is to be polled."""
+        """Adds a port that must be polled."""
         self.ports.append(port)
         self.note(port.address(), **names)

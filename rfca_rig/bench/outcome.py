@@ -1,4 +1,4 @@
-"""How a run ended: in words for a person, and in codes for whoever sorts runs."""
+"""How a run ended: in words for people, and in codes for sorting runs."""
 
 import re
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ DONE = "done"
 
 @dataclass(frozen=True)
 class Outcome:
-    """`why` in words, the exit status of the command, and a reason code: of a trip its own, else the kind of error, or `done`."""
+    """`why` in words, the exit status of the command, and a reason code: that of a trip, else the kind of error, or `done`."""
 
     why: str
     exit_status: int
@@ -18,12 +18,12 @@ class Outcome:
 
     @staticmethod
     def of(error: RigError | None) -> "Outcome":
-        """None for a run that was carried out whole."""
+        """None for a run that was completed."""
         if error is None:
             return Outcome(DONE, 0, DONE)
         return Outcome(str(error), error.exit_code, str(error.code) if isinstance(error, Tripped) else _kind(error))
 
 
 def _kind(error: RigError) -> str:
-    """DiskFull is disk-full."""
+    """Class name in lower case with hyphens: DiskFull becomes disk-full."""
     return re.sub(r"(?<!^)(?=[A-Z])", "-", type(error).__name__).lower()

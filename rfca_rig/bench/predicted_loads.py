@@ -1,4 +1,4 @@
-"""What the nominal model expects of whole turns: the load of cycles and of the way home after a stop, and how far the leg bends."""
+"""Loads of whole turns that the nominal model predicts: cycles, and the way home after a stop; and how far the leg bends."""
 
 import math
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ SAMPLE_S = 1e-3
 
 @dataclass(frozen=True)
 class Bending:
-    """The largest angle between the last link and the first in one turn, and where the shaft stands then."""
+    """The largest angle between the last link and the first in one turn, and the shaft angle there; in rad."""
 
     bending_rad: float
     shaft_rad: float
@@ -28,15 +28,16 @@ class Bending:
 
 
 def expected_bending(rig: RigModel, height_m: float, speed_rad_s: float) -> Bending:
-    """Over one turn on the ground, against which the leg is bent back; how it swings in the air is not counted."""
+    """Bending over one turn on the ground, which bends the leg backwards; swinging in the air is not counted."""
     turn = _turn(rig, height_m, speed_rad_s)
+    # Positive where the tip lags behind the first link, which is how the ground bends the leg.
     back_rad = turn.q_rad[:, 0] - turn.q_rad[:, -1]
     most = int(np.argmax(back_rad))
     return Bending(float(back_rad[most]), float(turn.q_rad[most, 0]))
 
 
 def turn_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
-    """The load of each stage of cycles, and of moves forwards that come straight after the rack: these may begin anywhere in a turn."""
+    """Load of each stage of cycles, and of moves forwards directly after the rack, which may begin anywhere in a turn."""
     found: dict[tuple[float, float], Load] = {}
     conditions = dict(_turns(plan))
     for condition in set(conditions.values()):
@@ -45,11 +46,13 @@ def turn_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
 
 
 def _turns(plan: Plan) -> Iterator[tuple[Stage, tuple[float, float]]]:
-    """Each with its height and speed."""
+    """Each stage with its height and speed."""
     before: Stage | None = None
     for stage in plan.stages:
         if isinstance(stage, Cycles):
             yield stage, (stage.height_m, stage.speed_rad_s)
+        # Only a resumed plan has such a move: the shaft may stand anywhere, even on the ground, so a whole turn is
+        # assumed.
         elif isinstance(stage, MoveShaft) and stage.forwards and isinstance(before, SetHeight):
             yield stage, (before.height_m, stage.speed_rad_s)
         before = stage

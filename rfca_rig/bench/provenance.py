@@ -1,7 +1,7 @@
-"""Where a recording comes from: versions, files and their hashes, the plan, the devices, the clocks.
+"""Provenance of a recording: versions, files and their hashes, the plan, the devices, the clocks.
 
-A simulated run is the same to the last byte whenever it is run again from the same seed, on the same machine and the same state of the
-source, by the same person: all that is told here is either one of these, or tells the time by the rig's own clock.
+A simulated run is the same to the last byte when it is repeated with the same seed, machine, source and person. So everything stated here
+is either one of these, or a time by the rig's own clock.
 """
 
 import getpass
@@ -21,7 +21,7 @@ from rfca_rig.protocol.written_plan import plan_texts
 
 
 def made_by(bench: Bench) -> dict[str, str]:
-    """The software and the machine, and when the run's clock began."""
+    """Software and machine, and when the run's clock began."""
     return {
         "rfca_rig_version": __version__,
         **source_state(),
@@ -36,15 +36,16 @@ def made_by(bench: Bench) -> dict[str, str]:
 
 
 def people(name: str, sample: str) -> dict[str, str]:
-    """Who runs the rig, and which specimen is on it; "" for a specimen that nobody named."""
+    """Operator and specimen; "" for a specimen without a name."""
     return {"operator": operator(name), "sample": sample}
 
 
 def operator(name: str) -> str:
-    """The one who is named, else who is logged in."""
+    """The given name, else the login name."""
     try:
         return name or getpass.getuser()
-    except (OSError, KeyError):  # a user of whom this system has no name, as in a container
+    # A user without a name on this system, as in a container.
+    except (OSError, KeyError):
         return UNKNOWN
 
 
@@ -55,12 +56,12 @@ def files(texts: Mapping[str, str]) -> dict[str, str]:
 
 
 def planned(plan: Plan) -> dict[str, str]:
-    """The plan as it was resolved, whole: `written_plan.plan_of` makes it again."""
+    """The whole resolved plan: `written_plan.plan_of` restores it."""
     return plan_texts(plan)
 
 
 def devices(bench: Bench) -> dict[str, str]:
-    """Who measures, each with whether it is real."""
+    """What the devices say of themselves, each with whether it is real."""
     parts: dict[str, Mapping[str, str]] = {"motor": bench.motor.identity(), "sensor": bench.sensor.identity()}
     named = {f"{device}_{name}": text for device, identity in parts.items() for name, text in identity.items()}
     source = "REAL" if bench.is_real else "SIM"
@@ -70,7 +71,7 @@ def devices(bench: Bench) -> dict[str, str]:
 
 
 def streams(bench: Bench) -> dict[str, str]:
-    """How whole the sensor's stream was."""
+    """Completeness of the sensor's stream, as counts."""
     health = bench.sensor.health()
     counted = f"{health.received} received, {health.lost} lost, {health.duplicate} twice, {health.out_of_order} out of order"
     bad = f"{health.malformed} malformed, {health.faulty_status} with a bad status, {health.saturated} saturated, {health.stalled} stalled"

@@ -1,14 +1,14 @@
-"""What sets the rack's height: a hand on the lead screws, or a twin."""
+"""Racks: one whose lead screws a person turns, and the twin's."""
 
 from rfca_rig.errors import BadInput
 from rfca_rig.twins.plant import TwinPlant
 
 
 class HandRack:
-    """Asks a person, and waits; the engine has taken the torque off the motor before."""
+    """Asks a person to set the height, and waits. The engine has disabled the motor before."""
 
     def set_height(self, height_m: float) -> None:
-        """Returns when Enter was pressed. Raises BadInput where nobody is there to press it."""
+        """Returns when Enter was pressed. Raises BadInput where the input ended without it."""
         try:
             input(f"REAL motor off. Set the rack to {1e3 * height_m:.1f} mm, clear the leg, then press Enter ")
         except EOFError:

@@ -1,4 +1,4 @@
-"""From what the engine records to what is kept: blocks as the devices give them, then strokes and static stages."""
+"""Receives what the engine records: passes it on as blocks, and makes strokes and static stages of it."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -27,6 +27,8 @@ from rfca_rig.vision.leg_photo import Eye
 
 Floats = NDArray[np.float64]
 
+# Run clock and wall clock are recorded together at least this often: the wall clock may be set while the other goes
+# on.
 CLOCK_PAIR_EVERY_S = 10.0
 
 
@@ -37,7 +39,8 @@ _SHAFT_DTYPE = SHAFT_FORM.dtype
 
 
 def force_form(scale: SensorScale) -> StreamForm:
-    """Counts, with what makes them newtons and newton metres."""
+    """Layout of the force stream: counts, with their conversion to N and N m."""
+    # Channel names end with their unit, which decides the scale.
     per_unit = {"N": scale.counts_per_N, "Nm": scale.counts_per_Nm}
     wrench = (ColumnForm(name, "<i4", UNITS[name], 1.0 / per_unit[name.split("_")[1]]) for name in WRENCH)
     return StreamForm("force", (*wrench, ColumnForm("rdt_sequence", "<i8", ""), ColumnForm("status", "<u4", ""), *_CLOCKS))
@@ -47,7 +50,7 @@ _FORCE_DTYPE = force_form(SensorScale(1.0, 1.0, 1.0)).dtype
 
 
 def shaft_rows(samples: ShaftSamples) -> Rows:
-    """As `SHAFT_FORM` says."""
+    """Packed records (m,) of the shaft, laid out as `SHAFT_FORM`."""
     rows = np.empty(len(samples.host_s), _SHAFT_DTYPE)
     for name, values in zip(SHAFT, (samples.angle_rad, samples.speed_rad_s, samples.torque_Nm), strict=True):
         rows[name] = values
@@ -56,7 +59,7 @@ def shaft_rows(samples: ShaftSamples) -> Rows:
 
 
 def force_rows(samples: ForceSamples) -> Rows:
-    """As `force_form` says."""
+    """Packed records (m,) of the force, laid out as `force_form`."""
     rows = np.empty(len(samples.host_s), _FORCE_DTYPE)
     for axis, name in enumerate(WRENCH):
         rows[name] = samples.counts[:, axis]
@@ -66,16 +69,16 @@ def force_rows(samples: ForceSamples) -> Rows:
 
 
 def commanded_start(start_s: float, turns_rad: float) -> CommandedStart:
-    """What makes the host's time zero at the start, and brings the shaft within one turn of the stage's own angles."""
+    """Offsets that make the host's time zero at the start, and bring the shaft angle within one turn of the stage's own."""
     return CommandedStart(start_s, {"shaft_angle_rad": -turns_rad, HOST_TIME: -start_s})
 
 
 class Recorder:
     """The engine's sink: hands every tick's samples over, so that a crash costs none that were taken.
 
-    A stage is safe when the keeper has acknowledged it, which may be a moment after it is done. `stages` are those that were done, for
-    the closing lines; `strokes` holds the last one only, for an hour of them is gigabytes. `where` says in or after which stage the run
-    is, `refused` how many of the `samples` the keeper did not take.
+    A stage is safe when the keeper has acknowledged it, possibly a moment after it is done. `stages` are the completed static stages;
+    `strokes` has only the last stroke, because an hour of them is gigabytes. `where` says in or after which stage the run is, `refused` how
+    many of the `samples` the keeper did not take.
     """
 
     def __init__(self, keeper: Keeper, scale: SensorScale, clock: Clock) -> None:
@@ -104,6 +107,7 @@ class Recorder:
 
     def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
         count = len(shaft.host_s) + len(force.host_s)
+        # Counted as refused first: if `give` raises, they stay so.
         self.samples, self.refused = self.samples + count, self.refused + count
         self._keeper.give(samples_block((shaft_rows(shaft), force_rows(force))))
         self.refused -= count
@@ -115,6 +119,7 @@ class Recorder:
         self.where = f"after {stage.label}"
 
     def hold(self, stage: Hold, recorded: Recorded) -> None:
+        # The photo before the end of its stage, which names it.
         photo = self._keeper.keep_photo(recorded.photo.image) if recorded.photo else ""
         static_stage = replace(static_stage_of(stage, recorded, self._scale), photo=photo)
         self._keeper.give(End(static=static_stage).block())
@@ -138,12 +143,12 @@ class Recorder:
             self.note("clocks")
 
     def rested(self, wrench: Floats) -> None:
-        """What the sensor feels of a leg that hangs still is its tare; how it drifts shows over a run."""
+        """Records the sensor's zero: `wrench` (6,) in N and N m of a leg that hangs still. Its drift shows over a run."""
         self.tares.append(wrench)
         self.note("tare", **{name: round(float(value), 5) for name, value in zip(WRENCH, wrench, strict=True)})
 
     def tare_drift(self) -> str:
-        """How far the sensor's zero went from the first rest to the last."""
+        """Change of the sensor's zero from the first rest to the last, in words."""
         if not self.tares:
             return "unknown: the leg was never seen at rest in the air"
         drift = self.tares[-1] - self.tares[0]
@@ -156,7 +161,7 @@ class Recorder:
         self.worst_gap_s, self.standstill = worst_gap_s, standstill
 
     def note(self, event: str, **about: str | float) -> None:
-        """One line for the run's events, with both clocks."""
+        """Adds one line to the run's events, with both clocks."""
         self._paired_s = self._clock.now_s()
         self._keeper.give(event_block({"event": event, **self._clocks(), **about}))
 
@@ -164,7 +169,7 @@ class Recorder:
         return {"t_s": round(self._paired_s, 6), "utc": self._clock.wall_time().isoformat()}
 
     def read_photos(self, run_folder: Path, eye: Eye, told: Watcher = unwatched) -> None:
-        """Puts what the photos show into `stages`. For when nothing moves any more, and the keeper has finished."""
+        """Adds the angles from the photos to `stages`. To be called when nothing moves and the keeper has finished."""
         self.stages = list(read_stage_photos(self.stages, run_folder, eye, told))
 
 
@@ -179,7 +184,7 @@ def stroke_of(stage: Flap, recorded: Recorded, scale: SensorScale) -> Stroke:
 
 
 def static_stage_of(stage: Hold, recorded: Recorded, scale: SensorScale) -> StaticStage:
-    """Means over the averaging time, with the standard deviation of a single sample; hinge angles wait for the photo to be read."""
+    """Means over the averaging time, with the standard deviation of a single sample. Hinge angles follow from the photo later."""
     counts = recorded.force.counts.astype(np.float64)
     wrench = dict(zip(WRENCH, (counts / _counts_per_unit(scale)).T, strict=True))
     angle_rad = recorded.shaft.angle_rad - recorded.turns_rad
@@ -196,6 +201,7 @@ def static_stage_of(stage: Hold, recorded: Recorded, scale: SensorScale) -> Stat
         std={name: float(values.std(ddof=1)) for name, values in channels.items()},
         settled=recorded.settled,
         photo_doubts=recorded.photo_fault,
+        # From the stop of the shaft to the middle of the averaging time.
         held_s=recorded.stood_s + 0.5 * stage.timing.average_s,
     )
 

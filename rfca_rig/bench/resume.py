@@ -1,4 +1,4 @@
-"""How a run that was stopped goes on in its own folder, and how what it recorded before and after comes together."""
+"""Continues a stopped run in its own folder, and joins what it recorded before and after."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from rfca_rig.vision.leg_photo import Eye
 
 
 def go_on(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, rig_changes: Mapping[str, str]) -> None:
-    """Opens the run's folder again, and says in its events when and why it had stopped, who goes on, and what is not as it was."""
+    """Reopens the run's folder; records when and why it had stopped, who continues it, and what has changed."""
     event = {
         "event": RESUMED,
         "t_s": round(clock.now_s(), 6),
@@ -33,18 +33,19 @@ def go_on(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, 
 def ending_of(
     folder: Path, known: Mapping[str, str], stages: Sequence[StaticStage], begun: InterruptedRun | None, eye: Eye | None
 ) -> Ending:
-    """How the run ended, with the static stages of all its parts; photos of earlier parts that nobody read are read now."""
-    earlier = () if begun is None else tuple(_seen(stage, folder, eye) for stage in begun.static)
-    text = {} if begun is None else {"resumed": _resumed_text(folder)}
-    return Ending({**known, **text, **photo_hashes(folder)}, (*earlier, *stages))
+    """The run's end with the static stages of all its parts; photos of earlier parts that were not read are read now."""
+    earlier = () if begun is None else tuple(_with_photo_read(stage, folder, eye) for stage in begun.static)
+    resumed_text = {} if begun is None else {"resumed": _resumed_text(folder)}
+    return Ending({**known, **resumed_text, **photo_hashes(folder)}, (*earlier, *stages))
 
 
-def _seen(stage: StaticStage, folder: Path, eye: Eye | None) -> StaticStage:
+def _with_photo_read(stage: StaticStage, folder: Path, eye: Eye | None) -> StaticStage:
+    # A stage with an overlay has been read already.
     if eye is None or not stage.photo or stage.overlay:
         return stage
     return read_stage_photos([stage], folder, eye)[0]
 
 
 def _resumed_text(folder: Path) -> str:
-    """Each time that the run went on, as its events say, as JSON."""
+    """Each continuation, from the run's events, as JSON."""
     return json.dumps([event for event in events_of(folder) if event["event"] == RESUMED], ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""A twin rig whose wires end in sockets: put together from a rig file, for a real clock to carry along."""
+"""A twin rig behind network sockets and serial lines, run in real time."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -30,14 +30,15 @@ from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twin_server.udp_link import UdpLink
 from rfca_rig.twins.sensor import SensorTwin
 
+# The first step of the simulation, which may compile the model.
 WARM_UP_S = 2e-3
 
 
 class ServedSensor:
-    """Opens the force sensor's ports when it is made, so that a port that is taken is known before anything is computed."""
+    """Opens the force sensor's ports at once, so that an occupied port is found before anything is computed."""
 
     def __init__(self, rig: RigFile, openings: Openings, panel: FaultPanel, reached: Reached, stack: ExitStack) -> None:
-        """Raises BadInput for a sensor without a wire of its own, and for ports that cannot be had."""
+        """Raises BadInput for a sensor without a wire of its own, and for ports that cannot be opened."""
         self._openings, self._panel, self._reached, self._stack = openings, panel, reached, stack
         sensor = rig.force_sensor
         if isinstance(sensor, NetFtSection):
@@ -72,7 +73,7 @@ class ServedSensor:
 
 
 class ServedRig:
-    """A twin rig, open to clients while `serve` runs; `reached` says where."""
+    """A twin rig, open to clients while `serve` runs; `reached` has its addresses."""
 
     def __init__(self, events: Mapping[str, Callable[[], None]], panel: FaultPanel, loop: RealTimeLoop, reached: Reached) -> None:
         self._events = events
@@ -81,7 +82,7 @@ class ServedRig:
         self.reached = reached
 
     def serve(self, orders: Sequence[Switching], seconds: float, switched: Callable[[Switching], None]) -> None:
-        """Goes on for that long; `switched` hears of every order of the agenda as it is carried out.
+        """Runs for that long; `switched` is called with every order of the schedule as it is carried out.
 
         Raises BadInput at once for an order that names no fault.
         """
@@ -102,12 +103,13 @@ class ServedRig:
 def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> Iterator[ServedRig]:
     """The rig with its ports open for the length of the block.
 
-    Raises BadInput for a rig without twins, and for ports that cannot be had.
+    Raises BadInput for a rig without twins, and for ports that cannot be opened.
     """
     if rig.twin is None or rig.is_real:
         raise BadInput(f"{rig.rig.title}: only a rig of kind 'twin' with a [twin] section can be served")
     panel, wire, reached = FaultPanel(served_faults_of(rig)), SharedWire("twin CAN wire"), Reached()
     with ExitStack() as stack:
+        # Ports first: an occupied one must be found before anything is computed.
         sensor = ServedSensor(rig, openings, panel, reached, stack)
         _open_can(wire, openings, clock, reached, stack)
         if rig.motor.fd_bitrate is not None:
@@ -117,6 +119,7 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
         twins = make_twins(rig, rig.twin, seed, bus, sensor.twin)
         twins.plant.set_height(openings.height_m)
         loop = _warm_loop(twins, clock)
+        # On this machine only (see `Openings`): its lines switch faults.
         control = ControlPort(panel, openings.control_port, twins.plant.set_height, loop.status)
         stack.callback(control.close)
         reached.add(control, control_port=control.port)
@@ -134,13 +137,14 @@ def _open_can(wire: SharedWire, openings: Openings, clock: Clock, reached: Reach
 
 
 def _open_can_fd(wire: SharedWire, reached: Reached, stack: ExitStack) -> None:
-    """What the other openings of the bus cannot carry."""
+    """A port for CAN FD frames, which the other ports cannot carry."""
     fdcanusb = FdcanusbPort(wire)
     stack.callback(fdcanusb.close)
     reached.add(fdcanusb, fdcanusb=fdcanusb.path)
 
 
 def _warm_loop(twins: Twins, clock: Clock) -> RealTimeLoop:
-    """The first step may compile the model, which takes seconds; clients do not see it."""
+    """The real-time loop after a first step, which may take seconds to compile the model; clients never wait for it."""
     twins.world.process(WARM_UP_S)
+    # The world's clock is ahead by the warm-up step, so every later time is shifted by it.
     return RealTimeLoop(lambda to_s: twins.world.process(WARM_UP_S + to_s), clock)

@@ -1,4 +1,4 @@
-"""The photos of a run's static stages, read once the rig stands still: hinge angles, what could not be told, overlays."""
+"""Reads the photos of a run's static stages once the rig stands still: hinge angles, doubts, overlays."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,92 +22,97 @@ from rfca_rig.vision.red_mask import Pixels
 
 OVERLAYS = "overlays"
 OVERLAY_QUALITY = 90
-SHAFT_APART_DEG = 2.0  # a photo of another stage, or a drive or camera whose zero is not the other's
+# More difference between photo and drive means a photo of another stage, or different zeros of drive and camera.
+SHAFT_APART_DEG = 2.0
 
 
 def read_stage_photos(stages: Sequence[StaticStage], run_folder: Path, eye: Eye, told: Watcher = unwatched) -> tuple[StaticStage, ...]:
-    """The stages with what their photos show.
+    """The stages with the angles from their photos; `told` is called with the progress.
 
-    A photo that cannot be read leaves its stage without angles, and says so; stages without a photo stay as they are.
+    A photo that cannot be read leaves its stage without angles, with the reason. Stages without a photo stay unchanged.
     """
     return tuple(_with_photo_read(stage, run_folder, eye) if stage.photo else stage for stage in counted(stages, told))
 
 
 def _with_photo_read(stage: StaticStage, run_folder: Path, eye: Eye) -> StaticStage:
+    # A photo may be lost, for example where the disk refused it; its stage is then kept but not acknowledged.
     if not (run_folder / stage.photo).is_file():
         return replace(stage, photo="", photo_doubts=f"the photo was lost: {stage.photo} did not reach the disk")
     try:
-        seen = read_leg_photo(read_picture(run_folder / stage.photo), eye)
+        leg_photo = read_leg_photo(read_picture(run_folder / stage.photo), eye)
     except BadInput as error:
         return replace(stage, photo_doubts=str(error))
-    return _seen(replace(stage, overlay=_keep_overlay(seen.overlay, run_folder, stage.photo)), seen)
+    return _with_angles(replace(stage, overlay=_keep_overlay(leg_photo.overlay, run_folder, stage.photo)), leg_photo)
 
 
 def _keep_overlay(picture: Pixels, run_folder: Path, photo: str) -> str:
     name = f"{OVERLAYS}/{Path(photo).stem}.jpg"
     (run_folder / OVERLAYS).mkdir(exist_ok=True)
-    packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, OVERLAY_QUALITY])[1]
-    write_atomically(run_folder / name, packed.tobytes())
+    encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, OVERLAY_QUALITY])[1]
+    write_atomically(run_folder / name, encoded.tobytes())
     return name
 
 
-def _seen(stage: StaticStage, seen: LegPhoto) -> StaticStage:
-    doubts = [doubt.words for doubt in seen.identified.doubts]
-    if other := _another_shaft_angle(stage, seen.angles):
+def _with_angles(stage: StaticStage, leg_photo: LegPhoto) -> StaticStage:
+    doubts = [doubt.words for doubt in leg_photo.identified.doubts]
+    # Angles of another stage would be worse than none, so this doubt discards them all.
+    if other := _another_shaft_angle(stage, leg_photo.angles):
         return replace(stage, photo_doubts="; ".join([other, *doubts]))
     return replace(
         stage,
-        hinge_deg=_degrees(seen.angles.hinge_rad),
-        hinge_std_deg=_degrees(seen.angles.hinge_std_rad),
-        photo_doubts="; ".join([*doubts, *_left_out(seen)]),
+        hinge_deg=_degrees(leg_photo.angles.hinge_rad),
+        hinge_std_deg=_degrees(leg_photo.angles.hinge_std_rad),
+        photo_doubts="; ".join([*doubts, *_hinges_without_angle(leg_photo)]),
     )
 
 
-def _left_out(seen: LegPhoto) -> list[str]:
-    """The hinges without an angle, by their numbers."""
-    numbers = [str(number) for number, angle in enumerate(seen.angles.hinge_rad, start=1) if angle is None and number > 1]
+def _hinges_without_angle(leg_photo: LegPhoto) -> list[str]:
+    """Message with the numbers of hinges without an angle."""
+    numbers = [str(number) for number, angle in enumerate(leg_photo.angles.hinge_rad, start=1) if angle is None and number > 1]
     if not numbers:
         return []
-    why = f", known to worse than {np.degrees(TELLABLE_STD_RAD):.1f} deg" if seen.identified.complete else ""
+    why = f", known to worse than {np.degrees(TELLABLE_STD_RAD):.1f} deg" if leg_photo.identified.complete else ""
     return [f"hinge {', '.join(numbers)} left out{why}"]
 
 
 def _degrees(angles_rad: Sequence[float | None]) -> tuple[float, ...]:
-    """Of the hinges; the first angle is the shaft's."""
+    """Hinge angles in degrees, NaN where unknown; the first angle, which is the shaft's, is left out."""
     return tuple(float("nan") if angle is None else float(np.degrees(angle)) for angle in angles_rad[1:])
 
 
 def _another_shaft_angle(stage: StaticStage, angles: HingeAngles) -> str:
-    """What is wrong with a photo on which the shaft does not stand where the drive says, "" for nothing."""
+    """Message where photo and drive show different shaft angles, else ""."""
     if angles.hinge_rad[0] is None:
         return ""
-    shown_deg, told_deg = np.degrees(angles.hinge_rad[0]), np.degrees(stage.shaft_angle_rad)
-    if abs((shown_deg - told_deg + 180.0) % 360.0 - 180.0) <= SHAFT_APART_DEG:
+    shown_deg, drive_deg = np.degrees(angles.hinge_rad[0]), np.degrees(stage.shaft_angle_rad)
+    # Difference of angles, brought to the range of -180 to 180 degrees.
+    if abs((shown_deg - drive_deg + 180.0) % 360.0 - 180.0) <= SHAFT_APART_DEG:
         return ""
     return (
-        f"the photo shows the shaft at {shown_deg:.1f} deg, the drive says {told_deg:.1f} deg: not this stage's photo, or a zero is wrong; "
-        "no angles taken"
+        f"the photo shows the shaft at {shown_deg:.1f} deg, the drive says {drive_deg:.1f} deg: not this stage's photo, or a zero is "
+        "wrong; no angles taken"
     )
 
 
 def with_photos_read(recording: Recording, run_folder: Path) -> Recording:
-    """A recording of a run that ended before its photos were read, with what they show; any other as it is.
+    """The recording of a run that ended before its photos were read, with their angles; any other recording unchanged.
 
-    Raises BadInput where what the run kept of its rig and camera files cannot be used.
+    Raises BadInput where the rig and camera files that the run stored cannot be used.
     """
-    kept = recording.provenance
+    provenance_texts = recording.provenance
+    # An overlay exists for every photo that was read.
     waiting = [stage for stage in recording.static if stage.photo and not stage.overlay]
-    if not waiting or "camera_file" not in kept:
+    if not waiting or "camera_file" not in provenance_texts:
         return recording
-    rig = model_of(kept["rig_file"], RigFile, run_folder / "rig_file")
-    eye = rig.eye_behind(kept["camera_file"], run_folder / "camera_file")
+    rig = model_of(provenance_texts["rig_file"], RigFile, run_folder / "rig_file")
+    eye = rig.eye_behind(provenance_texts["camera_file"], run_folder / "camera_file")
     if eye is None:
         return recording
     static = read_stage_photos(recording.static, run_folder, eye)
-    return replace(recording, static=static, provenance={**kept, **photo_hashes(run_folder)})
+    return replace(recording, static=static, provenance={**provenance_texts, **photo_hashes(run_folder)})
 
 
 def photo_hashes(run_folder: Path) -> dict[str, str]:
-    """For a run's provenance: SHA-256 of each photo and overlay, a line each as sha256sum writes them; nothing where there are none."""
+    """For a run's provenance: SHA-256 of each photo and overlay, a line each in the format of sha256sum; empty without any."""
     files = [file for folder in (FOLDER, OVERLAYS) for file in sorted((run_folder / folder).glob("*"))]
     return {"photos_sha256": "\n".join(sum_line(file, run_folder) for file in files)} if files else {}

@@ -1,7 +1,7 @@
-"""Columns of a bag, `topic:field`, over one time base: the messages that the first signal comes from.
+"""Columns of a bag, `topic:field`, on one time base: the times of the messages of the first signal.
 
-Other columns are interpolated linearly to these times. Times that not all columns reach are left out, and so are those in a gap of a
-column, where two of its samples are further apart than a bin: the cutting of windows then finds the gap.
+Other columns are interpolated linearly to these times. Times outside the range of any column are omitted. So are times in a gap of a
+column, where two of its samples are further apart than a bin. The cutting of windows then finds the gap.
 """
 
 from collections import defaultdict
@@ -31,13 +31,14 @@ from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
 
-LOG_TIME = "log time"  # what [time] column says for the time at which the recorder got a message
+# Value of [time] column for the time at which the recorder received a message.
+LOG_TIME = "log time"
 HEADER_STAMP = "header.stamp"
 
 
 @dataclass(frozen=True)
 class _Column:
-    """Where the numbers of a column are in a bag."""
+    """Location of a column's numbers in a bag."""
 
     name: str
     topic: str
@@ -46,40 +47,40 @@ class _Column:
 
 @dataclass(frozen=True)
 class _Series:
-    """Times from the first sample of the time base, and values (k,)."""
+    """Times (k,) from the first sample of the time base, and values (k,)."""
 
     t_s: Floats
     values: Floats
 
 
 def read_bag_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
-    """The columns that are asked for; times count from the first message of the time base.
+    """Read the requested columns; times count from the first message of the time base.
 
     Raises
     ------
     BadInput
-        Where the bag cannot be read, a topic or field is missing or holds no numbers, time does not run forwards, or columns have too few
-        samples together.
+        Where the bag cannot be read, a topic or field is missing or holds no numbers, time does not run forwards, or the columns share too
+        few samples.
     """
     with open_bag(path) as bag:
         columns = [_find_column(bag, name, meaning) for name, meaning in request.holds.items()]
         series = _read_series(bag, columns, request)
     base = series[columns[0].name]
-    kept = np.ones(len(base.t_s), dtype=bool)
+    covered = np.ones(len(base.t_s), dtype=bool)
     for one in series.values():
-        kept &= _reaches(one.t_s, base.t_s, request.longest_gap_s)
-    if kept.sum() < FEWEST_SAMPLES:
+        covered &= _reaches(one.t_s, base.t_s, request.longest_gap_s)
+    if covered.sum() < FEWEST_SAMPLES:
         raise BadInput(
-            f"{path}: {kept.sum()} samples of {columns[0].name} lie where all columns were recorded without a gap above "
+            f"{path}: {covered.sum()} samples of {columns[0].name} lie where all columns were recorded without a gap above "
             f"{request.longest_gap_s:g} s, which is windows.bin_s; needs {FEWEST_SAMPLES} or more"
         )
-    t_s = base.t_s[kept]
+    t_s = base.t_s[covered]
     values = {name: np.interp(t_s, one.t_s, one.values) for name, one in series.items()}
     return RecordedColumns(path, t_s, values)
 
 
 def list_bag_columns(path: Path) -> ColumnList:
-    """All numbers in the messages of a bag.
+    """List all numbers in the messages of a bag.
 
     Raises
     ------
@@ -88,6 +89,7 @@ def list_bag_columns(path: Path) -> ColumnList:
     """
     stamp = parse_field(HEADER_STAMP)
     with open_bag(path) as bag:
+        # A draft lists what can be read, and states for other topics why not.
         readable = sorted(topic for topic in bag.types if topic not in bag.unreadable)
         found: dict[str, dict[str, list[float]]] = {topic: defaultdict(list) for topic in readable}
         messages, stamped = dict.fromkeys(bag.types, 0), dict.fromkeys(bag.types, 0)
@@ -102,6 +104,7 @@ def list_bag_columns(path: Path) -> ColumnList:
         ]
     values = {name: np.array(numbers) for of_topic in found.values() for name, numbers in of_topic.items()}
     with_numbers = [topic for topic in readable if found[topic]]
+    # Stamps serve as the time only if every message has one.
     has_headers = bool(with_numbers) and all(stamped[topic] == messages[topic] for topic in with_numbers)
     return ColumnList(
         {name: column if np.isfinite(column).all() else None for name, column in values.items()},
@@ -113,7 +116,7 @@ def list_bag_columns(path: Path) -> ColumnList:
 
 
 def _find_column(bag: Bag, name: str, meaning: str) -> _Column:
-    """Where a column is. The name of a topic may hold a colon itself, so that the longest that fits is taken."""
+    """Locate a column. The name of a topic may contain a colon itself, so the longest matching topic is taken."""
     start = f"{bag.path}: column {name}, which is to hold {meaning}"
     topics = [topic for topic in bag.types if name.startswith(f"{topic}:")]
     if not topics:
@@ -129,7 +132,7 @@ def _find_column(bag: Bag, name: str, meaning: str) -> _Column:
 
 
 def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> dict[str, _Series]:
-    """Every column by its name, over times of its own."""
+    """Every column by its name, with its own times."""
     time, unit_ns = request.time.column, round(TIME_UNITS[request.time.unit] * NS_PER_S)
     try:
         stamp = None if time == LOG_TIME else parse_field(time)
@@ -140,6 +143,7 @@ def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> di
     of_topic: dict[str, list[_Column]] = defaultdict(list)
     for column in columns:
         of_topic[column.topic].append(column)
+    # Integers of ns until the very end, so that no digit is lost.
     times_ns: dict[str, list[int]] = {column.name: [] for column in columns}
     values: dict[str, list[float]] = {column.name: [] for column in columns}
     messages = dict.fromkeys(of_topic, 0)
@@ -157,12 +161,13 @@ def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> di
         if not values[column.name]:
             raise BadInput(f"{bag.path}: column {column.name}: no message names it; {_suggest_name(bag, column)}")
         _check_times(bag.path, column.name, np.array(times_ns[column.name]), request)
+    # Subtracted as integers: a float of seconds since 1970 resolves only 0.2 us.
     zero_ns = times_ns[columns[0].name][0]
     return {name: _Series((np.array(times_ns[name]) - zero_ns) / NS_PER_S, np.array(values[name])) for name in values}
 
 
 def _append(column: _Column, message: object, at_ns: int, times_ns: Mapping[str, list[int]], values: Mapping[str, list[float]]) -> None:
-    """Takes a column's number from a message; one that names other joints holds none."""
+    """Appends a column's number from a message; a message that names other joints holds none."""
     try:
         value = read_number(message, column.field)
     except NotNamed:
@@ -172,7 +177,7 @@ def _append(column: _Column, message: object, at_ns: int, times_ns: Mapping[str,
 
 
 def _suggest_name(bag: Bag, column: _Column) -> str:
-    """Names that the column's array has, in all messages together."""
+    """Suggestion from the names that the column's array has in all messages."""
     names: dict[str, None] = {}
     for _, _, message in bag.messages([column.topic]):
         try:
@@ -184,7 +189,7 @@ def _suggest_name(bag: Bag, column: _Column) -> str:
 
 
 def _check_times(path: Path, name: str, times_ns: NDArray[np.int64], request: ColumnRequest) -> None:
-    """Raises BadInput where time does not run forwards, or samples are further apart than a bin as a rule."""
+    """Raises BadInput where time does not run forwards, or the median step is longer than a bin."""
     steps_s = np.diff(times_ns) / NS_PER_S
     backwards = np.flatnonzero(steps_s <= 0.0)
     if backwards.size:
@@ -202,9 +207,10 @@ def _check_times(path: Path, name: str, times_ns: NDArray[np.int64], request: Co
 
 
 def _reaches(t_s: Floats, base_s: Floats, longest_gap_s: float) -> NDArray[np.bool_]:
-    """At which times of the base a series has a sample, or one before and one after that are not too far apart."""
+    """Which times of the base have a sample of the series, or two neighbouring samples that are close enough to interpolate."""
     after = np.searchsorted(t_s, base_s)
     inside = (after > 0) & (after < len(t_s))
+    # Clipped indices keep the lookup valid; `inside` rejects them afterwards.
     within = np.clip(after, 1, len(t_s) - 1) if len(t_s) > 1 else np.zeros(len(base_s), dtype=int)
     bridged = inside & (t_s[within] - t_s[within - 1] <= longest_gap_s)
     return np.asarray(bridged | np.isin(base_s, t_s))

@@ -1,6 +1,7 @@
-"""Opens bags: MCAP files, folders that `ros2 bag record` wrote, and their .db3 files. Messages come decoded, in the order of the log.
+"""Opens bags: MCAP files, folders that `ros2 bag record` wrote, and their .db3 files. Messages are decoded, in the order of the log.
 
-ROS messages (CDR) are decoded by the definitions in the bag; a bag without definitions, from before ROS 2 Iron, by those of ROS 2 itself.
+ROS messages (CDR) are decoded by the definitions in the bag. Bags from before ROS 2 Iron have no definitions; those of ROS 2 itself are
+used.
 """
 
 import json
@@ -20,14 +21,16 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 
 from rfca_rig.errors import BadInput
 
-LONGEST_QUOTE = 200  # characters of what a library says: some quote a whole definition
+# Characters of a library's message: some quote a whole definition.
+LONGEST_QUOTE = 200
 
 Decoder = Callable[[bytes], Any]
 LoggedMessage = tuple[str, int, Any]
 """Topic, time of the log in ns, and the decoded message."""
 
 _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
-_IDL_RULE = "=" * 80 + "\n"  # stands before each file of a definition in IDL
+# Precedes each file of a definition in IDL.
+_IDL_RULE = "=" * 80 + "\n"
 _NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
 
 
@@ -53,11 +56,12 @@ class Bag:
     logged: Callable[[Collection[str]], Iterator[LoggedMessage]]
 
     def messages(self, topics: Collection[str]) -> Iterator[LoggedMessage]:
-        """The messages of these topics. Raises BadInput where one of them cannot be decoded, or the file is damaged."""
+        """Iterate over the messages of these topics. Raises BadInput where a topic cannot be decoded, or the file is damaged."""
         for topic in topics:
             if topic in self.unreadable:
                 raise BadInput(f"{self.path}: topic {topic}: {self.unreadable[topic]}")
         logged = self.logged(topics)
+        # Errors of the reader are translated, those of the caller that consumes the messages are not; a plain for loop would cover both.
         while True:
             with _refuse_damage(self.path):
                 found = next(logged, None)
@@ -68,7 +72,7 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """The bag at `path`.
+    """Open the bag at `path`.
 
     Raises
     ------
@@ -83,7 +87,7 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 @contextmanager
 def _refuse_damage(path: Path) -> Iterator[None]:
-    """Turns whatever a reader of bags raises into BadInput: bytes that are damaged may end in any exception."""
+    """Turns any exception of a bag reader into BadInput, because damaged bytes may cause any exception."""
     try:
         yield
     except BadInput:
@@ -94,7 +98,7 @@ def _refuse_damage(path: Path) -> Iterator[None]:
 
 
 def _shorten(error: Exception) -> str:
-    """What an exception of a library says, in one line of sensible length."""
+    """The message of a library's exception, in one line of limited length."""
     return shorten(str(error), LONGEST_QUOTE, placeholder=" ...") or type(error).__name__
 
 
@@ -111,6 +115,7 @@ class _Topics:
     decoders: dict[int, Decoder] = field(default_factory=dict)
 
     def add(self, channel: int, topic: str, type_name: str, encoding: str, definition: MessageDefinition) -> None:
+        # A topic that cannot be decoded is noted and refused only when it is used; others remain readable.
         self.types[topic] = type_name
         try:
             self.decoders[channel] = _make_decoder(type_name, encoding, definition)
@@ -125,6 +130,7 @@ def _open_mcap(path: Path) -> Iterator[Bag]:
     with file:
         topics = _Topics()
         with _refuse_damage(path):
+            # Damage must be noticed here; changed bytes would otherwise become wrong numbers.
             reader = make_reader(file, validate_crcs=True)
             for schema, channel in _mcap_channels(reader):
                 topics.add(channel.id, channel.topic, schema.name if schema else "no schema", channel.message_encoding, _definition(schema))
@@ -143,7 +149,8 @@ def _definition(schema: Schema | None) -> MessageDefinition:
 
 
 def _mcap_channels(reader: McapReader) -> list[tuple[Schema | None, Channel]]:
-    """Of the summary at the file's end, or else of all messages."""
+    """Channels from the summary at the file's end, or else from all messages."""
+    # A recording that was cut off has no summary.
     summary = reader.get_summary()
     if summary is not None and summary.channels:
         return [(summary.schemas.get(channel.schema_id), channel) for channel in summary.channels.values()]
@@ -175,24 +182,26 @@ def _serialization(connection: Connection) -> str:
 
 
 def _types_of_idl(text: str) -> Typesdict:
-    """The types of a definition, which holds one file or, each behind a rule and a line with its name, several."""
+    """The types of a definition, which holds one file, or several with a rule and a line with the file's name before each."""
     files = [part.partition("\n")[2] for part in text.split(_IDL_RULE)[1:]] if text.startswith(_IDL_RULE) else [text]
     return {name: type_ for file in files for name, type_ in get_types_from_idl(file).items()}
 
 
 def _make_decoder(type_name: str, encoding: str, definition: MessageDefinition) -> Decoder:
-    """Raises ValueError, which says why, where there is none."""
+    """Decoder of a message type. Raises ValueError with the reason where there is none."""
     if encoding == "json":
         return json.loads
     if encoding != "cdr":
         raise ValueError(f"its messages are encoded as {encoding or 'nothing known'}; json and cdr can be read")
     try:
+        # Definitions in the bag describe its messages exactly; types of another ROS release may differ in their fields.
         store = get_typestore(Stores.LATEST if definition.format == MessageDefinitionFormat.NONE else Stores.EMPTY)
         if definition.format == MessageDefinitionFormat.MSG:
             store.register(get_types_from_msg(definition.data, type_name))
         elif definition.format == MessageDefinitionFormat.IDL:
             store.register(_types_of_idl(definition.data))
-    except Exception as error:  # a definition that the parser does not know may end in any exception
+    # A definition that the parser does not know may raise any exception.
+    except Exception as error:
         raise ValueError(f"the definition of {type_name} cannot be read: {_shorten(error)}") from None
     if type_name not in store.fielddefs:
         raise ValueError(f"the bag does not define {type_name}; record it with mcap storage, which keeps definitions")

@@ -1,4 +1,4 @@
-"""Names of CSV columns: which are known, which are known quantities under another unit or spelling, and units of the rest."""
+"""Names of CSV columns: known channels, known quantities in another unit or spelling, and units of extra columns."""
 
 import re
 from collections.abc import Sequence
@@ -16,31 +16,34 @@ _SUFFIXES = {
     "m": "m", "mm": "mm", "cm": "cm", "um": "um", "A": "A", "mA": "mA", "V": "V", "mV": "mV", "W": "W", "C": "degC", "K": "K",
     "Hz": "Hz", "kHz": "kHz", "Pa": "Pa", "kPa": "kPa", "bar": "bar", "pct": "%", "counts": "counts",
 }  # fmt: skip
+# For comparison without case and signs, as in "FZ [kn]".
 _IN_ANY_CASE = {re.sub("[^a-z0-9]", "", suffix.lower()): suffix for suffix in _SUFFIXES}
 _OTHER_WORDS = {"time": "t", "sec": "s", "degrees": "deg", "radians": "rad"}
 
 
 def unit_of(name: str) -> str:
-    """The unit of a column: that of the known channel, else what the end of the name says, else "" for none."""
+    """Unit of a column: that of the known channel, else from the end of the name, else "" for none."""
     if name in UNITS:
         return UNITS[name]
     ends = [suffix for suffix in _SUFFIXES if name.endswith("_" + suffix)]
+    # The longest suffix: a name in rad_s ends in s, too.
     return _SUFFIXES[max(ends, key=len)] if ends else ""
 
 
 def fault_in_names(names: Sequence[str], known: Sequence[str], needed: Sequence[str]) -> str | None:
-    """What is wrong with a table's column names, or None.
+    """The fault in a table's column names, or None.
 
-    `known` names may come, `needed` must. Names that are neither are extra columns and welcome, except where one is a known
-    quantity that the table lacks, under another unit or spelling: keeping it as an extra would lose the channel silently.
+    `known` names may be present, `needed` must be. Other names are extra columns and allowed. Exception: an extra column that is a known
+    quantity in another unit or spelling, while the table lacks that quantity. Keeping it as an extra would lose the channel silently.
     """
-    return _nameless(names) or _twice(names) or _misnamed(names, known) or _missing(names, needed)
+    return _nameless(names) or _twice(names) or _find_misnamed(names, known) or _missing(names, needed)
 
 
 def _nameless(names: Sequence[str]) -> str | None:
     for place, name in enumerate(names, start=1):
         if not name.isprintable() or not name:
             return f"column {place} has no readable name ({name!r}); name every column or drop it"
+    # A file without a header would otherwise lose its first sample.
     if all(_is_number(name) for name in names):
         return "the first line holds numbers; it must name the columns"
     return None
@@ -68,7 +71,7 @@ def _missing(names: Sequence[str], needed: Sequence[str]) -> str | None:
     return None
 
 
-def _misnamed(names: Sequence[str], known: Sequence[str]) -> str | None:
+def _find_misnamed(names: Sequence[str], known: Sequence[str]) -> str | None:
     absent = {_quantity(name)[0]: name for name in known if name not in names}
     for name in names:
         quantity, unit = _quantity(name)
@@ -84,7 +87,7 @@ def _misnamed(names: Sequence[str], known: Sequence[str]) -> str | None:
 
 
 def _quantity(name: str) -> tuple[str, str]:
-    """("fz", "kN") of "fz_kN", "Fz (kN)" or "FZ [kn]"; the unit is "" where the name ends in none."""
+    """("fz", "kN") from "fz_kN", "Fz (kN)" or "FZ [kn]"; the unit is "" where the name ends in none."""
     words = [_OTHER_WORDS.get(word, word) for word in re.sub("[^a-z0-9]+", " ", name.lower()).split()]
     for start in range(1, len(words)):
         unit = _IN_ANY_CASE.get("".join(words[start:]))

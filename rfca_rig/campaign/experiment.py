@@ -1,6 +1,6 @@
 """Reads recordings of any mechanism: a folder with experiment.toml, a model file, and CSV files, HDF5 files or bags.
 
-docs/mechanisms.md shows an experiment.toml. Everything is in SI units behind this module: rad or m, rad/s or m/s, N m, N, A or V.
+docs/mechanisms.md shows an experiment.toml. All values from this module are in SI units: rad or m, rad/s or m/s, N m, N, A or V.
 """
 
 from collections.abc import Mapping
@@ -24,9 +24,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RecordedSignal:
-    """What one column holds: `quantity` is position or speed of the joint `name`, or sensor, which `name` is then.
+    """Content of one column: `quantity` is position or speed of the joint `name`, or sensor, of which `name` is then the name.
 
-    `unit` is in SI; `noise_std` too, None where it is to be found from the samples.
+    `unit` and `noise_std` are in SI; `noise_std` is None where it is estimated from the samples.
     """
 
     quantity: Literal["position", "speed", "sensor"]
@@ -37,9 +37,9 @@ class RecordedSignal:
 
 @dataclass(frozen=True)
 class PrescribedJoint:
-    """A joint whose motion is given: `smoothed_s` apart stand the knots of the spline through its column, 0 for all samples.
+    """A joint whose motion is given. `smoothed_s` is the distance of the knots of the spline through its column, 0 for all samples.
 
-    `scatter_std` is how far it stands elsewhere in each repeat, in SI, None where its column shows that.
+    `scatter_std` is the deviation of its position from repeat to repeat, in SI, None where its column shows that.
     """
 
     name: str
@@ -66,11 +66,11 @@ class MechanismRun:
 
 @dataclass(frozen=True)
 class Experiment:
-    """The model file, what was recorded of it, the standard uncertainties of [known_to], and the length of windows and of bins.
+    """The model file, its recordings, the standard uncertainties of [known_to], and the length of windows and bins.
 
-    `most_windows` is how many windows are used at most. `prescribed` joints follow their columns, `contacts` have laws of their own,
-    `alike` has names of joints, bodies or actuators of one make by the name of their group. A motion `starts_at_rest` in equilibrium, or
-    else windows start from the measured state.
+    `most_windows` limits the number of windows. `prescribed` joints follow their columns, `contacts` have laws of their own. `alike` groups
+    joints, bodies or actuators of one make: their names by the name of the group. With `starts_at_rest` a motion begins in equilibrium;
+    otherwise windows start from the measured state.
     """
 
     title: str
@@ -90,13 +90,17 @@ class Experiment:
 
 
 def read_experiment(folder: Path) -> Experiment:
-    """The recordings in `folder`. Raises BadInput, one line naming file, line and column, for the first thing that cannot be used."""
+    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for the first fault."""
     path = folder / FILE_NAME
     described = read_toml(path, ExperimentFile)
     _check_unique(path, described)
     signals = tuple(
         RecordedSignal(
-            s.quantity or "sensor", s.joint or s.sensor or "", s.si_unit, None if s.noise_std is None else abs(s.noise_std * s.factor)
+            # A sign of -1 belongs to the values; a standard deviation has none.
+            s.quantity or "sensor",
+            s.joint or s.sensor or "",
+            s.si_unit,
+            None if s.noise_std is None else abs(s.noise_std * s.factor),
         )
         for s in described.signals
     )
@@ -126,7 +130,7 @@ def read_experiment(folder: Path) -> Experiment:
 
 
 def measure_seconds(folder: Path) -> float | None:
-    """How long the recordings in `folder` last in all; None where they cannot be read."""
+    """Total duration of the recordings in `folder`; None where they cannot be read."""
     try:
         return sum(float(run.t_s[-1] - run.t_s[0]) for run in read_experiment(folder).runs)
     except (BadInput, OSError):
@@ -134,7 +138,7 @@ def measure_seconds(folder: Path) -> float | None:
 
 
 def _check_unique(path: Path, described: ExperimentFile) -> None:
-    """No joint's quantity, no actuator, no file and no repeat of a condition comes twice."""
+    """Refuses a joint's quantity, actuator, file or repeat of a condition that appears twice."""
     keys: list[tuple[str, list[tuple[str, ...]]]] = [
         ("signals", [(signal.joint or signal.sensor or "", signal.quantity or "sensor") for signal in described.signals]),
         ("commands", [(command.actuator,) for command in described.commands]),
@@ -154,7 +158,9 @@ def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismR
     if not (folder / run.file).exists():
         where = place_of(folder / FILE_NAME, ("recordings", place, "file"))
         raise BadInput(f"{where}: recordings[{place + 1}].file: {folder / run.file} is not there")
+    # An undriven run needs no columns of commands, and its commands are zero.
     signals, commands = described.signals, described.commands if run.driven else ()
+    # Words for the message about a missing column.
     holds = {signal.column: signal.words for signal in signals}
     holds |= {command.column: f"the command of actuator {command.actuator}" for command in commands}
     holds |= {prescribed.column: f"the motion of joint {prescribed.joint}" for prescribed in described.prescribed}

@@ -1,4 +1,4 @@
-"""A draft of experiment.toml from a model file and a folder of recordings: all that they tell, and a "?" for what they do not."""
+"""Draft of experiment.toml from a model file and a folder of recordings, with a "?" for everything that they do not state."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -24,16 +24,17 @@ from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.recording.atomic import write_atomically
 
+# Nothing is guessed: only the user knows units and columns.
 UNKNOWN = '"?"'
 
 
 def write_draft(mechanism: Mechanism, folder: Path) -> Path:
-    """Writes the draft into `folder` and returns its path.
+    """Write the draft into `folder` and return its path.
 
     Raises
     ------
     BadInput
-        Where there is an experiment.toml already, no recording, or one that cannot be read.
+        Where experiment.toml exists, there is no recording, or one cannot be read.
     """
     path, found = folder / FILE_NAME, find_recordings(folder)
     if path.exists():
@@ -45,7 +46,8 @@ def write_draft(mechanism: Mechanism, folder: Path) -> Path:
 
 
 def draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[Path]]) -> str:
-    """The text of the draft, for the first kind of recordings that `find_recordings` found: all files share their columns' names."""
+    """The text of the draft, for the first kind of recordings in `found`; all files share the names of their columns."""
+    # One experiment has one set of columns, hence one kind of file.
     kind, *others = found
     files = found[kind]
     columns = list_columns(files[0])

@@ -1,4 +1,4 @@
-"""What experiment.toml of `rfca-experiment/1` may hold."""
+"""Layout of experiment.toml, `rfca-experiment/1`."""
 
 from typing import Annotated, Literal, Self
 
@@ -33,6 +33,7 @@ SIGNAL_UNITS = {
     "N m": TORQUE_UNITS,
     "m/s2": ACCELERATION_UNITS,
 }
+# SI units that a joint's position or speed may have; None stands for a sensor, which may have any.
 OF_QUANTITY = {"position": ("rad", "m"), "speed": ("rad/s", "m/s"), None: tuple(SIGNAL_UNITS)}
 
 
@@ -50,15 +51,15 @@ class TimeSection(Section):
 
     @field_validator("unit")
     @classmethod
-    def _known(cls, unit: str) -> str:
+    def _is_known_unit(cls, unit: str) -> str:
         return _one_of(unit, TIME_UNITS)
 
 
 class SignalSection(Section):
-    """[[signals]]: a column that holds the position or the speed of a joint, or a value of one of the model's sensors.
+    """[[signals]]: a column with the position or speed of a joint, or a value of one of the model's sensors.
 
     A sensor with three values needs the component in its name, as in `plate_z`. A position in counts needs `counts_per_turn`. `sign` is -1
-    where the column counts the other way round than the model.
+    where the column counts in the direction opposite to the model.
     """
 
     joint: Text | None = None
@@ -84,17 +85,17 @@ class SignalSection(Section):
 
     @property
     def words(self) -> str:
-        """What the column holds."""
+        """Description of the column's content."""
         return f"sensor {self.sensor}" if self.joint is None else f"the {self.quantity} of joint {self.joint}"
 
     @property
     def si_unit(self) -> str:
-        """The unit that MuJoCo has it in."""
+        """Its unit in MuJoCo."""
         return "rad" if self.unit == COUNTS else next(si for si, units in SIGNAL_UNITS.items() if self.unit in units)
 
     @property
     def factor(self) -> float:
-        """From the column to the SI unit, with the sign."""
+        """Factor from the column to the SI unit, with the sign."""
         if self.counts_per_turn is not None:
             return self.sign * ANGLE_UNITS["turn"] / self.counts_per_turn
         return self.sign * SIGNAL_UNITS[self.si_unit][self.unit]
@@ -103,8 +104,8 @@ class SignalSection(Section):
 class PrescribedSection(Section):
     """[[prescribed]]: a joint whose motion is given by a column, measured or commanded, and not simulated.
 
-    Its column is smoothed by a cubic spline with knots `smoothed_s` apart; 0 goes through every sample, for a column without noise.
-    `scatter_std` is how far the joint stands elsewhere in each repeat without the column showing it, in the unit of the column.
+    Its column is smoothed by a cubic spline with knots `smoothed_s` apart; 0 interpolates every sample, for a column without noise.
+    `scatter_std` is the deviation of the joint's position from repeat to repeat that the column does not show, in the column's unit.
     """
 
     joint: Text
@@ -121,24 +122,24 @@ class PrescribedSection(Section):
         return self
 
     def _as_signal(self) -> SignalSection:
-        """The same column as a measured position, with whose units it agrees."""
+        """The same column as a measured position, which has the same units."""
         return SignalSection(
             joint=self.joint, quantity="position", column=self.column, unit=self.unit, sign=self.sign, counts_per_turn=self.counts_per_turn
         )
 
     @property
     def si_unit(self) -> str:
-        """The unit that MuJoCo has it in."""
+        """Its unit in MuJoCo."""
         return self._as_signal().si_unit
 
     @property
     def factor(self) -> float:
-        """From the column to the SI unit, with the sign."""
+        """Factor from the column to the SI unit, with the sign."""
         return self._as_signal().factor
 
 
 class ContactSection(Section):
-    """[[contacts]]: a sphere on a plane with stiffness and damping in the rig's own units, in place of MuJoCo's contact of the two geoms.
+    """[[contacts]]: a sphere on a plane with its own stiffness and damping, in place of MuJoCo's contact between the two geoms.
 
     The normal force is stiffness depth^1.5 (1 + damping depth'). Friction sticks, yields by `presliding_mm` at mu N, and then slides.
     """
@@ -153,18 +154,20 @@ class ContactSection(Section):
 
 
 class StartSection(Section):
-    """[start]: "estimated" cuts a recording into windows, each from the measured state; "at rest" makes it one window that begins in
-    static equilibrium, and recordings of one condition are repeats of one motion then, whose mean is compared.
+    """[start]: "estimated" cuts a recording into windows, each starting from the measured state.
+
+    "at rest" makes it one window that begins in static equilibrium. Recordings of one condition are then repeats of one motion, whose mean
+    is compared.
     """
 
     state: Literal["estimated", "at rest"] = "estimated"
 
 
 class CommandSection(Section):
-    """[[commands]]: a column that holds what an actuator was told or, better, what was measured of it.
+    """[[commands]]: a column with the command of an actuator or, better, with its measured value.
 
-    The model's actuator turns the SI value of this unit into a torque: `gear` in N m/A for a column in A. A command that is `held` acts
-    from its row to the next; others run straight from row to row, as what was measured does.
+    The model's actuator converts the SI value of this unit into a torque: `gear` in N m/A for a column in A. A command that is `held` acts
+    from its row to the next. Others are linear between rows, as measured values are.
     """
 
     actuator: Text
@@ -175,19 +178,19 @@ class CommandSection(Section):
 
     @field_validator("unit")
     @classmethod
-    def _known(cls, unit: str) -> str:
+    def _is_known_unit(cls, unit: str) -> str:
         return _one_of(unit, COMMAND_UNITS)
 
     @property
     def factor(self) -> float:
-        """From the column to SI, with the sign."""
+        """Factor from the column to SI, with the sign."""
         return self.sign * COMMAND_UNITS[self.unit]
 
 
 class KnownToMechanism(Section):
-    """[known_to]: the standard uncertainty of each nominal value, of each body, joint or actuator for itself.
+    """[known_to]: the standard uncertainty of each nominal value, for each body, joint or actuator independently.
 
-    What is not listed counts as exact. `torque_error_relative` is the usual error of the torques.
+    Values without a key count as exact. `torque_error_relative` is the usual error of the torques.
     """
 
     mass_relative: Positive | None = None
@@ -219,13 +222,15 @@ class KnownToMechanism(Section):
 
 
 class WindowsSection(Section):
-    """[windows]: recordings are cut into windows that the model simulates from the measured state, and into bins that are compared.
+    """[windows]: recordings are cut into windows, which are simulated from the measured state, and into bins, which are compared.
 
-    Of more windows than `at_most`, so many are used, evenly spread: the model's own error limits what more of them add, and time grows.
+    Of more windows than `at_most`, only that many are used, evenly spread. More of them take more time, and the model's own error limits
+    their gain.
     """
 
     length_s: Positive = 0.5
     bin_s: Positive = 0.05
+    # Number of windows over all recordings.
     at_most: Annotated[int, Field(ge=3)] = 48
 
     @model_validator(mode="after")
@@ -236,13 +241,15 @@ class WindowsSection(Section):
 
 
 class RecordingSection(RunSection):
-    """[[recordings]]: `driven` false says that the actuators were off; the file needs no columns for them then."""
+    """[[recordings]]: with `driven` false the actuators were off, and the file needs no columns for them."""
 
     driven: bool = True
 
 
 class ExperimentFile(Section):
-    """experiment.toml: a model file, what the columns of the recordings are in it, how well its values are known, and the recordings."""
+    """experiment.toml: a model file, the meaning of the recordings' columns, the uncertainties of the model's values, and the
+    recordings.
+    """
 
     format: Literal["rfca-experiment/1"]
     title: Annotated[str, Field(max_length=1000)]

@@ -1,4 +1,4 @@
-"""A hash by which a recording is known again, whichever form it has on disk."""
+"""A hash that identifies a recording, whatever its form on disk."""
 
 import hashlib
 from dataclasses import dataclass
@@ -14,25 +14,26 @@ from rfca_rig.recording.sums import sha256_of, sum_line
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """SHA-256 of `of`: of one file, or, of several, of the lines that sha256sum writes for them in their order by name."""
+    """SHA-256 of `of`: of one file, or, for several files, of the lines of sha256sum for them, ordered by name."""
 
     of: str
     sha256: str
 
 
 def fingerprint(path: Path) -> Fingerprint:
-    """Of what `open_recordings` opens there. Raises OSError."""
+    """Fingerprint of what `open_recordings` opens at `path`. Raises OSError."""
     if path.is_file():
         return Fingerprint(path.name, sha256_of(path))
     if (path / RECORDING).is_file():
         return Fingerprint(RECORDING, sha256_of(path / RECORDING))
     files = _files(path)
+    # Text in the format of sha256sum: the fingerprint can be verified without this program.
     lines = "".join(f"{sum_line(file, path)}\n" for file in files)
     return Fingerprint(f"the lines of sha256sum for {len(files)} files", hashlib.sha256(lines.encode()).hexdigest())
 
 
 def _files(folder: Path) -> list[Path]:
-    """Of a campaign its description and its tables; of a run that is not put together its header, its stages and how it ended."""
+    """For a campaign its description and tables; for an unmerged run its header, its stages and its end."""
     if any((folder / name).is_file() for name in (FILE_NAME, PENDULUM, EXPERIMENT)):
         return described_files(folder)
     named = [file for file in (folder / HEADER, folder / ENDING) if file.is_file()]

@@ -1,4 +1,4 @@
-"""Columns of an HDF5 file: the path of a 1-D dataset, or `path[2]` for a column of a 2-D one, whose rows are samples."""
+"""Columns of an HDF5 file: the path of a 1-D dataset, or `path[2]` for a column of a 2-D dataset, whose rows are samples."""
 
 import re
 from collections.abc import Iterator
@@ -16,19 +16,21 @@ from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
 
-MOST_COLUMNS = 64  # of a 2-D dataset that a draft lists: what is wider is a picture or a map
+# Columns of a 2-D dataset that a draft lists: a wider one is a picture or a map.
+MOST_COLUMNS = 64
 
 _OF_2D = re.compile(r"(.+)\[(\d+)\]")
-_NUMBERS = "iuf"  # kinds of dtype
+# Kinds of dtype: signed, unsigned, floating point.
+_NUMBERS = "iuf"
 
 
 def read_hdf5_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
-    """The columns that are asked for.
+    """Read the requested columns.
 
     Raises
     ------
     BadInput
-        Where the file cannot be read, a dataset is missing, is no column of numbers or is not as long as the others, or a value is not
+        Where the file cannot be read, a dataset is missing, holds no numbers or differs in length from the others, or a value is not
         finite.
     """
     with _open(path) as file:
@@ -45,7 +47,7 @@ def read_hdf5_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
 
 
 def list_hdf5_columns(path: Path) -> ColumnList:
-    """All columns of the file with enough samples for a recording. Raises BadInput where it cannot be read."""
+    """List all columns of the file with enough samples for a recording. Raises BadInput where it cannot be read."""
     values: dict[str, Floats | None] = {}
     notes = []
     with _open(path) as file:
@@ -60,11 +62,12 @@ def list_hdf5_columns(path: Path) -> ColumnList:
 
 @contextmanager
 def _open(path: Path) -> Iterator[h5py.File]:
-    """The file. What h5py cannot read in it, then or later, becomes BadInput."""
+    """Opens the file. Anything that h5py cannot read in it, then or later, raises BadInput."""
     try:
         with h5py.File(path, "r") as file:
             yield file
-    except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:  # all of which h5py raises for damaged files
+    # h5py raises all of these for damaged files.
+    except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:
         raise BadInput(f"{path}: cannot be read as HDF5: {' '.join(str(error).split())}") from None
 
 
@@ -80,6 +83,7 @@ def _datasets(file: h5py.File) -> dict[str, h5py.Dataset]:
 
 
 def _read_column(path: Path, file: h5py.File, name: str, meaning: str) -> Floats:
+    # A dataset may itself be named `x[2]`, so the whole name is tried first.
     of_2d = _OF_2D.fullmatch(name)
     dataset = _dataset(file, name)
     index = None
@@ -89,8 +93,8 @@ def _read_column(path: Path, file: h5py.File, name: str, meaning: str) -> Floats
         known = sorted(_datasets(file))
         there = suggestion(of_2d[1] if of_2d else name, known) if known else "the file has no datasets"
         raise BadInput(f"{path}: column {name}, which is to hold {meaning}, is missing; {there}")
-    if said := _fault_in_column(dataset, index):
-        raise BadInput(f"{path}: column {name}, which is to hold {meaning}: {said}")
+    if fault := _fault_in_column(dataset, index):
+        raise BadInput(f"{path}: column {name}, which is to hold {meaning}: {fault}")
     return np.asarray(dataset[:] if index is None else dataset[:, index], dtype=np.float64)
 
 

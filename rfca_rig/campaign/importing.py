@@ -1,4 +1,4 @@
-"""Turns a campaign folder into a recording on disk, and takes over that of a pendulum as it stands."""
+"""Imports a campaign folder as a recording on disk; copies the campaign of a pendulum unchanged."""
 
 import shutil
 from collections.abc import Callable
@@ -15,10 +15,10 @@ from rfca_rig.recording.store import write_recording
 
 
 def import_campaign(folder: Path, out_folder: Path, told: Watcher = unwatched) -> Path:
-    """Reads the campaign in `folder` and writes `out_folder`/run.h5, all or nothing. Returns the file's path.
-    `told` hears how many of its files have been read.
+    """Read the campaign in `folder` and write `out_folder`/run.h5, all or nothing. Returns the file's path.
 
-    Raises BadInput, one line, where the campaign cannot be used or `out_folder` is there already, RigError when the disk refuses.
+    `told` receives how many of its files have been read. Raises BadInput, one line, where the campaign cannot be used or `out_folder`
+    exists. Raises RigError where the disk refuses.
     """
     _check_new(out_folder)
     recording = read_campaign(folder, told)
@@ -27,14 +27,14 @@ def import_campaign(folder: Path, out_folder: Path, told: Watcher = unwatched) -
 
 
 def import_pendulum(folder: Path, out_folder: Path) -> PendulumCampaign:
-    """Checks the campaign of a pendulum in `folder` and copies it to `out_folder`, all or nothing: description, runs, licences.
+    """Check the campaign of a pendulum in `folder` and copy it to `out_folder`, all or nothing: description, runs, licences.
 
-    Every command reads such a folder as it stands, so that the copy has the same form.
-
-    Raises BadInput, one line, where the campaign cannot be used or `out_folder` is there already, RigError when the disk refuses.
+    Every command reads such a folder directly, so the copy has the same form. Raises BadInput, one line, where the campaign cannot be used
+    or `out_folder` exists. Raises RigError where the disk refuses.
     """
     _check_new(out_folder)
     campaign = read_pendulum_campaign(folder)
+    # Licence and read-me files stay with the data.
     licences = [path.name for path in folder.iterdir() if path.is_file() and path.name.upper().startswith(("LICEN", "README"))]
     names = [PENDULUM, *run_files(folder), *sorted(licences)]
 

@@ -1,4 +1,4 @@
-"""What campaign.toml of `rfca-campaign/1` may hold."""
+"""Layout of campaign.toml, `rfca-campaign/1`."""
 
 from collections.abc import Iterator
 from typing import Annotated, Literal
@@ -12,7 +12,9 @@ FILE_NAME = "campaign.toml"
 
 
 class _Run(Section):
-    """`strokes_before` is how many strokes the leg had made in the campaign before this run; needed only to see what changes meanwhile."""
+    """`strokes_before` is the number of strokes that the leg had made in the campaign before this run; needed only to detect slow
+    changes.
+    """
 
     file: Annotated[str, Field(min_length=1)]
     strokes_before: Annotated[int, Field(ge=0)] | None = None
@@ -22,13 +24,14 @@ class _Run(Section):
     def _inside_the_folder(cls, file: str) -> str:
         if "\\" in file:
             raise ValueError("write / between folder and file")
+        # Runs lie in the campaign's own folder, which is complete wherever it is copied.
         if file.startswith("/") or ".." in file.split("/"):
             raise ValueError("must lie inside the campaign's folder")
         return file
 
 
 class DynamicRun(_Run):
-    """One stroke: its file, its condition, and which repeat of that condition it is."""
+    """One stroke: its file, its condition, and the number of the repeat."""
 
     experiment: Literal["dynamic"]
     height_mm: Positive
@@ -41,7 +44,9 @@ class DynamicRun(_Run):
 
 
 class StaticRun(_Run):
-    """A table of settled stages. `held_s` is how long the shaft had stood in the middle of each reading; needed only where legs creep."""
+    """A table of settled stages. `held_s` is how long the shaft had been held at the middle of each reading; needed only for legs that
+    creep.
+    """
 
     experiment: Literal["static"]
     held_s: Positive | None = None
@@ -51,7 +56,7 @@ Run = Annotated[DynamicRun | StaticRun, Field(discriminator="experiment")]
 
 
 class CampaignFile(Section):
-    """campaign.toml: the model as it was believed before the campaign, how well it was known, and the runs."""
+    """campaign.toml: the nominal model before the campaign, the uncertainties of its values, and the runs."""
 
     format: Literal["rfca-campaign/1"]
     title: Annotated[str, Field(max_length=1000)]
@@ -63,9 +68,9 @@ class CampaignFile(Section):
     runs: Annotated[tuple[Run, ...], Field(strict=False, min_length=1)]
 
     def dynamic(self) -> Iterator[tuple[int, DynamicRun]]:
-        """The dynamic runs, each with its place among `[[runs]]` from 0."""
+        """The dynamic runs, each with its index in `[[runs]]` from 0."""
         return ((place, run) for place, run in enumerate(self.runs) if isinstance(run, DynamicRun))
 
     def static(self) -> Iterator[tuple[int, StaticRun]]:
-        """The static runs, each with its place among `[[runs]]` from 0."""
+        """The static runs, each with its index in `[[runs]]` from 0."""
         return ((place, run) for place, run in enumerate(self.runs) if isinstance(run, StaticRun))

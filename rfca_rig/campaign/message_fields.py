@@ -1,6 +1,6 @@
-"""Fields of decoded messages by name: `wrench.force.z`, `data[2]`, and `position[shoulder]` where a list `name` stands beside `position`.
+"""Fields of decoded messages by name: `wrench.force.z`, `data[2]`, and `position[shoulder]` where a list `name` accompanies `position`.
 
-A message is what its decoder made of it: a JSON object, or a dataclass of a ROS message.
+A message has the form that its decoder gives it: a JSON object, or a dataclass of a ROS message.
 """
 
 import math
@@ -14,28 +14,31 @@ import numpy as np
 from rfca_rig.suggestions import suggestion
 
 NS_PER_S = 1_000_000_000
-MOST_ENTRIES = 64  # of an array that `list_numbers` goes into: what is longer is a picture or a cloud of points
+# Longer arrays are pictures or point clouds, and not listed.
+MOST_ENTRIES = 64
 
 _PART = r"[^.\[\]]+(?:\[[^\[\]]+\])*"
 _FIELD = re.compile(rf"{_PART}(?:\.{_PART})*")
-_NAMES = "name"  # the field of sensor_msgs/JointState with the names of what its arrays hold
-_NANOSECONDS = ("nanosec", "nsec")  # in ROS 2, and in JSON as Foxglove writes it
+# Field of sensor_msgs/JointState with the names of its arrays' entries.
+_NAMES = "name"
+# In ROS 2, and in JSON as Foxglove writes it.
+_NANOSECONDS = ("nanosec", "nsec")
 
 
 class NotNamed(LookupError):
-    """A message names other joints than the one that is asked for. Its argument is their names."""
+    """A message names other joints than the requested one. Its argument is their names."""
 
 
 @dataclass(frozen=True)
 class MessageField:
-    """A field's place in a message: names from the outside inwards, each with the keys in brackets behind it."""
+    """Location of a field in a message: names from the outside inwards, each with the keys in brackets after it."""
 
     text: str
     parts: tuple[tuple[str, tuple[str, ...]], ...]
 
 
 def parse_field(text: str) -> MessageField:
-    """The field that a text names. Raises ValueError where it names none."""
+    """Parse the name of a field. Raises ValueError where the text is no such name."""
     if not _FIELD.fullmatch(text):
         raise ValueError(f"{text!r} is no field; write it as position[0], position[shoulder] or wrench.force.z")
     parts = []
@@ -64,9 +67,9 @@ def read_number(message: Any, field: MessageField) -> float:
 
 
 def read_time_ns(message: Any, field: MessageField, unit_ns: int) -> int:
-    """The time in a field: a stamp of seconds and nanoseconds, or a number in a unit of `unit_ns`.
+    """The time in a field in ns: a stamp of seconds and nanoseconds, or a number in a unit of `unit_ns`.
 
-    Raises ValueError as `read_number` does, and for a stamp whose unit is not stated to be s.
+    Raises ValueError as `read_number` does, and for a stamp whose unit is not stated as s.
     """
     value = _value(message, field)
     stamp = _stamp_ns(value)
@@ -74,13 +77,14 @@ def read_time_ns(message: Any, field: MessageField, unit_ns: int) -> int:
         if unit_ns != NS_PER_S:
             raise ValueError(f'{field.text} is read in s; write unit = "s" in [time]')
         return stamp
+    # Integers are multiplied exactly: as a float, ns since 1970 would lose the last digits.
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         return int(value) * unit_ns
     return round(read_number(message, field) * unit_ns)
 
 
 def list_numbers(message: Any, before: str = "") -> Iterator[tuple[str, float]]:
-    """Name and value of each number in a message, without stamps and without what stands in long arrays."""
+    """Name and value of each number in a message, without stamps and without the content of long arrays."""
     for name in _field_names(message):
         value = _child(message, name)
         yield from _numbers_in(f"{before}{name}", value, _names_beside(message, value))
@@ -95,6 +99,7 @@ def has_stamp(message: Any, field: MessageField) -> bool:
 
 
 def _value(message: Any, field: MessageField) -> Any:
+    # `holder` is one level behind `at`: the names of an array's entries are its neighbours.
     at, place = message, "the message"
     for name, keys in field.parts:
         if not _has(at, name):
@@ -125,8 +130,9 @@ def _entry(holder: Any, array: Any, place: str, key: str) -> Any:
 
 
 def _names_beside(holder: Any, array: Any) -> list[str] | None:
-    """The names of an array's entries, where the message that holds it has them. An array may be empty: not measured."""
+    """The names of an array's entries, where the enclosing message has them. An array may be empty if it was not measured."""
     names = _child(holder, _NAMES) if _has(holder, _NAMES) else None
+    # An array next to `name` belongs to it only if both have the same length.
     if array is names or not _is_array(array) or not isinstance(names, list) or len(array) not in (0, len(names)):
         return None
     return names if all(isinstance(name, str) for name in names) else None
@@ -153,7 +159,9 @@ def _stamp_ns(value: Any) -> int | None:
 
 
 def _field_names(value: Any) -> list[str]:
-    """The fields of a message, none of anything else; a ROS message has its type as one more, in underscores."""
+    """The fields of a message, none for anything else. A ROS message also has its type as a field, in double underscores, which is
+    skipped.
+    """
     if isinstance(value, dict):
         return list(value)
     return [field.name for field in fields(value) if not field.name.startswith("__")] if is_dataclass(value) else []
@@ -167,6 +175,7 @@ def _child(holder: Any, name: str) -> Any:
     return holder[name] if isinstance(holder, dict) else getattr(holder, name)
 
 
+# A bool is an int in Python, but no measured number.
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
@@ -176,7 +185,7 @@ def _is_array(value: Any) -> bool:
 
 
 def _describe(value: Any, name: str) -> str:
-    """What a value is that should be a number."""
+    """Description of a value that should be a number."""
     if _is_array(value):
         return f"is an array of {len(value)}; write {name}[0] for its first entry"
     if known := _field_names(value):

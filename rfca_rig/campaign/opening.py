@@ -1,4 +1,4 @@
-"""Opens whatever a user may point at: a campaign, an imported campaign, a run, or a recording file."""
+"""Opens any kind of recording: a campaign, an imported campaign, a run, or a recording file."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,9 +19,9 @@ RECORDING_NAME = "run.h5"
 
 
 def pendulum_among(paths: Sequence[Path]) -> Path | None:
-    """The campaign of a pendulum that `paths` point at, None where they point at none.
+    """The campaign of a pendulum in `paths`, None where there is none.
 
-    Raises BadInput where it does not stand alone: its model is another than that of every other path.
+    Raises BadInput where it is not the only path, because its model differs from that of all other paths.
     """
     return _alone_among(paths, PENDULUM, "is a campaign of a pendulum, whose model is its own")
 
@@ -39,19 +39,18 @@ def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path 
 
 
 def open_recordings(paths: Sequence[Path]) -> list[Recording]:
-    """The recordings at `paths`, in their order.
+    """Open the recordings at `paths`, in their order.
 
-    Each is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left unfinished), or an .h5 file. Strokes of a run
-    are counted in the order in which it made them.
-    Raises BadInput for anything else.
+    Each path is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left unfinished), or an .h5 file. Strokes of
+    a run are numbered in the order in which it made them. Raises BadInput for anything else.
     """
     return [_open(path).with_order() for path in paths]
 
 
 def open_with_belief(paths: Sequence[Path]) -> list[Recording]:
-    """The same for those who go on with what was believed: raises BadInput, naming the path, where that makes no model.
+    """The same where the nominal model is needed: raises BadInput, naming the path, where its values form no valid model.
 
-    Static stages alone need not believe anything.
+    Recordings with static stages alone need no nominal model.
     """
     recordings = open_recordings(paths)
     for path, recording in zip(paths, recordings, strict=True):
@@ -78,6 +77,7 @@ def _open(path: Path) -> Recording:
 
 
 def _open_folder(folder: Path) -> Recording:
+    # The finished file takes precedence over everything beside it.
     recording = folder / RECORDING_NAME
     if recording.is_file():
         return read_recording(recording)
@@ -88,6 +88,7 @@ def _open_folder(folder: Path) -> Recording:
     if partial_of(recording).is_dir():
         return read_partial(recording)
     if (folder / PENDULUM).is_file():
+        # These forms are known, but this command has no use for them; the message names the commands that have.
         raise BadInput(f"{folder}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
     if (folder / EXPERIMENT).is_file():
         raise BadInput(f"{folder}: holds recordings of a mechanism, which this command does not take; check, report, fit and diagnose do")

@@ -50,7 +50,7 @@ Floats = NDArray[np.float64]
 class PendulumRun:
     """One recording: times (m,), joint angles and torques (m, n), speeds (m, n) or None.
 
-    Joints that are not driven have torque 0, and so has a run that is not `powered`.
+    Joints without a motor have torque 0, and so does a run that is not `powered`.
     """
 
     label: str
@@ -75,7 +75,7 @@ class PendulumCampaign:
 
 
 def read_pendulum_campaign(folder: Path) -> PendulumCampaign:
-    """The recordings in `folder`. Raises BadInput, one line naming file, line and column, for the first thing that cannot be used."""
+    """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for the first fault."""
     path = folder / FILE_NAME
     if not path.is_file():
         raise BadInput(f"{path}: is not there; recordings of a pendulum are a folder with {FILE_NAME} and CSV files")
@@ -92,17 +92,17 @@ def read_pendulum_campaign(folder: Path) -> PendulumCampaign:
 
 
 def run_files(folder: Path) -> tuple[str, ...]:
-    """The CSV files that the campaign in `folder` names, as paths below it. Raises BadInput where its description cannot be used."""
+    """The CSV files of the campaign in `folder`, as paths relative to it. Raises BadInput where its description cannot be used."""
     return tuple(run.file for run in read_toml(folder / FILE_NAME, PendulumFile).runs)
 
 
 def pendulum_of(*links: LinkSection | None) -> Pendulum:
-    """The pendulum of these sections, from the fixed joint outwards; None stands for a link that is not there."""
+    """The pendulum of these sections, from the fixed joint outwards; None stands for an absent link."""
     return Pendulum(tuple(PendulumLink(**link.model_dump()) for link in links if link is not None))
 
 
 def _check_columns(path: Path, described: PendulumFile) -> None:
-    """Every joint has its angle, every driven one its torque; nothing is named for a joint that is not there."""
+    """Every joint has its angle, every driven one its torque, and no column belongs to an absent joint."""
     columns, powered = described.columns, any(run.driven is not False for run in described.runs)
     for joint, link in enumerate(described.links, start=1):
         for quantity, needed in ((f"angle{joint}_rad", True), (f"torque{joint}_Nm", link.driven and powered)):
@@ -116,7 +116,7 @@ def _check_columns(path: Path, described: PendulumFile) -> None:
 
 
 def _check_runs(folder: Path, path: Path, described: PendulumFile) -> None:
-    """Every run is there, has a file of its own and is another repeat of its condition."""
+    """Every run exists, has a file of its own and is another repeat of its condition."""
     files: dict[str, int] = {}
     repeats: dict[tuple[str, int], int] = {}
     for place, run in enumerate(described.runs):
@@ -138,12 +138,14 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
     t_s = _column(table, values, columns, "t_s")
     inside = select_samples(table, t_s, run.from_s, run.to_s)
     speeds = [f"speed{joint}_rad_s" for joint in joints]
+    # Undriven joints need no column of torques.
     torques = [
         _column(table, values, columns, f"torque{joint}_Nm") if link.driven and run.driven is not False else np.zeros(len(t_s))
         for joint, link in zip(joints, described.links, strict=True)
     ]
     torque_Nm = np.column_stack(torques)[inside]
     angles = [_column(table, values, columns, f"angle{joint}_rad") for joint in joints]
+    # Speeds of single joints are of no use: all of them, or the angles alone.
     has_speeds = all(columns.of(speed) for speed in speeds)
     return PendulumRun(
         label=f"{run.condition}, repeat {run.repeat}",
@@ -153,6 +155,7 @@ def _run(folder: Path, described: PendulumFile, run: PendulumRunSection) -> Pend
         angle_rad=np.column_stack(angles)[inside],
         speed_rad_s=np.column_stack([_column(table, values, columns, speed) for speed in speeds])[inside] if has_speeds else None,
         torque_Nm=torque_Nm,
+        # Without a statement, torques that are zero throughout mean that the motors were off.
         powered=bool(torque_Nm.any()) if run.driven is None else run.driven,
     )
 
@@ -164,4 +167,5 @@ def _column(table: CsvTable, values: Floats, columns: ColumnsSection, quantity: 
         raise BadInput(
             f"{table.path}:1: column {name}, which is to hold {quantity}, is missing; the file has {', '.join(table.names)}{hint}"
         )
+    # A contiguous copy, which does not keep the whole table in memory.
     return np.ascontiguousarray(values[:, table.names.index(name)])

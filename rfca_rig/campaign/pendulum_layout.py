@@ -1,4 +1,4 @@
-"""What pendulum.toml of `rfca-pendulum/1` may hold."""
+"""Layout of pendulum.toml, `rfca-pendulum/1`."""
 
 from typing import Annotated, Literal, Self
 
@@ -11,13 +11,14 @@ FORMAT = "rfca-pendulum/1"
 MODEL_FORMAT = "rfca-pendulum-model/1"
 FILE_NAME = PENDULUM
 
-LONGEST_DELAY_S = 0.05  # of a torque against the angles; swings are cut with a margin of twice that
+# Delay of a torque behind the angles; swings are cut with a margin of twice that.
+LONGEST_DELAY_S = 0.05
 
 Text = Annotated[str, Field(min_length=1)]
 
 
 class LinkSection(Section):
-    """[link1], [link2]: one link and the joint that carries it, as believed; see `model.pendulum.PendulumLink`."""
+    """[link1], [link2]: nominal values of one link and the joint that carries it; see `model.pendulum.PendulumLink`."""
 
     length_m: Positive
     mass_kg: Positive
@@ -34,13 +35,14 @@ class LinkSection(Section):
     @model_validator(mode="after")
     def _turns_heavily_enough(self) -> Self:
         least = self.mass_kg * self.centre_of_mass_m**2
+        # Steiner: the inertia about the joint cannot be below that of a point mass at the centre of mass.
         if self.inertia_kg_m2 < least * (1.0 - 1e-9):
             raise ValueError(f"inertia_kg_m2 is about the joint and so at least {least:.4g}, mass times centre of mass squared")
         return self
 
 
 class KnownToPendulum(Section):
-    """[known_to]: the standard uncertainty of each nominal value, of each link for itself. What is not listed counts as exact."""
+    """[known_to]: the standard uncertainty of each nominal value, for each link independently. Values without a key count as exact."""
 
     mass_relative: Positive | None = None
     centre_of_mass_m: Positive | None = None
@@ -55,7 +57,7 @@ class KnownToPendulum(Section):
 
 
 class ColumnsSection(Section):
-    """[columns]: which column of the CSV files holds what. Speeds may be absent, torques of joints that are not driven too."""
+    """[columns]: the column of each quantity in the CSV files. Speeds may be absent, and torques of joints without a motor."""
 
     t_s: Text
     angle1_rad: Text
@@ -72,7 +74,7 @@ class ColumnsSection(Section):
 
 
 class NoiseSection(Section):
-    """[noise_std]: of one sample. Where it is not given it is taken from neighbouring samples."""
+    """[noise_std]: noise of one sample. Where it is not given, it is estimated from neighbouring samples."""
 
     angle_rad: Positive | None = None
     speed_rad_s: Positive | None = None
@@ -102,13 +104,13 @@ class RunSection(Section):
 
 
 class PendulumRunSection(RunSection):
-    """`driven` false: the motors were off. Where it is not given, a run whose torques are all zero counts as one."""
+    """`driven` false: the motors were off. Without the key, this is assumed for a run whose torques are all zero."""
 
     driven: bool | None = None
 
 
 class PendulumFile(Section):
-    """pendulum.toml: the pendulum as it was believed before, how well it was known, and the runs."""
+    """pendulum.toml: the nominal pendulum, the uncertainties of its values, and the runs."""
 
     format: Literal["rfca-pendulum/1"]
     title: Annotated[str, Field(max_length=1000)]

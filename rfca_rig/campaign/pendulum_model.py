@@ -16,7 +16,7 @@ from rfca_rig.recording.atomic import write_atomically
 
 
 class PendulumModelFile(Section):
-    """What a model file of a pendulum may hold."""
+    """Layout of a pendulum's model file."""
 
     format: Literal["rfca-pendulum-model/1"]
     link1: LinkSection
@@ -25,17 +25,18 @@ class PendulumModelFile(Section):
 
 
 def with_model_file(campaign: PendulumCampaign, path: Path) -> PendulumCampaign:
-    """The recordings with the nominal values of the model file at `path`. Raises BadInput where it cannot be used or has other links."""
+    """The campaign with the nominal values of the model file at `path`. Raises BadInput where it cannot be used or has other links."""
     described = read_toml(path, PendulumModelFile)
     pendulum = pendulum_of(described.link1, described.link2)
     ours, theirs = len(campaign.pendulum.links), len(pendulum.links)
+    # [known_to] is replaced too, so both must describe the same pendulum.
     if ours != theirs:
         raise BadInput(f"{path}: a model of {theirs} links, but {campaign.title!r} has {ours}; give the model file of this pendulum")
     return replace(campaign, pendulum=pendulum, known_to=described.known_to.model_dump(exclude_none=True))
 
 
 def write_pendulum_model(path: Path, pendulum: Pendulum, known_to: Mapping[str, float], comments: Iterable[str]) -> None:
-    """Writes a model file, all or nothing, with `comments` at its head. Raises RigError where the disk refuses."""
+    """Write a model file, all or nothing, with `comments` at its head. Raises RigError where the disk refuses."""
     head = f"format = {written(MODEL_FORMAT)}\n"
     links = [table(f"link{place}", asdict(link)) for place, link in enumerate(pendulum.links, start=1)]
     parts = ["".join(map(comment, comments)) + head, *links, table("known_to", known_to)]

@@ -1,4 +1,4 @@
-"""Reads a campaign folder of `rfca-campaign/1` into a recording."""
+"""Reads a campaign folder, `rfca-campaign/1`, into a recording."""
 
 import difflib
 import hashlib
@@ -25,8 +25,9 @@ from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, 
 
 Floats = NDArray[np.float64]
 
+# Rest that a recording needs before the motion starts, and the tolerance for rounded times.
 REST_S = 0.1
-STREAM = "table"
+STREAM_NAME = "table"
 _ROUNDING_S = 1e-6
 
 
@@ -36,13 +37,14 @@ Extra = dict[str, list[str]]
 
 
 def read_stages(path: Path, strokes_before: int | None = None, held_s: float | None = None) -> tuple[tuple[StaticStage, ...], Extra]:
-    """The stages in the file, in its order, and its extra columns as text by name; `strokes_before` and `held_s` are those of all.
+    """Read the stages in the file, in its order, and its extra columns as text by name.
 
-    Hinge columns may be absent; their angles are NaN then. Raises BadInput, naming file, line and column, for the first fault.
+    `strokes_before` and `held_s` apply to all stages. Hinge columns may be absent; their angles are then NaN. Raises BadInput, naming file,
+    line and column, for the first fault.
     """
     table = read_table(path)
-    if said := fault_in_names(table.names, known=STATIC, needed=STATIC_NEEDED):
-        raise BadInput(f"{table.path}:1: {said}")
+    if fault := fault_in_names(table.names, known=STATIC, needed=STATIC_NEEDED):
+        raise BadInput(f"{table.path}:1: {fault}")
     lines = [dict(zip(table.names, cells, strict=True)) for cells in rows(table)]
     extra = {name: [cells[name] for cells in lines] for name in table.names if name not in STATIC}
     stages = tuple(replace(_stage(table, row, cells), strokes_before=strokes_before, held_s=held_s) for row, cells in enumerate(lines))
@@ -82,9 +84,9 @@ def _direction(table: CsvTable, row: int, cell: str) -> Direction:
 
 
 def read_stroke(path: Path, run: DynamicRun) -> Stroke:
-    """The stroke in the file, all its columns in one stream "table".
+    """Read the stroke in the file, with all its columns in one stream "table".
 
-    A channel may be absent, an extra column is kept. Raises BadInput, naming file, line and column, for the first fault.
+    A channel may be absent, and extra columns are kept. Raises BadInput, naming file, line and column, for the first fault.
     """
     table = read_table(path)
     _check_names(table)
@@ -93,19 +95,20 @@ def read_stroke(path: Path, run: DynamicRun) -> Stroke:
     _check_time(table, values[:, time])
     columns = {name: Column(np.ascontiguousarray(values[:, i]), unit_of(name)) for i, name in enumerate(table.names) if i != time}
     stream = Stream(np.ascontiguousarray(values[:, time]), columns)
-    return Stroke(run.height_mm / 1e3, run.speed_rad_s, run.repeat, {STREAM: stream}, run.strokes_before)
+    return Stroke(run.height_mm / 1e3, run.speed_rad_s, run.repeat, {STREAM_NAME: stream}, run.strokes_before)
 
 
 def _check_names(table: CsvTable) -> None:
-    said = fault_in_names(table.names, known=DYNAMIC, needed=("t_s",))
-    if said is None and len(table.names) == 1:
-        said = f"only t_s, and nothing that was measured; known channels are {', '.join(DYNAMIC[1:])}"
-    if said:
-        raise BadInput(f"{table.path}:1: {said}")
+    fault = fault_in_names(table.names, known=DYNAMIC, needed=("t_s",))
+    if fault is None and len(table.names) == 1:
+        fault = f"only t_s, and nothing that was measured; known channels are {', '.join(DYNAMIC[1:])}"
+    if fault:
+        raise BadInput(f"{table.path}:1: {fault}")
 
 
 def _check_time(table: CsvTable, t_s: Floats) -> None:
-    """Time must run forwards, start at least 0.1 s before the motion, and reach it: otherwise the rest before it is not known."""
+    """Time must run forwards, start at least 0.1 s before the motion, and reach it. Otherwise the level at rest is unknown."""
+    # Repeated times are refused as well: they leave derivatives undefined.
     backwards = np.flatnonzero(np.diff(t_s) <= 0)
     if backwards.size:
         row = int(backwards[0]) + 1
@@ -118,9 +121,9 @@ def _check_time(table: CsvTable, t_s: Floats) -> None:
 
 
 def read_campaign(folder: Path, told: Watcher = unwatched) -> Recording:
-    """The campaign in `folder`, its strokes and stages in the order of campaign.toml. Nothing is written.
+    """Read the campaign in `folder`, with strokes and stages in the order of campaign.toml. Nothing is written.
 
-    Raises BadInput, one line naming file, line and column, for the first thing that cannot be used as it stands.
+    Raises BadInput, one line with file, line and column, for the first fault.
     """
     path = folder / FILE_NAME
     if not path.is_file():
@@ -151,12 +154,13 @@ def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ..
 
 
 def _nominal(campaign: CampaignFile) -> dict[str, Any]:
+    # Only what the file states; defaults are not recorded as if they had been stated.
     plain = campaign.model_dump(mode="json", exclude_unset=True)
     return {name: plain[name] for name in RigSections.model_fields if name in plain}
 
 
 def _provenance(folder: Path, campaign: CampaignFile, extra: dict[str, Extra]) -> dict[str, str]:
-    """Where the numbers came from: the description word for word, a hash per file, and what has no other place in the form."""
+    """Source of the numbers: the description verbatim, a hash per file, and data without another place in the format."""
     hashes = {run.file: hashlib.sha256((folder / run.file).read_bytes()).hexdigest() for run in campaign.runs}
     found = {"format": FORMAT, FILE_NAME: read_text(folder / FILE_NAME), "sha256": json.dumps(hashes)}
     if extra:
@@ -165,7 +169,7 @@ def _provenance(folder: Path, campaign: CampaignFile, extra: dict[str, Extra]) -
 
 
 def _check_files(folder: Path, campaign: CampaignFile) -> None:
-    """Every run has a file of its own, and every CSV beside them has a run: one that is left out would be ignored silently."""
+    """Every run has a file of its own, and every CSV in their folders has a run. Otherwise a file would be ignored silently."""
     named: dict[str, int] = {}
     for place, run in enumerate(campaign.runs):
         if run.file in named:
@@ -180,6 +184,7 @@ def _check_files(folder: Path, campaign: CampaignFile) -> None:
 
 
 def _csv_files(folder: Path, campaign: CampaignFile) -> Iterator[str]:
+    # CSV files directly in the campaign's folder may be anything and are not searched.
     folders = {folder / "runs"} | {(folder / run.file).parent for run in campaign.runs}
     for place in sorted(folders - {folder}):
         if place.is_dir():
@@ -193,19 +198,20 @@ def _hint(folder: Path, campaign: CampaignFile, file: str) -> str:
 
 
 def _check_conditions(path: Path, campaign: CampaignFile) -> None:
-    seen: dict[tuple[float, float, int], tuple[int, DynamicRun]] = {}
+    first_of: dict[tuple[float, float, int], tuple[int, DynamicRun]] = {}
     counted_at: dict[int, int] = {}
     for place, run in campaign.dynamic():
         if run.strokes_before is not None:
+            # Two runs with the same count would stand for the same stroke.
             first = counted_at.setdefault(run.strokes_before, place)
             if first != place:
                 where = _entry(path.parent, place, "strokes_before")
                 raise BadInput(f"{where}: {run.strokes_before} strokes were before runs[{first + 1}] already; count each stroke once")
         key = (run.height_mm, run.speed_rad_s, run.repeat)
-        if key in seen:
-            before, other = seen[key]
+        if key in first_of:
+            before, other = first_of[key]
             raise BadInput(f"{_entry(path.parent, place, 'repeat')}: {run.condition} is already runs[{before + 1}] ({other.file})")
-        seen[key] = (place, run)
+        first_of[key] = (place, run)
 
 
 def _entry(folder: Path, place: int, key: str) -> str:

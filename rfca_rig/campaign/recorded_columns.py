@@ -1,4 +1,4 @@
-"""The columns of one recording over one time base, whatever kind of file holds them."""
+"""Columns of one recording on one time base, for any kind of file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ class ColumnRequest:
     time
         The column of the time, and its unit.
     holds
-        What each other column is to hold, in words, by the column's name. The first is that of the first signal.
+        Content of each other column, in words, by the column's name. The first is that of the first signal.
     longest_gap_s
-        The longest time between two samples that may be bridged by interpolation.
+        The longest time between two samples that interpolation may bridge.
     """
 
     time: TimeSection
@@ -33,28 +33,28 @@ class ColumnRequest:
 
     @property
     def with_time(self) -> dict[str, str]:
-        """What each column is to hold, that of the time first."""
+        """Content of each column, that of the time first."""
         return {self.time.column: "the time", **self.holds}
 
     def time_of(self, values: Mapping[str, Floats]) -> Floats:
-        """The times in s, of the values of all columns."""
+        """Times (m,) in s, from the values (m,) of all columns."""
         return np.asarray(TIME_UNITS[self.time.unit] * values[self.time.column])
 
 
 @dataclass(frozen=True)
 class RecordedColumns:
-    """The columns that were asked for.
+    """The requested columns.
 
     Parameters
     ----------
     path
         The recording.
     t_s
-        (m,) times.
+        (m,) times in s.
     values
         (m,) finite numbers by the column's name, in the column's unit.
     first_line
-        The line of the first sample in a file of text, None for other files.
+        The line of the first sample in a text file, None for other files.
     """
 
     path: Path
@@ -64,6 +64,7 @@ class RecordedColumns:
 
     def fault(self, row: int, said: str) -> BadInput:
         """The error for sample `row`, from 0."""
+        # Text files are named by line, others by sample: a user looks there.
         place = f" sample {row + 1}" if self.first_line is None else f"{row + self.first_line}"
         return BadInput(f"{self.path}:{place}: {said}")
 
@@ -75,11 +76,11 @@ class ColumnList:
     Parameters
     ----------
     values
-        The numbers of each column by its name, None where not all of them are finite numbers.
+        The numbers (m,) of each column by its name, None where not all of them are finite.
     times
         Columns that may be the time.
     no_time
-        What to say where none may.
+        Text for a recording in which none may be.
     time_unit
         The unit of the time, None where only the user knows it.
     notes
@@ -94,5 +95,5 @@ class ColumnList:
 
 
 def find_rising(values: Mapping[str, Floats | None]) -> tuple[str, ...]:
-    """The columns that rise from each sample to the next."""
+    """Names of the columns (m,) whose values rise from each sample to the next."""
     return tuple(name for name, column in values.items() if column is not None and (np.diff(column) > 0.0).all())

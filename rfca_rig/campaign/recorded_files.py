@@ -1,4 +1,4 @@
-"""Which kind of file a recording is: CSV, HDF5, an MCAP file or a ROS 2 bag. Each is read into named columns over one time base."""
+"""Reads any kind of recording, CSV, HDF5, MCAP or ROS 2 bag, into named columns on one time base."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,14 +10,15 @@ from rfca_rig.errors import BadInput
 
 CSV = ".csv"
 HDF5 = (".h5", ".hdf5")
-BAGS = (".mcap", ".db3")
+BAG_SUFFIXES = (".mcap", ".db3")
 
-_METADATA = "metadata.yaml"  # in the folder of a ROS 2 bag
-_OF_A_BAG = "rosbag2_bagfile_information"  # what that file begins with
+# In the folder of a ROS 2 bag, with the first key of that file.
+_METADATA = "metadata.yaml"
+_OF_A_BAG = "rosbag2_bagfile_information"
 
 
 def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
-    """The columns that are asked for.
+    """Read the requested columns.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
 
 
 def list_columns(path: Path) -> ColumnList:
-    """All columns of a recording. Raises BadInput as `read_columns` does."""
+    """List all columns of a recording. Raises BadInput as `read_columns` does."""
     if _is_bag(path):
         _require_bag_packages(path)
         from rfca_rig.campaign.bag_columns import list_bag_columns  # noqa: PLC0415  (optional)
@@ -55,19 +56,20 @@ def list_columns(path: Path) -> ColumnList:
 
 
 def find_recordings(folder: Path) -> dict[str, list[Path]]:
-    """All recordings below a folder by their kind, in their order by name. What lies in the folder of a bag is part of that bag."""
+    """All recordings below a folder by their kind, ordered by name. Files in the folder of a bag belong to that bag."""
+    # The .db3 files of a bag must not count as recordings of their own.
     bags = [file.parent for file in folder.rglob(_METADATA) if _is_rosbag_folder(file.parent)]
     files = sorted(file for file in folder.rglob("*") if file.is_file() and not any(bag in file.parents for bag in bags))
     found = {
         "CSV": [file for file in files if file.suffix.lower() == CSV],
         "HDF5": [file for file in files if file.suffix.lower() in HDF5],
-        "bag": sorted([*bags, *(file for file in files if file.suffix.lower() in BAGS)]),
+        "bag": sorted([*bags, *(file for file in files if file.suffix.lower() in BAG_SUFFIXES)]),
     }
     return {kind: paths for kind, paths in found.items() if paths}
 
 
 def _read_csv_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
-    """The columns of a CSV file, whose names stand in its first line. Raises BadInput naming line and column of the first fault."""
+    """The columns of a CSV file with names in its first line. Raises BadInput naming line and column of the first fault."""
     table = read_table(path)
     for name, meaning in request.with_time.items():
         if name not in table.names:
@@ -80,12 +82,13 @@ def _is_bag(path: Path) -> bool:
     """Raises BadInput for a folder that is no bag."""
     if path.is_dir() and not _is_rosbag_folder(path):
         raise BadInput(f"{path}: is a folder without the {_METADATA} of a ROS 2 bag; `ros2 bag reindex` writes it")
-    return path.is_dir() or path.suffix.lower() in BAGS
+    return path.is_dir() or path.suffix.lower() in BAG_SUFFIXES
 
 
 def _is_rosbag_folder(path: Path) -> bool:
     file = path / _METADATA
     try:
+        # Other tools write a metadata.yaml too; only the first key tells a bag.
         return file.is_file() and _OF_A_BAG in file.read_text(encoding="utf-8", errors="replace")
     except OSError:
         return False

@@ -1,4 +1,4 @@
-"""A recording stage by stage, so that hours of it need no more memory than the part that is looked at."""
+"""Opens a recording stage by stage, so that hours of it need only the memory of the part in use."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -24,7 +24,7 @@ from rfca_rig.recording.strokes import height_mm
 
 @dataclass(frozen=True)
 class StoredStage:
-    """A stroke, or what is behind another stage. `about` says what it was, for people; `speed_rad_s` is a stroke's."""
+    """A stroke, or the raw samples of another stage. `about` describes it for people; `speed_rad_s` applies to a stroke."""
 
     label: str
     about: Mapping[str, Any]
@@ -35,13 +35,13 @@ class StoredStage:
 
     @property
     def is_cycle_table(self) -> bool:
-        """Rows that sum up a cycle each, no samples."""
+        """Whether its rows each summarise a cycle, and are no samples."""
         return CYCLES in self.samples.names
 
 
 @dataclass(frozen=True)
 class Stored:
-    """A recording whose samples are still where they were. `folder` is where its photos' paths begin."""
+    """A recording whose samples are still in their files. The paths of its photos are relative to `folder`."""
 
     folder: Path
     title: str
@@ -54,12 +54,13 @@ class Stored:
 
 
 def stored_at(path: Path) -> Stored:
-    """What a user may point at: a run's folder, also of one that goes on or was cut short, a recording file, or a campaign.
+    """Open the recording at `path`: a run's folder, also of a running or interrupted run, a recording file, or a campaign.
 
     Raises BadInput for anything else, and for damaged files.
     """
     file = path / RECORDING_NAME if path.is_dir() else path
     folder = path if path.is_dir() else path.parent
+    # HDF5 files are opened in place; anything else is read into memory.
     if file.is_file() and file.suffix == ".h5":
         return _in_one_file(folder, file)
     if path.is_dir() and run_folder.is_run(path):
@@ -71,7 +72,7 @@ def in_memory(folder: Path, recording: Recording) -> Stored:
     """A recording that is read already."""
     strokes = tuple(_stroke(InMemory(one.streams), one.height_m, one.speed_rad_s, one.repeat) for one in recording.strokes)
     raw = tuple(_raw(InMemory(one.streams), one.label, one.height_m, one.cut_short) for one in recording.raw)
-    return _stored(folder, recording, recording.static, strokes, raw)
+    return _make_stored(folder, recording, recording.static, strokes, raw)
 
 
 def _in_one_file(folder: Path, path: Path) -> Stored:
@@ -91,16 +92,17 @@ def _in_stage_files(folder: Path) -> Stored:
         with opened(path) as (file, _):
             strokes += _strokes_in(file, path)
             raw += _raw_in(file, path)
-    return _stored(folder, known, known.static, tuple(strokes), tuple(raw))
+    return _make_stored(folder, known, known.static, tuple(strokes), tuple(raw))
 
 
-def _stored(
+def _make_stored(
     folder: Path, known: Recording, static: tuple[StaticStage, ...], strokes: tuple[StoredStage, ...], raw: tuple[StoredStage, ...]
 ) -> Stored:
     return Stored(folder, known.title, known.source, known.nominal, known.provenance, static, strokes, raw)
 
 
 def _strokes_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
+    # Groups are numbered, and HDF5 lists them as text: 10 before 2.
     for name in sorted(file[STROKES], key=int):
         about = file[STROKES][name].attrs
         condition = float(about["height_mm"]) / 1e3, float(about["speed_rad_s"]), int(about["repeat"])

@@ -1,4 +1,4 @@
-"""The samples of one recorded stage, in memory or still in their file."""
+"""Samples of one recorded stage, in memory or still in their file."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -16,7 +16,7 @@ Streams = Mapping[str, Stream]
 
 
 class StoredSamples(Protocol):
-    """Where a stage's samples are. `names` are those of its streams, `span_s` its first and last time, both 0 where there are none."""
+    """Access to a stage's samples. `names` are those of its streams, `span_s` its first and last time, both 0 without samples."""
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -25,17 +25,17 @@ class StoredSamples(Protocol):
     def span_s(self) -> tuple[float, float]: ...
 
     def whole(self) -> Streams:
-        """All of them, in memory."""
+        """All samples, in memory."""
         ...
 
     def opened(self) -> AbstractContextManager[tuple[StoredStream, ...]]:
-        """To be taken some at a time."""
+        """The samples, to be read in blocks."""
         ...
 
 
 @dataclass(frozen=True)
 class InMemory:
-    """Implements Samples for a stage that is read already."""
+    """Implements StoredSamples for a stage that was read already."""
 
     streams: Streams
 
@@ -56,7 +56,7 @@ class InMemory:
 
 @dataclass(frozen=True)
 class InFile:
-    """Implements Samples for a group of a file, whose seal was found whole when the file was opened first."""
+    """Implements StoredSamples for a group of a file, whose seal was verified when the file was first opened."""
 
     path: Path
     group: str
@@ -65,8 +65,9 @@ class InFile:
 
     @classmethod
     def of(cls, path: Path, file: h5py.File, group: str) -> "InFile":
-        """Raises ValueError where one of its streams is not of the recording's source."""
+        """The samples of a group. Raises ValueError where one of its streams is not of the recording's source."""
         streams = dict(streams_in(file[group], file.attrs["source"]))
+        # Only the first and last time are read, not the samples between them.
         times = [stream[TIME] for stream in streams.values()]
         return cls(path, group, tuple(streams), _span([(float(time[0]), float(time[-1])) for time in times if len(time)]))
 

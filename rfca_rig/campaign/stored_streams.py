@@ -1,4 +1,4 @@
-"""Samples of a recorded stage where they are, in memory or in a file, to be taken some thousand at a time."""
+"""Samples of a recorded stage, in memory or in a file, to be read in blocks of some thousands."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ Rows = NDArray[Any]
 
 
 class Sliceable(Protocol):
-    """A row of numbers in memory, or in a file of which a slice is read."""
+    """One-dimensional numbers (m,), in memory or in a file of which a slice is read."""
 
     @property
     def dtype(self) -> np.dtype[Any]: ...
@@ -29,7 +29,7 @@ class Sliceable(Protocol):
 
 @dataclass(frozen=True)
 class StoredColumn:
-    """Its value in `unit` is raw * conversion + offset."""
+    """A column (m,). Its value in `unit` is raw * conversion + offset."""
 
     raw: Sliceable
     unit: str
@@ -38,31 +38,33 @@ class StoredColumn:
 
     @property
     def is_count(self) -> bool:
-        """A whole number that stands for itself, such as a sequence or a status word."""
+        """Whether it is a whole number without a scale, for instance a sequence number or a status word."""
         return self.raw.dtype.kind in "iu" and self.conversion == 1.0 and self.offset == 0.0
 
     def values(self, rows: slice) -> Rows:
-        """In its unit; a count stays a whole number."""
+        """Values (k,) of these rows in the column's unit; a count stays a whole number."""
         raw = self.raw[rows]
+        # A count as a float would lose digits and its meaning.
         return raw.astype(np.int64) if self.is_count else raw.astype(np.float64) * self.conversion + self.offset
 
 
 @dataclass(frozen=True)
 class StoredStream:
-    """Columns that share a time base, which counts from the stage's commanded start."""
+    """Columns that share a time base (m,), which counts from the stage's commanded start."""
 
     name: str
     t_s: Sliceable
     columns: Mapping[str, StoredColumn]
 
     def blocks(self) -> Iterator[slice]:
-        """All rows, some at a time."""
+        """All rows as consecutive slices."""
+        # One chunk of the file at a time: HDF5 reads and unpacks whole chunks.
         for at in range(0, len(self.t_s), ROWS_PER_CHUNK):
             yield slice(at, at + ROWS_PER_CHUNK)
 
 
 def streams_in_file(stage: h5py.Group, source: Source) -> tuple[StoredStream, ...]:
-    """Of a stage's group, as long as the file is open. Raises ValueError where one is not of the recording's source."""
+    """Streams of a stage's group, valid while the file is open. Raises ValueError where one is not of the recording's source."""
     return tuple(
         StoredStream(name, group[TIME], {column: _column_in(group[link(column)]) for column in json.loads(group.attrs["order"])})
         for name, group in streams_in(stage, source)
@@ -75,6 +77,7 @@ def _column_in(dataset: h5py.Dataset) -> StoredColumn:
 
 
 def streams_in_memory(streams: Mapping[str, Stream]) -> tuple[StoredStream, ...]:
+    """The same for streams in memory."""
     return tuple(
         StoredStream(
             name, stream.t_s, {key: StoredColumn(one.raw, one.unit, one.conversion, one.offset) for key, one in stream.columns.items()}

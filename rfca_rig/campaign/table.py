@@ -1,4 +1,4 @@
-"""A CSV file as it came, and its cells as numbers. Clean files take a fast path; a slow one only looks for the fault to name."""
+"""A CSV file and its cells as numbers. Clean files take a fast path; a slow path only searches the fault to report."""
 
 import csv
 import math
@@ -16,9 +16,11 @@ from rfca_rig.errors import BadInput
 
 Floats = NDArray[np.float64]
 
-FEWEST_SAMPLES = 10  # of one recording
+# Of one recording; fewer are refused.
+FEWEST_SAMPLES = 10
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+# Typical faults, each with a message of its own.
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _NOT_A_VALUE = re.compile(r"[+-]?(nan|inf|infinity|n/a|na|#.*)", re.IGNORECASE)
 _SEPARATORS = {";": "';'", "\t": "tabs"}
@@ -38,7 +40,8 @@ class CsvTable:
 
 
 def read_table(path: Path) -> CsvTable:
-    """The file's header and lines. Raises BadInput for a file that is missing, empty, not UTF-8 or not comma-separated."""
+    """Read the file's header and lines. Raises BadInput for a file that is missing, empty, not UTF-8 or not comma-separated."""
+    # Line ends of every operating system.
     lines = read_text(path).replace("\r\n", "\n").replace("\r", "\n").split("\n")
     while lines and not lines[-1].strip():
         lines.pop()
@@ -52,6 +55,7 @@ def read_table(path: Path) -> CsvTable:
 
 def _names(path: Path, header: str) -> tuple[str, ...]:
     for separator, shown in _SEPARATORS.items():
+        # Names may contain single separators of another kind, so counts are compared.
         if header.count(separator) > header.count(","):
             raise BadInput(
                 f"{path}:1: columns are separated by {shown}; export it again with commas between columns and a decimal point in numbers"
@@ -60,12 +64,12 @@ def _names(path: Path, header: str) -> tuple[str, ...]:
 
 
 def numbers(table: CsvTable) -> Floats:
-    """All cells (rows, columns) as finite numbers. Raises BadInput naming line and column of the first that is not one."""
+    """All cells (rows, columns) as finite numbers. Raises BadInput naming line and column of the first fault."""
     return _numbers_at(table, range(len(table.names)))
 
 
 def columns(table: CsvTable, names: Sequence[str]) -> Floats:
-    """The same of these columns (rows, k) alone, whatever the others hold. Raises ValueError for a name that is none."""
+    """These columns (rows, k) as finite numbers, whatever the others hold. Raises ValueError for an unknown name."""
     return _numbers_at(table, [table.names.index(name) for name in names])
 
 
@@ -77,14 +81,15 @@ def _numbers_at(table: CsvTable, places: Sequence[int]) -> Floats:
 
 
 def numeric_columns(table: CsvTable) -> dict[str, Floats | None]:
-    """Every column by its name, (rows,), None where it holds anything but finite numbers. Raises BadInput as `rows` does."""
+    """Every column (rows,) by its name, None where not all cells are finite numbers. Raises BadInput as `rows` does."""
     cells = dict(zip(table.names, zip(*rows(table), strict=True), strict=True))
     return {name: None if any(map(_fault_in_number, column)) else np.array(column, dtype=float) for name, column in cells.items()}
 
 
 def _fast(table: CsvTable) -> Floats | None:
-    """All cells (rows, columns), None where some are no numbers or a line has not one cell per column."""
+    """All cells (rows, columns), None where some are not numbers or a line has another number of cells."""
     try:
+        # loadtxt would otherwise drop the rest of a line after "#", and a fault with it.
         values = np.loadtxt(table.lines, delimiter=",", dtype=np.float64, comments=None, quotechar='"', ndmin=2)
     except ValueError:
         return None
@@ -92,14 +97,14 @@ def _fast(table: CsvTable) -> Floats | None:
 
 
 def number(table: CsvTable, row: int, name: str, cell: str) -> float:
-    """The cell in data line `row`, from 0, as a finite number; raises BadInput naming line and column."""
-    if said := _fault_in_number(cell):
-        raise table.fault(row, f"column {name}: {said}")
+    """The cell in data line `row`, from 0, as a finite number. Raises BadInput naming line and column."""
+    if fault := _fault_in_number(cell):
+        raise table.fault(row, f"column {name}: {fault}")
     return float(cell)
 
 
 def rows(table: CsvTable) -> Iterator[tuple[str, ...]]:
-    """The cells of each data line, as text without blanks around it. Raises BadInput where a line has not one cell per column."""
+    """The cells of each data line, as text without surrounding blanks. Raises BadInput for a line with another number of cells."""
     for row, line in enumerate(table.lines):
         cells = tuple(cell.strip() for cell in next(csv.reader([line], skipinitialspace=True), ()))
         if len(cells) != len(table.names):
@@ -127,7 +132,7 @@ def _fault_in_number(cell: str) -> str | None:
 
 
 class HasSamples(Protocol):
-    """A recording that can name one of its samples, from 0, in an error."""
+    """A recording that can name one of its samples, from 0, in an error message."""
 
     @property
     def path(self) -> Path: ...
@@ -136,7 +141,9 @@ class HasSamples(Protocol):
 
 
 def select_samples(recording: HasSamples, t_s: Floats, from_s: float | None, to_s: float | None) -> NDArray[np.bool_]:
-    """Which samples (rows,) lie from `from_s` to `to_s`. Raises BadInput where time does not run forwards, or too few do."""
+    """Mask (rows,) of the samples from `from_s` to `to_s`, for times `t_s` (rows,). Raises BadInput for times that do not rise, or
+    too few.
+    """
     backwards = np.flatnonzero(np.diff(t_s) <= 0.0)
     if backwards.size:
         row = int(backwards[0]) + 1

@@ -1,4 +1,4 @@
-"""A run that is looked at in the browser while it goes on, where that was asked for."""
+"""The live view of a run in the browser, where it was asked for."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,20 +20,20 @@ from rfca_rig.view.run_facts import run_facts
 
 
 def viewing_of(is_asked: bool, port: int | None, pace: float) -> Viewing | None:
-    """What was asked for; who names a port wants the view."""
+    """The view that the options ask for; a port implies the view."""
     return Viewing(port or 0, pace) if is_asked or port is not None else None
 
 
 def twin_clock(config: RunConfig) -> TwinClock:
-    """Who looks on wants to see the leg move as it would; otherwise a twin is as fast as it can be."""
+    """Real time, or a multiple of it, for a twin that is watched; otherwise a twin is as fast as it can be."""
     return WatchedTwinClock(config.viewing.pace) if config.viewing and config.viewing.pace else TwinClock()
 
 
 class ViewSession:
-    """A run's view, or none."""
+    """The view of a run, or none."""
 
     def __init__(self, config: RunConfig, bench: Bench, stop_request: StopRequest) -> None:
-        """Raises BadInput for a port that is taken, RigError where the view cannot be started."""
+        """Raises BadInput for an occupied port, RigError where the view cannot be started."""
         self._bench = bench
         self._mark = config.mark
         self._keeper: Keeper | None = None
@@ -49,6 +49,7 @@ class ViewSession:
         return NULL_OBSERVER if self._view is None else self._view.run_queue
 
     def _vitals(self) -> tuple[StreamHealth, int]:
+        # The view begins before the recorder does.
         return self._bench.sensor.health(), 0 if self._keeper is None else self._keeper.backlog_bytes
 
     def _tell(self, line: str) -> None:
@@ -56,7 +57,7 @@ class ViewSession:
             self._say(line)
 
     def begin(self, keeper: Keeper, say: Say) -> Say:
-        """From now on there is a recorder to look at. What is said through the way of saying that this returns, the page shows, too."""
+        """Connects the recorder. Lines said through the returned function are also shown on the page."""
         self._keeper, self._say = keeper, self._aloud(say)
         return self._say
 
@@ -72,24 +73,25 @@ class ViewSession:
         return aloud
 
     def over(self, error: RigError | None) -> None:
-        """The motor is off, because of the error, or because all was done."""
+        """The motor is off, because of the error, or because the run is complete."""
         if self._view is None:
             return
         self._view.run_queue.ended(Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else "")
+        # A view that failed must not fail the run; it is reported only now.
         if not self._view.is_alive:
             typer.echo(f"{self._mark} the view had ended by itself, which the run did not notice; RFCA_RIG_DEBUG=1 shows why", err=True)
 
     def close(self) -> None:
-        """Nothing more is told; the page stays for as long as it is open."""
+        """Sends nothing any more; the page stays for as long as it is open."""
         if self._view is not None:
             self._view.close()
 
 
 @contextmanager
 def attach_view(config: RunConfig, bench: Bench, stop_request: StopRequest) -> Iterator[ViewSession]:
-    """For the length of the block. Raises as ViewSession does."""
-    looking = ViewSession(config, bench, stop_request)
+    """The view for the length of the block. Raises as ViewSession does."""
+    session = ViewSession(config, bench, stop_request)
     try:
-        yield looking
+        yield session
     finally:
-        looking.close()
+        session.close()

@@ -1,4 +1,4 @@
-"""What the shell offers behind <TAB>: names and folders, for every command alike, by what its options and arguments are called."""
+"""Shell completion: names and folders for every command, by the names of its options and arguments."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -7,7 +7,8 @@ from typing import Any
 
 from rfca_rig.cli import names
 
-VARIABLE = "_RFCA_RIG_COMPLETE"  # the shell asks through it
+# Set by the shell's completion script.
+VARIABLE = "_RFCA_RIG_COMPLETE"
 
 Offer = Callable[[str], Iterable[str]]
 
@@ -22,7 +23,8 @@ class Offered:
 
 
 def add_completions(command: Any) -> None:
-    """To a command and all below it, if it is the shell that asks: nobody else needs them."""
+    """Adds completions to a command and its subcommands, only where the shell asks for them."""
+    # Ordinary commands start without the cost of walking through all parameters.
     if VARIABLE in os.environ:
         _add(command, command.name)
 
@@ -37,13 +39,14 @@ def _add(command: Any, path: str) -> None:
 
 
 def _answer(offer: Offer) -> Callable[[object, str], list[Offered]]:
-    """Where nothing fits, the shell offers files."""
+    """Where nothing matches, the shell offers files."""
     return lambda _context, begun: [Offered(word) for word in offer(begun) if word.startswith(begun)]
 
 
 def _offer(command: str, parameter: Any) -> Offer | None:
-    """What belongs to an option or argument; None for what nobody can know."""
+    """Completions of an option or argument; None where there are none."""
     option = next((one for one in parameter.opts if one.startswith("--")), "")
+    # The more specific wins: by command, then by option, then by metavar.
     offers = {**_BY_METAVAR, **_BY_OPTION, **{key: offer for (where, key), offer in _BY_COMMAND.items() if where == command}}
     return offers.get(option) or offers.get(parameter.metavar or "")
 
@@ -53,7 +56,7 @@ def _each_of(words: Iterable[str]) -> Offer:
 
 
 def _behind_commas(words: Iterable[str]) -> Offer:
-    """For lists such as k0,k2: what is typed already stays."""
+    """For lists, as k0,k2: the words already typed stay."""
 
     def offer(begun: str) -> Iterable[str]:
         before, comma, _ = begun.rpartition(",")

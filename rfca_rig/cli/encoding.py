@@ -1,4 +1,4 @@
-"""Output that no terminal can choke on: what its encoding cannot carry is written in ASCII."""
+"""Output for any terminal: characters that its encoding lacks are written in ASCII."""
 
 import codecs
 import io
@@ -23,7 +23,7 @@ ASCII = {
 
 
 def use_ascii_fallback() -> None:
-    """For standard output and the error stream of this process; those of another kind, as in tests, stay as they are."""
+    """For standard output and the error stream of this process; streams of another kind, as in tests, stay unchanged."""
     codecs.register_error(NAME, _in_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -31,7 +31,7 @@ def use_ascii_fallback() -> None:
 
 
 def _in_ascii(error: UnicodeError) -> tuple[str, int]:
-    """What stands for characters that cannot be written; as JSON has it where no sign comes near, so that JSON stays JSON."""
+    """ASCII text for characters that cannot be encoded. Where no sign is similar, JSON's escape, so that JSON stays JSON."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     return "".join(map(_sign, error.object[error.start : error.end])), error.end
@@ -40,10 +40,11 @@ def _in_ascii(error: UnicodeError) -> tuple[str, int]:
 def _sign(character: str) -> str:
     if character in ASCII:
         return ASCII[character]
+    # JSON escapes characters beyond the basic plane as two UTF-16 surrogates.
     words = character.encode("utf-16-be", "surrogatepass")
     return "".join(f"\\u{words[i]:02x}{words[i + 1]:02x}" for i in range(0, len(words), 2))
 
 
 def takes_colours() -> bool:
-    """Whether the user wants colours at all; whether there is a terminal is another question."""
+    """Whether the user allows colours; whether there is a terminal is another question."""
     return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -1,4 +1,4 @@
-"""Who does the work of a command that consists of many simulations: options, and the executor they ask for."""
+"""Options for commands that consist of many simulations, and the executor that they select."""
 
 import os
 from collections.abc import Iterator
@@ -27,9 +27,23 @@ SLURM, ADDRESSES = "slurm:", ("tcp://", "tls://")
 
 @contextmanager
 def open_executor(workers: int | None, cluster: str | None, told: Told, results: Path | None = None) -> "Iterator[TaskExecutor]":
-    """The executor that `--workers` and `--cluster` ask for; `results` is where the work leaves files, None where it leaves none.
+    """The executor that `--workers` and `--cluster` ask for.
 
-    Raises BadInput where there is no such executor, or workers are not as this process.
+    Parameters
+    ----------
+    workers : int or None
+        Processes of this computer; None for one per core.
+    cluster : str or None
+        Address of a Dask scheduler, or slurm:FILE.
+    told : callable
+        Called with the progress.
+    results : Path, optional
+        Where the work leaves files; None where it leaves none.
+
+    Raises
+    ------
+    BadInput
+        There is no such executor, or its workers differ from this process.
     """
     from rfca_rig.errors import BadInput
     from rfca_rig.executors.cores import machine_cores
@@ -41,31 +55,31 @@ def open_executor(workers: int | None, cluster: str | None, told: Told, results:
         with process_executor(workers or machine_cores()) as here:
             yield here
     elif cluster.startswith(SLURM):
-        with _hired(Path(cluster.removeprefix(SLURM)), told, results) as there:
+        with _slurm_executor(Path(cluster.removeprefix(SLURM)), told, results) as there:
             yield there
     elif cluster.startswith(ADDRESSES):
-        with _connected(cluster, told, results) as there:
+        with _dask_executor(cluster, told, results) as there:
             yield there
     else:
         raise BadInput(f"--cluster {cluster}: should be tcp://HOST:PORT or slurm:FILE")
 
 
-def _hired(file: Path, told: Told, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
+def _slurm_executor(file: Path, told: Told, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
     from rfca_rig.description.cluster_file import read_cluster_file
     from rfca_rig.executors.slurm import slurm_workers
 
-    seen = _seen_by_all(results)
-    return slurm_workers(read_cluster_file(file), seen or Path(), seen, facts, told, _notice)
+    shared = _shared_folder(results)
+    return slurm_workers(read_cluster_file(file), shared or Path(), shared, facts, told, _notice)
 
 
-def _connected(address: str, told: Told, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
+def _dask_executor(address: str, told: Told, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
     from rfca_rig.executors.cluster import connected
 
-    return connected(address, _seen_by_all(results), facts, told, _notice)
+    return connected(address, _shared_folder(results), facts, told, _notice)
 
 
-def _seen_by_all(results: Path | None) -> Path | None:
-    """A folder that is there already and on the disk of the results: theirs may still have to be made."""
+def _shared_folder(results: Path | None) -> Path | None:
+    """An existing folder on the disk of the results: the results' own may still have to be made."""
     return None if results is None else next(folder for folder in results.resolve().parents if folder.is_dir())
 
 
@@ -74,7 +88,7 @@ def _notice(line: str) -> None:
 
 
 def facts() -> "Facts":
-    """What workers must have in common with this process: the effects of a lab among it."""
+    """Facts that workers must share with this process, a lab's own effects among them."""
     from rfca_rig.executors.environment import facts_here, source_hash
     from rfca_rig.model.catalogue import FOLDER_VARIABLE
 

@@ -1,4 +1,4 @@
-"""What is left when the motor is off: the recording as a whole, also of a run that was cut short."""
+"""Completes a run when the motor is off: the recording as a whole, also of a run that was cut short."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -34,7 +34,8 @@ def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:
 
 
 def note_end(recorder: Recorder, why: str) -> None:
-    """What ended the motion and what the shaft did then; a recorder that has failed has said so already."""
+    """Records what ended the motion and how the shaft came to rest."""
+    # A recorder that has failed was reported already; it must not hide the reason of the stop.
     with suppress(RigError):
         recorder.note(
             "motor off",
@@ -47,7 +48,7 @@ def note_end(recorder: Recorder, why: str) -> None:
 
 @dataclass(frozen=True)
 class Kept:
-    """What a run leaves behind when the motor is off."""
+    """Results and devices of a run when the motor is off."""
 
     folder: Path
     keeper: Keeper
@@ -57,11 +58,12 @@ class Kept:
 
 
 def finish(config: RunConfig, run: Kept, quiet: bool = False) -> None:
-    """The recording as a whole, with what the photos show. Raises RigError with what to do where the disk has no room for it.
+    """Completes the recording, with the angles from the photos. Raises RigError with the remedy where the disk has no room for it.
 
-    How far it has come is told unless it is to be `quiet`, as below another bar.
+    Shows its progress unless `quiet`, for example below another progress bar.
     """
     try:
+        # Order: all blocks on disk, then photos, then `run.h5`. Each needs the result of the one before.
         run.keeper.finish(run.outcome.why)
         with progress(config.quiet or quiet) as bars:
             _read_photos(config, run, bars.counting("reading photos"))
@@ -94,8 +96,9 @@ def _read_photos(config: RunConfig, run: Kept, told: Watcher) -> None:
 
 
 def keep(config: RunConfig, run: Kept, say: Say) -> None:
-    """A run cut short keeps what it recorded; one that recorded nothing leaves nothing behind."""
+    """Completes a run that was cut short; one that recorded nothing leaves no folder."""
     try:
+        # The folder of a continued run has earlier stages, so it is never discarded.
         if run.recorder.samples or config.begun:
             finish(config, run, quiet=True)
             after = " --after-trip" if run.outcome.exit_status == Tripped.exit_code else ""
@@ -104,25 +107,27 @@ def keep(config: RunConfig, run: Kept, say: Say) -> None:
             run.keeper.finish(run.outcome.why)
             _read_photos(config, run, unwatched)
             run_folder.discard(run.folder)
+    # Said, not raised: the error that ended the run is the one to be reported.
     except RigError as also:
         say(str(also))
 
 
 def counted(folder: Path) -> str:
     """What a run has recorded, in words."""
-    kept = tally_of(folder / RECORDING, thorough=False)
-    cut_short = "".join(f", and {label} until it was cut short," for label in kept.cut_short)
-    cycles = f"{kept.samples[CYCLES]} cycles, " if kept.samples.get(CYCLES) else ""
-    return f"{cycles}{kept.strokes} strokes and {kept.static} static stages{cut_short}"
+    summary = tally_of(folder / RECORDING, thorough=False)
+    cut_short = "".join(f", and {label} until it was cut short," for label in summary.cut_short)
+    cycles = f"{summary.samples[CYCLES]} cycles, " if summary.samples.get(CYCLES) else ""
+    return f"{cycles}{summary.strokes} strokes and {summary.static} static stages{cut_short}"
 
 
 def _header(config: RunConfig, bench: Bench) -> Recording:
     known_to = config.believes.known_to.model_dump(exclude_none=True) if config.believes.known_to else {}
     seed = {} if config.twin_seed is None else {"seed": str(config.twin_seed)}
     named = {"rig": config.rig_name} if config.rig_name else {}
-    named |= {"twin_faults": ", ".join(_told(fault) for fault in config.faults)} if config.faults else {}
+    named |= {"twin_faults": ", ".join(_describe_fault(fault) for fault in config.faults)} if config.faults else {}
     texts = {"rig_file": config.rig_text, "protocol_file": config.protocol_text}
     texts |= ({"model_file": config.model_text} if config.model else {}) | ({"camera_file": config.camera_text} if config.eye else {})
+    # A lab's own drivers and effects are part of the rig: without their text the recording could not be explained.
     texts |= texts_of(config.rig.motor, config.rig.force_sensor)
     texts |= {f"effect_{name}_file": text for name, text in lab_texts([one.id for one in config.believes.effects]).items()}
     return Recording(
@@ -144,5 +149,5 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     )
 
 
-def _told(fault: Switching) -> str:
+def _describe_fault(fault: Switching) -> str:
     return f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s"

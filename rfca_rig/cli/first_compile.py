@@ -1,4 +1,4 @@
-"""The model is compiled once on a machine, when it is first used; whoever waits for that is told so."""
+"""Notice that the model is being compiled, once on a machine, when it is first used."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ SAID = "compiling the model, once on this machine, ten seconds to a minute ..."
 
 
 def tell_first_compile(bars: Bars, quiet: bool, say: Say = lambda line: typer.echo(line, err=True)) -> None:
-    """Before the first computation of a command; nothing where an earlier one has compiled the model."""
+    """To be called before the first computation of a command; prints nothing where the model is compiled already."""
     if not is_warm() and not quiet:
         say(SAID)
         bars.going_on("compiling", _so_far)

@@ -10,9 +10,9 @@ WIDTH, WIDEST = 80, 120
 
 
 def print_lines(lines: Iterable[str], indent: str = "  ") -> None:
-    """What is longer than the terminal is wide goes on in the next line, between words; 80 columns where no person watches.
+    """Prints lines wrapped between words to the width of the terminal; 80 columns where there is none.
 
-    Tables are made to fit those, so that only prose is ever cut.
+    Tables are made to fit 80 columns, so that only prose is ever wrapped.
     """
     width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDEST)
     for line in lines:

@@ -96,9 +96,11 @@ def _options(
 def run() -> None:
     """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130 stopped."""
     use_ascii_fallback()
-    logging.getLogger("can").setLevel(logging.ERROR)  # python-can warns of every frame that came in two pieces
+    # python-can warns of every frame that came in two pieces.
+    logging.getLogger("can").setLevel(logging.ERROR)
     try:
         sys.exit(_command()(standalone_mode=False) or 0)
+    # Exit codes are a contract with scripts: each kind of error has its own.
     except TyperException as error:
         _leave(_usage_text(error), BadInput.exit_code)
     except Tripped as error:
@@ -107,29 +109,31 @@ def run() -> None:
         _leave(str(error), error.exit_code)
     except (KeyboardInterrupt, Abort):
         _leave("stopped by the operator", Stopped.exit_code)
+    # The reader, for example `head`, has gone. Closing the stream prevents a second error at exit.
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
+    # Users see one line. The traceback is for whoever sets the variable.
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        _leave(f"this is a mistake in rfca-rig, not yours: {said}; {DEBUG_VARIABLE}=1 shows where", 1)
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        _leave(f"this is a mistake in rfca-rig, not yours: {text}; {DEBUG_VARIABLE}=1 shows where", 1)
 
 
 def _command() -> Callable[..., int | None]:
-    """The app as one command, with what the shell may offer."""
+    """The app as one command, with its shell completions."""
     command = typer.main.get_command(app)
     add_completions(command)
     return command
 
 
 def _usage_text(error: TyperException) -> str:
-    """One line; empty where the help has been printed already, because nothing was asked for."""
-    said = " ".join(error.format_message().split())
+    """One line; empty where the help has been printed already, because no command was given."""
+    text = " ".join(error.format_message().split())
     context = getattr(error, "ctx", None)
-    plain = said.replace("Input should be", "should be").replace("Value error, ", "").rstrip(".")
-    return f"{plain}; see {context.command_path} --help" if said and context is not None else plain
+    plain = text.replace("Input should be", "should be").replace("Value error, ", "").rstrip(".")
+    return f"{plain}; see {context.command_path} --help" if text and context is not None else plain
 
 
 def _leave(message: str, exit_code: int) -> None:

@@ -1,4 +1,4 @@
-"""What there is to be named on the command line, found without loading anything heavy: for shell completion, and for who mistypes."""
+"""Names that can be typed on the command line, found without loading anything heavy: for completion and suggestions."""
 
 import os
 from collections.abc import Iterable, Iterator
@@ -10,6 +10,7 @@ from rfca_rig.logbook import entry
 from rfca_rig.logbook.query import VERDICTS as ANY_VERDICT
 from rfca_rig.trip_codes import Trip
 
+# Copies of names that other packages define: importing those would take too long for a completion.
 FIT_PARAMETERS = (
     "k0",
     "k2",
@@ -84,23 +85,23 @@ MOST_FOLDERS = 50
 
 
 def effect_names() -> list[str]:
-    """Of the package and of the lab's own folder; an effect's file is called as it is."""
+    """Effects of the package and of the lab's own folder; an effect's file has its name."""
     return _stems(filter(None, (str(PACKAGE / "model" / "effects"), os.environ.get("RFCA_RIG_EFFECTS"))), "*.py")
 
 
 def file_names(kind: str) -> list[str]:
-    """Of the protocols, sweeps or rigs ("calibration") that can be named without a path."""
+    """Protocols, sweeps or rigs ("calibration") that can be named without a path."""
     return _stems(folders_of(kind), "*.toml")
 
 
 def rig_names() -> list[str]:
-    """Beside rig files lie files of cameras."""
+    """Rig files; camera files lie in the same folder and are left out."""
     files = {file.stem: file for folder in folders_of("calibration") for file in Path(folder).glob("*.toml")}
     return sorted(name for name, file in files.items() if "\n[rig]" in file.read_text(encoding="utf-8", errors="replace"))
 
 
 def recorded_folders(begun: str) -> list[str]:
-    """Folders of runs and campaigns whose path begins so, the newest first; those in runs/ where nothing is typed yet."""
+    """Folders of runs and campaigns whose path begins with `begun`, newest first; those in runs/ where nothing is typed yet."""
     parent, slash, _ = begun.rpartition("/")
     places = [parent or "/"] if slash else [".", "runs"]
     newest = sorted((one for place in places for one in _folders_in(place, begun)), reverse=True)
@@ -109,10 +110,11 @@ def recorded_folders(begun: str) -> list[str]:
 
 
 def _folders_in(place: str, begun: str) -> Iterator[tuple[float, str]]:
-    """(when it was changed last, path)."""
+    """(time of last change, path) of each."""
     try:
         with os.scandir(place) as listing:
             inside = [one for one in listing if one.path.removeprefix("./").startswith(begun) and one.is_dir()]
+    # The folder does not exist, or may not be read: there is nothing to offer.
     except OSError:
         return
     yield from ((one.stat().st_mtime, one.path.removeprefix("./")) for one in inside)

@@ -1,4 +1,4 @@
-"""Where protocol and rig files are found, and where runs go."""
+"""Locations of protocol and rig files, and of new runs."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 def find_file(kind: str, name: str) -> Path:
-    """The TOML file called `name`: a path as it stands, else `kind`/name.toml here, else the one that came with the package.
+    """The TOML file called `name`: a path as given, else `kind`/name.toml here, else the one that came with the package.
 
     `kind` is "protocols" or "calibration".
     """
@@ -26,12 +26,14 @@ def find_file(kind: str, name: str) -> Path:
 
 
 def folders_of(kind: str) -> list[Path]:
-    """Where files of that kind are looked for, in this order."""
+    """Folders in which files of that kind are searched, in this order."""
+    # The user's own folder wins over the checkout, and that over the installed copies.
     return [Path(kind), PACKAGE.parent / kind, PACKAGE / "shipped" / kind]
 
 
 def new_run_folder(parent: Path, mark: str, title: str) -> Path:
-    """A folder that is not there yet: runs/SIM-title-001, -002 and so on."""
+    """A folder that does not exist yet: runs/SIM-title-001, -002 and so on."""
+    # Only characters that every file system and shell takes as they are.
     slug = re.sub(r"[^a-z0-9.]+", "-", title.lower()).strip("-")
     for number in range(1, 1_000_000):
         folder = parent / f"{mark}-{slug}-{number:03d}"

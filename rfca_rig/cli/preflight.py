@@ -1,4 +1,4 @@
-"""The plan before anything moves: checked against the limits with the loads that the model predicts, and printed."""
+"""Pre-flight check: the plan against the limits with the predicted loads, before anything moves; and its printout."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,11 +13,12 @@ from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.cycles import Cycles, cycle_bytes
 from rfca_rig.protocol.plan import Flap, Hold, Plan, Stage
 
+# Standard deviations of floor friction above its prior value with which a static plan must pass too.
 ROUGHER_STDS = 2.0
 
 
 def condition_lines(plan: Plan, expected: Mapping[Stage, Load]) -> list[str]:
-    """Strokes, static stages and cycles; moves and rests are left out."""
+    """A line for each stroke, static stage and block of cycles; moves and rests are omitted."""
     lines: dict[str, int] = {}
     for stage in plan.stages:
         load = expected.get(stage)
@@ -38,7 +39,7 @@ def condition_lines(plan: Plan, expected: Mapping[Stage, Load]) -> list[str]:
 
 
 def examined(config: RunConfig, say: Say) -> Mapping[Stage, Load]:
-    """What the model expects of each stage. Raises BadInput where that, or the plan itself, passes a limit."""
+    """Predicted load of each stage. Raises BadInput where a load, or the plan itself, passes a limit."""
     with progress(config.quiet) as bars:
         tell_first_compile(bars, config.quiet, say)
         expected = expected_loads(config.plan, config.believes.model())
@@ -48,7 +49,7 @@ def examined(config: RunConfig, say: Say) -> Mapping[Stage, Load]:
 
 
 def _check_on_rougher_floor(config: RunConfig) -> None:
-    """Whether a leg that is turned back slides or wedges hangs on little friction: the plan must pass with what may be there, too."""
+    """Whether a leg that is turned back slides or wedges depends on little friction: the plan must pass with more of it, too."""
     known_to, rig = config.believes.known_to, config.believes.model()
     if not config.plan.holds or known_to is None or not known_to.friction_coefficient:
         return
@@ -71,6 +72,6 @@ def print_plan(config: RunConfig, expected: Mapping[Stage, Load], say: Say) -> N
 
 
 def recorded_bytes(config: RunConfig) -> int:
-    """What the run records, before compression."""
+    """Size of the recording in bytes, before compression."""
     width, height = config.eye.camera.image_size_px if config.eye else (0, 0)
     return config.plan.recorded_bytes + cycle_bytes(config.plan) + 3 * width * height * config.plan.photos

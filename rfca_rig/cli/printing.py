@@ -1,4 +1,4 @@
-"""What --pdf does: says before the work that there is nothing to print with, and prints the pages after it."""
+"""The option --pdf: fails before the work where there is no browser to print with, and prints the pages afterwards."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -7,7 +7,7 @@ import typer
 
 
 class Printing:
-    """Raises BadInput at once where PDFs are wanted and no browser is there."""
+    """Raises BadInput at once where PDFs are wanted and no browser is found."""
 
     def __init__(self, wanted: bool) -> None:
         from rfca_rig.report.pdf import find_browser
@@ -15,7 +15,7 @@ class Printing:
         self._browser = find_browser() if wanted else None
 
     def print(self, pages: Iterable[Path], quiet: bool) -> None:
-        """Nothing where none are wanted."""
+        """Prints the pages; does nothing where no PDFs are wanted."""
         from rfca_rig.report.pdf import print_pdfs
 
         if self._browser is None:

@@ -1,7 +1,7 @@
-"""How far something is that takes more than a moment: a line on the error stream, only where a person watches.
+"""Progress of work that takes more than a moment: a line on the error stream, only on a terminal.
 
-Silent when piped, and where a command prints JSON. What remains is told from what was done so far; where nobody knows how much there is to
-do, the line says how long it has been going on instead.
+Silent when piped, and where a command prints JSON. The remaining time is estimated from all work so far. Where the amount of work is
+unknown, the line shows the elapsed time instead.
 """
 
 import sys
@@ -15,13 +15,14 @@ from rich.text import Text
 
 from rfca_rig.progress import Watcher
 
-LONG_S = 1e4  # parts differ in length: what remains is told from all of them, not from the last half minute
+# Parts differ in length, so the remaining time is estimated from all of them and not from the last half minute.
+LONG_S = 1e4
 BAR_WIDTH = 20
 WIDEST = 34
 
 
 class _Done(ProgressColumn):
-    """How many of how many, or which part of the whole."""
+    """Column: how many of how many, or the share of the whole."""
 
     def render(self, task: Task) -> Text:
         if task.total is None:
@@ -30,7 +31,7 @@ class _Done(ProgressColumn):
 
 
 class _Left(ProgressColumn):
-    """The time that remains; of what has no known end the time that it took so far."""
+    """Column: the remaining time; of work without a known end the elapsed time."""
 
     def render(self, task: Task) -> Text:
         if task.total is None:
@@ -51,7 +52,7 @@ class Bars:
         self._without_end: list[TaskID] = []
 
     def told(self, what: str, done: float, of: float) -> None:
-        """A line for each `what`, in the order of their coming; the first that is done ends what had no known end."""
+        """Updates the line of `what`, which is added when first named. Progress on it ends the lines of work without a known end."""
         if what not in self._tasks:
             self._tasks[what] = self._bars.add_task(_short(what), total=of, completed=int(done))
         self._bars.update(self._tasks[what], completed=done, total=of)
@@ -59,15 +60,15 @@ class Bars:
             self._bars.remove_task(self._without_end.pop())
 
     def counting(self, what: str) -> Watcher:
-        """For work that counts its items."""
+        """A callback for work that counts its items."""
         return lambda done, of: self.told(what, done, of)
 
     def going_on(self, what: str, note: Callable[[], str]) -> None:
-        """A line for work of which nobody knows how much there is; `note` is asked again and again what there is to be said of it."""
+        """A line for work of unknown amount; `note` is called again and again for the text to show."""
         self._without_end.append(self._bars.add_task(_short(what), total=None, note=note))
 
     def share(self, part: str, share: float) -> None:
-        """One line for work whose parts follow each other: it names the part that is under way, and tells how much of all is done."""
+        """One line for work whose parts follow each other: shows the current part, and the share of the whole."""
         if "" not in self._tasks:
             self._tasks[""] = self._bars.add_task(_short(part), total=1.0)
         self._bars.update(self._tasks[""], completed=share, description=_short(part))
@@ -75,7 +76,7 @@ class Bars:
 
 @contextmanager
 def progress(quiet: bool) -> Iterator[Bars]:
-    """Lines that go away when the work is done."""
+    """Lines that disappear when the work is done."""
     console = Console(stderr=True, quiet=quiet, highlight=False)
     columns = (SpinnerColumn("line"), TextColumn("{task.description}"), BarColumn(BAR_WIDTH), _Done(), _Left())
     bars = Progress(
@@ -83,7 +84,8 @@ def progress(quiet: bool) -> Iterator[Bars]:
         console=console,
         disable=quiet or not console.is_terminal,
         transient=True,
-        redirect_stdout=sys.stdout.isatty(),  # results that go into a file must go on doing so
+        # Results that are redirected to a file must still get there.
+        redirect_stdout=sys.stdout.isatty(),
         speed_estimate_period=LONG_S,
     )
     with bars:

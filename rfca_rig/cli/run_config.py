@@ -14,7 +14,7 @@ from rfca_rig.vision.leg_photo import Eye
 
 @dataclass(frozen=True)
 class Viewing:
-    """That the run is to be looked at in the browser: on which port, 0 for any free one, and at how many times real time a twin may run.
+    """The live view: its port, 0 for any free one, and the multiple of real time at which a twin runs.
 
     A pace of 0 leaves a twin as fast as it can be.
     """
@@ -25,13 +25,12 @@ class Viewing:
 
 @dataclass(frozen=True)
 class RunConfig:
-    """What the command line asked for: the files as read, their text for the recording, where runs go, how to speak.
+    """The options of a run command, resolved: files as read, their text for the recording, where runs go, how much to print.
 
-    A `model` replaces what the rig file believes; a twin stays what its rig file says. `eye` is there where photos are to be taken,
-    with the text of the camera's calibration. `rig_name` is how the rig was named, for finding its file again.
+    A `model` replaces the nominal model of the rig file; a twin stays as its rig file describes it. `eye` is set where photos are to be
+    taken, with the text of the camera's calibration. `rig_name` is the name of the rig as typed, for finding its file again.
 
-    `begun` is there where a run goes on that was stopped; `plan` is what remains of it then, and `rig_changes` says what of the rig file
-    is not as it was.
+    `begun` is set where a stopped run is continued. `plan` is then the rest of its plan, and `rig_changes` are the changes of the rig file.
     """
 
     rig: RigFile
@@ -56,7 +55,7 @@ class RunConfig:
 
     @property
     def believes(self) -> RigFile | ModelFile:
-        """Whose model the run is expected to follow."""
+        """The file whose nominal model the run is expected to follow."""
         return self.model or self.rig
 
     @property

@@ -1,4 +1,4 @@
-"""What all experiments share: the plan examined and printed, the rig armed, the run, the recording."""
+"""The steps that all experiments share: plan checked and printed, rig armed, run, recording completed."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,7 +31,7 @@ CHECKLIST = "Emergency stop tested today? Guard closed? Nobody near the leg?"
 
 
 def ask_operator(config: RunConfig) -> None:
-    """Real hardware moves only after the operator has typed the force limit; nothing is assumed from a pressed key."""
+    """Real hardware moves only after the operator has typed the force limit; pressing a key by habit is not enough."""
     limit = f"{config.plan.limits.force_N:g}"
     typer.echo(f"REAL the motor will turn. {CHECKLIST}", err=True)
     if typer.prompt("REAL type the force limit in newtons to go on", default="", show_default=False, err=True).strip() != limit:
@@ -39,7 +39,7 @@ def ask_operator(config: RunConfig) -> None:
 
 
 def prove_drive(config: RunConfig, bench: Bench) -> dict[str, str | float]:
-    """What the arming showed, for the run's events: what was asked and answered, and the drive's own stop."""
+    """Results of the arming for the run's events: the confirmation, and the drive's own stop."""
     watchdog_s = prove_stop(bench)
     is_guarded = bench.motor.identity().get("guardian", "none") != "none"
     who = "the guardian lets go of the motor" if is_guarded else "the drive's watchdog stops the motor"
@@ -48,12 +48,26 @@ def prove_drive(config: RunConfig, bench: Bench) -> dict[str, str | float]:
 
 
 def carry_out(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path | None, Recorder | None]:
-    """The whole way from the printed plan to the finished recording; (None, None) after a dry run."""
+    """From the printed plan to the finished recording; (None, None) after a dry run.
+
+    Parameters
+    ----------
+    config : RunConfig
+        The run.
+    on_stage : callable
+        Called after each stage with the stage, the recorder and a function that prints a line.
+
+    Returns
+    -------
+    tuple of Path and Recorder
+        The run's folder, and what it recorded.
+    """
     if config.viewing is not None:
         check_live_view()
     say = marked(config.mark, config.quiet)
     expected = examined(config, say)
     print_plan(config, expected, say)
+    # All checks come before the operator is asked to arm the rig.
     check_room(config.runs, recorded_bytes(config))
     if config.dry:
         return None, None
@@ -66,14 +80,15 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
     folder = config.begun.folder if config.begun else new_run_folder(config.runs, config.mark, config.plan.title)
     with (
         open_bench(config.rig, config.twin_seed, config.eye, twin_clock(config), config.faults) as bench,
-        attach_view(config, bench, supervision.stop_request) as looking,
+        attach_view(config, bench, supervision.stop_request) as view,
     ):
+        # Before the folder is made: a drive that is refused leaves no empty run behind.
         armed = prove_drive(config, bench) if bench.is_real else {}
         open_folder(config, folder, bench)
         keeper = _keeper(folder, bench)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
-        with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_here):
-            say = looking.begin(keeper, say_here)
+        with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_in_terminal):
+            say = view.begin(keeper, say_in_terminal)
 
             def progress(stage: Stage) -> None:
                 advance(stage.label, stage.duration_s)
@@ -85,15 +100,18 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
                 if armed:
                     recorder.note("armed", **armed)
                 with heard(supervision.stop_request, say):
-                    run_plan(config.plan, bench, recorder, progress, replace(supervision, observer=looking.observer))
-                looking.over(None)
+                    run_plan(config.plan, bench, recorder, progress, replace(supervision, observer=view.observer))
+                # Only now: `run_plan` has returned, so the motor is without torque.
+                view.over(None)
                 note_end(recorder, "done")
             except RigError as error:
-                looking.over(error)
+                view.over(error)
                 note_end(recorder, str(error))
                 say(f"motor off: {recorder.standstill.text()}")
+                # A trip or a stop still gives a recording, which `resume` continues.
                 keep(config, Kept(folder, keeper, recorder, bench, Outcome.of(error)), say)
                 raise
+            # A defect of this program: the files are closed in order, and the error passes on unchanged.
             except BaseException as mistake:
                 keeper.finish(f"ended by {type(mistake).__name__}")
                 raise
@@ -102,5 +120,5 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
 
 
 def _keeper(folder: Path, bench: Bench) -> Keeper:
-    """A twin's time stands still while it waits for the disk; a real rig must not wait."""
+    """On a twin the recorder may let the loop wait, as the twin's time stands still meanwhile; a real rig must not wait."""
     return ProcessKeeper(folder, patient=not bench.is_real) if can_be_started() else DirectKeeper(folder)

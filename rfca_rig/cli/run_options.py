@@ -1,4 +1,4 @@
-"""From the options that every run command takes to its configuration."""
+"""Turns the options that every run command takes into its configuration."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from rfca_rig.vision.leg_photo import Eye
 
 @dataclass(frozen=True)
 class RunOptions:
-    """The options as typed: names or paths of rig and protocol, a model in place of the nominal one, where runs go, who and what."""
+    """The options as typed: names or paths of rig and protocol, a model in place of the nominal one, folder of runs, and so on."""
 
     rig: str
     protocol: str
@@ -35,7 +35,7 @@ class RunOptions:
 
 
 def order_of(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]) -> RunConfig:
-    """`plan_of` reads the protocol's file into the plan of a rig. Raises BadInput for whatever cannot be used."""
+    """The configuration; `plan_of` reads a protocol's file into a plan of the rig. Raises BadInput for anything unusable."""
     rig_path, protocol_path = find_file("calibration", asked.rig), find_file("protocols", asked.protocol)
     rig = read_rig(rig_path)
     plan = plan_of(protocol_path, rig.facts())
@@ -63,15 +63,17 @@ def order_of(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]) -> Ru
 
 def _eye(rig: RigFile, plan: Plan) -> tuple[Eye | None, str]:
     """The camera's calibration, and its text, where photos are to be taken."""
+    # The calibration file need not exist where no photo is to be taken.
     if rig.camera is None or not plan.photos:
         return None, ""
     return rig.eye(), read_text(Path(rig.camera.calibration_file))
 
 
 def _faults(rig: RigFile, words: Sequence[str]) -> tuple[Switching, ...]:
-    """What is to go wrong on a twin. Raises BadInput for what this rig cannot have."""
+    """The faults to be injected into a twin. Raises BadInput for faults that this rig cannot have."""
     if words and rig.is_real:
         raise BadInput(f"{rig.rig.title}: --fault is for twins; nothing is broken on purpose on a real rig")
     orders = switchings(words)
+    # Made only for its check: an unknown fault must be refused before the run begins.
     FaultInjection(rig, orders)
     return orders

@@ -1,4 +1,4 @@
-"""The logbook in 80 columns: two lines a run, or three where a diagnosis spoke of it."""
+"""The logbook in 80 columns: two lines a run, or three with a diagnosis."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
@@ -8,6 +8,7 @@ from rfca_rig.logbook.entry import Entry, LoggedCondition
 
 WIDTH = 80
 WHEN_WIDTH, ENDED_WIDTH = 16, 11
+# What the other two columns, and two gaps of two blanks, leave.
 NAME_WIDTH = WIDTH - WHEN_WIDTH - ENDED_WIDTH - 4
 INDENT = "    "
 MOST_VALUES = 4
@@ -15,16 +16,16 @@ WHY_LINES = 2
 
 
 def table_lines(entries: Sequence[Entry]) -> Iterator[str]:
-    """Nothing where there are none."""
+    """The lines of the table; none without entries."""
     if entries:
         yield _row("run", "begun", "ended")
     for entry in entries:
         yield from _head(entry)
-        for text in filter(None, (_recorded(entry), _why(entry), _verdict(entry))):
-            yield from _wrapped(text)
+        for text in filter(None, (_describe(entry), _why(entry), _verdict(entry))):
+            yield from _wrap(text)
 
 
-def _wrapped(text: str) -> list[str]:
+def _wrap(text: str) -> list[str]:
     return wrap(
         text,
         WIDTH,
@@ -41,8 +42,9 @@ def _row(name: str, when: str, ended: str) -> str:
 
 
 def _head(entry: Entry) -> Iterator[str]:
-    """A name that is too long has a line of its own, whole, so that it can be copied."""
+    """A name that is too long gets a line of its own, unbroken, so that it can be copied."""
     when = f"{datetime.fromtimestamp(entry.began_s):%Y-%m-%d %H:%M}"
+    # A trip's code says more than the word tripped.
     ended = f"trip {entry.code}" if entry.code else entry.ended
     if len(entry.folder) <= NAME_WIDTH:
         yield _row(entry.folder, when, ended)
@@ -51,8 +53,8 @@ def _head(entry: Entry) -> Iterator[str]:
         yield _row("", when, ended)
 
 
-def _recorded(entry: Entry) -> str:
-    """What, where, of which specimen, by whom."""
+def _describe(entry: Entry) -> str:
+    """What was recorded, under which conditions, of which specimen, by whom."""
     counts = (
         (entry.cycles, "cycle"),
         (entry.strokes, "stroke"),
@@ -66,7 +68,7 @@ def _recorded(entry: Entry) -> str:
 
 
 def _motions(entry: Entry) -> Iterator[str]:
-    """Length and conditions of a mechanism's recordings; of many conditions the number."""
+    """Duration and conditions of a mechanism's recordings; only the number of many conditions."""
     if entry.seconds is not None:
         yield f"{entry.seconds:.3g} s"
     elif entry.motions:
@@ -83,15 +85,16 @@ def _conditions(conditions: Sequence[LoggedCondition]) -> str:
 
 
 def _values(values: Iterable[float], unit: str) -> str:
-    """Each once; of many the first and the last."""
+    """Each value once; of many the first and the last."""
     found = sorted(set(values))
     if not found:
         return ""
-    said = f"{found[0]:g} to {found[-1]:g}" if len(found) > MOST_VALUES else ", ".join(f"{value:g}" for value in found)
-    return f"{said} {unit}"
+    text = f"{found[0]:g} to {found[-1]:g}" if len(found) > MOST_VALUES else ", ".join(f"{value:g}" for value in found)
+    return f"{text} {unit}"
 
 
 def _why(entry: Entry) -> str:
+    # A run that is done or unfinished needs no explanation.
     return entry.why if entry.ended not in ("", "done", "unfinished") else ""
 
 

@@ -1,4 +1,4 @@
-"""^C and the system's signals as stop_request of a run: heard at any time, obeyed where it is safe."""
+"""^C and the system's signals as stop requests of a run: received at any time, obeyed where it is safe."""
 
 import signal
 from collections.abc import Iterator
@@ -12,7 +12,10 @@ OUTSIDE = {signal.SIGTERM: "ended by SIGTERM", signal.SIGHUP: "its terminal was 
 
 
 class Heard:
-    """Turns a signal into a stop request. Where no loop is ticking, the run waits for a person with its motor off, and is interrupted."""
+    """Turns a signal into a stop request.
+
+    Where the loop does not tick, the run waits for a person with its motor off; it is then interrupted at once.
+    """
 
     def __init__(self, stop_request: StopRequest, say: Say) -> None:
         self._stop_request = stop_request
@@ -21,6 +24,7 @@ class Heard:
 
     def key(self, _number: int, _frame: FrameType | None) -> None:
         """^C: once for the next safe point, twice for now, three times where a device hangs."""
+        # The stop is under way: an interruption now could skip the torque-off.
         if self._stop_request.is_over:
             return
         self._presses += 1
@@ -30,10 +34,11 @@ class Heard:
             return
         self._stop_request.ask(StopLevel.TORQUE_OFF, "stopped at once by the operator")
         if self._presses > 2 or not self._stop_request.is_ticking:
+            # The loop sees no request: it waits for a person, or hangs in a device. Only an exception gets through.
             raise KeyboardInterrupt
 
     def from_outside(self, number: int, _frame: FrameType | None) -> None:
-        """The system wants the process to end: the shaft slows down, then the motor lets go."""
+        """The system ends the process: the shaft is slowed down, then the motor is disabled."""
         if self._stop_request.is_over:
             return
         self._stop_request.ask(StopLevel.RAMP_DOWN, OUTSIDE[signal.Signals(number)])
@@ -43,9 +48,10 @@ class Heard:
 
 @contextmanager
 def heard(stop_request: StopRequest, say: Say) -> Iterator[None]:
-    """Within the block, signals are stop_request; afterwards they are what they were before."""
-    ear = Heard(stop_request, say)
-    handlers = {signal.SIGINT: ear.key, signal.SIGTERM: ear.from_outside, signal.SIGHUP: ear.from_outside}
+    """Within the block, signals become stop requests; afterwards the earlier handlers are restored."""
+    handler_of_run = Heard(stop_request, say)
+    handlers = {signal.SIGINT: handler_of_run.key, signal.SIGTERM: handler_of_run.from_outside, signal.SIGHUP: handler_of_run.from_outside}
+    # Installed only around the run: elsewhere ^C keeps its usual meaning.
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield

@@ -1,4 +1,4 @@
-"""What a run says while it works: every line marked SIM or REAL, a progress bar where a person watches."""
+"""Terminal output of a run: every line marked SIM or REAL, a progress bar on a terminal."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -12,7 +12,7 @@ Say = Callable[[str], None]
 
 @contextmanager
 def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Callable[[str, float], None], Say]]:
-    """Gives (advance, say): `advance(label, rig_s)` moves the bar by seconds of rig time, `say` prints a line above it.
+    """Yields (advance, say): `advance(label, rig_s)` moves the bar by seconds of rig time, `say` prints a line above it.
 
     The bar shows only on a terminal; `quiet` silences both.
     """
@@ -37,12 +37,13 @@ def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Calla
 
 
 def marked(mark: str, quiet: bool) -> Say:
-    """Prints lines that begin with the mark, on the error stream so that --json owns the output."""
+    """A function that prints lines with the mark in front, on the error stream, because --json owns the output."""
     console = Console(file=sys.stderr, quiet=quiet, highlight=False)
     return lambda line: _print(console, mark, line)
 
 
 def _print(console: Console, mark: str, line: str) -> None:
-    """A terminal that was closed must keep no motor from stopping and no recording from being finished."""
+    """A closed terminal must not keep a motor from stopping, nor a recording from being completed."""
     with suppress(OSError):
+        # No markup: rich would take bracketed words of a message, for example [limits], for styles.
         console.print(f"{mark} {line}", markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Whether results can be written where the user asked for them: said before the work, not after it. Callbacks of options."""
+"""Callbacks of options that check, before the work, whether results can be written to the given place."""
 
 import os
 from pathlib import Path
@@ -7,9 +7,10 @@ from rfca_rig.errors import BadInput
 
 
 def out_folder(folder: Path | None) -> Path | None:
-    """As given, where it is a folder that takes files, or can be made. Raises BadInput."""
+    """The folder unchanged, if it exists and is writable, or can be made. Raises BadInput."""
     if folder is None:
         return None
+    # A folder that does not exist yet is made below its nearest existing parent, which must be writable.
     nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not nearest.is_dir():
         raise BadInput(f"{folder}: {'is' if nearest == folder else f'{nearest} is'} a file, where a folder is needed; name another")
@@ -19,7 +20,7 @@ def out_folder(folder: Path | None) -> Path | None:
 
 
 def out_file(file: Path | None) -> Path | None:
-    """As given, where a file of that name can be written. Raises BadInput."""
+    """The file unchanged, if it can be written. Raises BadInput."""
     if file is None:
         return None
     if file.is_dir():

@@ -1,1 +1,1 @@
-"""Bytes on the wires of the devices: pure functions both ways."""
+"""Encoders and decoders of the devices' protocols: pure functions between bytes and values, in both directions."""

@@ -1,7 +1,7 @@
 """The calibration file (.cal, XML) of an ATI DAQ F/T transducer: six gage voltages to a wrench; pure.
 
-Elements and attributes: the comment at the head of every such file (`UserAxis` is the matrix for one's own software, `Axis` is a
-scaled one for ATI's) and ATI's DAQ F/T C library, which also gives the formula of the temperature compensation.
+Sources for elements and attributes: the comment at the head of every such file, and ATI's DAQ F/T C library, which also gives the formula
+of the temperature compensation. `UserAxis` is the matrix for user software, `Axis` a scaled one for ATI's software.
 """
 
 from dataclasses import dataclass
@@ -19,19 +19,23 @@ Floats = NDArray[np.float64]
 
 GAGES = 6
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-WORST_CONDITION = 1e7  # of the matrix in N and N m per volt; a real one is below 100
+# Largest condition number of the matrix in N and N m per volt; that of a real one is below 100.
+MAX_CONDITION = 1e7
 
 
 @dataclass(frozen=True, eq=False)
 class TemperatureCompensation:
-    """compensated volts = (volts + bias_slope * warmth) / (1 - gain_slope * warmth), warmth = thermistor - reference, in volts."""
+    """Temperature compensation of the gage voltages, by `bias_slopes` (6,) and `gain_slopes` (6,).
+
+    compensated = (volts + bias_slope * warmth) / (1 - gain_slope * warmth), with warmth = thermistor - reference, all in volts.
+    """
 
     bias_slopes: Floats
     gain_slopes: Floats
     reference_V: float
 
     def compensated(self, volts: Floats, thermistor_V: Floats) -> Floats:
-        """`volts` (m, 6) as they would be at the reference temperature; `thermistor_V` (m,)."""
+        """Voltages (m, 6) at the reference temperature, from `volts` (m, 6) and `thermistor_V` (m,)."""
         warmth = (thermistor_V - self.reference_V)[:, None]
         corrected: Floats = (volts + self.bias_slopes * warmth) / (1.0 - self.gain_slopes * warmth)
         return corrected
@@ -39,9 +43,13 @@ class TemperatureCompensation:
 
 @dataclass(frozen=True, eq=False)
 class TransducerCalibration:
-    """One transducer's calibration in SI: `matrix` (6, 6) N and N m per volt, `limits` (6,) the rated load, `rails_V` lowest, highest.
+    """Calibration of one transducer in SI units.
 
-    `force_unit` and `torque_unit` are those of the file. `compensated_in_hardware`: the transducer's own circuit does it.
+    - `matrix` (6, 6): N and N m per volt.
+    - `limits` (6,): rated load in N and N m.
+    - `rails_V`: lowest and highest voltage.
+    - `force_unit`, `torque_unit`: those of the file.
+    - `compensated_in_hardware`: a circuit in the transducer compensates for temperature.
     """
 
     serial_number: str
@@ -58,11 +66,15 @@ class TransducerCalibration:
 
     @property
     def channels(self) -> int:
-        """How many voltages belong to a sample: the gages, and the thermistor where the file compensates by it."""
+        """Number of voltages in a sample: the gages, and the thermistor where the file compensates by it."""
         return GAGES + (self.temperature is not None)
 
     def wrench(self, volts: Floats, unloaded_V: Floats) -> Floats:
-        """(m, 6) N and N m from `volts` (m, channels); `unloaded_V` (channels,) is what the gages showed without load."""
+        """Wrench (m, 6) in N and N m from `volts` (m, channels).
+
+        `unloaded_V` (channels,) are the voltages without load.
+        """
+        # Both are compensated before the difference: the thermistor may have changed since the unloaded reading.
         loaded = volts - unloaded_V if self.temperature is None else self._at_reference(volts) - self._at_reference(unloaded_V[None, :])
         forces: Floats = loaded @ self.matrix.T
         return forces
@@ -72,13 +84,13 @@ class TransducerCalibration:
         return self.temperature.compensated(volts[:, :GAGES], volts[:, GAGES])
 
     def volts(self, wrench: Floats, unloaded_V: Floats) -> Floats:
-        """The inverse of `wrench` at the reference temperature: gage voltages (m, 6)."""
+        """Gage voltages (m, 6) of a `wrench` (m, 6), its inverse at the reference temperature; `unloaded_V` is (channels,)."""
         gages: Floats = np.linalg.solve(self.matrix, wrench.T).T + unloaded_V[:GAGES]
         return gages
 
 
 def parse_calibration(content: bytes, where: str) -> TransducerCalibration:
-    """The calibration in a .cal file. Raises BadInput, `where` first and in one line, for anything that is not whole and clear."""
+    """Parse a .cal file. Raises BadInput, as one line that begins with `where`, for content that is incomplete or ambiguous."""
     try:
         return _sensor(_root(content))
     except MalformedFrame as error:
@@ -86,6 +98,7 @@ def parse_calibration(content: bytes, where: str) -> TransducerCalibration:
 
 
 def _root(content: bytes) -> Xml.Element:
+    # A document type could define entities that expand without limit.
     if b"<!DOCTYPE" in content:
         raise MalformedFrame("declares a document type, which no calibration file does")
     try:
@@ -141,7 +154,8 @@ def _axes(element: Xml.Element) -> tuple[Floats, Floats]:
 
 
 def _regular(matrix: Floats) -> Floats:
-    if not np.linalg.cond(matrix) < WORST_CONDITION:
+    # Written with `not`, so that a condition number of NaN is refused too.
+    if not np.linalg.cond(matrix) < MAX_CONDITION:
         raise MalformedFrame("its matrix cannot be inverted, so no six gages of a transducer gave it; was a row copied?")
     return matrix
 
@@ -152,7 +166,7 @@ def _rails(element: Xml.Element) -> tuple[float, float]:
 
 
 def _temperature(element: Xml.Element) -> TemperatureCompensation | None:
-    """None where the file has none of its three elements; where it has some, it must have all."""
+    """The temperature compensation. None where the file has none of its three elements; where it has some, it must have all."""
     parts = {name: element.find(name) for name in ("BiasSlope", "GainSlope", "Thermistor")}
     bias, gain, thermistor = parts.values()
     if bias is None and gain is None and thermistor is None:
@@ -186,7 +200,7 @@ def _positive(element: Xml.Element, name: str) -> float:
 
 
 def _numbers(element: Xml.Element, name: str, count: int) -> list[float]:
-    """Numbers that blanks part, as many as there must be, each finite."""
+    """Numbers separated by blanks: exactly `count`, all finite."""
     words = _text(element, name).split()
     try:
         values = [float(word) for word in words]

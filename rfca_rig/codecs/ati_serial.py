@@ -1,9 +1,9 @@
 """ATI F/T Controller (CTL, CON) on RS-232: commands, and records in ASCII and binary; pure.
 
-Commands end in a carriage return, are echoed, and are answered by a prompt. Letters and meanings: the controller's command list
-(ATI manual 9620-05-CTL). ASCII record: error flag and six counts, 45 characters with CR LF. Binary record: one byte of error flag
-and six 16 bit counts, high byte first. With `CD E` a checksum follows; the documents at hand do not say how it is made, so the sum
-of the record's bytes modulo 256 is taken; a controller that sums otherwise has every record refused, and the driver says so.
+Commands end in a carriage return, are echoed, and are answered by a prompt. Commands: the controller's command list (ATI manual
+9620-05-CTL). ASCII record: error flag and six counts, 45 characters with CR LF. Binary record: one byte of error flag and six 16 bit
+counts, high byte first. With `CD E` a checksum follows. The documents do not define it; here it is the sum of the record's bytes modulo
+256. If a controller computes it differently, every record is refused, and the driver reports it.
 """
 
 import re
@@ -26,7 +26,7 @@ _ASCII = re.compile(rb" *([01])((?:, *-?[0-9]{1,5}){6})\r?\n?")
 
 
 class RecordForm(Enum):
-    """How the controller writes a record."""
+    """Format of the controller's records."""
 
     ASCII = "ascii"
     BINARY = "binary"
@@ -40,7 +40,7 @@ class RecordForm(Enum):
 
 
 class AtiCommand(bytes, Enum):
-    """What the controller is asked, without the carriage return. An empty command ends a stream."""
+    """Commands of the controller, without the carriage return. An empty command ends a stream."""
 
     NOTHING = b""
     ASCII = b"CD A"
@@ -65,14 +65,15 @@ SETUP = {
 
 @dataclass(frozen=True, slots=True)
 class AtiRecord:
-    """`error` is 0 while the values are good: saturation and a transducer that is not connected set it. Counts: fx fy fz tx ty tz."""
+    """One record. `error` is 0 while the values are good; saturation or a disconnected transducer set it. Counts: fx fy fz tx ty tz."""
 
     error: int
     counts: Counts
 
 
 def encode_command(command: bytes) -> bytes:
-    """Raises NotEncodable for a command that holds a carriage return or line feed."""
+    """A command with its line end. Raises NotEncodable for a command that holds a carriage return or line feed."""
+    # A line end inside would make the controller see two commands.
     if b"\r" in command or b"\n" in command:
         raise NotEncodable(f"command {command!r} holds a line end of its own")
     return bytes(command) + END
@@ -110,6 +111,7 @@ def _decode_binary(data: bytes, form: RecordForm) -> AtiRecord:
     if form is RecordForm.BINARY_CHECKSUM and checksum(data[:-1]) != data[-1:]:
         raise MalformedFrame(f"checksum of a binary record is 0x{data[-1]:02x}, its bytes add up to 0x{checksum(data[:-1])[0]:02x}")
     error, fx, fy, fz, tx, ty, tz = _BINARY.unpack(data[: _BINARY.size])
+    # The flag is the only redundancy of a record without checksum: another value means that bytes are out of step.
     if error > 1:
         raise MalformedFrame(f"binary record begins with error flag 0x{error:02x}, expected 0 or 1")
     return AtiRecord(error, (fx, fy, fz, tx, ty, tz))

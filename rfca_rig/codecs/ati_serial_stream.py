@@ -1,4 +1,4 @@
-"""Records out of the stream of bytes that an ATI F/T Controller sends, found again after noise; pure."""
+"""Decodes the byte stream of an ATI F/T Controller into records, and resynchronises after transmission errors; pure."""
 
 import itertools
 from dataclasses import dataclass
@@ -8,39 +8,41 @@ from rfca_rig.codecs.ati_serial import LINE_END, AtiRecord, RecordForm, decode_r
 from rfca_rig.codecs.malformed import MalformedFrame
 
 LONGEST_LINE = 200
-ALIGNED_RUN = 4  # so many records in a row must fit before an alignment of bytes is believed
-LARGEST_JUMP = 2**13  # counts from one record to the next; more is a sign of bytes that are out of step
+# Number of consecutive records that must be valid before an alignment is accepted.
+ALIGNED_RUN = 4
+# Change of a count between records; a larger one is a sign of bytes that are out of step.
+LARGEST_JUMP = 2**13
 
 
 @dataclass(frozen=True, slots=True)
 class FoundRecord:
-    """A record, and how many were lost between the one before and it."""
+    """A record, and the number of records lost before it."""
 
     missed: int
     record: AtiRecord
 
 
 class RecordDecoder(Protocol):
-    """Fed with bytes as they come in, in pieces of any length."""
+    """Decoder that is fed with received bytes, in pieces of any length."""
 
     malformed: int
     last_malformed: str
 
     def feed(self, data: bytes) -> list[FoundRecord]:
-        """The records that `data` completes. Never raises: what is no record is counted in `malformed` and passed over."""
+        """The records that `data` completes. Never raises: invalid data are counted in `malformed` and skipped."""
         ...
 
 
 def record_stream(form: RecordForm) -> RecordDecoder:
-    """An empty stream of records of that form."""
+    """A new decoder for records of this form."""
     return AsciiStream() if form is RecordForm.ASCII else BinaryStream(form)
 
 
 class AsciiStream:
-    """Lines. Fields have a fixed width, so a line of another length than its neighbours has lost or gained a character.
+    """Decoder of ASCII lines. Fields have a fixed width, so a line of another length than its neighbours lost or gained a character.
 
-    The width is learned: two lines in a row of the same new length are believed. What comes before the first record (echo, prompt)
-    counts as nothing.
+    The width is learned: two consecutive lines of the same new length are accepted. Text before the first record (echo, prompt) is
+    ignored.
     """
 
     def __init__(self) -> None:
@@ -52,11 +54,12 @@ class AsciiStream:
 
     def feed(self, data: bytes) -> list[FoundRecord]:
         *lines, self._held = (self._held + data).split(b"\n")
+        # A line end that was lost must not let the buffer grow.
         if len(self._held) > LONGEST_LINE:
             lines, self._held = [*lines, self._held], b""
-        return [found for line in lines if (found := self._taken(line + b"\n")) is not None]
+        return [found for line in lines if (found := self._decode_line(line + b"\n")) is not None]
 
-    def _taken(self, line: bytes) -> FoundRecord | None:
+    def _decode_line(self, line: bytes) -> FoundRecord | None:
         try:
             record = decode_record(line, RecordForm.ASCII)
             self._check_width(len(line))
@@ -74,7 +77,11 @@ class AsciiStream:
         self._width, self._odd_width = width, -1
 
     def _refuse(self, line: bytes, error: MalformedFrame) -> None:
-        """Its characters are kept count of: a line that lost its end swallowed the next, one that gained an end became two."""
+        """Count a malformed line and its characters.
+
+        The characters give the number of lost records: a line that lost its end contains the next one, one that gained an end became two.
+        """
+        # Before the first record there is no width, and nothing was lost.
         if self._width > 0:
             self.malformed += 1
             self.last_malformed = str(error)
@@ -82,10 +89,10 @@ class AsciiStream:
 
 
 class BinaryStream:
-    """Fixed lengths, no mark where a record begins.
+    """Decoder of binary records, which have a fixed length and no start mark.
 
-    While records fit, the next begins where one ended. When one does not, an alignment is looked for at which several in a row
-    fit; without checksum many may, and the one at which the values jump least is taken.
+    While records are valid, each begins where the one before ended. After an invalid one, an alignment is searched at which several
+    consecutive records are valid. Without checksum there may be many; the one with the smallest changes of values is taken.
     """
 
     def __init__(self, form: RecordForm) -> None:
@@ -136,7 +143,7 @@ class BinaryStream:
         self.last_malformed = self._reason
 
     def _find_step(self) -> bool:
-        """Skips to the best alignment, waiting for enough bytes to judge them all; False where more are needed."""
+        """Skip to the best alignment; False where more bytes are needed to compare all alignments."""
         while len(self._held) >= (ALIGNED_RUN + 2) * self._size:
             at = self._best_alignment()
             self._skip(at or self._size)
@@ -146,11 +153,12 @@ class BinaryStream:
         return False
 
     def _best_alignment(self) -> int | None:
-        """Two records' lengths are searched, so that one damaged record does not hide the true alignment behind it."""
+        """The best alignment within the length of two records, so that one damaged record does not hide the true one behind it."""
         fits = [at for at in range(1, 2 * self._size + 1) if self._fits(at)]
         if not fits:
             return None
         best = min(fits, key=self._roughness)
+        # The first offset of the same alignment: a later one would lose a good record.
         return min(at for at in fits if (at - best) % self._size == 0)
 
     def _fits(self, at: int) -> bool:
@@ -165,7 +173,7 @@ class BinaryStream:
         self._skipped += count
 
     def _accept(self, record: AtiRecord) -> FoundRecord:
-        """Bytes that were skipped are as many records as they would fill; before the first record they are none."""
+        """Remove a record from the buffer; skipped bytes count as the records that they would fill, but not before the first record."""
         missed = round(self._skipped / self._size) if self._last is not None else 0
         self._skipped = 0
         self._last = record
@@ -178,6 +186,6 @@ def _jump(before: AtiRecord, after: AtiRecord) -> int:
 
 
 def without_echo(data: bytes, echo: bytes) -> bytes | None:
-    """What follows the echoed command and its line end; None while these have not come in whole."""
+    """The data after the echoed command and its line end; None while these have not arrived completely."""
     at = data.find(echo + LINE_END)
     return None if at < 0 else data[at + len(echo) + len(LINE_END) :]

@@ -1,7 +1,7 @@
-"""Units of force and torque as ATI's configuration pages, calibration files and command interface name them.
+"""Units of force and torque in ATI's configuration pages, calibration files and command interface.
 
-Names and codes: ATI manual 9620-05-net ft, tables of `cfgfu` and `cfgtu`; the spellings of calibration files are those that
-ATI's DAQ F/T C library takes.
+Names and codes: ATI manual 9620-05-net ft, tables of `cfgfu` and `cfgtu`. The spellings in calibration files are those that ATI's
+DAQ F/T C library accepts.
 """
 
 from rfca_rig.codecs.malformed import MalformedFrame
@@ -9,7 +9,8 @@ from rfca_rig.codecs.malformed import MalformedFrame
 _LBF_N = 0.45359237 * 9.80665
 _INCH_M = 0.0254
 
-_FORCE_CODES = ("lbf", "N", "klbf", "kN", "kgf", "gf")  # code 1 first
+# The position in these tuples, from 1, is the code.
+_FORCE_CODES = ("lbf", "N", "klbf", "kN", "kgf", "gf")
 _TORQUE_CODES = ("lbf-in", "lbf-ft", "Nm", "Nmm", "kgf-cm", "kNm")
 
 _NEWTONS = {"lbf": _LBF_N, "N": 1.0, "klbf": 1e3 * _LBF_N, "kN": 1e3, "kgf": 9.80665, "gf": 9.80665e-3}
@@ -37,12 +38,12 @@ _OTHER_NAMES = {
 
 
 def newtons_per(unit: str) -> float:
-    """Newtons in one of the unit. Raises MalformedFrame for a unit that is not known: a guess would scale every force."""
+    """Newtons in one unit. Raises MalformedFrame for an unknown unit: a guess would scale every force wrongly."""
     return _size(unit, _NEWTONS, "force")
 
 
 def newton_metres_per(unit: str) -> float:
-    """Newton metres in one of the unit. Raises MalformedFrame for a unit that is not known."""
+    """Newton metres in one unit. Raises MalformedFrame for an unknown unit."""
     return _size(unit, _NEWTON_METRES, "torque")
 
 
@@ -56,12 +57,12 @@ def _size(unit: str, sizes: dict[str, float], of_what: str) -> float:
 
 def force_unit(code: int) -> str:
     """The unit behind a code of `cfgfu` or of the command interface. Raises MalformedFrame for any other number."""
-    return _named(code, _FORCE_CODES, "force")
+    return _unit_of(code, _FORCE_CODES, "force")
 
 
 def torque_unit(code: int) -> str:
     """The unit behind a code of `cfgtu` or of the command interface. Raises MalformedFrame for any other number."""
-    return _named(code, _TORQUE_CODES, "torque")
+    return _unit_of(code, _TORQUE_CODES, "torque")
 
 
 def force_code(unit: str) -> int:
@@ -74,7 +75,7 @@ def torque_code(unit: str) -> int:
     return _TORQUE_CODES.index(unit) + 1
 
 
-def _named(code: int, names: tuple[str, ...], of_what: str) -> str:
+def _unit_of(code: int, names: tuple[str, ...], of_what: str) -> str:
     if not 1 <= code <= len(names):
         raise MalformedFrame(f"{code} is no known code of a unit of {of_what}, expected 1..{len(names)}")
     return names[code - 1]

@@ -1,9 +1,14 @@
 """ODrive's CANSimple frames, both directions and both dialects; pure.
 
-Layouts: ODrive CANSimple protocol (docs/can-protocol.rst and odrive-cansimple.dbc), firmware 0.6, and where it differs the same
-documents of firmware 0.5.6: heartbeat bytes 5..7 are flag bits (40 motor, 48 encoder, 56 controller error, 63 trajectory done)
-instead of procedure result and trajectory done; 0x03, 0x04 and 0x1D are error words of the parts; 0x1C is a voltage instead of
-torques; 0x15 is not temperatures; 0x00 is not answered; clearing errors takes no byte. Little-endian throughout.
+Layouts: ODrive CANSimple protocol (docs/can-protocol.rst and odrive-cansimple.dbc) of firmware 0.6. Little-endian throughout. The same
+documents of firmware 0.5.6 differ as follows:
+
+- Heartbeat bytes 5..7 are flag bits (40 motor, 48 encoder, 56 controller error, 63 trajectory done) instead of procedure result and
+  trajectory done.
+- 0x03, 0x04 and 0x1D are error words of the parts.
+- 0x1C is a voltage instead of torques, and 0x15 is not temperatures.
+- 0x00 is not answered.
+- Clearing errors takes no byte.
 """
 
 import struct
@@ -51,6 +56,7 @@ _INPUT_POS = struct.Struct("<fhh")
 _ONE_BYTE = struct.Struct("<B")
 _EMPTY = struct.Struct("")
 
+# Feed-forwards are 16-bit integers in steps of 0.001, the drive's default scale.
 FEED_FORWARD_STEP = 1e-3
 PART_COMMANDS = {
     OdrivePart.MOTOR: OlderCommand.MOTOR_ERROR,
@@ -68,6 +74,7 @@ def _heartbeat(error: int, state: int, result: int, flags: int) -> Heartbeat:
 
 
 def _older_heartbeat(error: int, state: int, motor: int, encoder: int, controller: int) -> Heartbeat:
+    # Bits 40, 48 and 56 of the frame are bit 0 of these bytes, bit 63 is bit 7 of the last.
     failed = tuple(part for part, flags in zip(OdrivePart, (motor, encoder, controller), strict=True) if flags & 1)
     return Heartbeat(error, state, 0, bool(controller & 0x80), failed)
 
@@ -80,7 +87,7 @@ def _input_pos(position: float, speed: int, torque: int) -> SetInputPos:
     return SetInputPos(position, speed * FEED_FORWARD_STEP, torque * FEED_FORWARD_STEP)
 
 
-# Command -> its fields, what they become, and the payload lengths in use (some senders pad to eight bytes, some do not).
+# Command -> its fields, the constructor of the message, and the accepted payload lengths (some senders pad to eight bytes).
 _Layouts = dict[int, tuple[struct.Struct, Callable[..., Message], frozenset[int]]]
 _SHARED: _Layouts = {
     OdriveCommand.VERSION: (_VERSION, _version, frozenset({8})),
@@ -110,6 +117,7 @@ _LAYOUTS = {OdriveFirmware.V0_5: _SHARED | _OLDER, OdriveFirmware.V0_6: _SHARED 
 
 def decode(arbitration_id: int, data: bytes | bytearray, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Message | None:
     """The message in one data frame; None for a command that is not used here. Raises MalformedFrame for a wrong length."""
+    # The low five bits of the id are the command, the rest is the node.
     layout = _LAYOUTS[dialect].get(arbitration_id & 0x1F)
     if layout is None:
         return None
@@ -128,7 +136,7 @@ def _name(command: int, dialect: OdriveFirmware) -> str:
 
 
 def node_of(arbitration_id: int) -> int:
-    """The address of the drive that sent a frame, or that it is meant for."""
+    """The address of the drive that sent a frame, or that the frame is for."""
     return arbitration_id >> 5
 
 
@@ -142,13 +150,14 @@ def _frame(node: int, command: OdriveCommand | OlderCommand, fields: struct.Stru
 
 
 def _steps(value: float, name: str) -> int:
+    # Written with `not`, so that NaN is refused too.
     if not abs(value) <= 32.767:
         raise NotEncodable(f"{name} {value:g} does not fit a CAN feed-forward, limit 32.767; lower the speed or the gear ratio")
     return round(value / FEED_FORWARD_STEP)
 
 
 def request(node: int, command: OdriveCommand | OlderCommand) -> Frame:
-    """Asks for one message; to be sent as a remote frame (firmware 0.5.6 also takes a data frame without bytes)."""
+    """Request of one message, to be sent as a remote frame (firmware 0.5.6 also accepts a data frame without bytes)."""
     return _frame(node, command)
 
 
@@ -174,7 +183,7 @@ def errors(node: int, report: ErrorReport) -> Frame:
 
 
 def part_error(node: int, report: PartError) -> Frame:
-    """Firmware 0.5."""
+    """The error word of one part; firmware 0.5 only."""
     return _frame(node, PART_COMMANDS[report.part], _ONE_LONG_WORD, report.word)
 
 
@@ -217,7 +226,7 @@ def bus_voltage_current(node: int, voltage_V: float, current_A: float) -> Frame:
 
 
 def clear_errors(node: int, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Frame:
-    """Firmware 0.6 takes one byte, zero: the drive does not blink. Firmware 0.5 takes none."""
+    """Clear all errors. Firmware 0.6 takes one byte, zero: the drive does not blink. Firmware 0.5 takes none."""
     return (
         _frame(node, OdriveCommand.CLEAR_ERRORS)
         if dialect == OdriveFirmware.V0_5

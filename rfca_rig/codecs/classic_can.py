@@ -1,4 +1,4 @@
-"""A frame of classic CAN, whatever text or bytes carry it."""
+"""A frame of classic CAN, independent of its transport."""
 
 from dataclasses import dataclass
 
@@ -6,12 +6,12 @@ from rfca_rig.codecs.malformed import MalformedFrame
 
 STANDARD_IDS = 1 << 11
 EXTENDED_IDS = 1 << 29
-MOST_BYTES = 8
+MAX_BYTES = 8
 
 
 @dataclass(frozen=True, slots=True)
 class ClassicFrame:
-    """`remote` frames carry no data, only the `length` they ask for. Raises MalformedFrame for what no such frame can be."""
+    """A frame. `remote` frames carry no data, only the `length` that they request. Raises MalformedFrame for an impossible frame."""
 
     can_id: int
     data: bytes = b""
@@ -20,9 +20,10 @@ class ClassicFrame:
     length: int = -1
 
     def __post_init__(self) -> None:
+        # A frozen dataclass can set a default that depends on another field only this way.
         if self.length < 0:
             object.__setattr__(self, "length", len(self.data))
         if not 0 <= self.can_id < (EXTENDED_IDS if self.extended else STANDARD_IDS):
             raise MalformedFrame(f"CAN identifier {self.can_id:#x} does not fit {29 if self.extended else 11} bits")
-        if self.length > MOST_BYTES or len(self.data) != (0 if self.remote else self.length):
-            raise MalformedFrame(f"CAN frame of length {self.length} with {len(self.data)} data bytes, limit {MOST_BYTES}")
+        if self.length > MAX_BYTES or len(self.data) != (0 if self.remote else self.length):
+            raise MalformedFrame(f"CAN frame of length {self.length} with {len(self.data)} data bytes, limit {MAX_BYTES}")

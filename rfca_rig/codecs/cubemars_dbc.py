@@ -1,29 +1,30 @@
-"""CAN databases (DBC) for CubeMars AK drives, for bus monitors; there is none from the maker. The files in `dbc/` are these texts.
+"""CAN databases (DBC) for CubeMars AK drives, for bus monitors; the manufacturer provides none. The files in `dbc/` are these texts.
 
-A DBC holds one message per arbitration id, so the one for MIT mode puts the replies under id 0, where drives with a master id of
-0 send them; for a drive that replies under its own id, give `reply_id` and leave the command out of sight.
+A DBC holds one message per arbitration id. The one for MIT mode therefore has the replies under id 0, where drives with a master id of 0
+send them. For a drive that replies under its own id, set `reply_id` to None; the database then has no command.
 """
 
 from rfca_rig.codecs.cubemars_meanings import ERRORS
 from rfca_rig.codecs.cubemars_ranges import GAIN_Nm_PER_RAD, GAIN_Nm_S_PER_RAD, MitRanges
 from rfca_rig.codecs.cubemars_servo import OriginMode, Packet
 
+# A DBC marks extended identifiers by this bit.
 EXTENDED = 1 << 31
 _HEAD = 'VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: host drive\n'
 
 
 def mit_dbc(ranges: MitRanges, drive_id: int = 1, reply_id: int | None = 0) -> str:
-    """Command and reply of one drive; with `reply_id` None the reply alone, under the drive's own id."""
+    """The database of one drive in MIT mode: command and reply. With `reply_id` None it has the reply only, under the drive's own id."""
     command = _message(
         drive_id,
         "MIT_Command",
         8,
         "host",
-        _scaled("Position", 7, 16, -ranges.position_rad, ranges.position_rad, "rad"),
-        _scaled("Speed", 23, 12, -ranges.speed_rad_s, ranges.speed_rad_s, "rad/s"),
-        _scaled("Kp", 27, 12, 0.0, GAIN_Nm_PER_RAD, "Nm/rad"),
-        _scaled("Kd", 47, 12, 0.0, GAIN_Nm_S_PER_RAD, "Nm.s/rad"),
-        _scaled("Torque", 51, 12, -ranges.torque_Nm, ranges.torque_Nm, "Nm"),
+        _range_signal("Position", 7, 16, -ranges.position_rad, ranges.position_rad, "rad"),
+        _range_signal("Speed", 23, 12, -ranges.speed_rad_s, ranges.speed_rad_s, "rad/s"),
+        _range_signal("Kp", 27, 12, 0.0, GAIN_Nm_PER_RAD, "Nm/rad"),
+        _range_signal("Kd", 47, 12, 0.0, GAIN_Nm_S_PER_RAD, "Nm.s/rad"),
+        _range_signal("Torque", 51, 12, -ranges.torque_Nm, ranges.torque_Nm, "Nm"),
     )
     reply = _message(
         drive_id if reply_id is None else reply_id,
@@ -31,9 +32,9 @@ def mit_dbc(ranges: MitRanges, drive_id: int = 1, reply_id: int | None = 0) -> s
         8,
         "drive",
         _signal("Drive_Id", 7, 8, "+", 1.0, 0.0, ""),
-        _scaled("Position", 15, 16, -ranges.position_rad, ranges.position_rad, "rad"),
-        _scaled("Speed", 31, 12, -ranges.speed_rad_s, ranges.speed_rad_s, "rad/s"),
-        _scaled("Torque", 35, 12, -ranges.torque_Nm, ranges.torque_Nm, "Nm"),
+        _range_signal("Position", 15, 16, -ranges.position_rad, ranges.position_rad, "rad"),
+        _range_signal("Speed", 31, 12, -ranges.speed_rad_s, ranges.speed_rad_s, "rad/s"),
+        _range_signal("Torque", 35, 12, -ranges.torque_Nm, ranges.torque_Nm, "Nm"),
         _signal("Temperature", 55, 8, "+", 1.0, -float(ranges.temperature_offset_degC), "degC"),
         _signal("Error", 63, 8, "+", 1.0, 0.0, ""),
     )
@@ -42,7 +43,7 @@ def mit_dbc(ranges: MitRanges, drive_id: int = 1, reply_id: int | None = 0) -> s
 
 
 def servo_dbc(drive_id: int = 1) -> str:
-    """Every command of servo mode, and the status frame."""
+    """The database of one drive in servo mode: all commands and the status frame."""
     position = _signal("Position", 7, 32, "-", 1e-4, 0.0, "deg")
     commands = {
         Packet.DUTY: (4, [_signal("Duty", 7, 32, "-", 1e-5, 0.0, "")]),
@@ -82,12 +83,12 @@ def _message(can_id: int, name: str, size: int, sender: str, *signals: str) -> s
     return f"\nBO_ {can_id} {name}: {size} {sender}\n" + "".join(f" {signal} {receiver}\n" for signal in signals)
 
 
-def _scaled(name: str, start: int, bits: int, low: float, high: float, unit: str) -> str:
+def _range_signal(name: str, start: int, bits: int, low: float, high: float, unit: str) -> str:
     return _signal(name, start, bits, "+", (high - low) / ((1 << bits) - 1), low, unit, f"[{low:g}|{high:g}]")
 
 
 def _signal(name: str, start: int, bits: int, sign: str, factor: float, offset: float, unit: str, limits: str = "[0|0]") -> str:
-    """`start` is the place of the highest bit, Motorola order."""
+    """One signal line; `start` is the position of the highest bit, in Motorola order."""
     return f'SG_ {name} : {start}|{bits}@0{sign} ({factor!r},{offset!r}) {limits} "{unit}"'
 
 

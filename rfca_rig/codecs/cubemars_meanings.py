@@ -1,7 +1,7 @@
-"""What the error byte of a CubeMars AK drive means, in MIT replies and in servo status frames.
+"""Meanings of the error byte of a CubeMars AK drive, in MIT replies and in servo status frames.
 
-Source: AK Series Module Driver Manual V1.0.18, fault codes over CAN. Manuals before it give 6 as unbalanced phase currents and
-have no 7; the long list of the serial port (over-voltage = 1 ...) is another one and never sent over CAN.
+Source: AK Series Module Driver Manual V1.0.18, fault codes over CAN. Earlier manuals give 6 as unbalanced phase currents and have no 7.
+The long list of the serial port (over-voltage = 1 ...) is a different one and is never sent over CAN.
 """
 
 ERRORS = {
@@ -16,5 +16,5 @@ ERRORS = {
 
 
 def error_text(code: int) -> str:
-    """The code with its meaning; 0 is none."""
+    """The code with its meaning; 0 means no error."""
     return f"error {code} ({ERRORS.get(code, 'not documented') if code else 'none'})"

@@ -1,24 +1,24 @@
-"""What the fields of MIT mode span on each CubeMars / T-Motor AK drive.
+"""Ranges of the MIT mode fields of each CubeMars / T-Motor AK drive.
 
-The frame carries fractions of a range that stands nowhere on the wire: with another drive's range every value is scaled wrongly
-and silently. So a row is chosen by model, and where a firmware differs from the manual, by model and firmware.
+The frame carries fractions of a range that is not transmitted: with another drive's range every value is scaled wrongly, without an error.
+So a row is chosen by model, and by model and firmware where a firmware differs from the manual.
 
-Sources: CubeMars AK Series Module Driver Manual V1.0.18, MIT mode, table of parameter ranges, for names without a version; the
-table of DFKI's mini-cheetah-tmotor-python-can (src/motor_driver/canmotorlib.py), measured on drives of that firmware, for names
-that end in one.
+Sources: for names without a version, CubeMars AK Series Module Driver Manual V1.0.18, MIT mode, table of parameter ranges. For names
+with a version, the table of DFKI's mini-cheetah-tmotor-python-can (src/motor_driver/canmotorlib.py), measured on drives of that firmware.
 """
 
 from dataclasses import dataclass
 
 from rfca_rig.errors import BadInput
 
-GAIN_Nm_PER_RAD = 500.0  # kp, from 0; the same on every drive
-GAIN_Nm_S_PER_RAD = 5.0  # kd, from 0
+# Ranges of kp and kd, both from 0 and the same on every drive.
+GAIN_Nm_PER_RAD = 500.0
+GAIN_Nm_S_PER_RAD = 5.0
 
 
 @dataclass(frozen=True)
 class MitRanges:
-    """Each field goes from minus to plus its value; at the output shaft. Temperatures are sent with `temperature_offset_degC` added."""
+    """Ranges at the output shaft, each from minus to plus its value. Temperatures are sent with `temperature_offset_degC` added."""
 
     model: str
     speed_rad_s: float
@@ -50,7 +50,7 @@ MIT_RANGES = {
 
 
 def mit_ranges(model: str) -> MitRanges:
-    """Raises BadInput, naming what is known, for a model that is not in the table."""
+    """The ranges of a model. Raises BadInput, with the known models, for one that is not in the table."""
     if model not in MIT_RANGES:
         raise BadInput(f"drive: model {model!r} is not known, known are {', '.join(MIT_RANGES)}")
     return MIT_RANGES[model]

@@ -1,9 +1,11 @@
 """Servo mode of a CubeMars / T-Motor AK drive, both directions; pure.
 
 Layout: AK Series Module Driver Manual V1.0.8 (p. 32-40) and V1.0.18 (p. 35-45). Extended frames, big-endian, id = packet << 8 |
-drive id. Three traps of older drivers: positions are sent in steps of 1e-4 degrees (an older printing has 1e-6); speed and
-acceleration of the position-speed packet in steps of 10, its position not; the status frame is 0x29, and 0x2C and 0x09 are none.
-Speeds are electrical: revolutions per minute of the motor times its pole pairs (ERPM).
+drive id. Speeds are electrical: revolutions per minute of the motor times its pole pairs (ERPM). Three traps of older drivers:
+
+- Positions are in steps of 1e-4 degrees (an older printing has 1e-6).
+- Speed and acceleration of the position-speed packet are in steps of 10, its position is not.
+- The status frame is 0x29; 0x2C and 0x09 are none.
 """
 
 import struct
@@ -16,16 +18,17 @@ from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 Frame = tuple[int, bytes]
 
 MOST_ERPM = 100_000
-MOST_DEG = 36_000.0
-MOST_A = 60.0
+MAX_DEG = 36_000.0
+MAX_A = 60.0
 STATUS_COUNTS = 1 << 16
-STATUS_DEG = 0.1  # per count of the status frame
+# Per count of the status frame.
+STATUS_DEG = 0.1
 STATUS_ERPM = 10.0
 STATUS_A = 0.01
 
 
 class Packet(IntEnum):
-    """What an arbitration id says above its low byte."""
+    """Packet types: the arbitration id above its low byte."""
 
     DUTY = 0
     CURRENT = 1
@@ -38,7 +41,7 @@ class Packet(IntEnum):
 
 
 class OriginMode(IntEnum):
-    """Until power-off; for good (drives with two encoders); back to the factory's."""
+    """Lifetime of a new origin: until power-off; permanent (drives with two encoders); back to the factory's."""
 
     TEMPORARY = 0
     PERMANENT = 1
@@ -52,7 +55,7 @@ class SetDuty:
 
 @dataclass(frozen=True, slots=True)
 class SetCurrent:
-    """0 takes the torque away: the mode has no other frame for it."""
+    """A motor current. 0 removes the torque: the mode has no other frame for that."""
 
     current_A: float
 
@@ -69,7 +72,7 @@ class SetSpeed:
 
 @dataclass(frozen=True, slots=True)
 class SetPosition:
-    """Of the output shaft, as fast as the drive can."""
+    """A position of the output shaft, to be reached as fast as the drive can."""
 
     position_deg: float
 
@@ -90,7 +93,7 @@ class SetPositionSpeed:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Sent by the drive on its own. `position_count` steps of 0.1 degrees, 16 bits: nine turns either way, then it wraps."""
+    """Sent by the drive on its own. `position_count` is in steps of 0.1 degrees, 16 bits: it wraps after nine turns either way."""
 
     position_count: int
     speed_erpm: float
@@ -133,7 +136,7 @@ def decode(arbitration_id: int, data: bytes | bytearray) -> Message | None:
 
 
 def drive_of(arbitration_id: int) -> int:
-    """The id of the drive that sent a frame, or that it is meant for."""
+    """The id of the drive that sent a frame, or that the frame is for."""
     return arbitration_id & 0xFF
 
 
@@ -142,11 +145,11 @@ def set_duty(drive: int, duty: float) -> Frame:
 
 
 def set_current(drive: int, current_A: float) -> Frame:
-    return _frame(drive, Packet.CURRENT, _LONG, _steps(current_A, 1e-3, MOST_A, "current in A"))
+    return _frame(drive, Packet.CURRENT, _LONG, _steps(current_A, 1e-3, MAX_A, "current in A"))
 
 
 def set_current_brake(drive: int, current_A: float) -> Frame:
-    return _frame(drive, Packet.CURRENT_BRAKE, _LONG, _steps(current_A, 1e-3, MOST_A, "current in A"))
+    return _frame(drive, Packet.CURRENT_BRAKE, _LONG, _steps(current_A, 1e-3, MAX_A, "current in A"))
 
 
 def set_speed(drive: int, speed_erpm: float) -> Frame:
@@ -154,7 +157,7 @@ def set_speed(drive: int, speed_erpm: float) -> Frame:
 
 
 def set_position(drive: int, position_deg: float) -> Frame:
-    return _frame(drive, Packet.POSITION, _LONG, _steps(position_deg, 1e-4, MOST_DEG, "position in degrees"))
+    return _frame(drive, Packet.POSITION, _LONG, _steps(position_deg, 1e-4, MAX_DEG, "position in degrees"))
 
 
 def set_origin(drive: int, origin: OriginMode) -> Frame:
@@ -162,9 +165,10 @@ def set_origin(drive: int, origin: OriginMode) -> Frame:
 
 
 def set_position_speed(drive: int, position_deg: float, speed_erpm: float, acceleration_erpm_s: float) -> Frame:
-    """Speed and acceleration in steps of 10; at most 327 670 of each."""
+    """A position with limits of speed and acceleration, both in steps of 10 and at most 327 670."""
+    # 16-bit fields: 32 767 steps of 10.
     steps = (
-        _steps(position_deg, 1e-4, MOST_DEG, "position in degrees"),
+        _steps(position_deg, 1e-4, MAX_DEG, "position in degrees"),
         _steps(speed_erpm, 10.0, 327_670.0, "speed in ERPM"),
         _steps(acceleration_erpm_s, 10.0, 327_670.0, "acceleration in ERPM/s"),
     )
@@ -187,6 +191,7 @@ def _frame(drive: int, packet: Packet, fields: struct.Struct, *values: int) -> F
 
 
 def _steps(value: float, step: float, limit: float, name: str) -> int:
+    # Written with `not`, so that NaN is refused too.
     if not abs(value) <= limit:
         raise NotEncodable(f"{name} {value:g} does not fit its field, limit {limit:g}")
     return round(value / step)

@@ -1,7 +1,7 @@
-"""When a picture was taken, as the camera wrote it into the file: Exif 2.32 (CIPA DC-008), in JPEG, TIFF and PNG alike.
+"""Time at which a picture was taken, as stored by the camera: Exif 2.32 (CIPA DC-008) in JPEG, TIFF and PNG.
 
-Only the moment is read: DateTimeOriginal with its fraction of a second and its offset from UTC, from a JPEG's APP1 segment, a
-PNG's eXIf chunk, or a TIFF's own directories. What cannot be read counts as not written: a picture is of use without it.
+Only the time is read: DateTimeOriginal with its fraction of a second and its offset from UTC. It is in a JPEG's APP1 segment, a PNG's eXIf
+chunk, or a TIFF's own directories. Unreadable data count as absent, because a picture is usable without its time.
 """
 
 import re
@@ -9,23 +9,26 @@ import struct
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta, timezone
 
+# Exif tags: pointer to the Exif directory, DateTimeOriginal, its offset from UTC, its fraction of a second.
 EXIF_DIRECTORY = 0x8769
-TAKEN = 0x9003
-OFFSET = 0x9011
-FRACTION = 0x9291
+DATE_TIME_ORIGINAL = 0x9003
+OFFSET_TIME_ORIGINAL = 0x9011
+SUBSEC_TIME_ORIGINAL = 0x9291
 
+# Types of directory entries.
 TEXT, LONG = 2, 4
 EXIF_MARK = b"Exif\0\0"
-MOST_ENTRIES = 512  # a directory of more is not one
+# Limit against damaged counts; no real directory has so many entries.
+MAX_ENTRIES = 512
 
 _MOMENT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d):(\d\d):(\d\d)")
 _OFFSET = re.compile(r"([+-])(\d\d):(\d\d)")
 
 
 def taken_at(content: bytes) -> datetime | None:
-    """The moment a JPEG, PNG or TIFF file says it was taken; its beginning up to the picture is enough. None where it does not say.
+    """Time at which a JPEG, PNG or TIFF file was taken, or None where it states none. The beginning up to the picture data is enough.
 
-    Exif knew no time zones before 2016: a moment without an offset is taken as UTC, whose differences are right all the same.
+    Exif had no time zones before 2016. A time without offset is taken as UTC; differences between such times are still right.
     """
     tiff = _tiff_part(content)
     if tiff is None:
@@ -47,7 +50,8 @@ def _tiff_part(content: bytes) -> bytes | None:
 
 
 def _app1_segments(content: bytes) -> Iterator[bytes]:
-    """Up to the start of the scan, behind which no segment tells of the whole picture."""
+    """Contents of the APP1 segments before the start of the scan (0xDA); none follows it."""
+    # A segment is 0xFF, its kind, and a length that includes its own two bytes.
     at = 2
     while at + 4 <= len(content) and content[at] == 0xFF and content[at + 1] != 0xDA:
         length = int.from_bytes(content[at + 2 : at + 4], "big")
@@ -57,6 +61,7 @@ def _app1_segments(content: bytes) -> Iterator[bytes]:
 
 
 def _png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+    # After the signature: chunks of length, kind, content and a CRC of four bytes.
     at = 8
     while at + 8 <= len(content):
         length = int.from_bytes(content[at : at + 4], "big")
@@ -65,7 +70,7 @@ def _png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _texts(tiff: bytes) -> dict[int, str]:
-    """The texts of the Exif directory by tag. Raises struct.error where an address leads out of the file."""
+    """The texts of the Exif directory, by tag. Raises struct.error where an address is outside the file."""
     order = "<" if tiff.startswith(b"II") else ">"
     first = struct.unpack_from(order + "I", tiff, 4)[0]
     found: dict[int, str] = {}
@@ -77,13 +82,14 @@ def _texts(tiff: bytes) -> dict[int, str]:
 
 
 def _directory(tiff: bytes, at: int, order: str) -> Iterator[tuple[int, int, int, bytes]]:
-    """(tag, type, count, the four bytes of the value or of its address) of each entry."""
+    """(tag, type, count, four bytes of the value or of its address) of each entry."""
     count = struct.unpack_from(order + "H", tiff, at)[0]
-    for entry in range(min(count, MOST_ENTRIES)):
+    for entry in range(min(count, MAX_ENTRIES)):
         yield struct.unpack_from(order + "HHI4s", tiff, at + 2 + 12 * entry)
 
 
 def _text(tiff: bytes, count: int, value: bytes, order: str) -> str:
+    # Values of more than four bytes are elsewhere in the file. No time needs 64 characters.
     if count > 4:
         address = struct.unpack(order + "I", value)[0]
         value = tiff[address : address + min(count, 64)]
@@ -91,17 +97,17 @@ def _text(tiff: bytes, count: int, value: bytes, order: str) -> str:
 
 
 def _moment(texts: dict[int, str]) -> datetime | None:
-    said = _MOMENT.fullmatch(texts.get(TAKEN, ""))
-    if said is None:
+    match = _MOMENT.fullmatch(texts.get(DATE_TIME_ORIGINAL, ""))
+    if match is None:
         return None
-    fraction = texts.get(FRACTION, "")
+    fraction = texts.get(SUBSEC_TIME_ORIGINAL, "")
     micros = int(fraction[:6].ljust(6, "0")) if fraction.isascii() and fraction.isdigit() else 0
-    return datetime(*(int(part) for part in said.groups()), microsecond=micros, tzinfo=_zone(texts.get(OFFSET, "")))  # type: ignore[misc, arg-type]
+    return datetime(*(int(part) for part in match.groups()), microsecond=micros, tzinfo=_zone(texts.get(OFFSET_TIME_ORIGINAL, "")))  # type: ignore[misc, arg-type]
 
 
 def _zone(text: str) -> timezone:
-    said = _OFFSET.fullmatch(text)
-    if said is None:
+    match = _OFFSET.fullmatch(text)
+    if match is None:
         return UTC
-    ahead = timedelta(hours=int(said[2]), minutes=int(said[3]))
-    return timezone(ahead if said[1] == "+" else -ahead)
+    ahead = timedelta(hours=int(match[2]), minutes=int(match[3]))
+    return timezone(ahead if match[1] == "+" else -ahead)

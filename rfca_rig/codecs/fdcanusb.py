@@ -1,7 +1,7 @@
-"""The ASCII lines of a fdcanusb, a serial adapter for CAN-FD, which a moteus speaks on its own UART as well; pure.
+"""The ASCII lines of a fdcanusb, a serial adapter for CAN-FD; a moteus uses the same protocol on its own UART. Pure.
 
-Sources: mjbots fdcanusb README, "Protocol"; moteus reference, "UART" (checksums). A client says `can send ID DATA [flags]` and is
-answered `OK` or `ERR ...`; a frame from the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of all before the star.
+Sources: mjbots fdcanusb README, "Protocol"; moteus reference, "UART" (checksums). A client sends `can send ID DATA [flags]` and receives
+`OK` or `ERR ...`; a frame from the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of everything before the star.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _END = b"\r\n"
 
 @dataclass(frozen=True, slots=True)
 class FdFrame:
-    """A CAN-FD data frame. Raises MalformedFrame for what no such frame can be."""
+    """A CAN-FD data frame. Raises MalformedFrame for an impossible frame."""
 
     can_id: int
     data: bytes
@@ -33,7 +33,7 @@ class FdFrame:
 
 
 def crc8(data: bytes) -> int:
-    """Most significant bit first, beginning with 0."""
+    """CRC-8 with POLYNOMIAL, most significant bit first, initial value 0."""
     crc = 0
     for byte in data:
         crc ^= byte
@@ -49,7 +49,8 @@ def line(text: str) -> bytes:
 
 
 def split(received: bytes) -> tuple[list[bytes], bytes]:
-    """Whole lines without their ends, none empty, and what is left over. Raises MalformedFrame where a line has no end."""
+    """Complete lines without their ends, none empty, and the remaining bytes. Raises MalformedFrame where a line has no end."""
+    # Either character ends a line; the empty lines between CR and LF are dropped.
     *whole, rest = received.replace(b"\r", b"\n").split(b"\n")
     if len(rest) > LONGEST_LINE:
         raise MalformedFrame(f"line of more than {LONGEST_LINE} bytes without an end")
@@ -57,8 +58,9 @@ def split(received: bytes) -> tuple[list[bytes], bytes]:
 
 
 def checked(said: bytes) -> tuple[str, bool]:
-    """What a line says, and whether it carried a checksum. Raises MalformedFrame for a wrong one."""
+    """The text of a line, and whether it carried a checksum. Raises MalformedFrame for a wrong checksum."""
     guarded, star, digits = said.rpartition(b"*")
+    # Two hexadecimal digits after the star; any other star is part of the text.
     has_checksum = bool(star) and len(digits) == 2 and _all_hex(digits.decode("latin1"))
     if has_checksum and int(digits, 16) != crc8(guarded):
         raise MalformedFrame(f"checksum mismatch, {digits.decode('ascii')} where {crc8(guarded):02X} was due")
@@ -66,12 +68,12 @@ def checked(said: bytes) -> tuple[str, bool]:
 
 
 def encode_send(frame: FdFrame) -> bytes:
-    """What a client says to have a frame sent."""
+    """The line with which a client sends a frame."""
     return line(f"can send {frame.can_id:04x} {frame.data.hex().upper()} {_flags(frame)}")
 
 
 def decode_send(text: str) -> FdFrame:
-    """The frame that a client wants sent. Raises MalformedFrame for anything else."""
+    """The frame in a client's `can send`. Raises MalformedFrame for anything else."""
     words = _words(text)
     if words[:2] != ["can", "send"]:
         raise MalformedFrame(f"not an order to send a frame: {text[:40]!r}")
@@ -79,7 +81,7 @@ def decode_send(text: str) -> FdFrame:
 
 
 def encode_received(frame: FdFrame) -> bytes:
-    """What a client is told of a frame from the bus."""
+    """The line with which a client receives a frame from the bus."""
     return line(f"rcv {frame.can_id:04x} {frame.data.hex().upper()} {_flags(frame)}")
 
 
@@ -92,7 +94,8 @@ def decode_received(text: str) -> FdFrame:
 
 
 def _words(text: str) -> list[str]:
-    """Only spaces and tabs part words; other characters that Python takes for white space are not text."""
+    """Words separated by spaces and tabs."""
+    # Not `split()`: other characters that Python counts as white space are not valid here.
     return [word for word in text.replace("\t", " ").split(" ") if word]
 
 
@@ -101,7 +104,7 @@ def _flags(frame: FdFrame) -> str:
 
 
 def _frame(words: list[str], text: str) -> FdFrame:
-    """Where no flag says so, an identifier is extended that needs to be, and bit rates are switched."""
+    """A frame from its words. Without flags, an identifier is extended if it needs to be, and bit rates are switched."""
     flags = "".join(words[2:])
     if len(words) < 2 or not all(map(_all_hex, words[:2])) or len(words[0]) > 8 or len(words[1]) % 2:
         raise MalformedFrame(f"frame cannot be read: {text[:40]!r}")

@@ -1,4 +1,4 @@
-"""What a sampling card hands over of a transducer's gage voltages."""
+"""A block of gage voltages from a data acquisition card."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class GageBlock:
-    """Samples in a row: the number of the first since the start, from 0, and `volts` (m, channels)."""
+    """Consecutive samples: the number of the first since the start, from 0, and `volts` (m, channels)."""
 
     first: int
     volts: NDArray[np.float64]

@@ -1,8 +1,8 @@
-"""moteus' multiplex frames on CAN-FD, both directions; pure.
+"""moteus multiplex frames on CAN-FD, both directions; pure.
 
-Layouts: moteus reference, "CAN Protocol". Little-endian throughout. A frame is a row of subframes, each a type byte, a count (in
-the type's two low bits, or a varuint where these are zero), the first register, and for writes and replies the values; filled up
-with NOP to the next length that CAN-FD has. What a register says comes and goes in its physical unit, see `units_per_count`.
+Layouts: moteus reference, "CAN Protocol". Little-endian throughout. A frame is a sequence of subframes. Each has a type byte, a count (in
+the type's two low bits, or a varuint where these are zero), the first register, and for writes and replies the values. The frame is
+padded with NOP to the next length that CAN-FD has. Values are in the register's physical unit, see `units_per_count`.
 """
 
 import struct
@@ -19,6 +19,7 @@ LONGEST = FD_LENGTHS[-1]
 LARGEST_ID = 0x7F
 LARGEST_PREFIX = 0x1FFF
 
+# Subframe types; the width is in bits 2 and 3 of the first three, the count in bits 0 and 1.
 _WRITE, _READ, _REPLY = 0x00, 0x10, 0x20
 _WRITE_ERROR, _READ_ERROR, _NOP = 0x30, 0x31, 0x50
 _FORMS = {width: struct.Struct(form) for width, form in zip(Width, ("<b", "<h", "<i", "<f"), strict=True)}
@@ -26,7 +27,7 @@ _FORMS = {width: struct.Struct(form) for width, form in zip(Width, ("<b", "<h", 
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """An order: the register takes the value."""
+    """Sets a register to a value."""
 
     register: int
     width: Width
@@ -35,7 +36,7 @@ class Write:
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """A question."""
+    """Asks for the value of a register."""
 
     register: int
     width: Width
@@ -43,7 +44,7 @@ class Read:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """An answer; NaN where the drive has no such value."""
+    """The value of a register; NaN where the drive has no such value."""
 
     register: int
     width: Width
@@ -52,7 +53,7 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """The drive could not write (`of_write`) or read a register."""
+    """An error of the drive in writing (`of_write`) or reading a register."""
 
     register: int
     code: int
@@ -64,7 +65,7 @@ Subframe = Write | Read | Reply | Refusal
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Who speaks to whom. `wants_reply` is a request's; a drive answers from its own id to the asker's."""
+    """Sender and receiver of a frame. `wants_reply` is set in requests; a drive answers from its own id to the sender's."""
 
     source: int
     destination: int
@@ -73,7 +74,7 @@ class Route:
 
 
 def arbitration_id(route: Route) -> int:
-    """To be sent as an extended id where it is beyond 0x7ff. Raises NotEncodable for ids that do not exist."""
+    """The arbitration id of a route, an extended one above 0x7ff. Raises NotEncodable for ids that do not exist."""
     for what, value, limit in (("source", route.source, LARGEST_ID), ("destination", route.destination, LARGEST_ID)):
         if not 0 <= value <= limit:
             raise NotEncodable(f"moteus {what} id {value} does not exist; ids go from 0 to {limit}")
@@ -83,12 +84,12 @@ def arbitration_id(route: Route) -> int:
 
 
 def route_of(identifier: int) -> Route:
-    """What an arbitration id of up to 29 bits says. The destination's highest bit is not an id's, and is taken as one more number."""
+    """The route in an arbitration id of up to 29 bits. The destination has eight bits here, though ids have seven."""
     return Route(identifier >> 8 & 0x7F, identifier & 0xFF, bool(identifier & 0x8000), identifier >> 16)
 
 
 def encode(subframes: Sequence[Subframe]) -> bytes:
-    """A frame's data. Neighbouring registers of one kind and width share a head. Raises NotEncodable where they do not fit."""
+    """The data of a frame. Consecutive registers of one kind and width share a header. Raises NotEncodable where they do not fit."""
     data = b"".join(_run(run) for run in _runs(subframes))
     if len(data) > LONGEST:
         raise NotEncodable(f"moteus frame of {len(data)} bytes; CAN-FD carries {LONGEST}, ask for fewer registers at once")
@@ -97,11 +98,11 @@ def encode(subframes: Sequence[Subframe]) -> bytes:
 
 
 def _runs(subframes: Sequence[Subframe]) -> Iterator[Sequence[Subframe]]:
-    cuts = [0, *(at for at, (one, next_one) in enumerate(pairwise(subframes), 1) if not _joined(one, next_one)), len(subframes)]
+    cuts = [0, *(at for at, (one, next_one) in enumerate(pairwise(subframes), 1) if not _can_join(one, next_one)), len(subframes)]
     return (subframes[first:last] for first, last in pairwise(cuts) if last > first)
 
 
-def _joined(one: Subframe, next_one: Subframe) -> bool:
+def _can_join(one: Subframe, next_one: Subframe) -> bool:
     if isinstance(one, Refusal) or isinstance(next_one, Refusal):
         return False
     return type(one) is type(next_one) and one.width == next_one.width and next_one.register == one.register + 1
@@ -112,12 +113,13 @@ def _run(run: Sequence[Subframe]) -> bytes:
     if isinstance(first, Refusal):
         return bytes([_WRITE_ERROR if first.of_write else _READ_ERROR]) + _varuint(first.register) + _varuint(first.code)
     base = {Write: _WRITE, Read: _READ, Reply: _REPLY}[type(first)] | first.width << 2
+    # Counts up to three fit into the type byte.
     head = bytes([base | len(run)]) if len(run) <= 3 else bytes([base]) + _varuint(len(run))
-    values = (_packed(item.register, item.width, item.value) for item in run if not isinstance(item, Read | Refusal))
+    values = (_pack(item.register, item.width, item.value) for item in run if not isinstance(item, Read | Refusal))
     return head + _varuint(first.register) + b"".join(values)
 
 
-def _packed(register: int, width: Width, value: float) -> bytes:
+def _pack(register: int, width: Width, value: float) -> bytes:
     try:
         return _FORMS[width].pack(value if width == Width.FLOAT else _count(register, width, value))
     except (struct.error, OverflowError) as error:
@@ -125,7 +127,8 @@ def _packed(register: int, width: Width, value: float) -> bytes:
 
 
 def _count(register: int, width: Width, value: float) -> int:
-    """The lowest count means NaN, so that a quantity has one count less downwards."""
+    """The count for a value. Raises NotEncodable where the register cannot carry it at this width."""
+    # The lowest count means NaN, so quantities have one negative count less.
     unit, lowest = units_per_count(register, width), -(1 << (8 << width) - 1)
     if unit is None:
         if not (isfinite(value) and value == int(value)):
@@ -141,7 +144,7 @@ def _count(register: int, width: Width, value: float) -> int:
 
 
 def nearest(register: int, width: Width, value: float) -> float:
-    """The value that the register can carry, as the firmware cuts it: NaN for what is not finite, and no further than its ends."""
+    """The value that the register can carry, limited as in the firmware: NaN for values that are not finite, else clipped to the range."""
     unit = units_per_count(register, width)
     if width == Width.FLOAT or (unit is not None and not isfinite(value)):
         return value if width == Width.FLOAT else nan
@@ -151,6 +154,7 @@ def nearest(register: int, width: Width, value: float) -> float:
 
 
 def _varuint(value: int) -> bytes:
+    # Seven bits per byte, the lowest first; the top bit says that more follow.
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
@@ -159,7 +163,7 @@ def _varuint(value: int) -> bytes:
 
 
 def decode(data: bytes | bytearray) -> list[Subframe]:
-    """The subframes in one frame, without the padding. Raises MalformedFrame for anything else than the reference describes."""
+    """The subframes in one frame, without padding. Raises MalformedFrame for data that the reference does not describe."""
     if len(data) not in FD_LENGTHS:
         raise MalformedFrame(f"moteus frame of {len(data)} bytes, which CAN-FD does not have")
     reader = _Reader(bytes(data))
@@ -183,6 +187,7 @@ def _subframes(reader: "_Reader") -> list[Subframe]:
 
 def _registers(reader: "_Reader", base: int, width: Width, count: int) -> list[Subframe]:
     first = reader.varuint() if count else 0
+    # Before the loop: a damaged count could otherwise ask for billions of registers.
     if count > LONGEST:
         raise MalformedFrame(f"moteus subframe speaks of {count} registers; no frame can carry them")
     if base == _READ:
@@ -199,7 +204,7 @@ def _value(register: int, width: Width, number: float) -> float:
 
 
 class _Reader:
-    """Takes numbers off the front of a frame; MalformedFrame where it ends too early."""
+    """Reads numbers from the front of a frame. Raises MalformedFrame where the frame is too short."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -216,6 +221,7 @@ class _Reader:
 
     def varuint(self) -> int:
         value = 0
+        # 32 bits take five bytes at most.
         for shift in range(0, 35, 7):
             byte = self.byte()
             value |= (byte & 0x7F) << shift

@@ -1,4 +1,4 @@
-"""What the numbers in a moteus' registers mode and fault mean (moteus reference, registers 0x000 and 0x00f)."""
+"""Meanings of the values of a moteus' registers mode and fault (moteus reference, registers 0x000 and 0x00f)."""
 
 MODES = {
     0: "stopped",
@@ -39,6 +39,7 @@ FAULTS = {
     48: ("invalid limits", "servopos.position_min or position_max lie outside the range available"),
 }
 
+# Codes in the fault register that are no faults: a function that limits the output while the drive runs.
 LIMITS = {
     96: "servo.max_velocity",
     97: "servo.max_power_W",
@@ -58,7 +59,7 @@ def mode_text(mode: int) -> str:
 
 
 def fault_text(code: int) -> str:
-    """The code of register 0x00f with its name and meaning; a limiting function is named as one."""
+    """The code of register 0x00f with its name and meaning; codes of limiting functions are described as limits."""
     if code in LIMITS:
         return f"limit {code} (output limited by {LIMITS[code]})"
     name, meaning = FAULTS.get(code, ("not documented", "see the firmware's release notes"))

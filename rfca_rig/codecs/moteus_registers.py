@@ -1,4 +1,4 @@
-"""The registers of a moteus that are used here, and how a number in one of them stands on the wire.
+"""The registers of a moteus that are used here, and the scales of their values on the wire.
 
 Source: moteus reference, "Register Usage". Units are the drive's: revolutions of its output, N m, A, V, degrees Celsius, seconds.
 """
@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class Width(IntEnum):
-    """How many bytes carry a value; the drive takes and gives every register in each of them."""
+    """Encoding of a value; the drive accepts and sends every register in each of them."""
 
     INT8 = 0
     INT16 = 1
@@ -51,7 +51,7 @@ class Register(IntEnum):
 
 
 class Mode(IntEnum):
-    """What stands in the register MODE; 2..4 are steps on the way to a mode that moves."""
+    """Values of the register MODE; 2..4 are transitions to a mode in which the motor is controlled."""
 
     STOPPED = 0
     FAULT = 1
@@ -64,7 +64,8 @@ class Mode(IntEnum):
     BRAKE = 15
 
 
-Counts = tuple[float, float, float]  # units per count as int8, int16, int32
+# Units per count as int8, int16, int32.
+Counts = tuple[float, float, float]
 
 _POSITION = (0.01, 0.0001, 0.00001)
 _VELOCITY = (0.1, 0.00025, 0.00001)
@@ -103,11 +104,11 @@ _SCALED: dict[int, Counts] = {
 
 
 def units_per_count(register: int, width: Width) -> float | None:
-    """What one count means where the register holds a physical quantity; None where it holds a plain whole number, or a float."""
+    """Size of one count where the register holds a physical quantity; None for a plain whole number, and for a float."""
     scale = _SCALED.get(register)
     return None if scale is None or width == Width.FLOAT else scale[width]
 
 
 def name_of(register: int) -> str:
-    """For messages: its name, or its number."""
+    """Name of a register for messages, or its number where it is not known here."""
     return Register(register).name if register in set(Register) else f"register 0x{register:03x}"

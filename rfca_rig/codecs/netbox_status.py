@@ -33,14 +33,16 @@ STATUS_BITS = {
     1: "HTTP",
 }
 
+# Summary bit; the other bits give the reason.
 ERROR = 1 << 31
 SATURATED = ERROR | 1 << 17
 MONITOR_LATCHED = 1 << 16
-WARNINGS = frozenset({0, MONITOR_LATCHED, ERROR | MONITOR_LATCHED})  # a latched monitor leaves the values good
+# Words with which the values are good: a latched monitor condition does not affect them.
+WARNINGS = frozenset({0, MONITOR_LATCHED, ERROR | MONITOR_LATCHED})
 
 
 def status_text(word: int) -> str:
-    """The status word in hexadecimal with the meaning of every bit that is set but the summary bit."""
+    """The status word in hexadecimal with the meaning of every bit that is set, except the summary bit."""
     bits = [bit for bit in range(30, -1, -1) if word >> bit & 1]
     meanings = [STATUS_BITS.get(bit, f"bit {bit}, not documented") for bit in bits] or [STATUS_BITS[31] if word else "healthy"]
     return f"status 0x{word:08x} ({'; '.join(meanings)})"

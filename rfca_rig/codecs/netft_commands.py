@@ -25,7 +25,7 @@ CALIBRATION_BYTES = _CALIBRATION.size
 
 @dataclass(frozen=True, slots=True)
 class ReadForce:
-    """Asks for one reading; `bias` and `clear_latch` are done on the way."""
+    """Request of one reading; `bias` and `clear_latch` are carried out with it."""
 
     bias: bool = False
     clear_latch: bool = False
@@ -33,12 +33,12 @@ class ReadForce:
 
 @dataclass(frozen=True, slots=True)
 class ReadCalibrationInfo:
-    """Asks for units, counts per unit and scale factors."""
+    """Request of units, counts per unit and scale factors."""
 
 
 @dataclass(frozen=True, slots=True)
 class NetFtReading:
-    """`status` is the upper half of the status word; a value is counts * scale factor / counts per unit."""
+    """One reading. `status` is the upper half of the status word; a value is counts * scale factor / counts per unit."""
 
     status: int
     counts: tuple[int, ...]
@@ -46,7 +46,7 @@ class NetFtReading:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationInfo:
-    """`scale_factors` (6) shrink the counts of a `NetFtReading` to 16 bits; they do not act on RDT."""
+    """Units and scales. The six `scale_factors` reduce the counts of a `NetFtReading` to 16 bits; they do not act on RDT."""
 
     force_unit: str
     torque_unit: str
@@ -72,7 +72,7 @@ def encode_command(command: ReadForce | ReadCalibrationInfo) -> bytes:
 
 
 def decode_command(data: bytes) -> ReadForce | ReadCalibrationInfo:
-    """Raises MalformedFrame for a wrong length, and for a command other than the two that read."""
+    """Decode a command. Raises MalformedFrame for a wrong length, and for a command other than the two that read."""
     if len(data) != COMMAND_BYTES:
         raise MalformedFrame(f"command of {len(data)} bytes, expected {COMMAND_BYTES}")
     if data[0] == _READ_CALIBRATION:
@@ -83,7 +83,7 @@ def decode_command(data: bytes) -> ReadForce | ReadCalibrationInfo:
 
 
 def encode_reading(reading: NetFtReading) -> bytes:
-    """Raises NotEncodable where a count does not fit 16 bits."""
+    """Encode a reading. Raises NotEncodable where a count does not fit 16 bits."""
     try:
         return _READING.pack(HEADER, reading.status, *reading.counts)
     except struct.error as error:
@@ -91,14 +91,14 @@ def encode_reading(reading: NetFtReading) -> bytes:
 
 
 def decode_reading(data: bytes) -> NetFtReading:
-    """Raises MalformedFrame for a wrong length or header."""
-    header, status, *counts = _unpacked(_READING, data, "reading")
+    """Decode a reading. Raises MalformedFrame for a wrong length or header."""
+    header, status, *counts = _unpack(_READING, data, "reading")
     _check_header(header)
     return NetFtReading(status, tuple(counts))
 
 
 def encode_calibration(info: CalibrationInfo) -> bytes:
-    """Raises NotEncodable where a unit has no code or a number does not fit its field."""
+    """Encode calibration info. Raises NotEncodable where a unit has no code or a number does not fit its field."""
     try:
         codes = force_code(info.force_unit), torque_code(info.torque_unit)
         return _CALIBRATION.pack(HEADER, *codes, info.counts_per_force, info.counts_per_torque, *info.scale_factors)
@@ -107,15 +107,16 @@ def encode_calibration(info: CalibrationInfo) -> bytes:
 
 
 def decode_calibration(data: bytes) -> CalibrationInfo:
-    """Raises MalformedFrame for a wrong length or header, an unknown unit, or counts per unit of 0."""
-    header, force, torque, counts_per_force, counts_per_torque, *factors = _unpacked(_CALIBRATION, data, "calibration info")
+    """Decode calibration info. Raises MalformedFrame for a wrong length or header, an unknown unit, or counts per unit of 0."""
+    header, force, torque, counts_per_force, counts_per_torque, *factors = _unpack(_CALIBRATION, data, "calibration info")
     _check_header(header)
+    # Every later conversion divides by these.
     if not counts_per_force or not counts_per_torque:
         raise MalformedFrame(f"calibration info with {counts_per_force} counts per force, {counts_per_torque} per torque, must be above 0")
     return CalibrationInfo(force_unit(force), torque_unit(torque), counts_per_force, counts_per_torque, tuple(factors))
 
 
-def _unpacked(layout: struct.Struct, data: bytes, what: str) -> tuple[int, ...]:
+def _unpack(layout: struct.Struct, data: bytes, what: str) -> tuple[int, ...]:
     if len(data) != layout.size:
         raise MalformedFrame(f"{what} of {len(data)} bytes, expected {layout.size}")
     return layout.unpack(data)

@@ -1,7 +1,7 @@
 """The configuration page of an ATI Net F/T, `netftapi2.xml`; pure.
 
-Element names: ATI manual 9620-05-net ft, the chapter on the CGI interface. Of some seventy elements these are the ones on which
-the meaning of a stream hangs.
+Element names: ATI manual 9620-05-net ft, the chapter on the CGI interface. Of about seventy elements these are the ones that are needed to
+interpret a stream.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,14 +13,15 @@ from rfca_rig.codecs.ati_units import newton_metres_per, newtons_per
 from rfca_rig.codecs.malformed import MalformedFrame
 
 PATH = "/netftapi2.xml"
+# A larger page is not parsed.
 LARGEST_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
 class NetFtConfiguration:
-    """What the box says of itself. None where an element is not on its page, as on other models and firmware.
+    """Configuration of the box. None where an element is not on its page, as on other models and firmware.
 
-    `rdt_rate_Hz` is what was asked of the box; what it does is in `decimation`. `low_pass` is the code of its filter, "0" for none.
+    `rdt_rate_Hz` is the requested rate; the actual one follows from `decimation`. `low_pass` is the code of its filter, "0" for none.
     """
 
     product: str
@@ -44,21 +45,22 @@ class NetFtConfiguration:
         return self.counts_per_torque / newton_metres_per(self.torque_unit)
 
     def decimation(self, internal_rate_Hz: float) -> int | None:
-        """Internal samples per record: the box rounds the rate up to the next one it can do. None where it does not tell."""
+        """Internal samples per record: the box rounds the rate up to the next possible one. None where the page states no rate."""
+        # 1e-6 against rounding of an exact ratio, 1e9 against overflow of a tiny rate.
         return None if self.rdt_rate_Hz is None else max(1, int(min(internal_rate_Hz / self.rdt_rate_Hz, 1e9) + 1e-6))
 
 
 def decode_configuration(page: bytes) -> NetFtConfiguration:
-    """Raises MalformedFrame for a page that is not the box's XML, or lacks units or counts."""
+    """Decode the configuration page. Raises MalformedFrame for a page that is not the box's XML, or lacks units or counts."""
     values = _values(page)
     return NetFtConfiguration(
-        product=_needed(values, "prodname"),
+        product=_require(values, "prodname"),
         serial_number=values.get("cfgcalsn", ""),
         force_unit=_unit(values, "scfgfu", newtons_per),
         torque_unit=_unit(values, "scfgtu", newton_metres_per),
         counts_per_force=_positive(values, "cfgcpf"),
         counts_per_torque=_positive(values, "cfgcpt"),
-        rdt_enabled=_enabled(values, "comrdte"),
+        rdt_enabled=_is_enabled(values, "comrdte"),
         rdt_rate_Hz=_positive(values, "comrdtrate") if "comrdtrate" in values else None,
         internal_rate_Hz=_positive(values, "runrate") if "runrate" in values else None,
         records_per_datagram=int(_positive(values, "comrdtbsiz")) if "comrdtbsiz" in values else None,
@@ -67,7 +69,7 @@ def decode_configuration(page: bytes) -> NetFtConfiguration:
 
 
 def encode_configuration(configuration: NetFtConfiguration, others: Mapping[str, str]) -> bytes:
-    """The page, with `others` for elements that the configuration does not hold."""
+    """The page of a configuration, with `others` as additional elements."""
     root = Xml.Element("netft")
     for name, value in {**_elements(configuration), **others}.items():
         Xml.SubElement(root, name).text = value
@@ -92,6 +94,7 @@ def _elements(configuration: NetFtConfiguration) -> dict[str, str]:
 
 
 def _values(page: bytes) -> dict[str, str]:
+    # A document type could define entities that expand without limit.
     if len(page) > LARGEST_BYTES or b"<!DOCTYPE" in page:
         raise MalformedFrame(f"page of {len(page)} bytes is no configuration page of a Net F/T")
     try:
@@ -103,20 +106,21 @@ def _values(page: bytes) -> dict[str, str]:
     return {child.tag: (child.text or "").strip() for child in root}
 
 
-def _needed(values: Mapping[str, str], name: str) -> str:
+def _require(values: Mapping[str, str], name: str) -> str:
     if not values.get(name):
         raise MalformedFrame(f"configuration page lacks {name}")
     return values[name]
 
 
 def _unit(values: Mapping[str, str], name: str, size: Callable[[str], float]) -> str:
-    unit = _needed(values, name)
+    unit = _require(values, name)
+    # Raises for an unknown unit here, where the page is read, and not at the first force.
     size(unit)
     return unit
 
 
 def _positive(values: Mapping[str, str], name: str) -> float:
-    text = _needed(values, name)
+    text = _require(values, name)
     try:
         value = float(text)
     except ValueError:
@@ -126,7 +130,7 @@ def _positive(values: Mapping[str, str], name: str) -> float:
     return value
 
 
-def _enabled(values: Mapping[str, str], name: str) -> bool | None:
+def _is_enabled(values: Mapping[str, str], name: str) -> bool | None:
     text = values.get(name)
     if text is not None and text not in {"Enabled", "Disabled"}:
         raise MalformedFrame(f"configuration page: {name} is {text[:40]!r}, expected Enabled or Disabled")

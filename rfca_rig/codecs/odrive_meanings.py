@@ -1,4 +1,4 @@
-"""What the numbers in an ODrive heartbeat mean; firmware 0.6 (ODrive API reference, ODrive.Error and ProcedureResult)."""
+"""Meanings of the numbers in an ODrive heartbeat; firmware 0.6 (ODrive API reference, ODrive.Error and ProcedureResult)."""
 
 ERROR_BITS = {
     0: ("INITIALIZING", "the drive is still starting up"),

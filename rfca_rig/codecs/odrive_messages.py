@@ -1,20 +1,21 @@
-"""What is said between an ODrive and its master: commands and messages by name. Units are the drive's: motor turns, N m, A."""
+"""Commands and messages between an ODrive and its master. Units are the drive's: motor turns, N m, A."""
 
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 
-BROADCAST_NODE = 0x3F  # also the address of a drive that has none yet
+# Also the address of a drive that has none yet.
+BROADCAST_NODE = 0x3F
 
 
 class OdriveFirmware(StrEnum):
-    """Which firmware speaks: 0.5 (as of 0.5.6, ODrive v3) or 0.6 (ODrive Pro, S1, Micro)."""
+    """Firmware of the drive: 0.5 (as of 0.5.6, ODrive v3) or 0.6 (ODrive Pro, S1, Micro)."""
 
     V0_5 = "0.5"
     V0_6 = "0.6"
 
 
 class OdrivePart(StrEnum):
-    """What has an error word of its own in firmware 0.5."""
+    """Parts that have their own error word in firmware 0.5."""
 
     MOTOR = "motor"
     ENCODER = "encoder"
@@ -41,8 +42,9 @@ class OdriveCommand(IntEnum):
     TORQUES = 0x1C
 
 
+# A separate type, because the same numbers mean other commands in firmware 0.6.
 class OlderCommand(IntEnum):
-    """What firmware 0.5 has in the place of others, or alone."""
+    """Commands of firmware 0.5 only; some have the numbers of other commands of 0.6."""
 
     MOTOR_ERROR = 0x03
     ENCODER_ERROR = 0x04
@@ -60,6 +62,7 @@ class ControlMode(IntEnum):
     POSITION = 3
 
 
+# Input mode in which set-points act without filter or ramp.
 PASSTHROUGH = 1
 
 

@@ -1,4 +1,4 @@
-"""What the error words of an ODrive with firmware 0.5 mean (0.5.6 API reference: Axis, Motor, Encoder and Controller errors)."""
+"""Meanings of the error words of an ODrive with firmware 0.5 (0.5.6 API reference: Axis, Motor, Encoder and Controller errors)."""
 
 from rfca_rig.codecs.odrive_messages import OdrivePart
 
@@ -20,7 +20,8 @@ WATCHDOG_EXPIRED = 1 << 11
 ESTOP_REQUESTED = 1 << 14
 OVER_TEMPERATURE = 1 << 18
 
-MODULATION_IS_NAN = 1 << 16  # of the motor
+# Bit of the motor's error word.
+MODULATION_IS_NAN = 1 << 16
 
 _PART_BITS = {
     OdrivePart.MOTOR: {
@@ -78,15 +79,15 @@ _PART_BITS = {
 
 
 def error_text(word: int) -> str:
-    """The axis' error word in hexadecimal with the name and meaning of every bit that is set."""
-    return f"error 0x{word:08x} ({_named(word, AXIS_BITS)})"
+    """The axis error word in hexadecimal with the name and meaning of every bit that is set."""
+    return f"error 0x{word:08x} ({_describe_bits(word, AXIS_BITS)})"
 
 
 def part_error_text(part: OdrivePart, word: int) -> str:
     """The same for the error word of one part, 64 bits for the motor's."""
-    return f"{part} error 0x{word:08x} ({_named(word, _PART_BITS[part])})"
+    return f"{part} error 0x{word:08x} ({_describe_bits(word, _PART_BITS[part])})"
 
 
-def _named(word: int, bits: dict[int, tuple[str, str]]) -> str:
+def _describe_bits(word: int, bits: dict[int, tuple[str, str]]) -> str:
     known = (bits.get(bit, (f"bit {bit}", "not documented")) for bit in range(64) if word >> bit & 1)
     return "; ".join(f"{name}: {meaning}" for name, meaning in known) or "none"

@@ -21,7 +21,7 @@ _REQUEST = struct.Struct(">HHI")
 
 
 class RdtCommand(IntEnum):
-    """What a request asks for. None of them is acknowledged."""
+    """Commands of a request. None of them is acknowledged."""
 
     STOP = 0x0000
     START_SINGLE = 0x0002
@@ -32,7 +32,7 @@ class RdtCommand(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """`sample_count` records are wanted; 0 is without end. `command` may be one that `RdtCommand` does not know."""
+    """A request of `sample_count` records; 0 is without end. `command` may be one that `RdtCommand` does not know."""
 
     command: int
     sample_count: int = 0
@@ -40,7 +40,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Records:
-    """m records: the three counters (m,) and `counts` (m, 6) = fx fy fz tx ty tz."""
+    """m records: both sequence counters and the status word (m,), and `counts` (m, 6) = fx fy fz tx ty tz."""
 
     rdt_sequence: NDArray[np.uint32]
     ft_sequence: NDArray[np.uint32]
@@ -49,7 +49,7 @@ class Records:
 
 
 def encode_request(command: int, sample_count: int = 0) -> bytes:
-    """Raises NotEncodable where a number does not fit its field."""
+    """Encode a request. Raises NotEncodable where a number does not fit its field."""
     try:
         return _REQUEST.pack(HEADER, command, sample_count)
     except struct.error as error:
@@ -57,7 +57,7 @@ def encode_request(command: int, sample_count: int = 0) -> bytes:
 
 
 def decode_request(datagram: bytes) -> Request:
-    """Raises MalformedFrame for a wrong length or header."""
+    """Decode a request. Raises MalformedFrame for a wrong length or header."""
     if len(datagram) != _REQUEST.size:
         raise MalformedFrame(f"RDT request of {len(datagram)} bytes, expected {_REQUEST.size}")
     header, command, sample_count = _REQUEST.unpack(datagram)
@@ -71,6 +71,7 @@ def decode_records(datagram: bytes) -> Records:
     count, rest = divmod(len(datagram), RECORD_BYTES)
     if rest or not 1 <= count <= MOST_RECORDS:
         raise MalformedFrame(f"RDT datagram of {len(datagram)} bytes, expected 1..{MOST_RECORDS} records of {RECORD_BYTES} bytes")
+    # Read as unsigned words; the last six are signed, and the view keeps their bits.
     words = np.frombuffer(datagram, ">u4").reshape(count, 9).astype(np.uint32)
     return Records(words[:, 0], words[:, 1], words[:, 2], words[:, 3:].view(np.int32))
 

@@ -13,7 +13,7 @@ FRAME_LETTERS = frozenset("tTrR")
 
 
 def split(received: bytes) -> tuple[list[str], bytes]:
-    """Whole lines without their end, and what is left over. Raises MalformedFrame where a line has no end."""
+    """Complete lines without their ends, and the remaining bytes. Raises MalformedFrame where a line has no end."""
     *whole, rest = received.split(END)
     if len(rest) > LONGEST_LINE:
         raise MalformedFrame(f"serial CAN line of more than {LONGEST_LINE} bytes without an end")
@@ -29,13 +29,14 @@ def decode_frame(line: str) -> ClassicFrame:
     can_id, length, data = line[1 : 1 + digits], line[1 + digits : 2 + digits], line[2 + digits :]
     if len(can_id) != digits or not length or not _all_hex(can_id + length + data):
         raise MalformedFrame(f"serial CAN frame cannot be read: {line[:40]!r}")
+    # Remote frames state a length and carry no data.
     if len(data) != (0 if remote else 2 * int(length, 16)):
         raise MalformedFrame(f"serial CAN frame of length {length} carries {len(data) / 2:g} bytes: {line[:40]!r}")
     return ClassicFrame(int(can_id, 16), bytes.fromhex(data), extended, remote, int(length, 16))
 
 
 def encode_frame(frame: ClassicFrame) -> bytes:
-    """One line with its end."""
+    """One line, with its end."""
     letter = "tTrR"[frame.extended + 2 * frame.remote]
     can_id = f"{frame.can_id:08X}" if frame.extended else f"{frame.can_id:03X}"
     return f"{letter}{can_id}{frame.length:X}{frame.data.hex().upper()}\r".encode("ascii")

@@ -1,6 +1,6 @@
-"""The text that socketcand speaks over TCP, raw mode; pure. Source: linux-can/socketcand, doc/protocol.md.
+"""The text protocol of socketcand over TCP, raw mode; pure. Source: linux-can/socketcand, doc/protocol.md.
 
-Messages stand between "<" and ">". The protocol carries no remote frames. An identifier of three digits is a standard one,
+Messages are between "<" and ">". The protocol carries no remote frames. An identifier of three digits is a standard one,
 of eight an extended one.
 """
 
@@ -14,10 +14,11 @@ LONGEST_MESSAGE = 512
 
 
 def split(received: bytes) -> tuple[list[list[str]], bytes]:
-    """The words of each whole message, and what is left over for later. Raises MalformedFrame where a message has no end."""
+    """The words of each complete message, and the remaining bytes. Raises MalformedFrame where a message has no end."""
     messages = []
     *whole, rest = received.split(b">")
     for text in whole:
+        # From the last "<": text before it belongs to no message.
         _, found, inside = text.rpartition(b"<")
         if found:
             messages.append([word.decode("ascii", "replace") for word in inside.split()])
@@ -37,7 +38,7 @@ def decode_send(words: list[str]) -> ClassicFrame:
 
 
 def encode_frame(frame: ClassicFrame, t_s: float) -> bytes:
-    """A received frame, as the server tells it; `t_s` since the epoch. Raises MalformedFrame for a remote frame."""
+    """A received frame, as the server reports it; `t_s` since the epoch. Raises MalformedFrame for a remote frame."""
     if frame.remote:
         raise MalformedFrame(f"socketcand carries no remote frames; {frame.can_id:#x} is one")
     can_id = f"{frame.can_id:08X}" if frame.extended else f"{frame.can_id:03X}"

@@ -1,10 +1,10 @@
-"""CAN buses on which something is wrong."""
+"""CAN buses with faults, for tests."""
 
 import can
 
 
 class Failing(can.BusABC):
-    """A bus whose adapter was pulled."""
+    """A bus whose adapter was unplugged."""
 
     channel_info = "pulled"
 
@@ -19,7 +19,7 @@ class Failing(can.BusABC):
 
 
 class FullFor(can.BusABC):
-    """A bus whose transmit queue is full for the first few frames."""
+    """A bus whose transmit queue is full for the first `frames` frames."""
 
     channel_info = "full"
 

@@ -1,4 +1,4 @@
-"""What every force sensor promises, whatever its wire: written once, inherited by the test of each device."""
+"""Conformance tests for force sensors of any make; the test of each device inherits them."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,15 @@ import pytest
 from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
 from rfca_rig.drivers.roles import ForceSamples, StreamHealth
 
+# Bits of the status word that are the same for every make, see `ForceSamples`.
 ERROR, SATURATED = np.uint32(1 << 31), np.uint32(1 << 17)
 
+# Values of both signs, different on every axis, so that swapped axes show.
 KNOWN = (3.0, -7.5, 12.25, 0.5, -0.75, 1.125)
 
 
 class ForceSensorContract:
-    """Inherit, and say in `rig` what the device is."""
+    """Inherit, and provide the device in the fixture `rig`."""
 
     @pytest.fixture
     def rig(self) -> ForceSensorRig:
@@ -22,6 +24,7 @@ class ForceSensorContract:
         rig.sensor.start()
         samples = rig.run(2.0)
         assert rig.sensor.scale().rate_Hz == pytest.approx(rig.rate_Hz)
+        # Two records of tolerance: the stream starts and ends between two records.
         assert (2.0 - rig.latency_s) * rig.rate_Hz - 2 <= len(samples.sequence) <= 2.0 * rig.rate_Hz + 2
         assert samples.sequence.tolist() == list(range(1, len(samples.sequence) + 1))
 
@@ -30,6 +33,7 @@ class ForceSensorContract:
         samples = rig.run(1.0)
         assert samples.device_s == pytest.approx((samples.sequence - 1) / rig.rate_Hz, abs=rig.time_step_s)
         assert np.all(np.diff(samples.host_s) >= 0.0)
+        # Two record periods and two ticks of the reading loop, besides the latency.
         assert np.ptp(samples.host_s - samples.device_s) < rig.latency_s + 2.0 / rig.rate_Hz + 4e-3
 
     def test_shapes_and_types_are_those_of_the_role(self, rig: ForceSensorRig) -> None:
@@ -113,6 +117,7 @@ class ForceSensorContract:
         rig.run(0.5)
         numbers = np.concatenate([block.sequence for block in rig.blocks])
         assert np.all(np.diff(numbers) == 1)
+        # Where the wire cannot duplicate records, none may be counted.
         assert (rig.sensor.health().duplicate > 0) == (rig.repeat is not None)
         assert rig.sensor.health().lost == 0
 
@@ -163,7 +168,10 @@ class ForceSensorContract:
 
 
 def _assert_time_is_right(rig: ForceSensorRig, samples: ForceSamples) -> None:
-    """The newest record is as old, by the device's own time, as it was before anything went wrong: to a latency and what a loss hides."""
+    """Asserts that the lag of device time behind host time is the same as before the fault.
+
+    Allowed are one latency, and the lag that a loss may hide: four periods and 12 ms.
+    """
     first = next(block for block in rig.blocks if len(block.sequence))
     lag_before_s = first.host_s[0] - first.device_s[0]
     lag_after_s = samples.host_s[-1] - samples.device_s[-1]

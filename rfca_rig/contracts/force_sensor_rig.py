@@ -1,4 +1,4 @@
-"""One force sensor on its twin, for tests: clock, driver, and a wrench of the test's own choosing in place of a plant."""
+"""Test rig for one force sensor: clock, driver, twin, and a prescribed wrench in place of a plant."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,6 +11,7 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.roles import ForceSamples, ForceSensor
 from rfca_rig.twins.sensor import SensorTwin
 
+# Period of the reading loop in s.
 TICK_S = 2e-3
 
 Floats = NDArray[np.float64]
@@ -19,21 +20,23 @@ Tamper = Callable[[], None]
 
 
 def swinging(times_s: Floats) -> Floats:
-    """(m, 6): (1, 2, ... 6) / 2 N and N m at different frequencies, so that no two records are alike."""
+    """Wrench (m, 6) at times (m,): amplitudes (1, 2, ... 6) / 2 N and N m at different frequencies, so that no two records are equal."""
     axes: Floats = np.arange(1.0, 7.0)
     return 0.5 * axes * np.sin(2.0 * np.pi * (3.0 + 0.7 * axes) * times_s[:, None])
 
 
 def constant(*wrench: float) -> Wrench:
+    """A wrench function that returns the same six values (m, 6) at all times (m,)."""
     return lambda times_s: np.tile(np.array(wrench), (len(times_s), 1))
 
 
 @dataclass
 class ForceSensorRig:
-    """`latency_s` is how late the newest record may be; `resolution` what one step of the device is, in N and N m per axis,
-    `time_step_s` one of its clock where it tells the time.
+    """One sensor with its twin and its faults.
 
-    Each fault begins when it is called; None where the wire cannot carry it. `saturating` is a wrench beyond the range.
+    `latency_s` is the largest delay of the newest record. `resolution` (6,) is one count of the device in N and N m, `time_step_s`
+    one step of its clock if it reports time. `saturating` is a wrench beyond the range.
+    Each fault starts when it is called; it is None if the wire cannot have it.
     """
 
     clock: TwinClock
@@ -58,18 +61,19 @@ class ForceSensorRig:
         self.clock.carry(self._carry)
 
     def _carry(self, to_s: float) -> None:
-        """The twin, in steps of at most a tick, on the wrench as it is now."""
+        """Advances the twin under the present wrench, in steps of at most one tick."""
         began_s = self.twin_s
         steps = max(1, ceil((to_s - began_s) / TICK_S - 1e-6))
         for step in range(1, steps + 1):
             end_s = to_s if step == steps else began_s + step * TICK_S
             self.twin.take_requests()
             due_s = self.twin.due(end_s)
+            # The reshape keeps the shape (0, 6) if no sample was due.
             self.twin.measured(self.wrench(due_s).reshape(-1, 6))
         self.twin_s = to_s
 
     def run(self, seconds: float) -> ForceSamples:
-        """Reads every tick, as a control loop does; returns what was read in that time, joined."""
+        """Reads at every tick, as a control loop does; returns all records (m, 6) of that time."""
         read = []
         for _ in range(round(seconds / TICK_S)):
             self.clock.wait_until(self.clock.now_s() + TICK_S)
@@ -78,10 +82,12 @@ class ForceSensorRig:
         return joined(read)
 
     def in_units(self, samples: ForceSamples) -> Floats:
+        """Wrench (m, 6) in N and N m from counts (m, 6)."""
         scale = self.sensor.scale()
         in_units: Floats = samples.counts / np.repeat([scale.counts_per_N, scale.counts_per_Nm], 3)
         return in_units
 
 
 def joined(blocks: list[ForceSamples]) -> ForceSamples:
+    """Concatenates blocks of records along the first axis, columns (m,) and (m, 6)."""
     return ForceSamples(*(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0])))

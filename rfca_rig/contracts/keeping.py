@@ -1,4 +1,4 @@
-"""Runs the contracts on the own devices of a rig file."""
+"""Runs the conformance tests on the plug-in devices of a rig file."""
 
 import os
 from pathlib import Path
@@ -14,7 +14,7 @@ from rfca_rig.errors import BadInput
 
 
 def contracts_of(rig: RigFile) -> list[str]:
-    """The files of the contracts that its own devices are to keep. Raises BadInput for a rig without any, and for one without a twin."""
+    """Test files for the plug-in devices of a rig. Raises BadInput for a rig without any, and for a device without a twin."""
     pairs = ((rig.motor, MotorKeys, own_motor), (rig.force_sensor, ForceSensorKeys, own_force_sensor))
     own = [(keys, module) for keys, kind, module in pairs if isinstance(keys, kind)]
     if not own:
@@ -25,6 +25,7 @@ def contracts_of(rig: RigFile) -> list[str]:
 
 
 def kept(rig: RigFile, path: Path) -> bool:
-    """Whether all of them are kept; pytest prints what it finds."""
-    quiet = ["-q", "--tb=short", "--no-header", "-p", "no:cacheprovider", "-c", os.devnull, "-o", "python_files=*.py"]
-    return int(pytest.main([*quiet, "--rig", str(path), *contracts_of(rig)], plugins=[plugin])) == 0
+    """Runs the tests; returns whether all passed. pytest prints the results."""
+    # Neither a configuration nor a cache of the folder where the command is called must have an influence.
+    options = ["-q", "--tb=short", "--no-header", "-p", "no:cacheprovider", "-c", os.devnull, "-o", "python_files=*.py"]
+    return int(pytest.main([*options, "--rig", str(path), *contracts_of(rig)], plugins=[plugin])) == 0

@@ -1,7 +1,7 @@
-"""What every driver of a shaft motor must do, written once; each device inherits it and runs it on its own twin.
+"""Conformance tests for drivers of shaft motors; each device inherits them and runs them on its own twin.
 
-A device's test file says how to make its driver and its twin, how to leave a stale set-point in the drive and how to make it
-fail, and adds tests of what only it does:
+The test file of a device defines how to create its driver and twin. It also defines how to leave a stale set-point in the drive and how
+to make it fail, and adds tests of its special features:
 
     class TestMyDrive(MotorContract):
         def driver(self, bus, clock): ...
@@ -12,4 +12,4 @@ from rfca_rig.contracts.motor_stops import MotorStops
 
 
 class MotorContract(MotorMoves, MotorStops):
-    """Inherit, and fill in what `MotorHooks` raises NotImplementedError for."""
+    """Inherit, and implement the methods of `MotorHooks` that raise NotImplementedError."""

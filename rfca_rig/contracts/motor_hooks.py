@@ -1,4 +1,4 @@
-"""What the contract of a motor driver asks of the device's test: how to make the driver and its twin, and how to make it fail."""
+"""Hooks of the motor conformance tests: creation of driver and twin, and faults of the drive."""
 
 from contextlib import AbstractContextManager
 from typing import Any
@@ -12,32 +12,37 @@ from rfca_rig.drivers.roles import ShaftMotor
 
 
 class MotorHooks:
-    """Inherit, and fill in what raises NotImplementedError; the tolerances are one count of the wire and what the drive's loop leaves."""
+    """Inherit, and implement the methods that raise NotImplementedError.
+
+    The tolerances cover one count of the protocol and the steady-state error of the drive's loop.
+    """
 
     ANGLE_TOLERANCE_RAD = 2e-3
     SPEED_TOLERANCE_RAD_S = 1e-2
     TORQUE_TOLERANCE_Nm = 0.05
-    ENABLING_TORQUE_Nm = 0.05  # a loop that is stiff in the angle turns one count into torque
-    FOLLOWING_TOLERANCE_RAD = 0.02  # behind a target that moves at 2 rad/s
+    # A stiff angle loop converts one count of the position to this much torque.
+    ENABLING_TORQUE_Nm = 0.05
+    # Lag behind a target that moves at 2 rad/s.
+    FOLLOWING_TOLERANCE_RAD = 0.02
     TELLS_TEMPERATURE = True
 
     def driver(self, bus: can.BusABC, clock: Clock) -> ShaftMotor:
         raise NotImplementedError
 
     def twin(self, bus: can.BusABC, watchdog_s: float | None) -> Any:
-        """The other end of the wire; with `watchdog_s` None it runs on for ever, as many drives do."""
+        """Creates the twin; with `watchdog_s` None it has no watchdog, as many drives."""
         raise NotImplementedError
 
     def leave_stale_set_point(self, bus: can.BusABC) -> None:
-        """Says to the drive, before it is enabled, to be somewhere else and fast."""
+        """Sends the drive, before it is enabled, a command to another position at high speed."""
         raise NotImplementedError
 
     def fail(self, twin: Any) -> str:
-        """Gives the drive an error of its own; returns the pattern of what must be said: its code, and what that means."""
+        """Puts the drive into an error; returns the regular expression that the driver's text must match: code and meaning."""
         raise NotImplementedError
 
     def refuse(self, twin: Any) -> str:
-        """Makes every attempt to enable the drive end in an error of its own; returns the pattern of what must be said."""
+        """Makes every attempt to enable the drive end in an error; returns the regular expression of the driver's text."""
         raise NotImplementedError
 
     def rig(self, rotor: Rotor | None = None, watchdog_s: float | None = 0.1) -> AbstractContextManager[MotorRig]:

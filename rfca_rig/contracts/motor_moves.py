@@ -1,4 +1,4 @@
-"""How a driver of a shaft motor energises, obeys and reports."""
+"""Conformance tests for motor drivers: enabling, commands, reports."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ NUMBERS_THAT_ARE_NONE = [float("nan"), float("inf"), -float("inf")]
 
 
 class MotorMoves(MotorHooks):
-    """Enabling, commanding, reading."""
+    """Tests of enabling, commanding and reading."""
 
     # -- enabling ------------------------------------------------------------------------------------------------------------
 
@@ -27,10 +27,12 @@ class MotorMoves(MotorHooks):
             angles_rad = np.array([angle_rad for _, angle_rad, _ in rig.turned])
             assert np.abs(angles_rad - 1.2).max() < self.ANGLE_TOLERANCE_RAD
             assert np.abs(shaft.angle_rad - 1.2).max() < self.ANGLE_TOLERANCE_RAD
+            # At rest at the enabling angle, any torque shows a jerk.
             torques_Nm = np.array([law.torque_Nm(1.2, 0.0) for _, law in rig.rotor.drives])
             assert np.abs(torques_Nm).max() < self.ENABLING_TORQUE_Nm
             assert rig.motor.status().fault is None
 
+    # Beyond 12.5 rad (MIT mode) and many turns, where positions in a protocol wrap.
     @pytest.mark.parametrize("angle_rad", [-11.0, 14.0, 200.0])
     def test_enabling_moves_nothing_however_often_the_shaft_had_turned_before(self, angle_rad: float) -> None:
         with self.rig(Rotor(angle_rad=angle_rad)) as rig:
@@ -59,7 +61,8 @@ class MotorMoves(MotorHooks):
             rig.motor.enable()
             rig.run(0.5, angle_rad=-0.2)
             rig.motor.disable()
-            rig.rotor.speed_rad_s = 2.2  # a hand turns it
+            # The shaft is turned by hand.
+            rig.rotor.speed_rad_s = 2.2
             rig.run(0.5)
             rig.rotor.angle_rad, rig.rotor.speed_rad_s = 0.9, 0.0
             rig.run(0.05)
@@ -69,8 +72,8 @@ class MotorMoves(MotorHooks):
 
     def test_a_refused_enable_says_with_which_error_of_the_drive_and_leaves_no_torque(self) -> None:
         with self.rig() as rig:
-            said = self.refuse(rig.twin)
-            with pytest.raises(DeviceError, match=said):
+            pattern = self.refuse(rig.twin)
+            with pytest.raises(DeviceError, match=pattern):
                 rig.motor.enable()
             rig.tick()
             assert rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
@@ -141,6 +144,7 @@ class MotorMoves(MotorHooks):
         with self.rig() as rig:
             rig.motor.enable()
             shaft = rig.run(6.0, speed_rad_s=speed_rad_s)
+            # Twelve turns: more than the nine that the status frame of the servo mode covers.
             assert abs(rig.rotor.angle_rad) > 75.0
             assert np.abs(np.diff(shaft.angle_rad)).max() < 0.1
             assert shaft.angle_rad[-1] == pytest.approx(rig.rotor.angle_rad, abs=abs(speed_rad_s) * 3e-3 + self.ANGLE_TOLERANCE_RAD)
@@ -154,13 +158,14 @@ class MotorMoves(MotorHooks):
             rig.motor.enable()
             shaft = rig.run(0.5, speed_rad_s=1.0)
             assert len({column.shape for column in vars(shaft).values()}) == 1
+            # Nearly one sample for each of the 250 ticks.
             assert len(shaft.angle_rad) >= 240
             assert np.all(np.diff(shaft.device_s) > 0.0)
             assert np.all(np.diff(shaft.host_s) >= 0.0)
             assert np.isfinite([shaft.angle_rad, shaft.speed_rad_s]).all()
 
     def test_device_time_is_the_time_of_the_motion(self) -> None:
-        """At a steady speed angle over device time is a straight line of that slope."""
+        """At constant speed, the angle over device time is a straight line with that slope."""
         with self.rig() as rig:
             rig.motor.enable()
             rig.run(1.0, speed_rad_s=3.0)

@@ -1,4 +1,4 @@
-"""Any motor driver on its twin, turning a rotor whose motion is known; no sensor."""
+"""Test rig for one motor driver: driver, twin, and a rotor with known dynamics; no sensor."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,7 +21,10 @@ TICK_S = 2e-3
 
 @dataclass
 class MotorRig:
-    """`wire` is the driver's end of the bus, `observer` hears and may say everything; `turned` is the rotor's true motion."""
+    """A motor driver on its twin. `wire` is the driver's end of the bus, `observer` a third one.
+
+    `turned` lists time, true angle and torque of the rotor at each tick.
+    """
 
     clock: TwinClock
     rotor: Rotor
@@ -34,7 +37,7 @@ class MotorRig:
     def run(
         self, seconds: float, speed_rad_s: float | None = None, angle_rad: float | None = None, deaf: bool = False, tick_s: float = TICK_S
     ) -> ShaftSamples:
-        """Ticks as a control loop does, commanding what is given; returns what was read. `deaf` loses whatever the drive says."""
+        """Runs ticks like a control loop with the given command; returns all samples (m,). With `deaf` the drive's frames are lost."""
         read = [self.motor.read()]
         for _ in range(round(seconds / tick_s)):
             if speed_rad_s is not None:
@@ -46,6 +49,7 @@ class MotorRig:
         return joined(read)
 
     def tick(self, deaf: bool = False, tick_s: float = TICK_S) -> None:
+        """Advances time by one tick and notes the true motion."""
         self.clock.wait_until(self.clock.now_s() + tick_s)
         if deaf:
             drained(self.wire)
@@ -53,10 +57,12 @@ class MotorRig:
 
 
 def joined(blocks: list[ShaftSamples]) -> ShaftSamples:
+    """Concatenates blocks of samples, columns (m,)."""
     return ShaftSamples(*(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0])))
 
 
 def drained(bus: can.BusABC) -> list[can.Message]:
+    """Receives all frames that the bus holds."""
     return list(iter(lambda: bus.recv(timeout=0), None))
 
 
@@ -65,8 +71,10 @@ def motor_rig(
     driver: Callable[[can.BusABC, Clock], ShaftMotor], twin: Callable[[can.BusABC], Any], rotor: Rotor | None = None
 ) -> Iterator[MotorRig]:
     rotor, clock = rotor or Rotor(), TwinClock()
+    # The third end lets a test observe the bus, and act as another program on it.
     with can_wire(ends=3) as (drivers_end, twins_end, observer):
         drive = twin(twins_end)
+        # A world needs a sensor; this one has no listener.
         sensor = NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))
         clock.carry(TwinWorld(rotor, drive, sensor).process)
         yield MotorRig(clock, rotor, driver(drivers_end, clock), drive, drivers_end, observer)

@@ -1,4 +1,4 @@
-"""How a driver of a shaft motor stops, proves that it stops, and tells what is wrong."""
+"""Conformance tests for motor drivers: stopping, watchdog test, faults, bus failures."""
 
 import re
 
@@ -14,7 +14,7 @@ from rfca_rig.twins.can_wire import can_wire
 
 
 class MotorStops(MotorHooks):
-    """Stopping, faults, the bus."""
+    """Tests of stopping, faults and bus failures."""
 
     # -- stopping ------------------------------------------------------------------------------------------------------------
 
@@ -28,6 +28,7 @@ class MotorStops(MotorHooks):
             rig.tick()
             speed_rad_s = rig.rotor.speed_rad_s
             rig.run(0.3)
+            # The rotor has no friction: exactly constant speed means exactly zero torque.
             assert rig.rotor.speed_rad_s == speed_rad_s
             assert rig.motor.status().fault is None
 
@@ -44,14 +45,15 @@ class MotorStops(MotorHooks):
         with self.rig() as rig:
             rig.motor.enable()
             rig.run(0.1, speed_rad_s=1.0)
-            said = self.fail(rig.twin)
+            pattern = self.fail(rig.twin)
             rig.run(0.2, speed_rad_s=1.0)
-            assert re.search(said, rig.motor.status().fault or "")
+            assert re.search(pattern, rig.motor.status().fault or "")
 
     def test_a_watchdog_that_works_is_proven_and_the_motor_can_be_enabled_again(self) -> None:
         with self.rig(watchdog_s=0.1) as rig:
             rig.motor.enable()
-            rig.rotor.load_Nm = 0.5  # as gravity pulls at a leg
+            # Like the weight of the leg: without a load some drives cannot show that they stopped.
+            rig.rotor.load_Nm = 0.5
             rig.run(0.2, angle_rad=0.3)
             assert 0.0 < rig.motor.prove_watchdog(0.6) <= 0.7
             rig.tick()
@@ -77,6 +79,7 @@ class MotorStops(MotorHooks):
             rig.motor.enable()
             rig.run(0.6, angle_rad=0.3)
             told_C = rig.motor.status().temperature_C
+            # The twin's air has 30 or 31 degrees C; the motor has hardly warmed up.
             assert told_C == pytest.approx(30.5, abs=1.0) if self.TELLS_TEMPERATURE else told_C is None
 
     def test_a_motor_that_warms_up_is_told(self) -> None:
@@ -88,7 +91,7 @@ class MotorStops(MotorHooks):
             assert told_C is None or told_C == pytest.approx(70.0, abs=12.0)
 
     def test_what_dammed_up_while_nobody_looked_and_has_holes_is_neither_a_leap_nor_handed_out(self) -> None:
-        """A full buffer of the system drops frames while a hand turns the shaft, as at every change of the rack's height."""
+        """The system's full buffer drops frames while the shaft is turned by hand, as at every change of the rack's height."""
         with self.rig() as rig:
             rig.motor.enable()
             rig.run(0.2, angle_rad=0.3)
@@ -98,9 +101,10 @@ class MotorStops(MotorHooks):
             rig.rotor.speed_rad_s = 0.0
             rig.clock.wait_until(rig.clock.now_s() + 0.1)
             arrived = rig.wire._arrived
-            kept = [*list(arrived)[:50], *list(arrived)[-10:]]
+            # The first and last frames survive, with a hole between them.
+            remaining = [*list(arrived)[:50], *list(arrived)[-10:]]
             arrived.clear()
-            arrived.extend(kept)
+            arrived.extend(remaining)
             rig.motor.enable()
             shaft = rig.run(0.2, angle_rad=2.3)
             assert rig.motor.status().fault is None
@@ -142,6 +146,7 @@ class MotorStops(MotorHooks):
         with self.rig() as rig:
             rig.motor.enable()
             rig.run(0.1, angle_rad=0.3)
+            # Error-passive at 136 transmit errors, then error-active again at 90, as SocketCAN reports it.
             for data, passive in (([0, 0x20, 0, 0, 0, 0, 136, 0], True), ([0, 0x40, 0, 0, 0, 0, 90, 0], False)):
                 rig.observer.send(can.Message(arbitration_id=0x204, data=data, is_error_frame=True, is_extended_id=False))
                 rig.run(0.01, angle_rad=0.3)

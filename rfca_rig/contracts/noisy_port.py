@@ -1,17 +1,18 @@
-"""A serial line on which bytes go missing, are spoilt, or stop coming."""
+"""Serial line with faults, for tests: lost, changed or missing bytes."""
 
 from dataclasses import dataclass, field
 
 from rfca_rig.twins.serial_line import HostEnd
 
+# Bits to flip in a changed byte.
 SPOILT = 0x5A
 
 
 @dataclass
 class NoisyPort:
-    """The driver's end of the line, with what happens to bytes on the way: the next `drop` are lost, the `spoil` after them changed.
+    """The driver's end of the line with faults: the next `drop` bytes are lost, the `spoil` bytes after them are changed.
 
-    At most `most` are handed over at once.
+    At most `most` bytes are reported as waiting at once.
     """
 
     end: HostEnd

@@ -1,4 +1,4 @@
-"""The contract of a force sensor, on the one that [force_sensor] of a rig file names with a file of its own, and on its twin."""
+"""Force sensor conformance tests on the plug-in sensor of a rig file and its twin."""
 
 import numpy as np
 import pytest
@@ -14,12 +14,14 @@ from rfca_rig.drivers.record_stream import RecordStream
 from rfca_rig.twins.serial_line import serial_line
 
 LATENCY_S = 0.02
-LOST_S = 0.05  # of records, in one piece
-OF_RANGE = 2e-7  # what a value of single precision is known to
+# Duration of the lost piece of the stream in s.
+LOST_S = 0.05
+# Relative resolution of a single-precision value, as share of the range.
+OF_RANGE = 2e-7
 
 
 class TestOurForceSensor(ForceSensorContract):
-    """Noise off, a wrench of the test's own choosing."""
+    """Runs the tests without noise, under a prescribed wrench."""
 
     @pytest.fixture
     def rig(self, described: RigFile) -> ForceSensorRig:
@@ -27,8 +29,9 @@ class TestOurForceSensor(ForceSensorContract):
         keys, clock, (host, device) = described.force_sensor, TwinClock(), serial_line()
         port = NoisyPort(host)
         sensor, twin = keys.driver(port, clock), twin_of(keys)(device, keys, (0.0,) * 6, np.random.default_rng(1))
+        # A driver that is no `RecordStream` has no fixed record length; 64 bytes stand for it.
         record_bytes = sensor.record_bytes if isinstance(sensor, RecordStream) else 64
-        made = ForceSensorRig(
+        rig = ForceSensorRig(
             clock=clock,
             sensor=sensor,
             twin=twin,
@@ -38,8 +41,9 @@ class TestOurForceSensor(ForceSensorContract):
             saturating=(0.0, 0.0, 1.5 * twin.full_scale[2], 0.0, 0.0, 0.0),
             silence=lambda: setattr(port, "silent", True),
             lose=lambda: setattr(port, "drop", max(20, round(LOST_S * keys.rate_Hz)) * record_bytes),
+            # Five records and three bytes: the damage ends inside a record, so the driver must resynchronise.
             damage=lambda: setattr(port, "spoil", 5 * record_bytes + 3),
-            freeze=lambda: setattr(made, "wrench", constant(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
+            freeze=lambda: setattr(rig, "wrench", constant(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
             time_step_s=2e-6,
         )
-        return made
+        return rig

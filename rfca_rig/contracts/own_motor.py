@@ -1,4 +1,4 @@
-"""The contract of a motor, on the drive that [motor] of a rig file names with a file of its own, and on its twin."""
+"""Motor conformance tests on the plug-in drive of a rig file and its twin."""
 
 from typing import Any
 
@@ -17,15 +17,15 @@ SILENT_S = 0.3
 
 
 class TestOurMotor(MotorContract):
-    """A twin may say in `tolerances` by how much its wire is coarser than most."""
+    """Runs the tests. A twin may widen tolerances in `tolerances`, if its protocol is coarser than most."""
 
     @pytest.fixture(autouse=True)
     def _of_the_rig_file(self, described: RigFile) -> None:
         assert isinstance(described.motor, MotorKeys), "[motor] is not of a file of its own"
         self.keys = described.motor
-        made = twin_of(self.keys)
-        self.TELLS_TEMPERATURE = getattr(made, "tells_temperature", False)
-        for name, value in getattr(made, "tolerances", {}).items():
+        twin_class = twin_of(self.keys)
+        self.TELLS_TEMPERATURE = getattr(twin_class, "tells_temperature", False)
+        for name, value in getattr(twin_class, "tolerances", {}).items():
             setattr(self, name, value)
 
     def driver(self, bus: can.BusABC, clock: Clock) -> ShaftMotor:

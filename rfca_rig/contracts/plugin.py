@@ -1,4 +1,4 @@
-"""pytest's option --rig: the rig file whose own devices are to keep the contract."""
+"""pytest option --rig: the rig file whose plug-in devices are tested."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ from rfca_rig.description.rig_file import RigFile, read_rig
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Called by pytest."""
+    """Adds the option; called by pytest."""
     parser.addoption("--rig", type=Path, metavar="FILE", help="a rig file with devices of your own")
 
 
 @pytest.fixture(scope="session")
 def described(request: pytest.FixtureRequest) -> RigFile:
-    """The rig file that was named."""
+    """The rig file named by the option --rig."""
     return read_rig(request.config.getoption("--rig"))

@@ -1,4 +1,4 @@
-"""A test plant with a known answer: a rotor with inertia and a constant load, felt by the sensor as a known function of time."""
+"""Test plant with a known solution: a rotor with inertia and a constant load, and a wrench that is a known function of time."""
 
 from dataclasses import dataclass, field
 
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class Rotor:
-    """Implicit midpoint at 0.1 ms. The wrench is (1, 2, ... 6) * `swing` * sin(2 pi 5 Hz t)."""
+    """Rotor integrated by the implicit midpoint rule at 0.1 ms. The wrench is (1, 2, ... 6) * `swing` * sin(2 pi 5 Hz t)."""
 
     inertia_kg_m2: float = 0.02
     load_Nm: float = 0.0
@@ -24,6 +24,7 @@ class Rotor:
     drives: list[tuple[float, ShaftDrive]] = field(default_factory=list)
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
+        """Advances to `to_s` under `drive`; returns the wrench (m, 6) in N and N m at `force_times_s` (m,)."""
         assert np.all(force_times_s <= to_s)
         assert np.all(force_times_s > self.now_s - 1e-8)
         self.drives.append((to_s, drive))
@@ -33,10 +34,11 @@ class Rotor:
             self._step(drive, h)
         self.now_s = to_s
         self.torque_Nm = drive.torque_Nm(self.angle_rad, self.speed_rad_s)
-        felt: Floats = self.swing * np.sin(10.0 * np.pi * force_times_s)[:, None] * np.arange(1.0, 7.0)
-        return felt
+        wrench: Floats = self.swing * np.sin(10.0 * np.pi * force_times_s)[:, None] * np.arange(1.0, 7.0)
+        return wrench
 
     def _step(self, drive: ShaftDrive, h: float) -> None:
+        # Implicit midpoint for a linear law: the gains act like added inertia, so stiff loops stay stable.
         stiff = self.inertia_kg_m2 + 0.5 * h * drive.speed_gain_Nm_s_per_rad + 0.25 * h * h * drive.angle_gain_Nm_per_rad
         now_Nm = drive.torque_Nm(self.angle_rad + 0.5 * h * self.speed_rad_s, self.speed_rad_s) + self.load_Nm
         gained_rad_s = h * now_Nm / stiff

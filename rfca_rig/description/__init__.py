@@ -1,4 +1,4 @@
-"""The files that people write: rig, protocol, camera, model. Entry points: `rig_file.read_rig`, `planning.read_plan`, `model_file`.
+"""Files that people write: rig, protocol, camera, model. Entry points: `rig_file.read_rig`, `planning.read_plan`, `model_file`.
 
-`sections` and the other sections are pydantic models with units in their keys; `nominal_model` makes the model's parameters of them.
+`sections` and the other sections are pydantic models with units in their keys; `nominal_model` converts them to the model's parameters.
 """

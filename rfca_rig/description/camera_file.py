@@ -1,4 +1,4 @@
-"""camera.toml: a calibrated camera, how well it is known, and where it stands before the plane of motion."""
+"""camera.toml: a calibrated camera, its uncertainties, and its pose before the plane of motion."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +18,7 @@ from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.plane_of_motion import PlanePose
 
 Floats = NDArray[np.float64]
+# The file states its axes in words, so that no reader has to guess them.
 AXES: Literal["y along the ground, z up"] = "y along the ground, z up"
 Pixels = Annotated[int, Field(ge=16, le=65535)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
@@ -31,9 +32,9 @@ Coefficients = Annotated[tuple[float, float, float, float, float], Field(strict=
 
 
 class LensSection(Section):
-    """[camera]: pinhole and lens. `distortion` is k1, k2, p1, p2, k3 as OpenCV has them; standard deviations are one each.
+    """[camera]: pinhole and lens. `distortion` is k1, k2, p1, p2, k3 in OpenCV's order; standard deviations are one each.
 
-    `covered_px` is left, top, right, bottom of the part of the picture in which the board was seen.
+    `covered_px` is left, top, right, bottom of the part of the image in which the board was seen.
     """
 
     image_size_px: Size
@@ -66,13 +67,14 @@ class PlaneSection(Section):
     @classmethod
     def _is_a_turn(cls, rows: Matrix) -> Matrix:
         rotation = np.array(rows)
+        # The digits in the file allow errors below 1e-5.
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-5) or np.linalg.det(rotation) < 0:
             raise ValueError("should be three rows of a rotation, perpendicular and of length 1; calibrate anew")
         return rows
 
 
 class PhotoSection(Section):
-    """[[photos]]: one that was used; how wide its edges are, 10 % to 90 %, tells its sharpness."""
+    """[[photos]]: a photo that was used; the width of its edges, 10 % to 90 %, measures its sharpness."""
 
     name: str
     corners: Annotated[int, Field(ge=1)]
@@ -81,14 +83,14 @@ class PhotoSection(Section):
 
 
 class RefusedSection(Section):
-    """[[refused]]: one that was not."""
+    """[[refused]]: a photo that was not used, and why."""
 
     name: str
     why: str
 
 
 class CameraFile(Section):
-    """A camera as `calibrate camera` writes it. Without [plane] it says how the lens sees, not where the camera stands."""
+    """A camera as `calibrate camera` writes it. Without [plane] the lens is known, but not the camera's pose."""
 
     camera: LensSection
     plane: PlaneSection | None = None
@@ -96,16 +98,16 @@ class CameraFile(Section):
     refused: Annotated[tuple[RefusedSection, ...], Field(strict=False)] = ()
 
     def matrix(self) -> Floats:
-        """(3, 3), px."""
+        """Camera matrix (3, 3), in px."""
         (across, down), (centre_x, centre_y) = self.camera.focal_px, self.camera.centre_px
         return np.array([[across, 0.0, centre_x], [0.0, down, centre_y], [0.0, 0.0, 1.0]])
 
     def distortion(self) -> Floats:
-        """(5,)"""
+        """Distortion coefficients (5,), in OpenCV's order."""
         return np.array(self.camera.distortion)
 
     def model(self) -> CameraModel:
-        """The camera before the plane of motion. Raises BadInput where the file has no [plane]."""
+        """The camera with its pose before the plane of motion. Raises BadInput where the file has no [plane]."""
         if self.plane is None:
             raise BadInput("the camera file has no [plane]: where the camera stands is unknown; calibrate camera --plane PHOTO adds it")
         translation_m = np.array(self.plane.translation_mm) / 1e3
@@ -114,19 +116,20 @@ class CameraFile(Section):
 
 
 def _nearest_rotation(rows: Floats) -> Floats:
-    """What the file's digits were rounded from."""
+    """The rotation nearest to the rounded numbers of the file."""
+    # Orthogonal Procrustes: dropping the singular values gives the nearest orthogonal matrix.
     left, _, right = np.linalg.svd(rows)
     turn: Floats = left @ right
     return turn
 
 
 def read_camera_file(path: Path) -> CameraFile:
-    """The camera in `path`; BadInput, with file and line, where it cannot be used."""
+    """Read the camera in `path`. Raises BadInput, with file and line, where it cannot be used."""
     return read_toml(path, CameraFile)
 
 
 def camera_file(calibration: CameraCalibration, board: str, plane: PlaneSection | None) -> CameraFile:
-    """The file's content. `board` as it was given."""
+    """The content of a camera file from a calibration; `board` is the description that the user gave."""
     matrix = calibration.matrix
     covered_px = calibration.covered_px().tolist()
     lens = LensSection(
@@ -149,7 +152,7 @@ def camera_file(calibration: CameraCalibration, board: str, plane: PlaneSection 
 
 
 def plane_section(pose: PlanePose, photo: str, origin_from: str) -> PlaneSection:
-    """[plane] of a pose that was found in `photo`; `origin_from` says how the shaft axis was."""
+    """[plane] for a pose found in `photo`; `origin_from` states how the shaft axis was found."""
     rows = [(float(row[0]), float(row[1]), float(row[2])) for row in pose.rotation]
     shift = (1e3 * pose.translation_m).tolist()
     return PlaneSection(
@@ -169,7 +172,7 @@ def _pair(values: Sequence[float]) -> tuple[float, float]:
 
 
 def write_camera_file(path: Path, file: CameraFile, comments: Sequence[str]) -> None:
-    """Writes it, all or nothing, `comments` at its head. Raises RigError where the disk refuses."""
+    """Write the file, all or nothing, with `comments` at its head. Raises RigError where the disk refuses."""
     plain = file.model_dump(mode="json", exclude_none=True)
     parts = ["".join(comment(line) for line in comments), table("camera", plain["camera"])]
     parts += [table("plane", plain["plane"])] if file.plane else []

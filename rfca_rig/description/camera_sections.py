@@ -1,4 +1,4 @@
-"""[camera] in a rig file: one section per kind of camera, told apart by `device`; and the marks that it looks at."""
+"""[camera] in a rig file: one section per kind of camera, selected by `device`, and the marks that it observes."""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal
@@ -14,7 +14,9 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class MarkSection(Section):
-    """A mark on a link, 1 the one at the shaft: along it from its hinge, and across it, positive to the side of growing angle."""
+    """A mark on a link, counted from 1 at the shaft: its place along the link from the hinge, and across, positive towards growing
+    angles.
+    """
 
     link: Annotated[int, Field(ge=1)]
     along_mm: NotNegative
@@ -22,13 +24,13 @@ class MarkSection(Section):
 
 
 class MarksSection(Section):
-    """[camera.marks]: red discs on black. Without `places`: one at every hinge axis, the shaft's too, and one at the tip."""
+    """[camera.marks]: red discs on black. Without `places`: one at every hinge axis including the shaft's, and one at the tip."""
 
     diameter_mm: Positive = 8.0
     places: Annotated[tuple[MarkSection, ...], Field(strict=False)] = ()
 
     def plan(self, link_lengths_m: Sequence[float]) -> MarkPlan:
-        """Raises BadInput where the places are not in their order from the shaft outwards."""
+        """The marks of the leg. Raises BadInput where the places are not in their order from the shaft outwards."""
         if not self.places:
             return MarkPlan.at_hinges(link_lengths_m, self.diameter_mm / 1e3)
         marks = tuple(PlannedMark(place.link, place.along_mm / 1e3, place.across_mm / 1e3) for place in self.places)
@@ -36,9 +38,9 @@ class MarksSection(Section):
 
 
 class OpenCvCameraSection(Section):
-    """A camera that OpenCV can open. `calibration_file`, from the rig file's folder, is what `calibrate camera` wrote.
+    """A camera that OpenCV can open. `calibration_file`, relative to the rig file's folder, was written by `calibrate camera`.
 
-    A stage goes without its photo where none has come `photo_limit_s` after it was asked for.
+    A stage has no photo if none arrives within `photo_limit_s` after the request.
     """
 
     device: Literal["opencv"]
@@ -49,9 +51,9 @@ class OpenCvCameraSection(Section):
 
 
 class PhotoFolderSection(Section):
-    """A camera that puts its photos into a folder by itself: each stage takes the first that comes there after it was asked for.
+    """A camera that stores its photos in a folder by itself. Each stage takes the first photo that arrives there after the request.
 
-    Paths are from the rig file's folder. What is in the folder before is left alone.
+    Paths are relative to the rig file's folder. Photos that were in the folder before are ignored.
     """
 
     device: Literal["photo-folder"]
@@ -65,7 +67,7 @@ CameraSection = Annotated[OpenCvCameraSection | PhotoFolderSection, Field(discri
 
 
 class TwinCameraSection(Section):
-    """[twin.camera]: what comes between the twin's leg and its photos; see `twins.disturbance.Disturbance`, which says what each is."""
+    """[twin.camera]: degradation of the twin's photos; the keys are explained in `twins.image_noise.Disturbance`."""
 
     defocus_px: NotNegative = 0.7
     noise_counts: NotNegative = 2.0

@@ -1,4 +1,4 @@
-"""[force_sensor] in a rig file: one section per kind of sensor, told apart by `device`."""
+"""[force_sensor] in a rig file: one section per kind of sensor, selected by `device`."""
 
 from typing import Annotated, Literal
 
@@ -16,11 +16,11 @@ Port = Annotated[int, Field(gt=0, le=65535)]
 
 
 class NetFtSection(Section):
-    """An ATI Net F/T; the counts per unit stand on its configuration page and in its calibration certificate.
+    """An ATI Net F/T. The counts per unit are on its configuration page and in its calibration certificate.
 
-    `configuration` says where the box is asked, before each stream, whether it is set as this file says: on its configuration page
-    ("http": counts, units and rate), at its command interface ("commands": counts and units), or nowhere ("unchecked").
-    `buffered` takes many records a datagram, as many as the box's RDT buffer size.
+    `configuration` states where the box's settings are checked before each stream: on its configuration page ("http": counts, units and
+    rate), at its command interface ("commands": counts and units), or not at all ("unchecked"). `buffered` takes many records per datagram,
+    as many as the box's RDT buffer size.
     """
 
     device: Literal["ati-net-ft"]
@@ -36,9 +36,10 @@ class NetFtSection(Section):
 
 
 class AtiSerialSection(Section):
-    """An ATI F/T Controller (CTL, CON) on a serial port; the counts per unit stand in its calibration certificate.
+    """An ATI F/T Controller (CTL, CON) on a serial port. The counts per unit are in its calibration certificate.
 
-    `rate_Hz` is what the controller sends, which its averaging and the line decide; a run measures it and refuses another one.
+    `rate_Hz` is the rate at which the controller sends. It follows from its averaging and the serial line. A run measures it and is refused
+    if it differs.
     """
 
     device: Literal["ati-serial"]
@@ -50,12 +51,13 @@ class AtiSerialSection(Section):
     record: Literal["ascii", "binary", "binary-checksum"] = "ascii"
 
     def settings(self) -> AtiSerialSettings:
-        """The same for the driver."""
+        """The settings for the driver."""
         form = RecordForm(self.record)
         return AtiSerialSettings(self.counts_per_N, self.counts_per_Nm, self.rate_Hz, form, self.bits_per_s, address=self.port)
 
     @model_validator(mode="after")
     def _line_carries_it(self) -> "AtiSerialSection":
+        # The driver knows which rates a line can carry; its refusal becomes a message with the line of the file.
         try:
             self.settings()
         except BadInput as error:
@@ -66,9 +68,9 @@ class AtiSerialSection(Section):
 class AtiDaqSection(Section):
     """An ATI DAQ F/T: gage voltages through a sampling card. `calibration_file` is the .cal file that came with the transducer.
 
-    Its path counts from the folder of the rig file. `unloaded_V` are the voltages with nothing on the sensor, in the order of the
-    channels; `channels` are six differential inputs as the card's maker names them, and a seventh for the thermistor where the
-    calibration compensates by one.
+    Its path is relative to the folder of the rig file. `unloaded_V` are the voltages of the unloaded sensor, in the order of the channels.
+    `channels` are six differential inputs in the notation of the card's maker, and a seventh for the thermistor where the calibration
+    compensates temperature.
     """
 
     device: Literal["ati-daq"]
@@ -79,12 +81,11 @@ class AtiDaqSection(Section):
 
 
 class OwnForceSensorSection(Section):
-    """A sensor of a lab's own, read by what `file` defines as FORCE_SENSOR; `twin_file` defines its TWIN. Both count from the rig file's
-    folder.
-
-    Here the other keys are only carried along: what they must be, FORCE_SENSOR says when the rig file is read (`own_devices`).
+    """A lab's own sensor, read by the class FORCE_SENSOR in `file`; `twin_file` defines its TWIN. Both are relative to the rig file's
+    folder.  Other keys are only passed on here. FORCE_SENSOR validates them when the rig file is read (`own_devices`).
     """
 
+    # A lab's class defines keys that are unknown here.
     model_config = ConfigDict(extra="allow")
 
     device: Literal["own"]
@@ -94,8 +95,9 @@ class OwnForceSensorSection(Section):
 
 
 class ForceSensorKeys(OwnForceSensorSection):
-    """What a lab's file inherits for its FORCE_SENSOR: the keys of [force_sensor], and the driver they make."""
+    """Base class of a lab's FORCE_SENSOR: the keys of [force_sensor], and the driver that is made from them."""
 
+    # A wrong key is refused again, now that the lab's class states all of them.
     model_config = ConfigDict(extra="forbid")
 
     counts_per_N: Positive
@@ -104,7 +106,10 @@ class ForceSensorKeys(OwnForceSensorSection):
     bits_per_s: Annotated[int, Field(gt=0)] = 115_200
 
     def open(self) -> SerialPort:
-        """The way to the sensor, to be closed by the caller; override it for one that is on no serial port. Raises DeviceError."""
+        """Open the connection to the sensor, to be closed by the caller. Override it for a sensor that is not on a serial port.
+
+        Raises DeviceError.
+        """
         return open_port(self.port, self.bits_per_s)
 
     def driver(self, port: SerialPort, clock: Clock) -> ForceSensorRole:

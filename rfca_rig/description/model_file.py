@@ -1,4 +1,4 @@
-"""model.toml: a model as the sections that people write, with how well each value is known and where it came from."""
+"""model.toml: a model in the sections of the rig file, with the uncertainty and source of each value."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -17,7 +17,7 @@ SECTIONS = ("leg", "ground", "sensor", "drive")
 
 
 class ModelFile(RigSections):
-    """A model file: the four sections, effects, and one standard deviation of each value that was fitted or believed."""
+    """A model file: the four sections, effects, and one standard deviation of each value that was fitted or nominal."""
 
     known_to: KnownToSection = KnownToSection()
 
@@ -26,14 +26,14 @@ class ModelFile(RigSections):
         return model_of(self)
 
     def nominal(self) -> dict[str, Any]:
-        """The sections as every recording keeps them, as plain data."""
+        """The sections as plain data, in the form of a recording."""
         left_out = {"known_to", *(() if self.effects else ("effects",))}
         return self.model_dump(exclude=left_out, exclude_none=True, mode="json")
 
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """An effect that was found to act: its parameters by name, or its `table`, and one standard deviation of what has one, by name."""
+    """An identified effect: its parameters by name, or its `table`, and standard deviations by name where known."""
 
     id: str
     parameters: Mapping[str, float]
@@ -42,19 +42,35 @@ class FoundEffect:
 
 
 def read_model_file(path: Path) -> ModelFile:
-    """The model in `path`; BadInput, with file and line, where it cannot be used."""
+    """Read the model in `path`. Raises BadInput, with file and line, where it cannot be used."""
     return with_curve_read(read_toml(path, ModelFile), path.parent)
 
 
 def write_model(
     path: Path, sections: Mapping[str, Any], known_to: Mapping[str, Any], comments: Iterable[str], found: Sequence[FoundEffect] = ()
 ) -> None:
-    """Writes a model file, all or nothing, with `comments` at its head.
+    """Write a model file, all or nothing.
 
-    `sections` holds leg, ground, sensor and drive as plain data in the file's units, and effects where some were believed already;
-    `found` come behind those. Raises RigError where the disk refuses.
+    Parameters
+    ----------
+    path
+        File to write.
+    sections
+        leg, ground, sensor and drive as plain data in the file's units, and the effects of the nominal model.
+    known_to
+        Standard deviations by key.
+    comments
+        Lines at the head of the file.
+    found
+        Identified effects, written after those of the nominal model.
+
+    Raises
+    ------
+    RigError
+        Where the disk refuses.
     """
     nominal = [_nominal(effect) for effect in sections.get("effects", ())]
+    # A table inside [leg] must follow all plain keys of [leg], so it is written as a table of its own.
     curve = sections["leg"].get("torque_rotation")
     leg = {key: value for key, value in sections["leg"].items() if key != "torque_rotation"}
     curves = {} if curve is None else {"leg.torque_rotation": curve}

@@ -1,4 +1,4 @@
-"""[motor] in a rig file: one section per kind of drive, told apart by `device`."""
+"""[motor] in a rig file: one section per kind of drive, selected by `device`."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -11,14 +11,15 @@ from rfca_rig.description.sections import Positive, Section
 from rfca_rig.drivers.can_bus import CanBusSettings
 from rfca_rig.drivers.roles import ShaftMotor
 
-LOOP_RATE_HZ = 500.0  # of commands while a stroke runs: what a drive that only answers reports at
+# Rate of commands during a stroke, and of the reports of a drive that only answers commands.
+LOOP_RATE_HZ = 500.0
 
 
 class MotorSection(Section):
-    """What every drive on CAN has: the bus, and which way it turns the shaft.
+    """Keys of every drive on CAN: the bus, and the direction in which it turns the shaft.
 
-    On a real rig a `guardian` holds the bus of a drive that has no watchdog: a process that takes the torque away where no
-    command came for `guardian_silence_ms`.
+    On a real rig a `guardian` owns the bus of a drive that has no watchdog. It is a process that removes the torque when no command arrives
+    for `guardian_silence_ms`.
     """
 
     needs_guardian: ClassVar[bool] = False
@@ -33,30 +34,32 @@ class MotorSection(Section):
     @field_validator("guardian")
     @classmethod
     def _only_where_it_is_needed(cls, guardian: bool | None) -> bool | None:
+        # A drive's own watchdog is tested before a run; a guardian beside it has no purpose.
         if guardian and not cls.needs_guardian:
             raise ValueError("is for drives without a watchdog; this one has its own, which is proven before a run: leave the key out")
         return guardian
 
     @property
     def is_guarded(self) -> bool:
-        """Whether a guardian holds the bus on a real rig."""
+        """Whether a guardian owns the bus on a real rig."""
+        # A drive without a watchdog is guarded unless the file says otherwise.
         return self.needs_guardian if self.guardian is None else self.guardian
 
     @property
     def reports_Hz(self) -> float:
-        """How often the drive reports the shaft."""
+        """Rate at which the drive reports the shaft."""
         return LOOP_RATE_HZ
 
     @property
     def fd_bitrate(self) -> int | None:
-        """Bits/s of the data phase where the drive speaks CAN-FD."""
+        """Bits/s of the data phase for drives with CAN-FD, else None."""
         return None
 
 
 class OdriveSection(MotorSection):
     """An ODrive. `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal.
 
-    `dialect` is that of its firmware; 0.5 reports current instead of torque, so it needs motor.config.torque_constant.
+    `dialect` is that of its firmware. 0.5 reports current instead of torque and therefore needs motor.config.torque_constant.
     """
 
     device: Literal["odrive"]
@@ -79,10 +82,10 @@ class OdriveSection(MotorSection):
 
 
 class CubemarsMitSection(MotorSection):
-    """A CubeMars / T-Motor AK drive in MIT mode. `model` decides the scale of every value; `zero_rad` is read with the leg horizontal.
+    """A CubeMars / T-Motor AK drive in MIT mode. `model` determines the scale of every value; `zero_rad` is read with the leg horizontal.
 
-    The drive's position goes 12.5 rad either way and begins anew when it wraps: it must be switched on with the leg less than two
-    turns from where its zero was set. `speed_gain_Nm_s_per_rad` (kd) is sent to the drive, `angle_gain_per_s` is the driver's.
+    The drive's position covers 12.5 rad either way and starts again when it wraps. Switch it on with the leg less than two turns from where
+    its zero was set. `speed_gain_Nm_s_per_rad` (kd) is sent to the drive, `angle_gain_per_s` is the driver's.
     """
 
     needs_guardian: ClassVar[bool] = True
@@ -96,17 +99,17 @@ class CubemarsMitSection(MotorSection):
 
     @field_validator("model")
     @classmethod
-    def _known_model(cls, model: str) -> str:
+    def _is_known_model(cls, model: str) -> str:
         if model not in MIT_RANGES:
             raise ValueError(f"should be one of {', '.join(MIT_RANGES)}")
         return model
 
 
 class CubemarsServoSection(MotorSection):
-    """A CubeMars / T-Motor AK drive in servo mode. `zero_deg` is what it reports with the leg horizontal.
+    """A CubeMars / T-Motor AK drive in servo mode. `zero_deg` is its reading with the leg horizontal.
 
-    Pole pairs and gear ratio stand in CubeMarsTool, the torque constant (of the motor, before the gear) in the data sheet; without
-    them its speeds and currents mean nothing.
+    Pole pairs and gear ratio are in CubeMarsTool, the torque constant (of the motor, before the gear) in the data sheet. Without them its
+    speeds and currents have no meaning.
     """
 
     needs_guardian: ClassVar[bool] = True
@@ -127,8 +130,8 @@ class CubemarsServoSection(MotorSection):
 class MoteusSection(MotorSection):
     """A moteus on CAN-FD. `zero_turns` is its position, in turns of its output, with the leg horizontal.
 
-    A gear that its motor_position.rotor_to_output_ratio counts is in its output already; `gear_ratio` is what comes after that.
-    `watchdog_ms` goes out with every command: so long does the drive go on without the next.
+    A gear in its motor_position.rotor_to_output_ratio is already part of its output; `gear_ratio` is for a gear after that. `watchdog_ms`
+    is sent with every command: the drive continues for this long without the next one.
     """
 
     device: Literal["moteus"]
@@ -147,11 +150,12 @@ class MoteusSection(MotorSection):
 
 
 class OwnMotorSection(MotorSection):
-    """A drive of a lab's own, led by what `file` defines as MOTOR; `twin_file` defines its TWIN. Both count from the rig file's folder.
+    """A lab's own drive, driven by the class MOTOR in `file`; `twin_file` defines its TWIN. Both are relative to the rig file's folder.
 
-    Here the other keys are only carried along: what they must be, MOTOR says when the rig file is read (`own_devices`).
+    Other keys are only passed on here. MOTOR validates them when the rig file is read (`own_devices`).
     """
 
+    # A lab's class defines keys that are unknown here.
     model_config = ConfigDict(extra="allow")
 
     device: Literal["own"]
@@ -160,12 +164,13 @@ class OwnMotorSection(MotorSection):
 
 
 class MotorKeys(OwnMotorSection):
-    """What a lab's file inherits for its MOTOR: the keys of [motor], and the driver they make.
+    """Base class of a lab's MOTOR: the keys of [motor], and the driver that is made from them.
 
-    `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal; a drive that reports only when asked has no
-    `report_period_ms`. `angle_gain_per_s` turns an angle that is missing into a speed.
+    `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal. A drive that reports only on request has no
+    `report_period_ms`. `angle_gain_per_s` converts an angle error into a speed.
     """
 
+    # A wrong key is refused again, now that the lab's class states all of them.
     model_config = ConfigDict(extra="forbid")
 
     gear_ratio: Positive = 1.0
@@ -178,7 +183,7 @@ class MotorKeys(OwnMotorSection):
         return LOOP_RATE_HZ if self.report_period_ms is None else 1e3 / self.report_period_ms
 
     def open(self) -> can.BusABC:
-        """The bus, to be shut by the caller; override it for a drive that is on none. Raises what python-can raises."""
+        """Open the bus, to be shut down by the caller. Override it for a drive without a CAN bus. Raises the errors of python-can."""
         return CanBusSettings(self.interface, self.channel, self.bitrate, self.fd_bitrate).open()
 
     def driver(self, bus: can.BusABC, clock: Clock, silent_s: float) -> ShaftMotor:

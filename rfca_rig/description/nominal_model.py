@@ -1,4 +1,4 @@
-"""From the sections of a file, in the units people write, to the model's parameters in SI."""
+"""Converts the sections of a file, in the files' units, to the model's parameters in SI."""
 
 import math
 from collections.abc import Mapping
@@ -13,14 +13,14 @@ from rfca_rig.model.parameters import Drive, Ground, Leg, RigModel, SensorMount,
 def nominal_model(sections: Mapping[str, Any]) -> RigModel:
     """The model that the sections leg, ground, sensor and drive describe.
 
-    `sections` is plain data in the file's own units, as `Recording.nominal` holds it. Raises BadInput, naming the key, where
-    something is missing, unknown or out of range.
+    `sections` is plain data in the file's own units, as in `Recording.nominal`. Raises BadInput, naming the key, where something is
+    missing, unknown or out of range.
     """
     return model_of(checked(sections, RigSections, "the nominal model"))
 
 
 def model_of(sections: RigSections) -> RigModel:
-    """The same from sections that were checked already."""
+    """The model from sections that were validated before."""
     effects = tuple(effect.present() for effect in sections.effects)
     return RigModel(_leg(sections.leg), _ground(sections.ground), _sensor(sections.sensor), _drive(sections.drive), effects)
 
@@ -32,6 +32,7 @@ def _leg(leg: LegSection) -> Leg:
         k0_Nm_per_rad, k2_per_rad2 = leg.k0_Nm_per_rad, leg.k2_per_rad2
         splines: tuple[TorqueSpline, ...] = ()
     else:
+        # The hardening is part of the measured curve; k0 only scales it.
         k2_per_rad2 = 0.0
         k0_Nm_per_rad, splines = splines_of(leg.torque_rotation)
     return Leg(

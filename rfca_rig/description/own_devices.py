@@ -1,6 +1,6 @@
-"""Motors and force sensors of a lab's own: a rig file names a Python file, which says what its section holds and makes the driver.
+"""A lab's own motors and force sensors: a rig file names a Python file, which defines the keys of its section and makes the driver.
 
-The section is checked by the class that the file defines, so that a wrong key is refused with its line, as of any other device.
+The section is validated by the class in that file, so that a wrong key is refused with its line, as for any other device.
 """
 
 import hashlib
@@ -22,15 +22,15 @@ MOTOR_PAGE, SENSOR_PAGE = "add-a-motor.md", "add-a-force-sensor.md"
 Keys = TypeVar("Keys", MotorKeys, ForceSensorKeys)
 
 
-SOURCE = "__source__"
+SOURCE_ATTRIBUTE = "__source__"
 
 
 def named_in(path: Path, name: str, page: str) -> type:
-    """The class that the file defines under `name`; `page` of docs says how. Raises BadInput where there is none.
+    """The class that the file defines under `name`; `page` of docs explains how. Raises BadInput where there is none.
 
-    A class from elsewhere is refused: the recording keeps this file, and it should hold what ran.
+    A class from another file is refused, because the recording keeps this file, and it must contain the code that ran.
     """
-    module = _loaded(path, read_text(path))
+    module = _load(path, read_text(path))
     found = getattr(module, name, None)
     if not isinstance(found, type) or found.__module__ != module.__name__:
         raise BadInput(f"{path}: defines no class of its own as {name}; see docs/{page}")
@@ -38,33 +38,36 @@ def named_in(path: Path, name: str, page: str) -> type:
 
 
 def source_of(found: type) -> str:
-    """The text of the file that a class of `named_in` stands in, as it was when it was loaded."""
-    return str(getattr(sys.modules[found.__module__], SOURCE))
+    """Text of the file that defines a class from `named_in`, as it was when it was loaded."""
+    return str(getattr(sys.modules[found.__module__], SOURCE_ATTRIBUTE))
 
 
 @cache
-def _loaded(path: Path, text: str) -> ModuleType:
-    """Once per text: a class stays the same class however often its rig file is read.
+def _load(path: Path, text: str) -> ModuleType:
+    """Loads the module once per text, so that a class stays the same object however often its rig file is read.
 
-    The module is registered, for pydantic looks up annotations there; its folder is not searched for imports, so that all of a driver
+    The module is registered because pydantic looks up annotations there. Its folder is not searched for imports, so that the whole driver
     is in the file that the recording keeps.
     """
+    # The hash keeps two files of the same name, or two versions of one file, apart.
     module = ModuleType(f"rfca_rig_own_{path.stem}_{hashlib.sha256(f'{path}{text}'.encode()).hexdigest()[:12]}")
     module.__file__ = str(path)
-    setattr(module, SOURCE, text)
+    setattr(module, SOURCE_ATTRIBUTE, text)
     sys.modules[module.__name__] = module
+    # Tracebacks then show the lines that were loaded, even if the file has changed since.
     linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
     try:
         exec(compile(text, str(path), "exec"), module.__dict__)
     except SyntaxError as error:
         raise BadInput(f"{path}:{error.lineno}: {error.msg}") from None
-    except Exception as error:  # whatever a lab's file may raise
+    # A lab's file may raise anything.
+    except Exception as error:
         raise BadInput(f"{path}{_line(error, path)}: {type(error).__name__}: {' '.join(str(error).split())}") from error
     return module
 
 
 def _line(error: BaseException, path: Path) -> str:
-    """Where in the file it happened."""
+    """`:LINE` of the last step of the traceback in the file, "" without one."""
     lines, step = [], error.__traceback__
     while step is not None:
         if step.tb_frame.f_code.co_filename == str(path):
@@ -74,16 +77,18 @@ def _line(error: BaseException, path: Path) -> str:
 
 
 def own_motor(section: OwnMotorSection, rig_text: str, rig_path: Path) -> MotorKeys:
-    """The section as its own class has it, with the paths in it counted from the rig file. Raises BadInput FILE:LINE: key: what."""
-    return _checked(section.file, "MOTOR", MotorKeys, MOTOR_PAGE, ("motor", rig_text, rig_path))
+    """The section validated by its own class, with paths relative to the rig file resolved. Raises BadInput FILE:LINE: key: what
+    is wrong.
+    """
+    return _validate(section.file, "MOTOR", MotorKeys, MOTOR_PAGE, ("motor", rig_text, rig_path))
 
 
 def own_force_sensor(section: OwnForceSensorSection, rig_text: str, rig_path: Path) -> ForceSensorKeys:
-    """The same of [force_sensor]."""
-    return _checked(section.file, "FORCE_SENSOR", ForceSensorKeys, SENSOR_PAGE, ("force_sensor", rig_text, rig_path))
+    """The same for [force_sensor]."""
+    return _validate(section.file, "FORCE_SENSOR", ForceSensorKeys, SENSOR_PAGE, ("force_sensor", rig_text, rig_path))
 
 
-def _checked(file: str, name: str, base: type[Keys], page: str, where: tuple[str, str, Path]) -> Keys:
+def _validate(file: str, name: str, base: type[Keys], page: str, where: tuple[str, str, Path]) -> Keys:
     table, rig_text, rig_path = where
     path = _beside(rig_path, file)
     found = named_in(path, name, page)
@@ -98,7 +103,7 @@ def _beside(rig_path: Path, file: str) -> Path:
 
 
 def twin_of(keys: OwnMotorSection | OwnForceSensorSection) -> type:
-    """What the lab's twin file defines as TWIN. Raises BadInput where the rig file names none."""
+    """The class TWIN in the lab's twin file. Raises BadInput where the rig file names none."""
     motor = isinstance(keys, OwnMotorSection)
     table, page = ("motor", MOTOR_PAGE) if motor else ("force_sensor", SENSOR_PAGE)
     if keys.twin_file is None:
@@ -110,7 +115,7 @@ def twin_of(keys: OwnMotorSection | OwnForceSensorSection) -> type:
 
 
 def texts_of(motor: object, force_sensor: object) -> Mapping[str, str]:
-    """For the recording: the files of own devices, by name, as they were loaded."""
+    """Source texts of own devices by name, as they were loaded, for the recording."""
     texts = {}
     for table, keys in (("motor", motor), ("force_sensor", force_sensor)):
         if isinstance(keys, MotorKeys | ForceSensorKeys):

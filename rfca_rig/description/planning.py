@@ -1,4 +1,4 @@
-"""From a protocol file, whatever its experiment, to the plan of a rig."""
+"""Reads a protocol file of any experiment into the plan for a rig."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -18,7 +18,7 @@ PLANS: Mapping[str, Callable[[Path, RigFacts], Plan]] = {
 
 
 def read_plan(path: Path, facts: RigFacts) -> Plan:
-    """The plan of the protocol in `path`; BadInput, with file and line, where it cannot be used."""
+    """The plan of the protocol in `path`. Raises BadInput, with file and line, where it cannot be used."""
     experiment = read_data(path).get("experiment")
     if not isinstance(experiment, str) or experiment not in PLANS:
         where = f"{path}" if experiment is None else place_of(path, ("experiment",))

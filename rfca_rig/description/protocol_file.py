@@ -1,4 +1,4 @@
-"""A protocol file (protocols/*.toml): the experiment to run, independent of the rig that runs it."""
+"""A protocol file (protocols/*.toml): the experiment, independent of the rig."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -17,7 +17,7 @@ Reversal = Annotated[float, Field(ge=0, le=20)]
 
 
 class SettleSection(Section):
-    """At rest when 50 ms means of force and angle stay inside these bands, peak to peak, for `for_s`; given up after `limit_s`."""
+    """Settled when 50 ms means of force and angle stay within these bands, peak to peak, for `for_s`. The wait ends after `limit_s`."""
 
     force_band_N: Positive
     angle_band_deg: Positive
@@ -29,14 +29,14 @@ class SettleSection(Section):
 
 
 class ConditionSection(Section):
-    """One height of the shaft above the ground, one speed."""
+    """One height of the shaft above the ground and one speed."""
 
     height_mm: HeightMm
     speed_rad_s: Positive
 
 
 class DynamicFile(Section):
-    """Flapping against the ground."""
+    """The dynamic experiment: strokes against the ground."""
 
     experiment: Literal["dynamic"]
     title: str
@@ -59,7 +59,7 @@ class DynamicFile(Section):
 
 
 class StageSection(Section):
-    """One shaft angle, and whether the leg is being loaded or let back; `reversal_deg` for this stage alone."""
+    """One shaft angle, and whether the leg is loaded or unloaded there; `reversal_deg` for this stage alone."""
 
     angle_deg: Annotated[float, Field(ge=0, le=180)]
     direction: Literal["loading", "unloading"] = "loading"
@@ -69,8 +69,8 @@ class StageSection(Section):
 class StaticFile(Section):
     """Static stages of the shaft angle at fixed heights.
 
-    Once settled, a stage waits `dwell_s`, averages over `average_s`, and has its `photo` taken where the rig has a camera. After each stage
-    the shaft turns back by `reversal_deg` and is held there, a stage of its own: friction at the floor shows in what differs.
+    Once settled, a stage waits `dwell_s`, averages over `average_s`, and takes its `photo` where the rig has a camera. After each stage the
+    shaft turns back by `reversal_deg` and is held there as a stage of its own. The difference between both shows the friction at the floor.
     """
 
     experiment: Literal["static"]
@@ -90,7 +90,7 @@ class StaticFile(Section):
             title=self.title,
             heights_m=tuple(height_mm / 1e3 for height_mm in self.heights_mm),
             angles_rad=tuple(
-                (float(np.radians(angle_deg)), direction) for stage in self.stages for angle_deg, direction in self._held(stage)
+                (float(np.radians(angle_deg)), direction) for stage in self.stages for angle_deg, direction in self._angles_held(stage)
             ),
             move_speed_rad_s=self.move_speed_rad_s,
             settle=self.settle.criterion(),
@@ -99,18 +99,19 @@ class StaticFile(Section):
             photo=self.photo,
         )
 
-    def _held(self, stage: StageSection) -> list[tuple[float, Direction]]:
-        """Where a stage has the shaft held: at its angle, and where it turns back to."""
+    def _angles_held(self, stage: StageSection) -> list[tuple[float, Direction]]:
+        """Angles at which a stage holds the shaft: its own angle, and the one after the reversal."""
         back_deg = self.reversal_deg if stage.reversal_deg is None else stage.reversal_deg
         if not back_deg:
             return [(stage.angle_deg, stage.direction)]
         other: Direction = "unloading" if stage.direction == "loading" else "loading"
+        # Turning back reverses the direction: unloading after loading, and the other way round.
         way = -1.0 if stage.direction == "loading" else 1.0
         return [(stage.angle_deg, stage.direction), (stage.angle_deg + way * back_deg, other)]
 
 
 class CheckSection(Section):
-    """[check]: after every `every` cycles the shaft is held at `angles_deg`; the run ends where the forces there drifted too far."""
+    """[check]: after every `every` cycles the shaft is held at `angles_deg`. The run ends where the forces there have drifted too far."""
 
     every: Annotated[int, Field(ge=1)]
     angles_deg: Annotated[tuple[Annotated[float, Field(ge=0, le=180)], ...], Field(min_length=1, strict=False)]
@@ -125,7 +126,7 @@ class CheckSection(Section):
 
 
 class FatigueFile(Section):
-    """Bending cycles at one height: of each a row of numbers, every `full_every`-th as a stroke with all its samples."""
+    """Bending cycles at one height. Each cycle gives a row of numbers, and every `full_every`-th a stroke with all its samples."""
 
     experiment: Literal["fatigue"]
     title: str
@@ -154,15 +155,15 @@ class FatigueFile(Section):
 
 
 def read_fatigue(path: Path) -> FatigueFile:
-    """The fatigue protocol in `path`; BadInput, with file and line, where it cannot be used."""
+    """Read the fatigue protocol in `path`. Raises BadInput, with file and line, where it cannot be used."""
     return read_toml(path, FatigueFile)
 
 
 def read_dynamic(path: Path) -> DynamicFile:
-    """The flapping protocol in `path`; BadInput, with file and line, where it cannot be used."""
+    """Read the dynamic protocol in `path`. Raises BadInput, with file and line, where it cannot be used."""
     return read_toml(path, DynamicFile)
 
 
 def read_static(path: Path) -> StaticFile:
-    """The static protocol in `path`; BadInput, with file and line, where it cannot be used."""
+    """Read the static protocol in `path`. Raises BadInput, with file and line, where it cannot be used."""
     return read_toml(path, StaticFile)

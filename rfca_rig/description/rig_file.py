@@ -1,4 +1,4 @@
-"""A rig file (calibration/*.toml): leg, ground, sensor, drive as believed; devices; limits; and for a twin, what it is truly like."""
+"""A rig file (calibration/*.toml): nominal leg, ground, sensor and drive; devices; limits; and for a twin, its true properties."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -34,7 +34,7 @@ from rfca_rig.vision.leg_photo import Eye
 
 
 class RigSection(Section):
-    """`kind` decides whether the devices are twins; every line of output says SIM or REAL accordingly."""
+    """`kind` determines whether the devices are twins; every line of output says SIM or REAL accordingly."""
 
     title: str
     kind: Literal["twin", "real"]
@@ -42,14 +42,15 @@ class RigSection(Section):
 
 
 Share = Annotated[float, Field(gt=0, lt=1)]
+# Shares of the full speed for the first strokes of a real rig.
 FIRST_STROKES = (0.5, 0.75)
 
 
 class LimitsSection(Section):
-    """What stops the motion at once; every one must be set.
+    """Limits that stop the motion at once; every one must be set.
 
-    `first_strokes` are the shares of a condition's speed at which its first strokes are done, so that the force at full speed is foretold
-    before it is felt; left out, a real rig does them at 0.5 and 0.75, a twin none.
+    `first_strokes` are the shares of a condition's speed for its first strokes, from which the force at full speed is predicted before it
+    is applied. Without the key, a real rig runs them at 0.5 and 0.75, a twin none.
     """
 
     force_N: Positive
@@ -68,7 +69,7 @@ class LimitsSection(Section):
 
 
 class TwinDriveSection(Section):
-    """The twin's drive, at the shaft: a PI speed loop on a rotor; soft gains let the speed sag and surge under load."""
+    """The twin's drive, at the shaft: a PI speed loop on a rotor. With low gains the speed sags and surges under load."""
 
     rotor_inertia_kg_m2: Positive
     speed_gain_Nm_s_per_rad: Positive
@@ -78,14 +79,14 @@ class TwinDriveSection(Section):
 
 
 class TwinScatterSection(Section):
-    """One standard deviation of what differs from repeat to repeat."""
+    """One standard deviation of values that differ from repeat to repeat."""
 
     friction: NotNegative = 0.0
     height_mm: NotNegative = 0.0
 
 
 class TwinSection(Section):
-    """What the twin is truly like where it differs from what is believed."""
+    """True properties of the twin where they differ from the nominal model."""
 
     seed: Annotated[int, Field(ge=0)]
     noise_N: NotNegative
@@ -134,11 +135,11 @@ class RigFile(Section):
         return self.model_dump(include=sections, exclude_none=True, mode="json")
 
     def model(self) -> RigModel:
-        """The model as believed."""
+        """The nominal model."""
         return nominal_model(self.nominal())
 
     def facts(self) -> RigFacts:
-        """What a plan needs to know."""
+        """The properties of the rig that a plan needs."""
         return RigFacts(
             start_angle_rad=self.leg.start_angle_rad,
             parked_angle_rad=float(np.radians(self.rig.parked_angle_deg)),
@@ -150,11 +151,12 @@ class RigFile(Section):
         )
 
     def _first_strokes(self) -> tuple[float, ...]:
-        unless_said = FIRST_STROKES if self.is_real else ()
-        return unless_said if self.limits.first_strokes is None else tuple(sorted(self.limits.first_strokes))
+        default = FIRST_STROKES if self.is_real else ()
+        # Ascending, so that each stroke is the next small step towards full speed.
+        return default if self.limits.first_strokes is None else tuple(sorted(self.limits.first_strokes))
 
     def eye(self) -> Eye | None:
-        """What the camera's photos are read with; None without [camera]. Raises BadInput where its calibration cannot be used."""
+        """Evaluates the camera's photos; None without [camera]. Raises BadInput where its calibration cannot be used."""
         if self.camera is None:
             return None
         path = Path(self.camera.calibration_file)
@@ -163,7 +165,7 @@ class RigFile(Section):
         return self.eye_behind(read_text(path), path)
 
     def eye_behind(self, camera_text: str, path: Path) -> Eye | None:
-        """The same with the text of a calibration that stood at `path`."""
+        """The same with the text of a calibration that was at `path`."""
         if self.camera is None:
             return None
         lengths_m = tuple(length_mm / 1e3 for length_mm in self.leg.link_lengths_mm)
@@ -188,15 +190,16 @@ class RigFile(Section):
 
 
 def read_rig(path: Path) -> RigFile:
-    """The rig described in `path`; BadInput, with file and line, where it cannot be used."""
+    """Read the rig in `path`. Raises BadInput, with file and line, where it cannot be used."""
     text = read_text(path)
     rig = with_curve_read(model_of(text, RigFile, path), path.parent)
     return _with_files_beside(path.parent, _with_own_devices(text, path, rig))
 
 
 def _with_own_devices(text: str, path: Path, rig: RigFile) -> RigFile:
-    """The rig, with the sections of a lab's own devices as their files have them."""
+    """The rig, with the sections of a lab's own devices validated by their files."""
     if isinstance(rig.motor, OwnMotorSection):
+        # The section was read with any keys at first; its own class now replaces it.
         rig = rig.model_copy(update={"motor": own_motor(rig.motor, text, path)})
     if isinstance(rig.force_sensor, OwnForceSensorSection):
         rig = rig.model_copy(update={"force_sensor": own_force_sensor(rig.force_sensor, text, path)})
@@ -204,7 +207,7 @@ def _with_own_devices(text: str, path: Path, rig: RigFile) -> RigFile:
 
 
 def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:
-    """The rig, with the paths in it counted from its own folder."""
+    """The rig, with its paths resolved from its own folder."""
     sensor, camera = rig.force_sensor, rig.camera
     if isinstance(sensor, AtiDaqSection):
         rig = rig.model_copy(update={"force_sensor": _from(folder, sensor, "calibration_file")})
@@ -222,5 +225,6 @@ def _camera_before_the_plane(text: str, path: Path) -> CameraModel:
     try:
         return model_of(text, CameraFile, path).model()
     except BadInput as error:
-        told = str(error)
-        raise BadInput(told if str(path) in told else f"{path}: {told}") from None
+        message = str(error)
+        # Some faults come with their file and line, others without.
+        raise BadInput(message if str(path) in message else f"{path}: {message}") from None

@@ -1,6 +1,6 @@
-"""The sections that describe a rig, as people write them in campaign.toml, rig files and model files.
+"""Sections that describe a rig, as written in campaign.toml, rig files and model files.
 
-Every key carries its unit; numbers must be finite; an unknown key is refused. Units are turned into SI in `nominal`.
+Every key carries its unit. Numbers must be finite, and unknown keys are refused. Units are converted to SI in `nominal_model`.
 """
 
 import math
@@ -17,8 +17,10 @@ from rfca_rig.model.torque_spline import knots_from
 
 _TABLE_KEYS = ("place", "argument", "knots", "values")
 HINGE_LAW = "k0*phi + k0*k2*phi**3"
+# Keys of [leg] that a measured curve replaces.
 LAW_KEYS = ("hinge_torque_Nm", "k0_Nm_per_rad", "k2_per_rad2")
-SOFTEST_K2 = -4.0 / (3.0 * math.pi**2)  # the torque's slope 1 + 3 k2 phi^2 is 0 at 90 degrees
+# The torque's slope 1 + 3 k2 phi^2 is 0 at 90 degrees.
+SOFTEST_K2 = -4.0 / (3.0 * math.pi**2)
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -28,7 +30,7 @@ Rows = Annotated[tuple[Numbers, ...], Field(strict=False, min_length=1)]
 
 
 class Section(BaseModel):
-    """A table that people write: no key beyond those named, no text where a number belongs, no NaN."""
+    """A table in a file: no unknown keys, no text where a number is expected, no NaN."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -37,7 +39,7 @@ class TorqueRotationSection(Section):
     """[leg.torque_rotation]: a measured curve of torque over the angle from rest, in place of k0 and k2; see `torque_rotation`.
 
     `torques_Nm` is one curve for all hinges, `torques_by_hinge_Nm` has one for each. Standard deviations or a covariance are those of
-    `torques_Nm`. `curve` names a CSV file in their place.
+    `torques_Nm`. `curve` names a CSV file instead.
     """
 
     angles_deg: Numbers | None = None
@@ -67,6 +69,7 @@ class TorqueRotationSection(Section):
         std, covariance, angles = self.standard_deviations_Nm, self.covariance_Nm2, len(self.angles_deg or ())
         if (std is not None or covariance is not None) and self.torques_Nm is None:
             raise ValueError("standard_deviations_Nm and covariance_Nm2 belong to torques_Nm, one curve for all hinges")
+        # The variances are on the diagonal already, and two statements could differ.
         if std is not None and covariance is not None:
             raise ValueError("give standard_deviations_Nm or covariance_Nm2, not both")
         if std is not None and len(std) != angles:
@@ -79,11 +82,12 @@ class TorqueRotationSection(Section):
         return self
 
     def knots(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-        """Angles [rad] and torques [N m] of the one curve, or of each hinge. Raises BadInput for what is no curve."""
+        """Angles [rad] and torques [N m] of the one curve, or of each hinge. Raises BadInput for an invalid curve."""
         if self.angles_deg is None:
             raise BadInput(f"the curve {self.curve} is in a file of its own, which has not been read")
         if self.torques_by_hinge_Nm is None:
             return [knots_from(self.angles_deg, self.torques_Nm or (), "this curve")]
+        # Hinges count from 2: link 1 turns on the shaft.
         each = enumerate(self.torques_by_hinge_Nm, start=2)
         return [knots_from(self.angles_deg, torques, f"the curve of hinge {hinge}") for hinge, torques in each]
 
@@ -91,8 +95,9 @@ class TorqueRotationSection(Section):
 class LegSection(Section):
     """[leg]: straight links from the shaft outwards, one torsion spring per hinge, all hinges alike unless their curves differ.
 
-    `hinge_torque_Nm` states the law of the springs, so that a file written for another law is refused; it, k0 and k2 are left out where
-    `torque_rotation` holds a measured curve. A negative k2 softens; the torque must grow up to 90 degrees.
+    `hinge_torque_Nm` states the law of the springs, so that a file written for another law is refused. It, k0 and k2 are omitted where
+    `torque_rotation` holds a measured curve. A negative k2 means softening; the torque must grow up to 90 degrees.
+
     `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards. `rest_angles_deg` are the angles of hinges
     2, 3 .. without load, from which phi counts; without the key the leg is straight.
     """
@@ -111,17 +116,19 @@ class LegSection(Section):
     @model_validator(mode="before")
     @classmethod
     def _law_or_curve(cls, data: Any) -> Any:
-        """A curve takes the place of three keys; without it they are missing where they are not given."""
+        """A curve replaces three keys; without a curve they are required."""
         if not isinstance(data, Mapping) or data.get("torque_rotation") is None:
             return data
         given = [key for key in LAW_KEYS if data.get(key) is not None]
         if given:
             raise ValueError(f"torque_rotation takes the place of {', '.join(LAW_KEYS)}; leave out {given[0]}")
+        # The keys have no defaults, so that a leg without a curve must state them; None satisfies the check.
         return {**data, **dict.fromkeys(LAW_KEYS)}
 
     @field_validator("hinge_torque_Nm")
     @classmethod
-    def _known_law(cls, law: str | None) -> str | None:
+    def _is_known_law(cls, law: str | None) -> str | None:
+        # Blanks do not matter; everything else does.
         if law is not None and "".join(law.split()) != "".join(HINGE_LAW.split()):
             raise ValueError(f'the only law known is "{HINGE_LAW}" (phi in rad)')
         return law
@@ -159,13 +166,15 @@ class LegSection(Section):
 class GroundSection(Section):
     """[ground]: a level floor that each link end touches on its own.
 
-    Normal force = stiffness * depth^1.5 * (1 + damping * approach speed); Coulomb friction with stick at the lowest point.
-    The last five keys are optional. Without them the floor is that of eq. (18), Coulomb's, with a point that yields 0.1 mm before it
-    slides. `tangential_damping_N_s_per_m` is a force proportional to the sliding speed, in full from a normal force of 1 N on. The lever
-    of friction about a link's end is the link's radius where none is given; friction acts `friction_rise_share` of the depth above the
-    lowest point, and that share of the damping which the last key tells acts while an end leaves. A tie that carries mu N at 0.1 mm
-    reproduces both the touchdown of recorded strokes (a few newtons, 3e4 N/m) and the reversals of static stages (50 N, 2e5 N/m), which no
-    fixed stiffness does.
+    Normal force = stiffness * depth^1.5 * (1 + damping * approach speed). Coulomb friction with sticking acts at the lowest point.
+
+    The last five keys are optional. Without them the floor has Coulomb friction, eq. (18), at a point that yields 0.1 mm before it slides.
+    `tangential_damping_N_s_per_m` is a force proportional to the sliding speed, in full from a normal force of 1 N on. The default lever of
+    friction about a link's end is the link's radius. Friction acts `friction_rise_share` of the depth above the lowest point.
+    `leaving_damping_share` is the share of the damping that acts while an end leaves.
+
+    A tie that carries mu N at 0.1 mm reproduces the touchdown of recorded strokes (a few newtons, 3e4 N/m) and the reversals of static
+    stages (50 N, 2e5 N/m). No fixed stiffness does both.
     """
 
     contact_stiffness_N_per_m1p5: Positive
@@ -179,7 +188,7 @@ class GroundSection(Section):
 
 
 class NoiseStd(Section):
-    """One standard deviation of a single sample, per channel; a channel that is left out is not stated."""
+    """One standard deviation of a single sample, per channel; None where it is not stated."""
 
     fx_N: NotNegative | None = None
     fy_N: NotNegative | None = None
@@ -190,7 +199,7 @@ class NoiseStd(Section):
 
 
 class SensorSection(Section):
-    """[sensor]: tx_Nm = shaft torque + below_shaft * fy_N. `tared` says in words what the sensor bore when it was zeroed."""
+    """[sensor]: tx_Nm = shaft torque + below_shaft * fy_N. `tared` describes in words the load on the sensor when it was zeroed."""
 
     below_shaft_mm: float
     noise_std: NoiseStd | None = None
@@ -200,7 +209,7 @@ class SensorSection(Section):
 class DriveSection(Section):
     """[drive]: the commanded speed rises linearly from 0 at t = 0 within `ramp_s` and is then held.
 
-    `holds_start`: should it sag under load, its integrator carries the leg at the start.
+    `holds_start`: where the drive sags under load, its integrator carries the leg at the start.
     """
 
     ramp_s: Positive
@@ -209,11 +218,11 @@ class DriveSection(Section):
 
 
 class KnownToSection(Section):
-    """[known_to]: one standard deviation of each nominal value. A fit may move these; what is not listed counts as exact.
+    """[known_to]: one standard deviation of each nominal value. A fit may change these values; values without a key count as exact.
 
-    `_relative` is a share of the nominal value, 0.03 for 3 %; `k0_relative` is that of a factor on the curve where the leg has one. What
-    hardly anybody measures, from `presliding_relative` on, is moved by a diagnosis in any case, with a usual standard deviation where none
-    is listed here; 0 makes it exact.
+    `_relative` is a share of the nominal value, 0.03 for 3 %. `k0_relative` is that of a factor on the curve where the leg has one. The
+    keys from `presliding_relative` on are rarely measured. A diagnosis varies them in any case, with a usual standard deviation where none
+    is given here; 0 makes them exact.
     """
 
     height_mm: Positive | None = None
@@ -235,11 +244,11 @@ class KnownToSection(Section):
 
 
 class EffectSection(Section):
-    """[[effects]]: a piece of physics switched on, by its id in the catalogue, with a number for each of its parameters.
+    """[[effects]]: a physical effect that acts, by its id in the catalogue, with a number for each of its parameters.
 
-    Shape parameters of its law may be left out.
+    Shape parameters of its law may be omitted.
 
-    A number beyond what is plausible is taken, one that cannot be is refused. A `tabulated_law` has no parameters: its force is straight
+    A number outside the plausible range is accepted, an impossible one is refused. A `tabulated_law` has no parameters: its force is linear
     between `values` at `knots`, as a function of the `argument` at the `place`.
     """
 
@@ -255,6 +264,7 @@ class EffectSection(Section):
     def _has_a_table_or_parameters(cls, data: Any) -> Any:
         if not isinstance(data, Mapping):
             return data
+        # Before validation of the fields, so that the message can name the effect.
         id_, given = data.get("id"), [key for key in _TABLE_KEYS if data.get(key) is not None]
         if id_ != TABULATED_LAW and given:
             raise ValueError(f"effect {id_}: {given[0]} belongs to a {TABULATED_LAW}; give its numbers as parameters")
@@ -279,7 +289,7 @@ class EffectSection(Section):
         return self
 
     def present(self) -> PresentEffect:
-        """The same for the model."""
+        """The effect for the model."""
         if self.place is None or self.argument is None or self.knots is None or self.values is None:
             return PresentEffect(self.id, tuple(self.parameters.items()))
         return PresentEffect(self.id, table=LawTable(self.place, self.argument, self.knots, self.values))
@@ -289,7 +299,7 @@ Effects = Annotated[tuple[EffectSection, ...], Field(strict=False)]
 
 
 class RigSections(Section):
-    """The four sections that together describe a rig, and the effects that are believed to act in it."""
+    """The four sections that together describe a rig, and the effects of its nominal model."""
 
     leg: LegSection
     ground: GroundSection

@@ -1,4 +1,4 @@
-"""Reads a TOML file into a pydantic model, and turns whatever is wrong with it into one line."""
+"""Reads a TOML file into a pydantic model, and turns any fault into a message of one line."""
 
 import difflib
 import re
@@ -18,21 +18,21 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_toml(path: Path, model: type[Model]) -> Model:
-    """The file's content as `model`.
+    """Read the file as `model`.
 
-    Raises BadInput `FILE:LINE: key: what is wrong` for a file that is missing, not UTF-8, not TOML, or not what `model` asks for.
+    Raises BadInput `FILE:LINE: key: what is wrong` for a file that is missing, not UTF-8, not TOML, or not valid for `model`.
     """
     return model_of(read_text(path), model, path)
 
 
 def read_data(path: Path) -> dict[str, Any]:
-    """The file's content as TOML has it, of whatever form. Raises BadInput where it is no TOML."""
-    return _parsed(read_text(path), path)
+    """Read the file as plain TOML data of any form. Raises BadInput where it is not TOML."""
+    return _parse(read_text(path), path)
 
 
 def model_of(text: str, model: type[Model], path: Path) -> Model:
-    """The same of a text that stood, or might have stood, at `path`."""
-    data = _parsed(text, path)
+    """Validate a text that was, or might have been, at `path`. Raises BadInput as `read_toml` does."""
+    data = _parse(text, path)
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -41,8 +41,8 @@ def model_of(text: str, model: type[Model], path: Path) -> Model:
 
 
 def section_of(text: str, name: str, model: type[Model], path: Path) -> Model:
-    """The table `name` of a text that stood at `path`, and was read before, as a `model` of its own; with the same messages."""
-    data = _parsed(text, path)[name]
+    """Validate the table `name` of a text from `path`, which was read before, as a `model` of its own, with the same messages."""
+    data = _parse(text, path)[name]
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -52,7 +52,7 @@ def section_of(text: str, name: str, model: type[Model], path: Path) -> Model:
 
 
 def checked(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
-    """`data` as `model`; raises BadInput `WHERE: key: what is wrong`."""
+    """Validate `data` as `model`; raises BadInput `WHERE: key: what is wrong`."""
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
@@ -61,30 +61,32 @@ def checked(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
 
 
 def place_of(path: Path, key: Key) -> str:
-    """FILE:LINE of a key in a file that was read before; for faults that only show beside other files."""
+    """FILE:LINE of a key in a file that was read before; for faults that only show in comparison with other files."""
     return _place(path, line_of(read_text(path), key))
 
 
 def read_text(path: Path) -> str:
-    """The file as UTF-8 text, a leading byte-order mark dropped. Raises BadInput where there is no such file or text."""
+    """Read the file as UTF-8 text without a byte-order mark. Raises BadInput where there is no such file or text."""
     try:
         content = path.read_bytes()
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
     try:
+        # Editors on Windows write a byte-order mark, which TOML and CSV do not know.
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise BadInput(f"{path}:{line}: byte 0x{content[error.start]:02x} is not UTF-8 text; save the file as UTF-8") from None
 
 
-def _parsed(text: str, path: Path) -> dict[str, Any]:
+def _parse(text: str, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        said = re.match(r"(.*) \(at line (\d+), column (\d+)\)$", str(error))
-        if said:
-            raise BadInput(f"{path}:{said[2]}: not TOML at column {said[3]}: {_lower(said[1])}") from None
+        located = re.match(r"(.*) \(at line (\d+), column (\d+)\)$", str(error))
+        if located:
+            raise BadInput(f"{path}:{located[2]}: not TOML at column {located[3]}: {_lower(located[1])}") from None
+        # Without a position in its message, the fault is at the end of the text.
         raise BadInput(f"{path}:{len(text.splitlines())}: not TOML: {_lower(str(error))}") from None
 
 
@@ -93,20 +95,21 @@ def _place(path: Path, line: int | None) -> str:
 
 
 class _Fault:
-    """One error of pydantic's: `key` as in the file, and what to tell the user."""
+    """One error of pydantic: `key` as in the file, and the text for the user."""
 
     def __init__(self, error: ErrorDetails, model: type[BaseModel], data: Any) -> None:
         self.kind = error["type"]
         self.key = _key_in_file(error, data)
         self.likely: str | None = None
-        said = _plain(error)
+        message = _plain(error)
         if self.kind == "extra_forbidden":
             known = _keys_at(self.key[:-1], model, {str(part) for part in error["loc"]})
             self.likely = _likely_key(self.key, known)
-            said = f"unknown key; did you mean {self.likely}?" if self.likely else f"unknown key; known are {', '.join(known) or 'none'}"
-        self.text = f"{_shown(self.key)}: {said}" if self.key else said
+            message = f"unknown key; did you mean {self.likely}?" if self.likely else f"unknown key; known are {', '.join(known) or 'none'}"
+        self.text = f"{_format_key(self.key)}: {message}" if self.key else message
 
 
+# Pydantic's messages in the words of somebody who edits a file, by pydantic's type of the error.
 _IN_WORDS = {
     "missing": "missing",
     "union_tag_not_found": "{discriminator} is missing",
@@ -122,9 +125,9 @@ _IN_WORDS = {
 
 
 def _first_fault(error: ValidationError, model: type[BaseModel], data: Any) -> tuple[_Fault, str]:
-    """The fault to name, an unknown key before all others because it often explains them, and how many there are besides.
+    """The fault to report, and the number of others. An unknown key comes before all others, because it often explains them.
 
-    A key that is missing only because it was misspelt is one fault, not two.
+    A key that is missing only because it was misspelt counts as one fault, not two.
     """
     faults = [_Fault(detail, model, data) for detail in error.errors(include_url=False)]
     explained = {(*fault.key[:-1], fault.likely) for fault in faults if fault.likely}
@@ -134,7 +137,7 @@ def _first_fault(error: ValidationError, model: type[BaseModel], data: Any) -> t
 
 
 def _key_in_file(error: ErrorDetails, data: Any) -> Key:
-    """Pydantic's location without the names of union members, which stand nowhere in the file."""
+    """Pydantic's location without the names of union members, which do not appear in the file."""
     key: Key = ()
     for place, part in enumerate(error["loc"]):
         last = place == len(error["loc"]) - 1
@@ -148,8 +151,8 @@ def _key_in_file(error: ErrorDetails, data: Any) -> Key:
     return key
 
 
-def _shown(key: Key) -> str:
-    """leg.link_lengths_mm[3] for the third length: people count from one."""
+def _format_key(key: Key) -> str:
+    """leg.link_lengths_mm[3] for the third length, because users count from one."""
     text = ""
     for part in key:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}"
@@ -158,10 +161,10 @@ def _shown(key: Key) -> str:
 
 def _plain(error: ErrorDetails) -> str:
     if error["type"] in _IN_WORDS:
-        said = _IN_WORDS[error["type"]].format(**error.get("ctx", {}))
+        message = _IN_WORDS[error["type"]].format(**error.get("ctx", {}))
     else:
-        said = _lower(error["msg"].removeprefix("Value error, ").replace("Input should be", "should be"))
-    return f"{said}, not {error['input']!r}" if isinstance(error["input"], str | int | float) else said
+        message = _lower(error["msg"].removeprefix("Value error, ").replace("Input should be", "should be"))
+    return f"{message}, not {error['input']!r}" if isinstance(error["input"], str | int | float) else message
 
 
 def _lower(text: str) -> str:
@@ -174,17 +177,18 @@ def _likely_key(key: Key, known: list[str]) -> str | None:
 
 
 def _keys_at(table: Key, model: type[BaseModel], tags: set[str]) -> list[str]:
-    """The keys that `model` knows in that table, in the order in which they are declared; of a union the member that `tags` name."""
+    """Keys that `model` has in that table, in the order of declaration; for a union those of the member that `tags` select."""
     here = [model]
     for part in table:
         if isinstance(part, str):
             inner = [inner for outer in here if part in outer.model_fields for inner in _models_in(outer.model_fields[part].annotation)]
+            # Of a union such as [motor], only the keys of the chosen device are suggested.
             here = [member for member in inner if tags & _tags_of(member)] or inner
     return list(dict.fromkeys(field.alias or name for found in here for name, field in found.model_fields.items()))
 
 
 def _tags_of(model: type[BaseModel]) -> set[str]:
-    """The words by which a union may tell the model apart."""
+    """The words by which a union may select the model."""
     return {str(word) for field in model.model_fields.values() for word in typing.get_args(field.annotation) if isinstance(word, str)}
 
 

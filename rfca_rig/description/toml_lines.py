@@ -1,15 +1,16 @@
-"""On which line of a TOML text a key stands. `tomllib` does not tell, and a message without a line is half a message."""
+"""Line numbers of keys in a TOML text. `tomllib` does not give them, and error messages need them."""
 
 import re
 
 Key = tuple[str | int, ...]
 
+# A full parser is not needed: the text was read by tomllib before, and a wrong line only makes a message less precise.
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]")
 _ASSIGNMENT = re.compile(r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
 
 
 def line_of(text: str, key: Key) -> int | None:
-    """Line, from 1, of the key, or of the nearest table around it that has a line of its own; None for the whole file.
+    """Line, from 1, of the key, or of the nearest enclosing table that has a line of its own; None for the whole file.
 
     `key` counts entries of `[[...]]` from 0: ("runs", 3, "height_mm").
     """
@@ -38,7 +39,7 @@ def _parts(dotted: str) -> Key:
 
 
 def _table(parts: Key, is_entry: bool, entries: dict[Key, int]) -> Key:
-    """The header's key with the index of each `[[...]]` it lies in; `entries` holds the latest index of each and is kept up."""
+    """The header's key with the index of each `[[...]]` that contains it; `entries` holds the latest index of each and is updated."""
     table: Key = ()
     for place, part in enumerate(parts):
         table += (part,)

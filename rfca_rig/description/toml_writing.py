@@ -5,25 +5,27 @@ from typing import Any
 
 import numpy as np
 
-DIGITS = 7
+# Digits after the point; the error of any fitted value is far larger.
+DECIMALS = 7
 
 
 def comment(line: str) -> str:
-    """A title may hold line breaks, which would end the comment."""
+    """A comment line. Line breaks in a title would end the comment, so they become blanks."""
     return f"# {''.join(sign if sign.isprintable() else ' ' for sign in line)}".rstrip() + "\n"
 
 
 def table(name: str, keys: Mapping[str, Any]) -> str:
-    """[name] with its keys; those that are None are left out."""
+    """[name] with its keys; keys with the value None are omitted."""
     return f"[{name}]\n" + "".join(f"{key} = {written(value)}\n" for key, value in keys.items() if value is not None)
 
 
 def written(value: Any) -> str:
-    """A value as TOML has it, mappings inline."""
+    """A value in TOML syntax; mappings become inline tables."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {written(inner)}" for key, inner in value.items() if inner is not None) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(written(inner) for inner in value) + "]"
+    # Before int: a bool is an int in Python.
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -36,4 +38,4 @@ _ESCAPES = {ord('"'): '\\"', ord("\\"): "\\\\", **{code: f"\\u{code:04x}" for co
 
 def _number(value: float) -> str:
     """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy gives."""
-    return str(np.format_float_scientific(value, DIGITS, trim="0") if not 1e-3 <= abs(value) < 1e5 else round(value, DIGITS))
+    return str(np.format_float_scientific(value, DECIMALS, trim="0") if not 1e-3 <= abs(value) < 1e5 else round(value, DECIMALS))

@@ -1,11 +1,11 @@
-"""A measured torque-rotation curve in a file, and as the model's springs.
+"""A measured torque-rotation curve in a file, and its conversion to the model's springs.
 
     [leg.torque_rotation]
     angles_deg = [3.0, 8.0, 14.0, 20.0]                  # from rest, where the torque is 0; that point belongs to every curve
     torques_Nm = [0.58, 1.67, 3.37, 5.80]                # of all hinges; or torques_by_hinge_Nm = [[...], ...]
     standard_deviations_Nm = [0.01, 0.01, 0.02, 0.04]    # may be left out; or covariance_Nm2 = [[...], ...]
 
-or `curve = "file.csv"`, counted from the folder of the file that names it, with the columns angle_deg, torque_Nm and, where that is known,
+or `curve = "file.csv"`, relative to the folder of the file that names it, with the columns angle_deg, torque_Nm and, if known,
 torque_std_Nm. Angles that all lie on one side of rest hold for the other side too.
 """
 
@@ -27,30 +27,32 @@ COLUMNS = {"angle_deg": "angles_deg", "torque_Nm": "torques_Nm", "torque_std_Nm"
 
 
 def splines_of(section: TorqueRotationSection) -> tuple[float, tuple[TorqueSpline, ...]]:
-    """The stiffness at rest k0 [N m/rad], the mean of all hinges, and the curves divided by it.
+    """The stiffness at rest k0 [N m/rad], averaged over the hinges, and the curves divided by it.
 
     Raises BadInput where the curve is in a file that was not read.
     """
+    # The model multiplies its splines by k0, so that a fit of k0 scales the whole curve.
     plain = [TorqueSpline(angles, torques) for angles, torques in section.knots()]
     k0 = sum(map(slope_at_rest, plain)) / len(plain)
     return k0, tuple(spline.scaled(1.0, 1.0 / k0) for spline in plain)
 
 
 def scaled_keys(keys: Mapping[str, Any], k0_Nm_per_rad: float) -> dict[str, Any]:
-    """The keys of a section, with torques and their errors multiplied so that the stiffness at rest is the one given."""
+    """The keys of a section, with torques and their errors scaled to the given stiffness at rest."""
     factor = k0_Nm_per_rad / splines_of(checked(keys, TorqueRotationSection, "leg.torque_rotation"))[0]
+    # A covariance scales with the square.
     powers = {"torques_Nm": 1, "torques_by_hinge_Nm": 1, "standard_deviations_Nm": 1, "covariance_Nm2": 2}
     return {key: _times(factor ** powers.get(key, 0), value) for key, value in keys.items() if value is not None}
 
 
 def with_law(leg: Mapping[str, Any], k0_Nm_per_rad: float, k2_per_rad2: float) -> dict[str, Any]:
-    """The keys of [leg] with the law k0 phi + k0 k2 phi^3, and no curve."""
+    """The keys of [leg] with the law k0 phi + k0 k2 phi^3, without a curve."""
     others = {key: value for key, value in leg.items() if key != "torque_rotation"}
     return {**others, **dict(zip(LAW_KEYS, (HINGE_LAW, k0_Nm_per_rad, k2_per_rad2), strict=True))}
 
 
 def with_curve(leg: Mapping[str, Any], curve: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys of [leg] with the curve, and no law."""
+    """The keys of [leg] with the curve, without a law."""
     return {**{key: value for key, value in leg.items() if key not in LAW_KEYS}, "torque_rotation": dict(curve)}
 
 
@@ -59,9 +61,9 @@ def _times(factor: float, value: Any) -> Any:
 
 
 def with_curve_read(file: File, folder: Path) -> File:
-    """A file's sections with the curve that they name read from beside them, and its band as how well k0 is known where none is stated.
+    """The sections of a file with the curve that they name read from `folder`.
 
-    Raises BadInput, naming file and line, for a curve that cannot be used.
+    Where [known_to] states no `k0_relative`, it becomes the curve's own band. Raises BadInput, naming file and line, for an invalid curve.
     """
     leg: LegSection = getattr(file, "leg")  # noqa: B009  (rig, model and campaign files all have one)
     if leg.torque_rotation is None:
@@ -78,7 +80,7 @@ def with_curve_read(file: File, folder: Path) -> File:
 
 
 def relative_std(section: TorqueRotationSection) -> float | None:
-    """How far a factor on the curve may be off: the root mean square of its band over that of its torques; None without a band."""
+    """Uncertainty of a factor on the curve: rms of its band over rms of its torques; None without a band."""
     std = section.standard_deviations_Nm
     variance = [each**2 for each in std or ()] or [row[i] for i, row in enumerate(section.covariance_Nm2 or ())]
     square = sum(torque**2 for torque in section.torques_Nm or ())
@@ -86,10 +88,11 @@ def relative_std(section: TorqueRotationSection) -> float | None:
 
 
 def read_curve(path: Path) -> TorqueRotationSection:
-    """The curve in a CSV file. Raises BadInput, naming file and line, where it cannot be used."""
+    """Read the curve in a CSV file. Raises BadInput, naming file and line, where it cannot be used."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     rows = list(csv.reader(lines, skipinitialspace=True))
     names = [name.strip() for name in rows[0]] if rows else []
+    # The band is optional.
     missing = [name for name in ("angle_deg", "torque_Nm") if name not in names]
     if missing:
         raise BadInput(f"{path}:1: column {missing[0]} is missing; a curve has angle_deg, torque_Nm and, if known, torque_std_Nm")
@@ -97,7 +100,8 @@ def read_curve(path: Path) -> TorqueRotationSection:
     columns: dict[str, list[float]] = {
         key: [_number(path, line, row, place) for line, row in enumerate(rows[1:], start=2)] for key, place in places.items()
     }
-    if columns["angles_deg"] and columns["angles_deg"][0] > columns["angles_deg"][-1]:  # bent to the negative side, from rest on
+    # A curve that was bent to the negative side is written from rest on, with falling angles.
+    if columns["angles_deg"] and columns["angles_deg"][0] > columns["angles_deg"][-1]:
         columns = {key: values[::-1] for key, values in columns.items()}
     return checked(columns, TorqueRotationSection, str(path))
 
@@ -106,5 +110,5 @@ def _number(path: Path, line: int, row: list[str], place: int) -> float:
     try:
         return float(row[place])
     except (ValueError, IndexError):
-        said = repr(row[place].strip()) if place < len(row) else "nothing"
-        raise BadInput(f"{path}:{line}: column {place + 1} should hold a number, not {said}") from None
+        cell = repr(row[place].strip()) if place < len(row) else "nothing"
+        raise BadInput(f"{path}:{line}: column {place + 1} should hold a number, not {cell}") from None

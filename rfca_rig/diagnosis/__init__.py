@@ -1,4 +1,4 @@
-"""Which physics a model lacks, with what probability and size, and which experiment would tell more.
+"""Diagnosis of the physics that a model lacks: effects with probability and size, and the experiment that separates what is still open.
 
 Entry points: `diagnose.diagnose` for a leg, `pendulums.diagnose.diagnose_pendulum` for a driven chain, and
 `mechanisms.diagnose.diagnose_mechanism` for what MuJoCo simulates. All take these steps, one sub-package each:

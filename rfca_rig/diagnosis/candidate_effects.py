@@ -1,4 +1,4 @@
-"""Which effects are looked for: those of the catalogue that a rig may lack, less those of which somebody knows better."""
+"""Effects that a diagnosis looks for: those of the catalogue that the rig may lack, without those that the user excludes."""
 
 from collections.abc import Collection, Iterable
 
@@ -11,7 +11,7 @@ EXCLUDED = "not looked for, as asked"
 
 
 def select_candidates(effects: Iterable[Effect], without: Collection[str]) -> list[Effect]:
-    """The effects but for those of these ids. Raises BadInput for an id that is in no catalogue."""
+    """The effects without those of these ids. Raises BadInput for an id that is in no catalogue."""
     check_known(without)
     return [effect for effect in effects if effect.id not in without]
 
@@ -24,5 +24,5 @@ def check_known(ids: Collection[str]) -> None:
 
 
 def describe_exclusions(without: Collection[str]) -> tuple[str, ...]:
-    """The same as a remark beside the answer; none where all were looked for."""
+    """The excluded ids as a remark beside the answer; none where nothing was excluded."""
     return (f"{EXCLUDED}: {', '.join(without)}",) if without else ()

@@ -1,13 +1,14 @@
 """All constants of the likelihood, the search and the decision, in one place.
 
-Each states its unit and its origin. `docs/method.md` lists them with the sensitivity of the answers to them. Constants that describe a kind
-of rig (bins, stages, what a drive may do) stand with that rig.
+Each states its unit and its origin. `docs/method.md` lists them with the sensitivity of the answers. Constants that describe a kind of rig
+(bins, stages, limits of a drive) stand with that rig.
 """
 
 from dataclasses import dataclass
 
 # Likelihood
 
+# No law is exact: a model that lacks nothing still errs by about this much.
 USUAL_ERROR = 0.01  # half-normal size of the error of a model that lacks nothing, as a share of the signal
 NAMED_ERRORS = (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03)  # share of the signal; below the first no real leg and model agree
 UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # share of the signal, log-uniform: something unlisted
@@ -15,6 +16,7 @@ GOOD_FIT = 0.011  # share of the signal: a model error that leaves next to nothi
 STRAINED, IMPLAUSIBLE = 2.5, 3.5  # prior deviations of a nuisance parameter: an effect may do its work; no credible value
 SHARED = 0.5  # correlation of the discrepancy between conditions
 FLOOR = 1e-3  # share of the discrepancy's variance that is not smooth
+# Of a set of that size. Within a size the prior is spread evenly over all sets, see `hypotheses.log_prior_of_set`.
 PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO, PRIOR_THREE = 0.5, 0.1, 0.3, 0.1, 0.02  # probabilities
 
 # Parameters
@@ -70,7 +72,7 @@ class SearchConfig:
     singles_full, pairs_full, triples_full
         Sets of each size that go on to all conditions.
     parents
-        Fits beside which partners are screened anew, by what each partner would do to a model that has the first effect already.
+        Fits beside which partners are screened again, by what each partner would do to a model that has the first effect already.
     partners
         Partners fitted beside each parent.
     converged

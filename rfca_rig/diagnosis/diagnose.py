@@ -1,4 +1,4 @@
-"""`diagnose`: recordings in, the whole answer out."""
+"""`diagnose` for the leg: recordings in, the whole answer out."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,6 +39,7 @@ from rfca_rig.recording.model import Recording, Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
 
+# With a recorded shaft angle these drives are judged by the motion of the shaft, not by the forces.
 SEEN_ON_THE_SHAFT = ("motor_cogging", "motor_speed_droop", "motor_speed_ripple", "motor_torque_limit")
 # A twist or play behind the motor shows in the recorded angle where the encoder is on the leg's side, else in the forces alone.
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance", "shaft_play")
@@ -46,10 +47,28 @@ DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance", "shaft_play")
 
 @dataclass(frozen=True)
 class PreparedData:
-    """All that a diagnosis rests on: the model as believed, how well its values are known, and the recordings cut into conditions.
+    """Prepared data of a diagnosis: the nominal model with its standard uncertainties, and the recordings as conditions.
 
-    `as_commanded` says whether every shaft did what it was told, at once or later. `strokes_made` is how many strokes the leg has made in
-    all, None where their order is not known.
+    Parameters
+    ----------
+    title
+        Titles of the recordings.
+    rig
+        The nominal model.
+    known_to
+        Standard uncertainties by key of [known_to].
+    noise_std
+        Stated sensor noise by signal; None where it is to be estimated.
+    flaps, shafts
+        Conditions of the strokes, and of the motion of the shaft where it was recorded.
+    as_commanded
+        Whether every shaft followed its command, at once or with a delay.
+    coordinates
+        The nuisance parameters.
+    remarks
+        Conditions that cannot be used, with the reason.
+    strokes_made
+        How many strokes the leg has made in all; None where their order is not known.
     """
 
     title: str
@@ -66,9 +85,9 @@ class PreparedData:
 
 @dataclass(frozen=True)
 class Findings:
-    """What was found in the forces, and in the shaft's own motion where it was recorded and is not as commanded.
+    """Results in the forces, and in the motion of the shaft where that was recorded and does not follow the command.
 
-    `effects` were looked for in the forces, `drive_effects` in the shaft's motion.
+    `effects` were looked for in the forces, `drive_effects` in the motion of the shaft.
     """
 
     effects: Sequence[Effect]
@@ -83,11 +102,27 @@ class Findings:
 def diagnose(
     recordings: Sequence[Recording], progress: Progress, limits: Limits | None = None, without: Collection[str] = (), law_at: str = ""
 ) -> Diagnosis:
-    """The diagnosis of recordings that believe the same of one rig.
+    """The diagnosis of recordings of one rig.
 
-    Raises BadInput where they cannot be used together or at all, SimulationFailed where the model cannot be computed as believed.
-    `progress` is told what is being done and the share that is done. `limits` are those of the rig that the next experiment is for;
-    the effects of the ids in `without` are not looked for. With `law_at`, the law at that place is measured too.
+    Parameters
+    ----------
+    recordings
+        All with the same nominal model.
+    progress
+        Called with the current step and the share that is done.
+    limits
+        Of the rig that the next experiment is for; None where they are not known.
+    without
+        Ids of effects that are not looked for.
+    law_at
+        Place where a law is measured too, if not empty.
+
+    Raises
+    ------
+    BadInput
+        Where the recordings cannot be used together, or not at all.
+    SimulationFailed
+        Where the nominal model cannot be simulated.
     """
     if law_at:
         check_place(law_at, OF_LEG)
@@ -101,38 +136,39 @@ def diagnose(
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
         found = replace(found, stated_law=measure_stated_law(findings.leg, findings.leg_decision.explanation, law_at))
-    return replace(found, recordings=tuple(map(_named, recordings)), remarks=(*found.remarks, *describe_exclusions(without)))
+    return replace(found, recordings=tuple(map(_identify, recordings)), remarks=(*found.remarks, *describe_exclusions(without)))
 
 
 def find_omissions(recordings: Sequence[Recording], progress: Progress, without: Collection[str] = ()) -> tuple[PreparedData, Findings]:
-    """The searches and their decisions, before anything is worded, located or proposed. Parameters and errors as in `diagnose`."""
+    """The searches and their decisions, before wording, localisation and the next experiment. Parameters and errors as in `diagnose`."""
     body, tables = prepare_data(recordings)
     dataset = leg_dataset([*body.flaps, *tables], body.as_commanded)
     effects = select_candidates(_candidates(body), without)
     of_drive = select_candidates(map(catalogue().__getitem__, DRIVE_EFFECTS), without)
     leg = search_models(dataset, body.coordinates, effects, progress)
+    # Where the shaft follows its command, the drive needs no search of its own.
     drive = drive_found(body, leg, of_drive, progress) if not body.as_commanded else None
     return body, Findings(effects, of_drive, leg, decide(leg), drive, None if drive is None else decide(drive))
 
 
 @algebra_on_one_thread()
 def search_base(recordings: Sequence[Recording], progress: Progress) -> ModelSelectionResult:
-    """The fit with nothing missing alone, as the base of a measured law; no effect of the catalogue is looked for.
+    """The fit without effects alone, as the base of a measured law; no effect of the catalogue is looked for.
 
-    Raises BadInput where the recordings cannot be used together or at all, SimulationFailed where the model cannot be computed.
+    Raises BadInput where the recordings cannot be used together or at all, SimulationFailed where the model cannot be simulated.
     """
     body, tables = prepare_data(recordings)
     return search_models(leg_dataset([*body.flaps, *tables], body.as_commanded), body.coordinates, [], progress)
 
 
-def _named(recording: Recording) -> Diagnosed:
+def _identify(recording: Recording) -> Diagnosed:
     return Diagnosed(recording.title, recording.source, identity_of(recording.title, recording.source, recording.provenance))
 
 
 def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[StageTable, ...]]:
-    """The recordings cut into conditions, with the nominal rig and its nuisance parameters, and the tables of static stages.
+    """Cut the recordings into conditions, with the nominal rig and its nuisance parameters, and the tables of static stages.
 
-    Raises BadInput where the recordings cannot be used together.
+    Raises BadInput where the recordings have different nominal models.
     """
     first = recordings[0]
     for other in recordings[1:]:
@@ -141,11 +177,13 @@ def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[S
     rig = nominal_model(first.nominal)
     noise_std = first.nominal["sensor"].get("noise_std") or {}
     conditions = conditions_of(stroke for recording in recordings for stroke in recording.strokes)
+    # Two passes: whether the shaft follows its command must be known before the final turn of each condition is chosen.
     probed = [flap_condition(condition, noise_std, turn_of(condition, False)) for condition in conditions]
     remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Refused))
     usable = [(c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Refused)]
     shafts = tuple(s for c, f in usable if (s := shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None)
     as_commanded = all(tracks_command(shaft, rig.drive.ramp_s) for shaft in shafts)
+    # A drive cannot be early: a negative delay is noise.
     late = {shaft.label: max(late_s(shaft, rig.drive.ramp_s), 0.0) for shaft in shafts}
     flaps = tuple(replace(flap, turn=turn_of(condition, not as_commanded, late.get(flap.label, 0.0))) for condition, flap in usable)
     known_to = {key: float(value) for key, value in first.known_to.items() if value is not None}
@@ -154,6 +192,7 @@ def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[S
     stages = [stage for recording in recordings for stage in recording.static]
     tables = stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
     if tables:
+        # The approach of static stages is not recorded. The first guess is made at the prior means; the search improves it.
         moves = infer_approach(tables, coordinates.supposed, np.zeros(coordinates.size))
         tables = tuple(replace(table, moves=moves) for table in tables)
     title = "; ".join(recording.title for recording in recordings)
@@ -162,9 +201,9 @@ def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[S
 
 
 def _strokes_made(recordings: Sequence[Recording]) -> int | None:
-    """How many strokes were made up to the last; None where the order of strokes and stages is not known.
+    """How many strokes were made up to the last one; None where the order of strokes and stages is not known.
 
-    Two recordings count each for itself, and do not say which was first.
+    Each recording counts its own strokes, so the order of two recordings is not known.
     """
     if len(recordings) != 1 or not recordings[0].strokes:
         return None
@@ -175,8 +214,9 @@ def _strokes_made(recordings: Sequence[Recording]) -> int | None:
 
 
 def _before_start_s(conditions: Iterable[Condition]) -> float:
-    """How long before the start the shortest recording begins, to the millisecond; 0 where one begins with the motion."""
+    """Time before the start that all recordings cover, to the millisecond; 0 where one begins with the motion."""
     begins = [_first_s(stroke) for condition in conditions for stroke in condition.strokes]
+    # Rounded down, so that every recording covers the whole interval.
     return max(0.0, float(np.floor(-1e3 * max(begins)) / 1e3)) if begins else 0.0
 
 
@@ -185,20 +225,20 @@ def _first_s(stroke: Stroke) -> float:
 
 
 def _candidates(body: PreparedData) -> list[Effect]:
-    """What may be missing from the leg and its surroundings; a drive whose shaft was recorded is judged by that."""
+    """Effects that the leg and its surroundings may lack; where the shaft was recorded, the drive is judged by its motion."""
     nominal = {present.id for present in body.rig.effects}
     judged_apart = SEEN_ON_THE_SHAFT if body.shafts else ()
     known = [effect for effect in catalogue().values() if effect.where != OF_PENDULUMS]
     has_curve = bool(body.rig.leg.torque_splines)
-    left = [e for e in known if e.id not in nominal and e.id not in judged_apart and not (e.needs_k2 and has_curve)]
-    return [e for e in left if body.strokes_made is not None or not e.needs_order]
+    candidates = [e for e in known if e.id not in nominal and e.id not in judged_apart and not (e.needs_k2 and has_curve)]
+    return [e for e in candidates if body.strokes_made is not None or not e.needs_order]
 
 
 def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> ModelSelectionResult:
-    """The same search for the shaft's own motion, the leg as the best hypothesis has it; both ways in which a soft drive may start.
+    """Search for effects of the drive in the motion of the shaft, with the leg as the best hypothesis has it.
 
-    No hypothesis for the leg is taken that has a soft drive already, beside which the model has no place for another. The second way is
-    searched only if it suits the best soft drive of the first way better.
+    A hypothesis with a compliant drive is no such leg: the model has room for one drive only. A compliant drive may start in two ways. The
+    second one is searched only if it suits the best compliant drive of the first way better.
     """
     stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)

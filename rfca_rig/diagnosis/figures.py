@@ -1,4 +1,4 @@
-"""Figures before and after: fit, held-out conditions, and curves to draw."""
+"""Figures before and after: residuals of the fit and on held-out conditions, and curves to draw."""
 
 from collections.abc import Mapping
 
@@ -14,15 +14,16 @@ Floats = NDArray[np.float64]
 
 
 def before_and_after(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
-    """Rms residuals of the nominal and of the accepted model, per signal, and what noise and scatter leave of them."""
+    """Rms residuals of the nominal and of the accepted model, per signal, with the part that noise and scatter explain."""
     measured = found.dataset.rows.measured
     return _by_signal(found, "rms", measured - found.nominal.predicted, measured - accepted.rows, experiment)
 
 
 def held_out(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
-    """The same on held-out conditions, all unknowns fitted to the others; each hypothesis at the discrepancy scale that suits it."""
+    """The same on held-out conditions, all unknowns fitted to the others; each hypothesis has its own most probable discrepancy scale."""
     rows = found.dataset.rows
     conditions = sorted({int(c) for c in rows.condition[rows.experiment == experiment]})
+    # A single condition cannot be predicted from others.
     if len(conditions) < 2:
         return {}
     linears = [hypothesis.fitted.linear(rows.measured) for hypothesis in (found.nothing, accepted)]
@@ -38,7 +39,7 @@ def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Fl
 
 
 def overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> tuple[SignalOverlay, ...]:
-    """Measured means with both models, condition by condition and signal by signal."""
+    """Measured means (m,) with both models, condition by condition and signal by signal."""
     rows, columns = found.dataset.rows, (found.dataset.rows.measured, found.nominal.predicted, accepted.rows)
     return tuple(
         SignalOverlay(label.condition, label.signal, rows.t_s[here], *(column[here] for column in columns))

@@ -40,9 +40,11 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
         path.unlink(missing_ok=True)
         return False
     rig = diagnosis.found_rig
+    # The effects found are the last of the rig. They have entries of their own in the file.
     sections = fitted_sections(recording.nominal, replace(rig, effects=rig.effects[: len(rig.effects) - len(diagnosis.found_effects)]))
     if rig.drive.holds_start:
         sections["drive"] = {**sections["drive"], "holds_start": True}
+    # A height offset beyond its uncertainty means that the rack stood elsewhere, which the model file states as an effect.
     found, height = [_found(effect) for effect in diagnosis.effects], diagnosis.believed_values.get("height")
     if height and abs(height.value) >= height.std and all(effect.id != HEIGHT_OFFSET for effect in found):
         found.append(FoundEffect(HEIGHT_OFFSET, {"offset_mm": height.value}, {"offset_mm": height.std}))  # the rack stood elsewhere
@@ -52,7 +54,7 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
 
 
 def write_measured_model(path: Path, law: MeasuredLaw, recording: Recording) -> None:
-    """Writes the model as fitted beside the law, the effects of its base, and the law as [[effects]] id = "tabulated_law".
+    """Write the model as fitted beside the law, the effects of its base, and the law as [[effects]] id = "tabulated_law".
 
     Parameters
     ----------
@@ -69,6 +71,7 @@ def write_measured_model(path: Path, law: MeasuredLaw, recording: Recording) -> 
         Where the disk refuses.
     """
     supposed = law.hypothesis.fitted.coordinates.supposed(law.hypothesis.marginal.posterior.mean)
+    # The law is the last effect of the fit; it is written with its table, so it must not appear twice.
     base = replace(supposed.rig, effects=supposed.rig.effects[:-1])
     std = {f"the value at {knot:.4g}": float(value) for knot, value in zip(law.knots, law.std, strict=True)}
     comments = [
@@ -87,7 +90,7 @@ def _found(effect: NamedEffect) -> FoundEffect:
 
 
 def _refine_known_to(values: Mapping[str, Value], recording: Recording) -> Mapping[str, float]:
-    """[known_to] after the fit; a value that was not fitted stays as it was stated."""
+    """[known_to] after the fit; a value that was not fitted keeps its stated uncertainty."""
     known = {key: float(value) for key, value in recording.known_to.items() if value is not None}
     for name, value in values.items():
         parameter = PARAMETERS.get(name)

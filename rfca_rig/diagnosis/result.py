@@ -1,4 +1,4 @@
-"""What a diagnosis says, as plain values: the report, the JSON file and the terminal all read this."""
+"""The answer of a diagnosis as plain values, which the report, the JSON file and the terminal read."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,10 +17,18 @@ Grade = Literal["identified", "mostly", "family", "nothing missing", "unexplaine
 
 @dataclass(frozen=True)
 class Located:
-    """One place where model and recordings part: a signal in a phase, over the conditions where it shows.
+    """One place where model and recordings differ: a signal in a phase, over the conditions where it shows.
 
-    `size` is the rms difference there in `unit`; `sigmas` the same against noise, scatter, model error and what the nominal values'
-    uncertainty can do; `p_value` is that of chance, corrected for the number of places looked at.
+    Parameters
+    ----------
+    signal, experiment, phase, conditions
+        The place.
+    size, unit
+        Rms difference there.
+    sigmas
+        The same relative to noise, scatter, model error and the uncertainty of the nominal values.
+    p_value
+        Probability of such a difference by chance, corrected for the number of places tested.
     """
 
     signal: str
@@ -35,7 +43,7 @@ class Located:
 
 @dataclass(frozen=True)
 class MapCell:
-    """One cell of the map: rms difference of one signal, phase and condition, and that against what could be expected."""
+    """One cell of the map: rms difference of one signal, phase and condition, and the same relative to what was expected."""
 
     signal: str
     experiment: str
@@ -55,7 +63,7 @@ class Value:
 
 @dataclass(frozen=True)
 class Criterion:
-    """One of the conditions that an identified effect must meet, and in words what was found."""
+    """One of the conditions that an identified effect must meet, with the value that was found in words."""
 
     name: str
     passed: bool
@@ -64,7 +72,7 @@ class Criterion:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect that was left out. `cannot_tell_from` are those that these data explain as well by.
+    """An effect that the model lacks. `cannot_tell_from` are effects that explain these data as well.
 
     `shape` holds the fitted shape parameters of its law: nuisance parameters, which a prediction needs to reproduce the fit.
     """
@@ -114,14 +122,14 @@ class MovedPrior:
 
 @dataclass(frozen=True)
 class NotSeen:
-    """An effect that was looked for and not found: the size that would have been seen, None where none plausible would have."""
+    """An effect that was looked for and not found, with its detection limit; None where no plausible size would have been seen."""
 
     id: str
     would_have_seen: Mapping[str, float] | None
 
 
 def join_not_seen(first: Sequence[NotSeen], second: Sequence[NotSeen]) -> tuple[NotSeen, ...]:
-    """Each effect of two lists once, with the size that the first would have shown, or else the second."""
+    """Each effect of two lists once, with the detection limit of the first list, or else of the second."""
     found = {one.id: one for one in second}
     found |= {one.id: one for one in first if one.would_have_seen is not None or one.id not in found}
     return tuple(sorted(found.values(), key=lambda one: one.id))
@@ -129,7 +137,7 @@ def join_not_seen(first: Sequence[NotSeen], second: Sequence[NotSeen]) -> tuple[
 
 @dataclass(frozen=True)
 class Rival:
-    """One hypothesis with its probability; `ids` empty for nothing missing, ("unknown",) for something unlisted."""
+    """One hypothesis with its probability; `ids` is empty for nothing missing, and ("unknown",) for something unlisted."""
 
     ids: tuple[str, ...]
     probability: float
@@ -139,7 +147,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """A figure under the nominal model, under the accepted one, and where it cannot fall below."""
+    """A figure under the nominal model and under the accepted one, and the floor that noise sets."""
 
     before: float
     after: float
@@ -148,7 +156,7 @@ class BeforeAfter:
 
 @dataclass(frozen=True)
 class SignalOverlay:
-    """One condition's mean signal with both models beside it, all (m,); `starts_s` are where windows start from the measured state."""
+    """Mean signal of one condition with both models, all (m,); `starts_s` are the times where windows start from the measured state."""
 
     condition: str
     signal: str
@@ -161,7 +169,7 @@ class SignalOverlay:
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """A recording that the diagnosis is about: by its title, and by an identity that holds wherever it lies."""
+    """A recording that was diagnosed: its title, and an identity that does not depend on where it is stored."""
 
     title: str
     source: str
@@ -170,12 +178,28 @@ class Diagnosed:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The whole answer. `sentence` says it in words; `settings` what it rests on (model error, scatter, priors, seeds).
+    """The whole answer.
 
-    `grade` is what is stated, with `probability`; `verdict` is the same in the words of rfca-diagnosis/1, where "mostly" and "family" are
-    "unexplained". `explained_share` is the share of the removable held-out misfit that the stated effects explain, `remaining` where model
-    and recordings still differ, `support` the numbers that the probabilities rest on, `stated_law` a law that was measured on request.
-    `believed_values` are the nuisance parameters after the fit, `priors` the same before it, with their standard deviations.
+    Parameters
+    ----------
+    sentence
+        The answer in words.
+    grade, probability
+        What is stated, and how probable it is.
+    verdict
+        The grade in the words of rfca-diagnosis/1, where "mostly" and "family" are "unexplained".
+    explained_share
+        Share of the removable held-out misfit that the stated effects explain.
+    remaining
+        Where model and recordings still differ.
+    support
+        The numbers that the probabilities rest on.
+    stated_law
+        A law that was measured on request.
+    believed_values, priors
+        The nuisance parameters after and before the fit, with standard deviations.
+    settings
+        What the answer rests on: model error, scatter, priors.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""A decision with all figures that a reader wants to see beside it: what the answers about every kind of rig have in common."""
+"""Assemble the answer from a decision, with the figures beside it: the part that is common to all kinds of rig."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -47,7 +47,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         effects=decision.effects,
         criteria=decision.criteria,
         rivals=decision.rivals[:MOST_RIVALS],
-        not_seen=_not_seen(found, explanation, decision.suspects, effects),
+        not_seen=_find_not_seen(found, explanation, decision.suspects, effects),
         fit=before_and_after(found, explanation, experiment),
         held_out=held_out(found, explanation, experiment),
         valley={},
@@ -87,25 +87,27 @@ def _remaining(found: ModelSelectionResult, explanation: Hypothesis) -> tuple[Lo
     return locate_mismatch(found.dataset.rows, replace(explanation.fitted, predicted=explanation.rows), found.likelihood)[1]
 
 
-def _not_seen(
+def _find_not_seen(
     found: ModelSelectionResult, explanation: Hypothesis, suspects: Collection[str], effects: Sequence[Effect]
 ) -> tuple[NotSeen, ...]:
-    """What the subset of the conditions alone would have shown: all of them show a little more.
+    """Detection limits on the subset of the conditions that was screened; all conditions would exclude a little more.
 
-    What remains unexplained could hide an effect: it counts as discrepancy, the usual one at least.
+    Remaining misfit could hide an effect. It counts as discrepancy, at least the usual one.
     """
     fit, rows = explanation.fitted, found.in_coarse
     fitted, measured = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]), found.dataset.rows.measured[rows]
+    # The probes were simulated on the subset only.
     projection = projection_of(fitted, measured, found.coarse.level(fitted.linear(measured)))
     others = [effect for effect in effects if effect.id not in suspects]
     return find_detection_limits(others, found.probes, projection, found.nominal.coordinates.space.centre.rig)
 
 
 def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
-    """The nuisance parameters that had to move by more than MOVED prior standard deviations, farthest first."""
+    """Nuisance parameters beyond MOVED prior standard deviations, farthest first."""
     space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
     priors, values = nuisance_priors(hypothesis), nuisance_values(hypothesis)
     found = [
+        # In the posterior the effects follow the nuisance parameters, so the zip is not strict.
         MovedPrior(p.name, p.unit, priors[p.name], values[p.name], float(z))
         for p, z in zip(space.parameters, posterior.mean, strict=False)
         if abs(z) > MOVED
@@ -114,13 +116,13 @@ def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
 
 
 def nuisance_priors(hypothesis: Hypothesis) -> Mapping[str, Value]:
-    """The nuisance parameters in their units before the fit, with standard deviations."""
+    """Prior means and standard deviations of the nuisance parameters, in their units."""
     space = hypothesis.fitted.coordinates.space
     return {name: Value(float(v), float(s)) for name, v, s in zip(space.names, space.centres, space.prior_std, strict=True)}
 
 
 def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:
-    """The nuisance parameters in their units, with standard deviations."""
+    """Posterior means and standard deviations of the nuisance parameters, in their units."""
     space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
     x = posterior.mean[: len(space.std)]
     std = space.std_in_units(x, np.sqrt(np.diag(posterior.covariance))[: len(space.std)])

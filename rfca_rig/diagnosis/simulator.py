@@ -1,4 +1,4 @@
-"""What the core asks of a simulator: the interface between a kind of rig and `inference`, `likelihood` and `decision`.
+"""Interface between a kind of rig and `inference`, `likelihood` and `decision`.
 
 A kind of rig is diagnosed if it provides four things:
 
@@ -44,11 +44,11 @@ class ConditionData(Protocol):
 
     @property
     def repeats(self) -> Floats:
-        """The observations of each repeat, whose mean was measured, (r, m); (1, 0) where there is one only."""
+        """The observations of each repeat, of which the rows are the mean, (r, m); (1, 0) for a single repeat."""
         ...
 
     def rows(self) -> Observations:
-        """What was measured, m rows; each signal's name ends with its unit."""
+        """The measured rows, m of them; the name of each signal ends with its unit."""
         ...
 
 
@@ -112,11 +112,11 @@ class Simulator(ABC):
         return ()
 
     def forget_history(self, conditions: tuple[Any, ...]) -> tuple[Any, ...]:
-        """The conditions before anything is inferred of how they were approached; the same tuple where nothing is to be inferred."""
+        """The conditions before their approach is inferred; the same tuple where there is nothing to infer."""
         return conditions
 
     def infer_history(self, conditions: tuple[Any, ...], input_at: Callable[[Floats], Any], x: Floats) -> tuple[Any, ...]:  # noqa: ARG002
-        """The conditions with the approach that is most probable; the same tuple where that is as assumed already.
+        """The conditions with the most probable approach path; the same tuple where that does not differ from the assumed one.
 
         Parameters
         ----------
@@ -129,5 +129,6 @@ class Simulator(ABC):
 
 
 def spread(number: int, count: int) -> list[int]:
-    """At most `count` of 0 to `number` - 1, evenly spread, ascending."""
+    """At most `count` of the numbers 0 to `number` - 1, evenly spread, ascending."""
+    # Rounding may hit one number twice; the set removes it.
     return sorted({int(i) for i in np.linspace(0, number - 1, min(count, number)).round()})

@@ -1,4 +1,4 @@
-"""A MAP fit of nuisance parameters, and of effects that are given, to recordings in windows: values, standard errors, errors of signals."""
+"""MAP fit of nuisance parameters and of given effects to recordings in windows: values, standard errors, errors of signals."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -29,7 +29,7 @@ ALL = "all recordings"
 
 @dataclass(frozen=True)
 class FittedShift:
-    """By how much one nominal value is off, in the unit that its `name` ends with: `prior_std` before the fit, `value` and `std` after."""
+    """Shift of one nominal value, in the unit that ends its `name`: `prior_std` before the fit, `value` and `std` after."""
 
     name: str
     prior_std: float
@@ -39,9 +39,9 @@ class FittedShift:
 
 @dataclass(frozen=True)
 class FittedSize:
-    """A parameter of an effect, in the unit that its `name` ends with; `at_bound` where the fit wanted it beyond what is plausible.
+    """A parameter of an effect, in the unit that ends its `name`; `at_bound` where the plausible range limits it, not the recordings.
 
-    One that counts something, as the number of a joint, has no standard deviation.
+    One that counts something, for example the number of a joint, has no standard deviation.
     """
 
     effect: str
@@ -53,10 +53,18 @@ class FittedSize:
 
 @dataclass(frozen=True)
 class SignalError:
-    """Rms errors of one signal of one recording, in the unit that ends the signal's name.
+    """Rms errors of one signal of one recording, in the unit that ends the name of the signal.
 
-    `noise` is what sensor noise alone makes; `nominal` and `fitted` are with those values; `held_out` is with the values fitted to all
-    other conditions, None where there is one condition only. Nominal values are fitted to nothing, so that `nominal` is held-out too.
+    Parameters
+    ----------
+    noise
+        Of sensor noise alone.
+    nominal
+        With the nominal values. They are fitted to nothing, so this is held-out, too.
+    fitted
+        With the fitted values.
+    held_out
+        With the values fitted to all other conditions; None where there is one condition only.
     """
 
     run: str
@@ -69,7 +77,7 @@ class SignalError:
 
 @dataclass(frozen=True)
 class WindowFit:
-    """What a fit found.
+    """Result of a fit.
 
     Parameters
     ----------
@@ -78,7 +86,7 @@ class WindowFit:
     sizes
         The parameters of the effects that were given.
     correlated
-        Pairs of names with their correlation, that the recordings hardly tell apart.
+        Pairs of names with their correlation, which the recordings hardly distinguish.
     errors, totals
         Of each signal of each recording, and of each signal of all recordings together.
     overlays
@@ -104,7 +112,7 @@ class WindowFit:
         }
 
     def lines(self) -> list[str]:
-        """The same for a person; of several recordings the totals alone."""
+        """The same as lines of text; of several recordings the totals alone."""
         return [
             *([f"{'nominal value':<36}{'prior std':>10}{'shift':>11}{'std':>10}{'shift/prior':>13}"] if self.shifts else []),
             *(f"{s.name:<36}{s.prior_std:>10.3g}{s.value:>+11.4g}{s.std:>10.2g}{s.value / s.prior_std:>+13.2f}" for s in self.shifts),
@@ -151,6 +159,7 @@ def fit_effects(found: ModelSelectionResult, effects: Sequence[Effect], progress
         progress(f"fitting {effect.id}", 0.5 + 0.4 * number / len(effects))
         here = _add(optimizer, here, effect)
     progress("fitting all together", 0.9)
+    # Effects were added one after the other, so the first ones were fitted without the later ones.
     here = optimizer.converge(here)
     return Hypothesis(here.ids, here, optimizer.evaluate(here), found.nothing.log_prior)
 
@@ -160,6 +169,7 @@ def _add(optimizer: GaussNewton, here: MapFit, effect: Effect) -> MapFit:
     measured = optimizer.dataset.rows.measured
     projection = projection_of(here, measured, optimizer.likelihood.level(here.linear(measured)))
     probes = probe_effects(optimizer.dataset, here, grid_points(terms_of(effect)))
+    # Several starts, because an effect may have more than one optimum.
     ranked = sorted(probes, key=lambda probe: -projection.gain(probe.signature)[0])[:STARTS]
     terms = here.coordinates.choices
     starts = [optimizer.at(here.coordinates.with_terms((*terms, p.choice)), np.append(here.x, p.z), here.jacobian) for p in ranked]
@@ -171,7 +181,7 @@ def _add(optimizer: GaussNewton, here: MapFit, effect: Effect) -> MapFit:
 
 @dataclass(frozen=True)
 class WindowsOfCondition:
-    """Of which recording, in words, a condition is a part, and where its windows start."""
+    """The recording, in words, that a condition is a part of, and where its windows start."""
 
     recording: str
     starts_s: tuple[float, ...]
@@ -192,6 +202,7 @@ def summarize(found: ModelSelectionResult, fitted: Hypothesis, conditions: Seque
     errors, totals, overlays = _compare(found, fitted, conditions)
     std_x = np.sqrt(np.diag(fitted.marginal.posterior.covariance))
     rows = found.dataset.rows
+    # The larger of two estimates: the jackknife is robust to errors that the rows of one condition share.
     std_x = np.maximum(std_x, jackknife_std(fitted.fitted.linear(rows.measured), fitted.marginal.whitening, rows.condition))
     coordinates = fitted.fitted.coordinates
     names = [*coordinates.space.names, *(f"{term.effect.id}.{p.name}" for term in coordinates.choices for p in term.free)]
@@ -220,6 +231,7 @@ def _list_sizes(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedSize]:
         yield from (FittedSize(term.effect.id, name, value, None, False) for name, value in term.whole)
         for parameter, z, std_z in zip(term.free, mean[part].tolist(), std_x[part].tolist(), strict=True):
             value = value_of(parameter, z)
+            # A scale near its smallest plausible value may as well be zero.
             is_far = abs(z) > AT_BOUND or value < PERHAPS_NONE * parameter.low
             yield FittedSize(term.effect.id, parameter.name, value, std_of(parameter, z, std_z), is_far)
 
@@ -235,11 +247,12 @@ def _compare(
         held_out = loo_residuals(linear, fitted.marginal.whitening, rows.condition, range(len(conditions)))
 
     def error(name: str, signal: str, here: NDArray[np.intp]) -> SignalError:
-        apart = None if held_out is None else rms(held_out[here])
+        held_out_rms = None if held_out is None else rms(held_out[here])
         measured = rows.measured[here]
-        return SignalError(name, signal, rms(rows.noise[here]), rms(measured - nominal[here]), rms(measured - after[here]), apart)
+        return SignalError(name, signal, rms(rows.noise[here]), rms(measured - nominal[here]), rms(measured - after[here]), held_out_rms)
 
     recordings, signals = [one.recording for one in conditions], dict.fromkeys(label.signal for label in rows.labels)
+    # Windows of one recording are spread over several conditions; a picture shows the recording as a whole.
     of_row = np.array(recordings)[rows.condition]
     errors, overlays = [], []
     for name in dict.fromkeys(recordings):

@@ -1,1 +1,1 @@
-"""Which devices are there, in what state, and what is to be done: looking and judging apart."""
+"""Diagnostics of the rig: `looking` probes devices and computer, `judging` evaluates what was seen and proposes a fix."""

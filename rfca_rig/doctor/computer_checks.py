@@ -1,4 +1,4 @@
-"""This computer, whatever hangs on it."""
+"""Checks of this computer, independent of the devices."""
 
 import platform
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from rfca_rig.doctor.looking.computer import cores, look_at_clock, look_at_compi
 
 
 def check_computer(runs: Path, clock: Clock, watchdog_s: float | None) -> Iterator[Finding]:
-    """`watchdog_s` is the drive's, None where none hangs on this computer's clock."""
+    """Yields all findings on this computer. `watchdog_s` is the drive's timeout, None without a real drive."""
     yield judge_clock(look_at_clock(clock), watchdog_s)
     yield judge_disk(look_at_disk(runs, clock))
     yield judge_cores(cores())

@@ -1,11 +1,11 @@
-"""What one check found: a colour, what was seen, and the remedy."""
+"""Result of one check: a colour, the observation, and the fix."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 
 class Colour(StrEnum):
-    """Green is as it should be, yellow works but will bite, red does not work."""
+    """Green: in order. Yellow: works, but will cause trouble. Red: does not work."""
 
     GREEN = "green"
     YELLOW = "yellow"
@@ -14,7 +14,7 @@ class Colour(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """`subject` in a few words; `fix` says what to do, `commands` are lines to be typed as they stand."""
+    """Result of one check: `subject` in a few words, `fix` is what to do, `commands` are lines to be typed unchanged."""
 
     subject: str
     colour: Colour
@@ -36,5 +36,5 @@ def red(subject: str, seen: str, fix: str, *commands: str) -> Finding:
 
 
 def listed(numbers: tuple[int, ...]) -> str:
-    """Ids as people write them."""
+    """Ids as a comma-separated text."""
     return ", ".join(map(str, numbers))

@@ -1,4 +1,4 @@
-"""The motor's side of a rig: interface, bus, drive. What lies behind something red is not looked at."""
+"""Checks of the motor's side of a rig: interface, bus, drive. They stop at the first red finding."""
 
 from collections.abc import Iterator
 
@@ -37,7 +37,7 @@ KNOWN = tuple(sorted(can.VALID_INTERFACES))
 
 
 def check_motor(motor: Motor, clock: Clock) -> Iterator[Finding]:
-    """Opens the bus that [motor] names for about a second."""
+    """Yields the findings on interface, bus and drive. Opens the bus of [motor] for about one second."""
     before = _before_the_bus(motor)
     if before is not None:
         yield before
@@ -45,7 +45,8 @@ def check_motor(motor: Motor, clock: Clock) -> Iterator[Finding]:
             return
     try:
         bus = open_bus(motor)
-    except Exception as error:  # python-can's interfaces raise all sorts, NameError and ImportError where the vendor's library is missing
+    # Interfaces of python-can raise exceptions of many types, even NameError and ImportError if a vendor library is missing.
+    except Exception as error:
         yield _bus(motor, CanBusSeen(f"{type(error).__name__}: {one_line(error)}"))
         return
     with bus:
@@ -53,7 +54,7 @@ def check_motor(motor: Motor, clock: Clock) -> Iterator[Finding]:
 
 
 def _before_the_bus(motor: MotorSection) -> Finding | None:
-    """The interface of the kernel, or the serial port, beneath the bus; None where there is none to be looked at."""
+    """Finding on the kernel interface or serial port below the bus; None if there is none to check."""
     if motor.interface == "socketcan":
         return judge_can_interface(look_at_can_interface(motor.channel), motor.bitrate, motor.fd_bitrate)
     if motor.channel.startswith("/dev/"):
@@ -62,7 +63,8 @@ def _before_the_bus(motor: MotorSection) -> Finding | None:
 
 
 def check_drive(motor: Motor, listener: Listener) -> Iterator[Finding]:
-    """The bus, and the drive on it."""
+    """Yields the findings on the bus and, unless it is red, on the drive."""
+    # The drive is probed first: bus errors may show only once frames have passed.
     findings = _drive(motor, listener)
     bus = _bus(motor, listener.seen())
     yield bus
@@ -87,4 +89,5 @@ def _drive(motor: Motor, listener: Listener) -> list[Finding]:
             seen = look_for_moteus(listener, motor.drive_id, motor.can_prefix, motor.bitrate_switch)
             return judge_moteus(seen, motor.drive_id)
         case OwnMotorSection():
-            return []  # its own driver is asked: own_checks
+            # Checked through its own driver, see `own_checks`.
+            return []

@@ -1,4 +1,4 @@
-"""Devices of a lab's own: their files are loaded already; are they there, and do they say what their drivers understand."""
+"""Checks of plug-in devices, through their own drivers: are they present, and can their messages be decoded."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +16,7 @@ from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
 from rfca_rig.drivers.serial_port import SerialPort
 from rfca_rig.errors import RigError
 
+# Observation time and poll interval, and the silence that the driver treats as a fault, in s.
 LISTEN_S = 1.5
 POLL_S = 5e-3
 SILENT_S = 0.5
@@ -27,9 +28,9 @@ Way = TypeVar("Way", can.BusABC, SerialPort)
 
 
 def check_own_motor(keys: MotorKeys, clock: Clock) -> Iterator[Finding]:
-    """Only listens, or asks for reports where the drive makes none by itself."""
+    """Yields the findings on a plug-in motor. Only listens, or requests reports if the drive sends none by itself."""
     yield green("driver", f"{Path(keys.file).name} is loaded, its keys in [motor] are right")
-    bus = _opened(keys.open, f"CAN bus {keys.interface} {keys.channel}", "[motor]")
+    bus = _open(keys.open, f"CAN bus {keys.interface} {keys.channel}", "[motor]")
     if isinstance(bus, Finding):
         yield bus
         return
@@ -38,29 +39,31 @@ def check_own_motor(keys: MotorKeys, clock: Clock) -> Iterator[Finding]:
 
 
 def judge_own_motor(motor: ShaftMotor, clock: Clock) -> Finding:
-    """What its driver makes of a second and a half."""
+    """Finding from 1.5 s of data, as decoded by the driver."""
     began_s, reports, last_rad = clock.now_s(), 0, 0.0
     try:
-        for _ in _watched(clock):
+        for _ in _poll(clock):
             shaft = motor.read()
             reports += len(shaft.angle_rad)
+            # Most reads return nothing; the last known angle is kept.
             last_rad = float(shaft.angle_rad[-1]) if len(shaft.angle_rad) else last_rad
     except RigError as error:
         return red(DRIVE, str(error), NEXT, "rfca-rig contract YOUR-RIG.toml")
     status = motor.status()
+    # Silence is not an error: some drives report only when they are energised.
     if not reports:
         fix = "check its power and the wiring; a drive that reports only once it is told to is told when the motor is energised"
         return yellow(DRIVE, f"no report of the shaft within {LISTEN_S:g} s", fix)
-    said = f"{reports / (clock.now_s() - began_s):.0f} reports/s, shaft at {np.degrees(last_rad):.1f} deg, {status.state}"
+    summary = f"{reports / (clock.now_s() - began_s):.0f} reports/s, shaft at {np.degrees(last_rad):.1f} deg, {status.state}"
     if status.fault is not None:
-        return red(DRIVE, f"{said}: {status.fault}", "see the drive's manual for this error")
-    return green(DRIVE, said)
+        return red(DRIVE, f"{summary}: {status.fault}", "see the drive's manual for this error")
+    return green(DRIVE, summary)
 
 
 def check_own_sensor(keys: ForceSensorKeys, clock: Clock) -> Iterator[Finding]:
-    """Streams for a second and a half, and ends the stream."""
+    """Yields the findings on a plug-in force sensor. Streams for 1.5 s, then ends the stream."""
     yield green("driver", f"{Path(keys.file).name} is loaded, its keys in [force_sensor] are right")
-    port = _opened(keys.open, keys.port, "[force_sensor]")
+    port = _open(keys.open, keys.port, "[force_sensor]")
     if isinstance(port, Finding):
         yield port
         return
@@ -71,33 +74,34 @@ def check_own_sensor(keys: ForceSensorKeys, clock: Clock) -> Iterator[Finding]:
 
 
 def judge_own_sensor(sensor: ForceSensor, clock: Clock) -> Finding:
-    """What its driver makes of a second and a half."""
+    """Finding from 1.5 s of data, as decoded by the driver."""
     try:
         sensor.start()
         began_s = clock.now_s()
-        for _ in _watched(clock):
+        for _ in _poll(clock):
             sensor.read()
         sensor.stop()
     except RigError as error:
         return red(SENSOR, str(error), NEXT, "rfca-rig contract YOUR-RIG.toml")
     health = sensor.health()
     rate_Hz = health.received / (clock.now_s() - began_s)
-    said = f"{rate_Hz:.0f} records/s, {health.lost} lost, {health.malformed} pieces of the stream no records"
+    summary = f"{rate_Hz:.0f} records/s, {health.lost} lost, {health.malformed} pieces of the stream no records"
     if not health.received:
         return red(SENSOR, f"no record within {LISTEN_S:g} s", "check its power, the cable, and port and bits_per_s under [force_sensor]")
     if health.notes:
-        return yellow(SENSOR, f"{said}: {health.notes[0]}", "look at the sensor and its cable before a run")
-    return green(SENSOR, said)
+        return yellow(SENSOR, f"{summary}: {health.notes[0]}", "look at the sensor and its cable before a run")
+    return green(SENSOR, summary)
 
 
-def _opened(way: Callable[[], Way], name: str, table: str) -> Way | Finding:
+def _open(opener: Callable[[], Way], name: str, table: str) -> Way | Finding:
     try:
-        return way()
-    except Exception as error:  # a lab's own `open`, and python-can's interfaces, raise all sorts
+        return opener()
+    # The plug-in's `open` and the interfaces of python-can raise exceptions of many types.
+    except Exception as error:
         return red("wire", f"{name} cannot be opened: {type(error).__name__}: {one_line(error)}", f"check {table} in the rig file")
 
 
-def _watched(clock: Clock) -> Iterator[None]:
+def _poll(clock: Clock) -> Iterator[None]:
     until_s = clock.now_s() + LISTEN_S
     while clock.now_s() < until_s:
         clock.wait_until(clock.now_s() + POLL_S)

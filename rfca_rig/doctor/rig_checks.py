@@ -1,4 +1,4 @@
-"""Everything that a rig file names, one after the other."""
+"""Checks of all devices that a rig file names, in turn."""
 
 from collections.abc import Iterator
 from math import tau
@@ -44,6 +44,7 @@ from rfca_rig.drivers.netft_box import Box, CommandBox, HttpBox
 from rfca_rig.drivers.photo_folder import pictures_in
 from rfca_rig.errors import BadInput, RigError
 
+# Watchdog timeout assumed for drives whose timeout is not in the rig file.
 USUAL_WATCHDOG_S = 0.1
 
 
@@ -53,7 +54,7 @@ POLL_S = 5e-3
 
 
 def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:
-    """Nothing where the rig has none. A camera that OpenCV opens is asked for one photo."""
+    """Yields the findings on the camera, none if the rig has none. An OpenCV camera takes one photo."""
     camera = rig.camera
     if camera is None:
         return
@@ -79,7 +80,7 @@ def _folder(folder: str) -> Finding:
 
 
 def check_sensor(sensor: ForceSensor, clock: Clock) -> Iterator[Finding]:
-    """Streams from the sensor that [force_sensor] names for about a second."""
+    """Yields the findings on the force sensor. Streams from it for about one second."""
     match sensor:
         case NetFtSection():
             return _netft(sensor, clock)
@@ -88,11 +89,13 @@ def check_sensor(sensor: ForceSensor, clock: Clock) -> Iterator[Finding]:
         case AtiDaqSection():
             return _daq(sensor)
         case OwnForceSensorSection():
-            return iter(())  # its own driver is asked: own_checks
+            # Checked through its own driver, see `own_checks`.
+            return iter(())
 
 
 def _netft(sensor: NetFtSection, clock: Clock) -> Iterator[Finding]:
     settings = NetFtSettings(counts_per_N=sensor.counts_per_N, counts_per_Nm=sensor.counts_per_Nm, rate_Hz=sensor.rate_Hz)
+    # Whether the box answers decides between two explanations of a missing stream.
     box, answers = _box(sensor), None
     if box is not None:
         seen = look_at_box(sensor.host, box)
@@ -121,10 +124,14 @@ def _daq(sensor: AtiDaqSection) -> Iterator[Finding]:
 
 
 def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
-    """For a drive that is there: reads it as a run would, without enabling it. Nothing where it does not report while it is off."""
+    """Yields the shaft angle, for a drive that was found. It is read as in a run, but not enabled.
+
+    Yields nothing if the drive does not report while it is off.
+    """
     try:
         with open_bus(rig.motor) as bus:
-            angles_rad = _heard(rig, bus, clock)
+            angles_rad = _read_angles(rig, bus, clock)
+    # The bus was fine a moment ago; a failure now is reported, and the other checks go on.
     except (RigError, can.CanError, OSError, ValueError) as error:
         yield yellow(SHAFT, f"not read: {one_line(error)}", "mend what is red first")
         return
@@ -134,7 +141,7 @@ def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
         )
 
 
-def _heard(rig: RigFile, bus: can.BusABC, clock: Clock) -> list[float]:
+def _read_angles(rig: RigFile, bus: can.BusABC, clock: Clock) -> list[float]:
     motor, angles_rad = make_motor(rig, bus, clock), list[float]()
     until_s = clock.now_s() + LISTEN_S
     while clock.now_s() < until_s:
@@ -144,7 +151,7 @@ def _heard(rig: RigFile, bus: can.BusABC, clock: Clock) -> list[float]:
 
 
 def _encoder(rig: RigFile, angle_rad: float) -> str:
-    """What the drive itself says, where the rig file tells its zero in turns."""
+    """Encoder reading of the drive, if the rig file gives its zero in turns."""
     motor = rig.motor
     zero, gear = getattr(motor, "zero_turns", None), getattr(motor, "gear_ratio", None)
     if zero is None or gear is None:
@@ -153,7 +160,7 @@ def _encoder(rig: RigFile, angle_rad: float) -> str:
 
 
 def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
-    """Findings as they come. Nothing is sent that could move the shaft; a running stream of the sensor is taken over and ended."""
+    """Yields all findings as they come. Sends nothing that could move the shaft; takes over and ends a running sensor stream."""
     if not rig.is_real:
         yield green("devices", f"{_name(rig.motor)} and {_name(rig.force_sensor)} are twins in this process: nothing to be looked for")
         yield from check_computer(runs, clock, None)
@@ -163,6 +170,7 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
     for finding in check_own_motor(motor, clock) if isinstance(motor, MotorKeys) else check_motor(motor, clock):
         is_red |= finding.colour is Colour.RED
         yield finding
+    # Reading the shaft makes no sense on a bus or drive that does not work.
     yield from () if is_red else check_shaft(rig, clock)
     yield from check_own_sensor(sensor, clock) if isinstance(sensor, ForceSensorKeys) else check_sensor(sensor, clock)
     yield from check_camera(rig, clock)

@@ -1,4 +1,4 @@
-"""What there is on this computer, where no rig file says what there should be."""
+"""Scan for devices without a rig file."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,13 +17,14 @@ from rfca_rig.doctor.looking.serial_port import look_for_serial_ports
 from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES
 from rfca_rig.drivers.netft_box import HttpBox
 
+# Factory address of a Net F/T, its record rate, and a short time limit, since usually none is there.
 NETFT_AS_DELIVERED = "192.168.1.1"
 NETFT_RATE_Hz = 7000.0
 NETFT_WITHIN_S = 0.5
 
 
 def scan(runs: Path, clock: Clock) -> Iterator[Finding]:
-    """Findings as they come; sends nothing but a request for the configuration page of a Net F/T on its default address."""
+    """Yields all findings as they come. Sends only a request for the configuration page of a Net F/T at its default address."""
     yield from judge_found_interfaces(tuple(look_at_can_interface(name) for name in can_interfaces()))
     yield from judge_found_adapters(look_for_adapters())
     ports = look_for_serial_ports()

@@ -1,1 +1,1 @@
-"""Devices as the engine asks for them, over the wire they really have."""
+"""Device drivers: motors, force sensors and cameras behind the protocols in `roles`."""

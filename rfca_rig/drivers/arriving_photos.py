@@ -1,4 +1,4 @@
-"""A camera that puts its photos into a folder by itself: tethered, or through its maker's program."""
+"""Camera that stores its photos in a folder itself: tethered, or through the maker's program."""
 
 from pathlib import Path
 
@@ -12,20 +12,20 @@ LOOK_EVERY_S = 0.1
 
 
 class ArrivingPhotos:
-    """Implements `Camera`: the first photo that comes into the folder after the call. What is there before is left alone.
+    """Implements `Camera`: returns the first photo that appears in the folder after the call. Older files are ignored.
 
-    `host_s` is when the photo was found, somewhat after it was taken.
+    `host_s` is the time when the photo was found, somewhat after it was taken.
     """
 
     def __init__(self, folder: Path, clock: Clock, limit_s: float) -> None:
-        """`limit_s` is how long a call waits. Raises BadInput where there is no such folder."""
+        """`limit_s` is the longest wait of a call in s. Raises BadInput if the folder does not exist."""
         self._folder = folder
         self._clock = clock
         self._limit_s = limit_s
         pictures_in(folder)
 
     def photo(self) -> Photo:
-        """Raises DeviceError where none has come within the limit, or none that is whole."""
+        """A photo (rows, columns, 3) in BGR order. Raises DeviceError if no complete one appears within the limit."""
         before = {file.name for file in pictures_in(self._folder)}
         began_s = self._clock.now_s()
         why = ""
@@ -35,12 +35,13 @@ class ArrivingPhotos:
                     try:
                         return Photo(read_picture(file), self._clock.now_s(), file.name)
                     except BadInput as error:
-                        why = f"; {error}"  # still being written, perhaps
+                        # The file may still be being written, so it is tried again.
+                        why = f"; {error}"
             self._clock.wait_until(self._clock.now_s() + LOOK_EVERY_S)
         raise DeviceError(f"{self._folder}: no new photo came within {self._limit_s:g} s{why}")
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Does nothing: no file is held open."""
 
     def identity(self) -> dict[str, str]:
         return {"camera": f"photos arriving in folder {self._folder.name}"}

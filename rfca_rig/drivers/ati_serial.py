@@ -1,4 +1,4 @@
-"""An ATI F/T Controller (CTL, CON) on a serial port as the force sensor."""
+"""Driver for an ATI F/T Controller (CTL, CON) on a serial port."""
 
 from dataclasses import dataclass
 
@@ -14,18 +14,21 @@ from rfca_rig.drivers.sensor_health import FrozenCount, StatusCount
 from rfca_rig.drivers.serial_port import SerialPort
 from rfca_rig.errors import BadInput, DeviceError
 
+# Time for the prompt after a command, and the interval between two polls for it, in s.
 ANSWER_S = 0.5
 POLL_S = 5e-3
+# Time over which the rate is measured in s, and the relative difference that is accepted.
 RATE_CHECK_S = 1.0
 RATE_TOLERANCE = 0.03
+# Bytes after which the echo of the start command is no longer expected.
 LONGEST_ECHO = 64
 
 
 @dataclass(frozen=True)
 class AtiSerialSettings:
-    """Counts per unit stand in the controller's calibration certificate; its wire does not tell them.
+    """Counts per unit are in the controller's calibration certificate; the serial line does not report them.
 
-    `rate_Hz` is what the controller sends in `form`, which its averaging and the line's speed decide; `start` measures it.
+    `rate_Hz` is the record rate in `form`. It depends on averaging and line speed; `read` measures it in the first second.
     Raises BadInput for a rate that the line cannot carry.
     """
 
@@ -41,6 +44,7 @@ class AtiSerialSettings:
         for name in ("counts_per_N", "counts_per_Nm", "rate_Hz", "bits_per_s"):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise BadInput(f"force sensor: {name} is {getattr(self, name)}, must be above 0")
+        # Ten bits per byte: start bit, eight data bits, stop bit.
         most_Hz = self.bits_per_s / (10.0 * self.form.record_bytes)
         if self.rate_Hz > most_Hz * (1.0 + 1e-9):
             raise BadInput(
@@ -50,10 +54,10 @@ class AtiSerialSettings:
 
 
 class AtiSerialSensor:
-    """A `ForceSensor` over a serial port. Never sends a bias: taring is the protocol's business.
+    """A `ForceSensor` over a serial port. Sends a bias only in `bias`: taring belongs to the experiment.
 
-    Records carry no number. What is lost shows as bytes that are no records, and as records that fall behind the host's clock;
-    both move the sample counter on. Records cannot come twice or out of order on a line.
+    Records carry no number. A loss shows as bytes that are not records, and as records that lag behind the host clock; both advance
+    the sample counter. Records cannot be duplicated or reordered on a serial line.
     """
 
     def __init__(self, port: SerialPort, clock: Clock, settings: AtiSerialSettings) -> None:
@@ -61,9 +65,9 @@ class AtiSerialSensor:
         self._clock = clock
         self._settings = settings
         self._running = False
-        self._begin_anew()
+        self._reset()
 
-    def _begin_anew(self) -> None:
+    def _reset(self) -> None:
         self._stream = record_stream(self._settings.form)
         self._count = FrameCount(1.0 / self._settings.rate_Hz)
         self._status, self._frozen = StatusCount(), FrozenCount()
@@ -75,30 +79,31 @@ class AtiSerialSensor:
         self._heard_s = self._read_s = self._clock.now_s()
 
     def start(self) -> None:
-        """Sets the controller up and starts its stream. Raises DeviceError, with the command, where it does not answer."""
+        """Sets up the controller and starts its stream. Raises DeviceError, with the command, if it does not answer."""
+        # A bare carriage return first: it ends a stream that an earlier program left running.
         for command in (AtiCommand.NOTHING, *SETUP[self._settings.form]):
             self._ask(command)
-        self._begin_anew()
+        self._reset()
         self._send(AtiCommand.QUERY_STREAM)
         self._running = True
 
     def _ask(self, command: AtiCommand) -> None:
-        """Sends a command and waits for the prompt after its echo; what an earlier stream left on the line may come before."""
+        """Sends a command and waits for the prompt after its echo. Remains of an earlier stream may precede it."""
         self._send(command)
         answer, deadline_s = b"", self._clock.now_s() + ANSWER_S
         while PROMPT not in (answer.partition(command)[2] if command else answer):
             if self._clock.now_s() > deadline_s:
                 raise DeviceError(_no_answer(command, answer, self._settings))
             self._clock.wait_until(self._clock.now_s() + POLL_S)
-            answer += self._arrived()
+            answer += self._receive()
 
     def stop(self) -> None:
-        """Raises DeviceError when the line is broken."""
+        """Ends the stream. Raises DeviceError if the line is broken."""
         self._running = False
         self._send(AtiCommand.NOTHING)
 
     def bias(self) -> None:
-        """Has the controller take what it feels now for zero, and starts anew; to be called with nothing on the sensor."""
+        """Makes the controller take its present load as zero, and restarts a running stream; call it with the sensor unloaded."""
         was_running, self._running = self._running, False
         for command in (AtiCommand.NOTHING, AtiCommand.BIAS):
             self._ask(command)
@@ -111,7 +116,7 @@ class AtiSerialSensor:
         except OSError as error:
             raise DeviceError(f"nothing to be sent on {self._settings.address}: {error}; check the cable") from error
 
-    def _arrived(self) -> bytes:
+    def _receive(self) -> bytes:
         try:
             waiting = self._port.in_waiting
             return self._port.read(waiting) if waiting else b""
@@ -119,30 +124,33 @@ class AtiSerialSensor:
             raise DeviceError(f"nothing to be received on {self._settings.address}: {error}; check the cable") from error
 
     def read(self) -> ForceSamples:
-        """Records since the last call. Raises DeviceError when they come at another rate than configured."""
+        """Records (m, 6) since the last call. Raises DeviceError if their rate differs from the settings."""
         self._read_s = self._clock.now_s()
-        data = self._without_head(self._arrived())
+        data = self._without_head(self._receive())
         found = self._stream.feed(data) if self._running else []
         return self._samples(found)
 
     def _without_head(self, data: bytes) -> bytes:
-        """Without the echo of the command that started the stream."""
+        """Removes the echo of the command that started the stream."""
         if self._head is None:
             return data
         self._head += data
-        rest = without_echo(self._head, AtiCommand.QUERY_STREAM)
-        if rest is None and len(self._head) < LONGEST_ECHO:
+        remainder = without_echo(self._head, AtiCommand.QUERY_STREAM)
+        if remainder is None and len(self._head) < LONGEST_ECHO:
             return b""
-        data, self._head = self._head if rest is None else rest, None
+        data, self._head = self._head if remainder is None else remainder, None
         return data
 
     def _samples(self, found: list[FoundRecord]) -> ForceSamples:
+        # Records missed before each found one take up their time slots.
         places = np.cumsum([one.missed + 1 for one in found], dtype=np.int64) - 1
         stamps_s = self._count.stamp(int(places[-1]) + 1 if len(found) else 0, self._read_s)[places]
         counts = np.array([one.record.counts for one in found], np.int32).reshape(-1, 6)
+        # The controller has one error flag for saturation and a disconnected transducer; it is reported as saturation.
         status = np.where([one.record.error for one in found], np.uint32(SATURATED), np.uint32(0)).astype(np.uint32)
         if found:
             self._inspect(counts, status, int(places[-1]) + 1)
+        # The record number follows from the device time, so that losses leave gaps in it.
         numbers = np.rint(stamps_s * self._settings.rate_Hz).astype(np.int64) + 1
         return ForceSamples(np.full(len(found), self._read_s), stamps_s, numbers, status, counts)
 
@@ -155,8 +163,9 @@ class AtiSerialSensor:
         self._garbled += sent - len(counts)
 
     def _check_rate(self, sent: int) -> None:
-        """Once, over the first second: a wrong rate would stretch the time base of the whole recording."""
+        """Checks the rate once, over the first second: a wrong one would stretch the time base of the whole recording."""
         if self._first_s is None:
+            # The first batch may have accumulated before the first read, so it is not counted.
             self._first_s, self._first_batch = self._read_s, sent
         elif not self._rate_checked and self._read_s - self._first_s >= RATE_CHECK_S:
             self._rate_checked = True
@@ -169,7 +178,7 @@ class AtiSerialSensor:
                 )
 
     def silent_s(self) -> float:
-        """Time from the `read` that last brought a record, or from the start, to the last `read`."""
+        """Time in s from the last `read` with a record, or from the start, to the last `read`."""
         return self._read_s - self._heard_s
 
     def scale(self) -> SensorScale:
@@ -216,9 +225,9 @@ class AtiSerialSensor:
 
 
 def _no_answer(command: AtiCommand, answer: bytes, settings: AtiSerialSettings) -> str:
-    asked = f"to {bytes(command).decode()!r}" if command else "to a carriage return"
-    heard = f"it said {answer[-40:]!r}" if answer else "it said nothing"
+    request = f"to {bytes(command).decode()!r}" if command else "to a carriage return"
+    reply = f"it said {answer[-40:]!r}" if answer else "it said nothing"
     return (
-        f"F/T controller on {settings.address or 'its serial port'} gives no prompt {asked} within {ANSWER_S:g} s, {heard}; "
+        f"F/T controller on {settings.address or 'its serial port'} gives no prompt {request} within {ANSWER_S:g} s, {reply}; "
         f"check its power, the cable, and that it is set to {settings.bits_per_s} bit/s"
     )

@@ -1,4 +1,4 @@
-"""Blocks of columns, as devices deliver them, put one after the other."""
+"""Concatenation of blocks of columns, as devices deliver them."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -13,6 +13,6 @@ Block = TypeVar("Block", ShaftSamples, ForceSamples, Records)
 
 
 def join(blocks: Sequence[Block]) -> Block:
-    """At least one block, one after the other, column by column."""
+    """Concatenates blocks of columns (m, ...) along the first axis, column by column; needs at least one block."""
     kind = type(blocks[0])
     return kind(*(np.concatenate([getattr(block, column.name) for block in blocks]) for column in fields(kind)))

@@ -1,4 +1,4 @@
-"""A camera that OpenCV can open: USB (UVC) cameras, and whatever the system offers as one."""
+"""Camera opened by OpenCV: USB (UVC) cameras, and other video devices of the system."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -11,12 +11,14 @@ from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import DeviceError
 
-STORED_FRAMES = 4  # drivers keep that many frames back; those are older than the call
-FIRST_FRAMES = 10  # until exposure and white balance have come to rest
+# Number of frames that camera drivers may buffer; these are older than the call and are discarded.
+STORED_FRAMES = 4
+# Frames to discard after opening, until exposure and white balance have settled.
+FIRST_FRAMES = 10
 
 
 class Capture(Protocol):
-    """What is used of cv2.VideoCapture."""
+    """The methods of cv2.VideoCapture that are used."""
 
     def isOpened(self) -> bool: ...
 
@@ -32,14 +34,14 @@ class Capture(Protocol):
 
 
 class OpenCvCamera:
-    """Implements `Camera`. Focus is taken out of the camera's hands: it changes the picture's scale, and with it the calibration."""
+    """Implements `Camera`. Autofocus is switched off: it changes the image scale, and with it the calibration."""
 
     def __init__(
         self, number: int, size_px: tuple[int, int], clock: Clock, open_capture: Callable[[int], Capture] = cv2.VideoCapture
     ) -> None:
-        """`number` as the system counts cameras, `size_px` (width, height).
+        """`number` is the camera's index in the system, `size_px` is (width, height).
 
-        Raises DeviceError where it does not open, or not in that size.
+        Raises DeviceError if it does not open, or not in that size.
         """
         self._number = number
         self._size_px = size_px
@@ -55,6 +57,7 @@ class OpenCvCamera:
         self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size_px[1])
         self._capture.set(cv2.CAP_PROP_AUTOFOCUS, 0)
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        # OpenCV ignores settings that a camera does not support, so the size is read back.
         given = (round(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)), round(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         if given != self._size_px:
             self.close()
@@ -66,20 +69,21 @@ class OpenCvCamera:
             self._grab()
 
     def photo(self) -> Photo:
+        """A photo (rows, columns, 3) in BGR order. Raises DeviceError if none arrives, or it is broken."""
         for _ in range(STORED_FRAMES):
             self._grab()
         self._grab()
         host_s = self._clock.now_s()
         self._taken += 1
-        return Photo(self._retrieved(), host_s, f"photo-{self._taken:03d}")
+        return Photo(self._retrieve(), host_s, f"photo-{self._taken:03d}")
 
     def _grab(self) -> None:
         if not self._capture.grab():
             raise DeviceError(f"camera {self._number} gives no picture; check its cable and power")
 
-    def _retrieved(self) -> NDArray[np.uint8]:
-        whole, image = self._capture.retrieve()
-        if not whole or image is None or image.shape != (self._size_px[1], self._size_px[0], 3) or image.dtype != np.uint8:
+    def _retrieve(self) -> NDArray[np.uint8]:
+        is_ok, image = self._capture.retrieve()
+        if not is_ok or image is None or image.shape != (self._size_px[1], self._size_px[0], 3) or image.dtype != np.uint8:
             raise DeviceError(f"camera {self._number} gave a broken picture; check its cable, or try a smaller size")
         return np.ascontiguousarray(image)
 

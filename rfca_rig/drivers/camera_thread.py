@@ -1,4 +1,4 @@
-"""A camera on a thread of its own, so that the loop that commands the drive goes on while a photo is exposed and carried over."""
+"""Camera on its own thread, so that the control loop goes on while a photo is exposed and transferred."""
 
 import queue
 import threading
@@ -8,9 +8,9 @@ from rfca_rig.errors import DeviceError
 
 
 class CameraThread:
-    """Implements `Photographer` with any `Camera`. One photo is under way at a time.
+    """Implements `Photographer` with any `Camera`. One photo is in progress at a time.
 
-    A camera that never answers keeps its thread, which ends with the process; everybody else goes on without it.
+    A camera that never answers blocks only its own daemon thread, which ends with the process.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -18,15 +18,16 @@ class CameraThread:
         self._identity = camera.identity()
         self._asked: queue.SimpleQueue[bool] = queue.SimpleQueue()
         self._answers: queue.SimpleQueue[Photo | Exception] = queue.SimpleQueue()
-        self._under_way = False
+        self._is_pending = False
         self._thread = threading.Thread(target=self._work, name="camera", daemon=True)
         self._thread.start()
 
     def begin(self) -> None:
-        self._answer()  # too late for whoever asked
-        if self._under_way:
+        # A photo that arrived too late for its request is discarded.
+        self._answer()
+        if self._is_pending:
             raise DeviceError("the camera has not answered since an earlier photo; unplug it and plug it in again before the next run")
-        self._under_way = True
+        self._is_pending = True
         self._asked.put(True)
 
     def taken(self) -> Photo | None:
@@ -40,7 +41,7 @@ class CameraThread:
             answer = self._answers.get_nowait()
         except queue.Empty:
             return None
-        self._under_way = False
+        self._is_pending = False
         return answer
 
     def _work(self) -> None:
@@ -53,13 +54,15 @@ class CameraThread:
     def _photo(self) -> Photo | Exception:
         try:
             return self._camera.photo()
-        except Exception as error:  # raised again on the loop's thread, by `taken`
+        # Any exception is passed on, and raised on the control loop's thread by `taken`.
+        except Exception as error:
             return error
 
     def close(self) -> None:
         self._answer()
         self._asked.put(False)
-        if not self._under_way:
+        if not self._is_pending:
+            # Joining while a photo is in progress could wait for ever on a dead camera.
             self._thread.join()
 
     def identity(self) -> dict[str, str]:

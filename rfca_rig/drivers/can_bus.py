@@ -1,4 +1,4 @@
-"""How a CAN bus is opened, as a value that another process can be given."""
+"""Settings of a CAN bus, as a picklable value that another process can open."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,9 @@ import can
 
 @dataclass(frozen=True)
 class CanBusSettings:
-    """What python-can is told; its own configuration (`CAN_CONFIG`, can.conf) adds what is not named here.
+    """Arguments of `can.Bus`; python-can's own configuration (`CAN_CONFIG`, can.conf) supplies the rest.
 
-    `data_bitrate` is that of CAN-FD's data phase, None for classic CAN.
+    `data_bitrate` is the bit rate of the CAN-FD data phase, None for classic CAN.
     """
 
     interface: str
@@ -18,7 +18,7 @@ class CanBusSettings:
     data_bitrate: int | None = None
 
     def open(self) -> can.BusABC:
-        """The bus, to be shut by the caller. Raises what python-can raises."""
+        """Opens the bus; the caller shuts it down. Raises what python-can raises."""
         if self.data_bitrate is None:
             return can.Bus(interface=self.interface, channel=self.channel, bitrate=self.bitrate)
         return can.Bus(interface=self.interface, channel=self.channel, bitrate=self.bitrate, data_bitrate=self.data_bitrate, fd=True)

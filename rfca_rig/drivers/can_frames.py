@@ -1,4 +1,4 @@
-"""Frames in and out of a CAN bus, with every failure of the bus as a DeviceError."""
+"""Sending and receiving CAN frames; every bus failure becomes a DeviceError."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,15 +10,17 @@ from rfca_rig.drivers.guard import LetGo
 from rfca_rig.errors import DeviceError
 
 UNGUARDED = "press the emergency stop if it turns"
+# Time in s for all torque-off frames together, and between two attempts. Drivers promise torque off within 20 ms.
 STOPPING_S = 0.02
 RETRY_S = 1e-3
-DAMMED_UP_S = 0.1  # who looks more rarely may find the system's buffer full, and frames missing anywhere in it
+# After a longer pause between two reads the receive buffer may have overflowed, with frames missing anywhere.
+DAMMED_UP_S = 0.1
 
 
 def arrived(bus: can.BusABC, health: BusHealth, remedy: str = UNGUARDED) -> Iterator[can.Message]:
     """Every data frame that the bus holds, oldest first; never waits.
 
-    Error frames go to `health`. Raises DeviceError, with what to do, on a failing bus or one that went off.
+    Error frames go to `health`. Raises DeviceError, with the remedy, if the bus fails or went bus-off.
     """
     try:
         while (message := bus.recv(timeout=0)) is not None:
@@ -26,7 +28,9 @@ def arrived(bus: can.BusABC, health: BusHealth, remedy: str = UNGUARDED) -> Iter
                 health.note(message)
             elif not message.is_remote_frame:
                 yield message
+        # Not every adapter reports bus-off by an error frame.
         health.look_at(bus)
+    # A torque-off by the guardian is reported with its own text, not as a bus failure.
     except LetGo as error:
         raise DeviceError(str(error)) from error
     except (can.CanError, OSError) as error:
@@ -34,7 +38,7 @@ def arrived(bus: can.BusABC, health: BusHealth, remedy: str = UNGUARDED) -> Iter
 
 
 def send(bus: can.BusABC, message: can.Message, remedy: str = UNGUARDED) -> None:
-    """Raises DeviceError when the bus does not take it."""
+    """Sends one frame without waiting. Raises DeviceError, with the remedy, if the bus does not accept it."""
     try:
         bus.send(message, timeout=0.0)
     except LetGo as error:
@@ -45,10 +49,10 @@ def send(bus: can.BusABC, message: can.Message, remedy: str = UNGUARDED) -> None
 
 
 def send_stop(bus: can.BusABC, clock: Clock, messages: Sequence[can.Message], remedy: str = UNGUARDED) -> None:
-    """Frames that take the torque away: one that is not taken is tried again, as a transmit queue may be full for a moment.
+    """Sends torque-off frames. A frame that is not accepted is tried again, as the transmit queue may be full for a moment.
 
-    Every frame is tried at least once, whatever became of the one before; all of it takes 20 ms at most. Raises DeviceError where
-    one was not taken.
+    Every frame is tried at least once, even if the one before failed; all of it takes 20 ms at most. Raises DeviceError if one was
+    not accepted.
     """
     until_s = clock.now_s() + STOPPING_S
     failures = [failure for message in messages if (failure := _failure(bus, clock, message, remedy, until_s)) is not None]

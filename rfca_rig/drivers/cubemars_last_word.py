@@ -1,4 +1,4 @@
-"""How a CubeMars AK drive is told to let go, and what shows that it did."""
+"""Torque-off frames of CubeMars AK drives, and the torque that their reports show afterwards."""
 
 from dataclasses import dataclass
 
@@ -10,17 +10,18 @@ from rfca_rig.codecs.cubemars_servo import STATUS_A, Status
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.drivers.cubemars_settings import MitSettings, ServoSettings
 
+# In steps of the reported torque or current: below ten steps a torque is not distinguished from zero.
 LEAST_LOAD_COUNTS = 10
 
 
 @dataclass(frozen=True)
 class MitLastWord:
-    """In MIT mode: a command without gains, which the drive would remember, then the end of the mode. Both are answered."""
+    """Torque off in MIT mode: a command with zero gains, as the drive remembers the last one, then EXIT. The drive answers both."""
 
     settings: MitSettings
 
     def limp(self) -> can.Message:
-        """No gains, and of the two codes nearest to no torque one: less than a thousandth of the range, and only while energised."""
+        """Command with zero gains. Zero torque has no code; the nearest one is under 0.001 of the range, and acts only while enabled."""
         return self._to_drive(encode_command(self.settings.ranges, MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)))
 
     def frames(self) -> tuple[can.Message, ...]:
@@ -31,6 +32,7 @@ class MitLastWord:
 
     def torque_Nm(self, message: can.Message) -> float | None:
         drive = self.settings.drive_id
+        # Replies come under id 0 or the drive's own, depending on firmware; the first byte names the drive.
         if message.is_extended_id or message.arbitration_id not in {0, drive} or not message.data or message.data[0] != drive:
             return None
         try:
@@ -39,12 +41,13 @@ class MitLastWord:
             return None
 
     def least_Nm(self) -> float:
+        # The torque field has 12 bits over the range -torque_Nm..torque_Nm: 4095 steps.
         return LEAST_LOAD_COUNTS * 2.0 * self.settings.ranges.torque_Nm / 4095
 
 
 @dataclass(frozen=True)
 class ServoLastWord:
-    """In servo mode: a current of zero. The drive says its current on its own."""
+    """Torque off in servo mode: a current of zero. The drive reports its current cyclically."""
 
     settings: ServoSettings
 

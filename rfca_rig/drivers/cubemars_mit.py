@@ -1,4 +1,4 @@
-"""A CubeMars / T-Motor AK drive in MIT mode on a CAN bus as the motor on the shaft."""
+"""Driver for a CubeMars / T-Motor AK drive in MIT mode on a CAN bus."""
 
 from math import isfinite
 
@@ -19,16 +19,17 @@ from rfca_rig.errors import DeviceError
 __all__ = ["CubemarsMitMotor", "MitSettings"]
 
 POLL_S = 2e-3
-HELD_S = 0.05  # how long the drive is watched after it was energised
+# Watch time after energising, and the motion in that time from which the scale or sign must be wrong.
+HELD_S = 0.05
 MOST_MOVED_RAD = 0.1
 
 
 class MovingTarget:
-    """Turns angle errors into speed: demanded speed = commanded speed + gain * (target - angle).
+    """Outer loop that converts angle errors to speed: demanded speed = commanded speed + gain * (target - angle).
 
-    Under a commanded speed the target moves along with it, so what a load holds the shaft back is made up for: together with a
-    drive that gives torque in proportion to speed error this is a speed loop with an integrator. The target never gets further
-    from the shaft than `most_behind_rad`, where the drive gives all it has: nothing winds up.
+    Under a commanded speed the target moves at that speed, so the lag that a load causes is made up later. Together with a drive
+    whose torque is proportional to the speed error, this is a speed loop with an integrator. The target stays within
+    `most_behind_rad` of the shaft, where the drive gives its largest torque; this is the anti-windup.
     """
 
     def __init__(self, gain_per_s: float, most_behind_rad: float, angle_rad: float, now_s: float) -> None:
@@ -39,13 +40,14 @@ class MovingTarget:
         self._since_s = now_s
 
     def speed_to_angle(self, target_rad: float, speed_rad_s: float, angle_rad: float, now_s: float) -> float:
-        """The speed that leads to an angle moving at `speed_rad_s`, with the shaft at `angle_rad` now."""
+        """Speed in rad/s towards a target that moves at `speed_rad_s`, with the shaft at `angle_rad` now."""
         self._target_rad, self._speed_rad_s, self._since_s = target_rad, speed_rad_s, now_s
         return speed_rad_s + self._gain_per_s * (target_rad - angle_rad)
 
     def speed_for(self, speed_rad_s: float, angle_rad: float, now_s: float) -> float:
-        """The speed that keeps up with a commanded speed, with the shaft at `angle_rad` now."""
+        """Speed in rad/s that makes the shaft keep up with a commanded speed, with the shaft at `angle_rad` now."""
         moved_rad = self._target_rad + self._speed_rad_s * (now_s - self._since_s)
+        # Anti-windup: beyond this error the torque is saturated, and a larger one would only cause overshoot later.
         nearest_rad = min(max(moved_rad, angle_rad - self._most_behind_rad), angle_rad + self._most_behind_rad)
         return self.speed_to_angle(nearest_rad, speed_rad_s, angle_rad, now_s)
 
@@ -53,15 +55,15 @@ class MovingTarget:
 class CubemarsMitMotor:
     """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and `prove_watchdog`.
 
-    The drive's position field is not used (kp = 0): it reaches 12.5 rad either way, the shaft turns on, and firmware differs in
-    what it makes of a target beyond; no position that is wrong by a turn can so become a torque. The drive damps towards a speed
-    (kd), the driver makes that speed out of the angle error, at the rate at which it is called. What the speed field rounds away
-    goes into the torque field. The drive says nothing unasked, and not whether it is in MIT mode: a missing torque shows as a
-    shaft that does not follow.
+    The drive's position field is not used (kp = 0). It covers only +-12.5 rad while the shaft turns further, and firmware differs
+    in how it treats a target beyond. With kp = 0 a position wrong by a turn cannot become a torque. The drive controls speed (kd);
+    the driver computes that speed from the angle error at each call. The rounding error of the speed field goes into the torque
+    field. The drive sends nothing unasked and does not report whether it is in MIT mode: missing torque shows as a shaft that does
+    not follow.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MitSettings, guard: Guard | None = None) -> None:
-        """`guard` holds the bus where there is one; nearly no firmware has a watchdog of its own."""
+        """`guard` is the guardian that holds the bus, if any; hardly any firmware has a watchdog of its own."""
         self._bus = bus
         self._clock = clock
         self._settings = settings
@@ -72,10 +74,13 @@ class CubemarsMitMotor:
         self._target: MovingTarget | None = None
 
     def enable(self) -> None:
-        """Energises, holding the shaft where it stands: a command without gains overwrites what the drive remembers before.
+        """Energises the motor and holds the shaft. A command with zero gains first overwrites the one that the drive remembers.
 
-        Raises DeviceError saying what is missing: any frame, this drive's replies, MIT mode; with what error the drive refuses;
-        or that the shaft does not come to rest before, or moved. The motor is off after a refusal.
+        Raises DeviceError, and leaves the motor off, if
+
+        - no frame or no reply of this drive arrives, or it is not in MIT mode;
+        - the drive refuses with an error;
+        - the shaft does not come to rest before, or moves afterwards.
         """
         self.disable()
         if self._replies.zero_lost is not None:
@@ -84,7 +89,9 @@ class CubemarsMitMotor:
         await_standing(self._clock, self._limp_speed_rad_s)
         self._target = self._target_at(self._replies.angle_rad)
         began_rad, until_s = self._replies.angle_rad, self._clock.now_s() + HELD_S
+        # The guardian is armed before the frame that energises, so that no gap is left unguarded.
         self._arm()
+        # ENTER puts the last command into force; the commands without gains sent before make it harmless.
         self._send(encode_special(Special.ENTER))
         while self._clock.now_s() < until_s:
             self._command_angle(began_rad, 0.0)
@@ -101,7 +108,8 @@ class CubemarsMitMotor:
 
     def _await_replies(self) -> None:
         self._replies.drain()
-        self._replies.samples()  # answers to what was asked before a pause, taken for answers to what was asked now
+        # Replies from before a pause could be assigned to requests made now, so they are discarded.
+        self._replies.samples()
         self._replies.recount()
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         while self._replies.missing() is not None:
@@ -130,19 +138,19 @@ class CubemarsMitMotor:
             raise DeviceError(f"drive not enabled: drive {self._settings.drive_id} refuses with {error_text(reply.error)}")
 
     def command_speed(self, speed_rad_s: float) -> None:
-        """Asks for a shaft speed. Raises DeviceError when the frame cannot be sent, or beyond the drive's range of speeds."""
-        target, now_s = self._enabled(_finite(speed_rad_s, "speed")), self._clock.now_s()
+        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent, or beyond the drive's speed range."""
+        target, now_s = self._require_enabled(_finite(speed_rad_s, "speed")), self._clock.now_s()
         self._send_speed(target.speed_for(speed_rad_s, self._replies.angle_at(now_s), now_s))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Asks for a shaft angle. Raises DeviceError when the frame cannot be sent, or beyond the drive's range of speeds."""
+        """Commands a shaft angle. Raises DeviceError if the frame cannot be sent, or beyond the drive's speed range."""
         self._command_angle(_finite(angle_rad, "angle"), _finite(speed_rad_s, "speed"))
 
     def _command_angle(self, angle_rad: float, speed_rad_s: float) -> None:
-        target, now_s = self._enabled(speed_rad_s), self._clock.now_s()
+        target, now_s = self._require_enabled(speed_rad_s), self._clock.now_s()
         self._send_speed(target.speed_to_angle(angle_rad, speed_rad_s, self._replies.angle_at(now_s), now_s))
 
-    def _enabled(self, speed_rad_s: float) -> MovingTarget:
+    def _require_enabled(self, speed_rad_s: float) -> MovingTarget:
         limit_rad_s = self._settings.ranges.speed_rad_s
         if self._target is None:
             raise DeviceError("drive is not enabled; nothing was sent to it")
@@ -153,29 +161,31 @@ class CubemarsMitMotor:
 
     def _send_speed(self, speed_rad_s: float) -> None:
         ranges, gain, direction = self._settings.ranges, self._settings.speed_gain_Nm_s_per_rad, self._settings.direction
-        wanted_rad_s = direction * min(max(speed_rad_s, -ranges.speed_rad_s), ranges.speed_rad_s)
-        carried_rad_s = nearest_speed(ranges, wanted_rad_s)
-        rounded_away_Nm = gain * (wanted_rad_s - carried_rad_s)
-        self._send(encode_command(ranges, MitCommand(0.0, carried_rad_s, 0.0, gain, rounded_away_Nm)))
+        clipped_rad_s = direction * min(max(speed_rad_s, -ranges.speed_rad_s), ranges.speed_rad_s)
+        encoded_rad_s = nearest_speed(ranges, clipped_rad_s)
+        # The 12 bit speed field is coarse; kd times its rounding error as feed-forward torque makes up for it.
+        compensation_Nm = gain * (clipped_rad_s - encoded_rad_s)
+        self._send(encode_command(ranges, MitCommand(0.0, encoded_rad_s, 0.0, gain, compensation_Nm)))
 
     def disable(self) -> None:
-        """Takes the torque away, within 20 ms. Raises DeviceError when a frame cannot be sent; only a guardian may stop it then."""
+        """Disables the motor within 20 ms. Raises DeviceError if a frame cannot be sent; then only a guardian can stop it."""
         self._target = None
         try:
+            # The drive answers both torque-off frames, so two requests are noted afterwards.
             send_stop(self._bus, self._clock, self._last_word.frames())
         finally:
             self._replies.asked()
             self._replies.asked()
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Says nothing for `limit_s`, then asks once, and returns the time that passed: the drive let go within it.
+        """Sends nothing for `limit_s`, then asks once; returns the time in s, within which the motor was disabled.
 
-        With a guardian, it says nothing until that let go and the drive answered it, and returns the time until it was seen without
-        torque; `identity` says what that rests on.
+        With a guardian, it sends nothing until the guardian has acted and the drive has answered it. It then returns the time until
+        the reports showed no torque; `identity` records the evidence.
 
-        A drive in MIT mode does not tell what state it is in, and not every firmware has a watchdog. What shows it is a load that
-        it held before, the leg's weight, and holds no more; or that it does not answer, because something cut its supply. The
-        motor is off afterwards. Raises DeviceError where it still holds, or held nothing from which it could be told.
+        A drive in MIT mode does not report its state, and not every firmware has a watchdog. The evidence is a load, the leg's
+        weight, that the motor held before and no longer holds. A drive that does not answer, because its supply was cut, is evidence
+        too. The motor is off afterwards. Raises DeviceError if it still holds, or held too little to decide.
         """
         self._replies.drain()
         held_Nm = self._replies.torque_Nm
@@ -183,12 +193,12 @@ class CubemarsMitMotor:
             return self._prove_guard(self._guard, held_Nm, limit_s)
         started_s = self._clock.now_s()
         self._clock.wait_until(started_s + limit_s)
-        still_there = self._asked_once()
+        has_answered = self._ask_once()
         elapsed_s = self._clock.now_s() - started_s
-        let_go = not still_there or abs(self._replies.torque_Nm) < LET_GO * abs(held_Nm)
+        is_off = not has_answered or abs(self._replies.torque_Nm) < LET_GO * abs(held_Nm)
         self.disable()
-        if still_there:
-            self._refuse_proof(held_Nm, let_go, limit_s)
+        if has_answered:
+            self._refuse_proof(held_Nm, is_off, limit_s)
         return elapsed_s
 
     def _prove_guard(self, guard: Guard, held_Nm: float, limit_s: float) -> float:
@@ -199,16 +209,17 @@ class CubemarsMitMotor:
         self._proof = proof.seen
         return proof.took_s
 
-    def _asked_once(self) -> bool:
-        """ENTER changes neither set-points nor, in firmware that has a watchdog, its count; but it is answered."""
+    def _ask_once(self) -> bool:
+        """Requests one reply by ENTER, which changes neither set-points nor the watchdog count; returns whether it came."""
         self._replies.drain()
         self._replies.recount()
         self._send(encode_special(Special.ENTER))
+        # Ten polls of 2 ms: an answer comes at once, plus the delays of adapter and bus.
         for _ in range(10):
             self._wait_and_drain()
         return self._replies.heard > 0
 
-    def _refuse_proof(self, held_Nm: float, let_go: bool, limit_s: float) -> None:
+    def _refuse_proof(self, held_Nm: float, is_off: bool, limit_s: float) -> None:
         least_Nm = self._last_word.least_Nm()
         remedy = "let a guardian hold its bus (guardian = true), or put a relay into its supply that opens when this computer falls silent"
         if abs(held_Nm) < least_Nm:
@@ -216,18 +227,18 @@ class CubemarsMitMotor:
                 f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too little to see it let go (at least "
                 f"{least_Nm:.3f}); park the leg off the vertical, or {remedy}"
             )
-        if not let_go:
+        if not is_off:
             raise DeviceError(
                 f"drive has no watchdog that stopped it within {limit_s:g} s of silence, as many AK drives in MIT mode; {remedy}"
             )
 
     def read(self) -> ShaftSamples:
-        """Samples since the last call. Raises DeviceError on a failing bus or a frame that cannot be read."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
         self._replies.drain()
         return self._replies.samples()
 
     def status(self) -> MotorStatus:
-        """The state is what was ordered: the drive tells only its errors."""
+        """State of the drive. The state text is what was commanded: the drive reports errors only."""
         state = "off" if self._target is None else "MIT mode"
         reply = self._replies.reply
         temperature_C = None if reply is None or reply.temperature_degC is None else float(reply.temperature_degC)
@@ -237,6 +248,7 @@ class CubemarsMitMotor:
         reply, silent_s, limit_s = self._replies.reply, self._replies.silent_s, self._settings.reply_timeout_s
         if reply is not None and reply.error:
             return error_text(reply.error)
+        # Motion faults count only while enabled: before, the drive is asked rarely and the shaft may be moved by hand.
         if self._target is not None and (fault := self._replies.form_fault or self._replies.motion_fault) is not None:
             return fault
         if silent_s > limit_s:
@@ -244,7 +256,7 @@ class CubemarsMitMotor:
         return self._replies.health.fault
 
     def identity(self) -> dict[str, str]:
-        """For the recording; whether the firmware sends errors is known after `enable`."""
+        """For the recording. Whether the firmware sends errors is known after `enable`."""
         settings, reply = self._settings, self._replies.reply
         return {
             "make": "CubeMars AK, MIT mode",

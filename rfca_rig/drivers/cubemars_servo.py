@@ -1,4 +1,4 @@
-"""A CubeMars / T-Motor AK drive in servo mode on a CAN bus as the motor on the shaft."""
+"""Driver for a CubeMars / T-Motor AK drive in servo mode on a CAN bus."""
 
 from math import isfinite
 
@@ -19,24 +19,28 @@ from rfca_rig.errors import DeviceError
 
 __all__ = ["CubemarsServoMotor", "ServoSettings"]
 
+# Poll interval in s while waiting.
 POLL_S = 2e-3
-GENTLY_RAD_S = 0.3  # at most, while the drive is energised: a position counter that is off shows by motion
+# Speed and acceleration limits while the drive is energised. A wrong turn counter then shows as slow motion.
+GENTLY_RAD_S = 0.3
 GENTLY_RAD_S2 = 10.0
+# Watch time and allowed motion: 0.3 rad/s over 0.4 s is 0.12 rad, more than the limit of 0.08 rad.
 HELD_S = 0.4
 MOST_MOVED_RAD = 0.08
+# Time for which torque or status must be gone before the motor counts as off.
 LET_GO_S = 0.05
 
 
 class CubemarsServoMotor:
     """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and `prove_watchdog`.
 
-    The loops are the drive's own, with gains set by CubeMarsTool. It takes orders at any time: there is no enabling frame, and
-    a current of zero is what takes the torque away. Positions are absolute and of many turns, while the status frame shows them
-    in 16 bits: after more than nine turns in an earlier session what it shows is off by 6553.6 degrees. `enable` finds that out.
+    The control loops run in the drive, with gains set by CubeMarsTool. It accepts commands at any time: there is no enable frame, and
+    a current of zero disables the motor. Commanded positions are absolute over many turns, but the status frame reports them in
+    16 bits. After more than nine turns in an earlier session the reported position is off by 6553.6 degrees; `enable` detects this.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: ServoSettings, guard: Guard | None = None) -> None:
-        """`guard` holds the bus where there is one; nearly no firmware has a watchdog of its own."""
+        """`guard` is the guardian that holds the bus, if any; hardly any firmware has a watchdog of its own."""
         self._bus = bus
         self._clock = clock
         self._settings = settings
@@ -47,34 +51,40 @@ class CubemarsServoMotor:
         self._armed = False
 
     def enable(self) -> None:
-        """Energises, holding the shaft where it stands: first as a position with a low limit of speed, so that nothing can jump.
+        """Energises the motor and holds the shaft, first by a position command with a low speed limit, so that nothing can jump.
 
-        Raises DeviceError saying what is missing: any frame, this drive's status at the configured rate; with what error the
-        drive refuses; that the shaft does not come to rest before; or that it began to turn, because the drive counts its turns
-        otherwise than it shows. The motor is off after that.
+        Raises DeviceError, and leaves the motor off, if
+
+        - no frame, or no status of this drive at the configured rate, arrives;
+        - the drive refuses with an error;
+        - the shaft does not come to rest before;
+        - the shaft starts to turn, because the drive's turn counter differs from the position that it reports.
         """
         self.disable()
         if self._reports.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
         self._await_status()
+        # Motion while energising is the sign of a wrong turn counter, so the shaft must be at rest before.
         await_standing(self._clock, self._limp_speed_rad_s)
         if self._guard is not None:
+            # Before the first frame that energises: from here on a silence must disable the motor.
             arm(self._guard)
         self._hold_gently(self._reports.position_deg, self._reports.angle_rad)
         self._armed = True
 
     def _await_status(self) -> None:
         self._reports.drain()
-        self._reports.samples()  # what has dammed up while nobody looked has holes, and is handed to nobody
-        set_s = self._settings.status_period_s
-        seen_s = period_fault(self._watched_period_s, set_s)
-        if seen_s is not None:
+        # Frames that piled up during a pause may have gaps, so they are discarded.
+        self._reports.samples()
+        configured_s = self._settings.status_period_s
+        measured_s = period_fault(self._measure_period_s, configured_s)
+        if measured_s is not None:
             raise DeviceError(
-                f"drive not enabled: status frames come every {1e3 * seen_s:.2g} ms, the settings say "
-                f"{1e3 * set_s:g} ms; set the drive's upload rate or status_period_s"
+                f"drive not enabled: status frames come every {1e3 * measured_s:.2g} ms, the settings say "
+                f"{1e3 * configured_s:g} ms; set the drive's upload rate or status_period_s"
             )
 
-    def _watched_period_s(self) -> float:
+    def _measure_period_s(self) -> float:
         self._reports.recount()
         started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
         look_s = LOOK_REPORTS * self._settings.status_period_s
@@ -97,6 +107,7 @@ class CubemarsServoMotor:
             self._wait_and_drain()
             self._refuse_if_moved(angle_rad)
         self._refuse_if_error()
+        # The same position without a speed limit, now that it is known to be the present one.
         self._send(cubemars_servo.set_position(self._settings.drive_id, position_deg))
 
     def _refuse_if_moved(self, began_rad: float) -> None:
@@ -115,40 +126,40 @@ class CubemarsServoMotor:
             raise DeviceError(f"drive not enabled: drive {self._settings.drive_id} refuses with {error_text(status.error)}")
 
     def command_speed(self, speed_rad_s: float) -> None:
-        """Asks for a shaft speed. Raises DeviceError when the frame cannot be sent, or beyond 100 000 ERPM.
+        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent, or beyond 100 000 ERPM.
 
-        Some firmware lets go near a speed of zero; to hold, command an angle.
+        Some firmware disables the motor near a speed of zero; to hold the shaft, command an angle.
         """
         erpm = _finite(speed_rad_s, "speed") * self._settings.erpm_s_per_rad
         self._send(cubemars_servo.set_speed(self._check_armed(), erpm))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Asks for a shaft angle; the drive has no field for the speed of a moving target and falls behind by what its loop leaves.
+        """Commands a shaft angle. The drive has no field for the speed of a moving target, so it lags by the error of its loop.
 
-        Raises DeviceError when the frame cannot be sent, or beyond 100 turns.
+        Raises DeviceError if the frame cannot be sent, or beyond 100 turns.
         """
         _finite(speed_rad_s, "speed")
         position_deg = self._settings.deg(_finite(angle_rad, "angle"))
         self._send(cubemars_servo.set_position(self._check_armed(), position_deg))
 
     def _check_armed(self) -> int:
-        """Not before `enable`: it alone knows that a position means what the status shows."""
+        """The drive id, once enabled. Only `enable` verifies that commanded and reported positions agree."""
         if not self._armed:
             raise DeviceError("drive is not enabled; nothing was sent to it")
         return self._settings.drive_id
 
     def disable(self) -> None:
-        """Takes the torque away, within 20 ms. Raises DeviceError when the frame cannot be sent; only a guardian may stop it then."""
+        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; then only a guardian can stop it."""
         self._armed = False
         send_stop(self._bus, self._clock, self._last_word.frames())
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Says nothing until the drive lets go, of itself or told by its guardian, and returns how long that took.
+        """Sends nothing until the motor is disabled, by the drive itself or by its guardian; returns the time in s that this took.
 
-        The status does not tell it, and not every firmware has a watchdog. What shows it is a load that it held before, the leg's
-        weight, and holds no more; or that the status ends, because something cut its supply. The motor is off afterwards. Raises
-        DeviceError where it still holds, or held nothing from which it could be told; a guardian is believed without a load that
-        the bus took its frames, and `identity` says so.
+        The status does not report torque off, and not every firmware has a watchdog. The evidence is a load, the leg's weight, that
+        the motor held before and no longer holds. A status that ends, because a relay cut the supply, is evidence too. The motor is
+        off afterwards. Raises DeviceError if the motor still holds, or held too little to decide. With a guardian and no load, it is enough
+        that the bus took the guardian's frames; `identity` records this.
         """
         self._reports.drain()
         held_Nm, started_s = self._reports.torque_Nm, self._clock.now_s()
@@ -158,9 +169,11 @@ class CubemarsServoMotor:
         while self._clock.now_s() - started_s <= limit_s:
             self._wait_and_drain()
             if abs(self._reports.torque_Nm) >= LET_GO * abs(held_Nm) and self._reports.silent_s < LET_GO_S:
+                # Still holding: a good share of the torque, reported recently.
                 holding_s = self._clock.now_s()
-            if self._clock.now_s() - holding_s > LET_GO_S and (self._loaded(held_Nm) or self._reports.silent_s > LET_GO_S):
+            if self._clock.now_s() - holding_s > LET_GO_S and (self._is_loaded(held_Nm) or self._reports.silent_s > LET_GO_S):
                 self.disable()
+                # The torque disappeared within one poll after the last time that it was seen.
                 return holding_s - started_s + POLL_S
         self.disable()
         raise DeviceError(self._refusal(held_Nm, limit_s))
@@ -173,12 +186,12 @@ class CubemarsServoMotor:
         self._proof = proof.seen
         return proof.took_s
 
-    def _loaded(self, held_Nm: float) -> bool:
+    def _is_loaded(self, held_Nm: float) -> bool:
         return abs(held_Nm) >= self._last_word.least_Nm()
 
     def _refusal(self, held_Nm: float, limit_s: float) -> str:
         remedy = "let a guardian hold its bus (guardian = true), or put a relay into its supply that opens when this computer falls silent"
-        if self._loaded(held_Nm):
+        if self._is_loaded(held_Nm):
             return f"drive has no watchdog that stopped it within {limit_s:g} s of silence; set its CAN timeout if it has one, or {remedy}"
         return (
             f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too little to see it let go (at least "
@@ -186,12 +199,12 @@ class CubemarsServoMotor:
         )
 
     def read(self) -> ShaftSamples:
-        """Samples since the last call. Raises DeviceError on a failing bus or a frame that cannot be read."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
         self._reports.drain()
         return self._reports.samples()
 
     def status(self) -> MotorStatus:
-        """The state is what was ordered: the drive tells only its errors."""
+        """State of the drive. The state text is what was commanded: the drive reports errors only."""
         status = self._reports.status
         temperature_C = None if status is None else float(status.temperature_degC)
         return MotorStatus("servo mode" if self._armed else "off", self._fault(), self._reports.silent_s, temperature_C)
@@ -200,6 +213,7 @@ class CubemarsServoMotor:
         status, silent_s, limit_s = self._reports.status, self._reports.silent_s, self._settings.status_timeout_s
         if status is not None and status.error:
             return error_text(status.error)
+        # Before enabling, a position that jumps does no harm, and `enable` checks it again.
         if self._armed and self._reports.motion_fault is not None:
             return self._reports.motion_fault
         if silent_s > limit_s:

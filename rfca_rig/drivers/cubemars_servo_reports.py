@@ -1,4 +1,4 @@
-"""What an AK drive in servo mode says: its periodic status, taken in, kept apart from others, and stamped."""
+"""Receives and time-stamps the cyclic status of one AK drive in servo mode, and keeps other frames apart."""
 
 import can
 import numpy as np
@@ -14,17 +14,23 @@ from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.drivers.speed_check import SpeedCheck
 from rfca_rig.drivers.wrapped_position import WrappedPosition
 
-ENDS = frozenset({-32768, -32000, 32000, 32767})  # of the field, and of what the manual says it is held to
+# Ends of the 16 bit field, and of the range to which the manual says the position is limited.
+ENDS = frozenset({-32768, -32000, 32000, 32767})
+# Margin in rad at the shaft, on top of the fastest possible motion, before a step counts as a jump.
 LEAP_RAD = 0.3
 
 
 class ServoReports:
-    """Listens for one drive. `status` is its last frame, heard at host time `heard_s`; angle (continuous), speed and torque the shaft's."""
+    """Receives the status of one drive.
+
+    `status` is its last frame, received at host time `heard_s`. Angle (continuous over turns), speed and torque are those of the shaft.
+    """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: ServoSettings) -> None:
         self._bus = bus
         self._clock = clock
         self._settings = settings
+        # The status frame carries no time and no number, so device time comes from counting frames.
         self._count = FrameCount(settings.status_period_s)
         rad_per_count = abs(settings.angle_rad(1) - settings.angle_rad(0))
         fastest_rad_s = MOST_ERPM / abs(settings.erpm_s_per_rad)
@@ -38,7 +44,7 @@ class ServoReports:
         self.recount()
 
     def recount(self) -> None:
-        """What `missing` speaks of begins now; faults of the motion are forgiven."""
+        """Restarts the counters behind `missing`, and clears motion faults."""
         self._position.forgive()
         self._speed.forgive()
         self._foreign: set[int] = set()
@@ -46,18 +52,20 @@ class ServoReports:
         self.heard = 0
 
     def drain(self) -> None:
-        """Takes in everything the bus holds; never waits. Raises DeviceError on a failing bus or a frame that cannot be read."""
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or a frame cannot be decoded."""
         before_s, self.drained_s = self.drained_s, self._clock.now_s()
         reports: list[Status] = []
         try:
             for message in arrived(self._bus, self.health):
                 self._take(message, reports)
+        # Frames decoded before a failure are still stamped and handed out.
         finally:
             for report, device_s in zip(reports, self._count.stamp(len(reports), self.drained_s).tolist(), strict=True):
                 self._follow(report, device_s, is_whole=self.drained_s - before_s < DAMMED_UP_S)
 
     def _take(self, message: can.Message, reports: list[Status]) -> None:
         if not message.is_extended_id:
+            # MIT mode uses standard frames, servo mode extended ones.
             self._standard = True
         elif message.arbitration_id >> 8 == Packet.STATUS:
             drive = cubemars_servo.drive_of(message.arbitration_id)
@@ -68,7 +76,7 @@ class ServoReports:
                 self._foreign.add(drive)
 
     def _follow(self, report: Status, device_s: float, is_whole: bool) -> None:
-        """Of what has dammed up while nobody looked, nobody knows where frames are missing."""
+        """Takes in one status. After a long pause (`is_whole` False) frames may be missing anywhere, so no jump is looked for."""
         settings = self._settings
         self.status, self.heard_s = report, self.drained_s
         self.heard += 1
@@ -81,7 +89,7 @@ class ServoReports:
         self._rows.append((self.drained_s, device_s, self.angle_rad, self.speed_rad_s, self.torque_Nm))
 
     def samples(self) -> ShaftSamples:
-        """Everything drained since the last call."""
+        """Samples (m,) drained since the last call."""
         rows, self._rows = np.array(self._rows, np.float64).reshape(-1, 5), []
         return ShaftSamples(*rows.T.copy())
 
@@ -91,21 +99,21 @@ class ServoReports:
 
     @property
     def silent_s(self) -> float:
-        """Since the last status frame, as of the last `drain`."""
+        """Time in s since the last status frame, at the last `drain`."""
         return self.drained_s - self.heard_s
 
     @property
     def motion_fault(self) -> str | None:
-        """What is wrong with the reported motion, since `recount`."""
+        """An error of the reported motion since `recount`, or None."""
         return self._position.fault or self._speed.fault or self._count.fault
 
     @property
     def zero_lost(self) -> str | None:
-        """Why the angle is not to be believed any more; not forgiven."""
+        """Why the angle can no longer be trusted, or None. Never reset."""
         return self._position.leap
 
     def missing(self) -> str | None:
-        """Why there is no status since `recount`, and what to do about it; None where there is one."""
+        """Why there is no status since `recount`, and the remedy; None if there is one."""
         drive = self._settings.drive_id
         if self.heard:
             return None

@@ -1,4 +1,4 @@
-"""How a CubeMars AK drive turns the shaft, as its driver must know it: address, scale, direction, zero."""
+"""Settings of a CubeMars AK drive in MIT or servo mode: address, scale, direction, zero."""
 
 from dataclasses import dataclass
 from math import isfinite, radians, tau
@@ -7,15 +7,16 @@ from rfca_rig.codecs.cubemars_ranges import GAIN_Nm_S_PER_RAD, MitRanges, mit_ra
 from rfca_rig.codecs.cubemars_servo import STATUS_DEG
 from rfca_rig.errors import BadInput
 
-MOST_MIT_ID = 126  # from 127 on the drive's id could be the first byte of a command, and a command heard back a reply
+# From 127 on the drive id could equal the first byte of a command, and an echoed command would pass for a reply.
+MOST_MIT_ID = 126
 
 
 @dataclass(frozen=True)
 class MitSettings:
-    """A drive in MIT mode. Raises BadInput for values that cannot be, and for a model that is not in the table.
+    """Settings of a drive in MIT mode. Raises BadInput for invalid values, and for a model that is not in the table.
 
-    `zero_rad` is what the drive reports with the leg horizontal. `speed_gain_Nm_s_per_rad` (kd, up to 5) is the drive's loop;
-    `angle_gain_per_s` is the driver's: it turns an angle error into speed.
+    `zero_rad` is the reported position with the leg horizontal. `speed_gain_Nm_s_per_rad` (kd, up to 5) belongs to the drive's loop.
+    `angle_gain_per_s` belongs to the driver: it converts an angle error to a speed.
     """
 
     drive_id: int
@@ -24,6 +25,7 @@ class MitSettings:
     zero_rad: float = 0.0
     speed_gain_Nm_s_per_rad: float = GAIN_Nm_S_PER_RAD
     angle_gain_per_s: float = 20.0
+    # Silence in s from which the drive is at fault, and the limit for enabling.
     reply_timeout_s: float = 0.35
     enable_timeout_s: float = 1.0
 
@@ -35,6 +37,7 @@ class MitSettings:
         _check_finite("zero_rad", self.zero_rad)
         for name in ("speed_gain_Nm_s_per_rad", "angle_gain_per_s", "reply_timeout_s", "enable_timeout_s"):
             _check_positive(name, getattr(self, name))
+        # The upper end of the kd field in the MIT frame.
         if self.speed_gain_Nm_s_per_rad > GAIN_Nm_S_PER_RAD:
             raise BadInput(f"drive: speed_gain_Nm_s_per_rad is {self.speed_gain_Nm_s_per_rad:g}, limit {GAIN_Nm_S_PER_RAD:g}")
 
@@ -44,16 +47,17 @@ class MitSettings:
 
     @property
     def most_behind_rad(self) -> float:
-        """The angle error at which the drive's torque field is exhausted."""
+        """Angle error in rad at which the drive reaches its largest torque."""
+        # The torque is kd times the demanded speed, which is the angle error times the angle gain.
         return self.ranges.torque_Nm / (self.speed_gain_Nm_s_per_rad * self.angle_gain_per_s)
 
 
 @dataclass(frozen=True)
 class ServoSettings:
-    """A drive in servo mode. Raises BadInput for values that cannot be.
+    """Settings of a drive in servo mode. Raises BadInput for invalid values.
 
-    `gear_ratio` is motor turns per shaft turn, `pole_pairs` the motor's (CubeMarsTool shows both), `torque_constant_Nm_per_A` the
-    motor's before the gear, `zero_deg` what the drive reports with the leg horizontal, `status_period_s` its upload rate.
+    `gear_ratio` is motor turns per shaft turn, `pole_pairs` the motor's (CubeMarsTool shows both). `torque_constant_Nm_per_A` is the
+    motor's before the gear, `zero_deg` the reported position with the leg horizontal, `status_period_s` the upload period.
     """
 
     drive_id: int
@@ -75,21 +79,22 @@ class ServoSettings:
             _check_positive(name, getattr(self, name))
 
     def angle_rad(self, position_count: int) -> float:
-        """The shaft's angle at a count of the status frame, turns counted on."""
+        """Shaft angle in rad from a position count of the status frame, unwrapped over turns."""
         return self.direction * radians(STATUS_DEG * position_count - self.zero_deg)
 
     def deg(self, angle_rad: float) -> float:
-        """What the drive calls a shaft angle."""
+        """Drive position in degrees at a shaft angle in rad."""
         return self.zero_deg + self.direction * angle_rad * 360.0 / tau
 
     @property
     def erpm_s_per_rad(self) -> float:
-        """Signed: electrical revolutions per minute at a shaft speed of 1 rad/s."""
+        """Electrical revolutions per minute (ERPM) at a shaft speed of 1 rad/s, signed."""
+        # ERPM = motor revolutions per minute times pole pairs; the motor turns `gear_ratio` times as fast as the shaft.
         return self.direction * self.gear_ratio * self.pole_pairs * 60.0 / tau
 
     @property
     def shaft_torque_per_A(self) -> float:
-        """Signed, for a gear without losses."""
+        """Shaft torque in N m per ampere, signed, for a gear without losses."""
         return self.direction * self.gear_ratio * self.torque_constant_Nm_per_A
 
 

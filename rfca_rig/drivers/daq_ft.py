@@ -1,4 +1,4 @@
-"""An ATI DAQ F/T as the force sensor: gage voltages from a sampling card, forces by the transducer's calibration."""
+"""Driver for an ATI DAQ F/T: gage voltages from a sampling card, forces by the transducer's calibration."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,30 +17,34 @@ from rfca_rig.errors import BadInput, DeviceError
 
 Floats = NDArray[np.float64]
 
-COUNTS_PER_UNIT = 1e6  # per N and N m: a thousandth of what a 16 bit card tells apart, so the voltages can be had back
+# Per N and N m: a thousandth of the resolution of a 16 bit card, so the voltages can be recovered from the counts.
+COUNTS_PER_UNIT = 1e6
 LARGEST_COUNT = 2**31 - 1
+# The card's clock cannot give every rate exactly; a difference of 1 % from the settings is accepted.
 RATE_TOLERANCE = 1e-2
-RAIL_SLACK = 2.0**-15  # of the span: one code of a 16 bit converter at each rail
+# Share of the span that counts as the rail: one code of a 16 bit converter at each end.
+RAIL_SLACK = 2.0**-15
+# Averaging time of a bias and the limit for it, in s.
 BIAS_S = 0.2
 BIAS_TIMEOUT_S = 2.0
 
 
 class GageVoltages(Protocol):
-    """Six differential inputs, and a seventh for the thermistor where the calibration asks for one, on a clock of the card's own."""
+    """Source of gage voltages, on the card's own clock: six differential inputs, and a seventh for a thermistor if calibrated."""
 
     def start(self) -> float:
-        """Begins to sample anew; returns the samples per second that the card's clock really gives.
+        """Restarts sampling; returns the true sample rate of the card's clock in Hz.
 
-        Raises DeviceError where the card is not there or refuses.
+        Raises DeviceError if the card is missing or refuses.
         """
         ...
 
     def read(self) -> list[GageBlock]:
-        """Everything sampled since the last call; never waits. Raises DeviceError where the card gave up."""
+        """Blocks of voltages (m, channels) since the last call; never waits. Raises DeviceError if the card stopped."""
         ...
 
     def stop(self) -> None:
-        """May be called at any time, any number of times."""
+        """Ends sampling. May be called at any time, any number of times."""
         ...
 
     def identity(self) -> dict[str, str]: ...
@@ -48,7 +52,7 @@ class GageVoltages(Protocol):
 
 @dataclass(frozen=True)
 class DaqFtSettings:
-    """Samples per second, and the voltages that the unloaded transducer showed, the thermistor's last where there is one.
+    """Sample rate, and the voltages of the unloaded transducer, with the thermistor's last if there is one.
 
     Raises BadInput for a rate that is not above 0.
     """
@@ -62,9 +66,9 @@ class DaqFtSettings:
 
 
 class DaqFtSensor:
-    """A `ForceSensor` over gage voltages. Time is the card's sample counter; blocks are read, never single samples.
+    """A `ForceSensor` over gage voltages. Time is the card's sample counter; samples are read in blocks.
 
-    Raises BadInput where the settings do not fit the calibration.
+    Raises BadInput if the settings do not match the calibration.
     """
 
     def __init__(self, gages: GageVoltages, clock: Clock, calibration: TransducerCalibration, settings: DaqFtSettings) -> None:
@@ -79,18 +83,18 @@ class DaqFtSensor:
         self._unloaded_V = np.array(settings.unloaded_V)
         self._rate_Hz = settings.rate_Hz
         self._running = False
-        self._begin_anew()
+        self._reset()
 
-    def _begin_anew(self) -> None:
+    def _reset(self) -> None:
         self._sequence = RecordSequence(first=1)
         self._status, self._frozen = StatusCount(), FrozenCount()
         self._malformed = 0
         self._heard_s = self._read_s = self._clock.now_s()
 
     def start(self) -> None:
-        """Starts the card. Raises DeviceError where its clock gives another rate, which would stretch the time base."""
+        """Starts the card. Raises DeviceError if its clock gives another rate, which would stretch the time base."""
         self._gages.stop()
-        self._begin_anew()
+        self._reset()
         self._rate_Hz = self._gages.start()
         if abs(self._rate_Hz / self._settings.rate_Hz - 1.0) > RATE_TOLERANCE:
             self._gages.stop()
@@ -104,9 +108,9 @@ class DaqFtSensor:
         self._gages.stop()
 
     def bias(self) -> None:
-        """Takes the mean voltages of the next 0.2 s for those without load; to be called with nothing on the sensor.
+        """Takes the mean voltages of the next 0.2 s as those without load; call it with the sensor unloaded.
 
-        Raises DeviceError where none come. Starts a running stream anew.
+        Raises DeviceError if none arrive. Restarts a running stream.
         """
         was_running = self._running
         self.start()
@@ -123,24 +127,25 @@ class DaqFtSensor:
                 self.stop()
                 raise DeviceError(f"the card gave too few samples for a bias within {BIAS_TIMEOUT_S:g} s; check its sample clock")
             self._clock.wait_until(self._clock.now_s() + 0.1 * BIAS_S)
-            blocks += self._whole(self._gages.read())
+            blocks += self._valid_blocks(self._gages.read())
         mean: Floats = np.concatenate([block.volts for block in blocks]).mean(axis=0)
         return mean
 
     def read(self) -> ForceSamples:
-        """Records since the last call, ascending, each once. Raises DeviceError where the card gave up."""
+        """Records (m, 6) since the last call, ascending, each once. Raises DeviceError if the card stopped."""
         self._read_s = self._clock.now_s()
         if not self._running:
             return self._samples(np.empty((0, self._calibration.channels)), np.empty(0, np.int64))
-        blocks = self._whole(self._gages.read())
+        blocks = self._valid_blocks(self._gages.read())
         if not blocks:
             return self._samples(np.empty((0, self._calibration.channels)), np.empty(0, np.int64))
+        # Record numbers start at 1, sample counters of the card at 0.
         counters = [np.arange(block.first + 1, block.first + 1 + len(block.volts)) for block in blocks]
         picked, numbers = self._sequence.take((np.concatenate(counters) & 0xFFFFFFFF).astype(np.uint32))
         return self._samples(np.concatenate([block.volts for block in blocks])[picked], numbers)
 
-    def _whole(self, blocks: list[GageBlock]) -> list[GageBlock]:
-        """Those with a voltage for every channel, all of them numbers."""
+    def _valid_blocks(self, blocks: list[GageBlock]) -> list[GageBlock]:
+        """Blocks (m, channels) that have every channel and only finite voltages; others count as malformed."""
         channels = self._calibration.channels
         whole = [block for block in blocks if block.volts.ndim == 2 and block.volts.shape[1] == channels and np.isfinite(block.volts).all()]
         self._malformed += len(blocks) - len(whole)
@@ -165,11 +170,12 @@ class DaqFtSensor:
         lowest_V, highest_V = self._calibration.rails_V
         slack_V = RAIL_SLACK * (highest_V - lowest_V)
         gages = volts[:, :GAGES]
+        # A clipped voltage makes all six forces wrong, as each depends on all gages.
         outside = (gages <= lowest_V + slack_V) | (gages >= highest_V - slack_V)
         return np.asarray(outside.any(axis=1))
 
     def silent_s(self) -> float:
-        """Time from the `read` that last brought a record, or from the start, to the last `read`."""
+        """Time in s from the last `read` with a record, or from the start, to the last `read`."""
         return self._read_s - self._heard_s
 
     def scale(self) -> SensorScale:
@@ -205,7 +211,7 @@ class DaqFtSensor:
         return notes
 
     def identity(self) -> dict[str, str]:
-        """The matrix and the unloaded voltages are among it: with them the voltages can be had back from a recording."""
+        """For the recording. Matrix and unloaded voltages are included, so the voltages can be recovered from a recording."""
         calibration = self._calibration
         return {
             "make": f"ATI DAQ F/T {calibration.body_style} {calibration.part_number}".replace("  ", " "),

@@ -1,4 +1,4 @@
-"""A non-blocking pipe of datagrams, and the one over UDP."""
+"""Non-blocking datagram interface, and its UDP implementation."""
 
 import socket
 from typing import Protocol
@@ -6,12 +6,13 @@ from typing import Protocol
 from rfca_rig.codecs.rdt import PORT
 from rfca_rig.errors import DeviceError
 
-RECEIVE_BUFFER_BYTES = 4 << 20  # the usual default holds 17 ms of single records at 15 kHz
+# The usual default holds only 17 ms of single records at 15 kHz.
+RECEIVE_BUFFER_BYTES = 4 << 20
 LONGEST_DATAGRAM = 2048
 
 
 class Datagrams(Protocol):
-    """One peer at the other end. Both calls raise DeviceError when the way is broken."""
+    """Datagrams to and from one peer. `send` and `receive_all` raise DeviceError if the connection fails."""
 
     def send(self, datagram: bytes) -> None: ...
 
@@ -25,10 +26,10 @@ class Datagrams(Protocol):
 
 
 class UdpDatagrams:
-    """UDP to one host and port; datagrams from anywhere else are not let in.
+    """UDP to one host and port; datagrams from other senders are dropped.
 
-    `receive_buffer_bytes` is what the kernel granted of the 4 MiB asked for (Linux counts its own bookkeeping in, twice the
-    payload, and caps it at net.core.rmem_max). Raises DeviceError where the host cannot be addressed.
+    `receive_buffer_bytes` is what the kernel granted of the requested 4 MiB (Linux includes its own bookkeeping, twice the payload,
+    and caps it at net.core.rmem_max). Raises DeviceError if the host cannot be addressed.
     """
 
     def __init__(self, host: str, port: int = PORT) -> None:
@@ -38,6 +39,7 @@ class UdpDatagrams:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
         self.receive_buffer_bytes = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         try:
+            # A connected UDP socket receives from this peer only, and reports its ICMP errors.
             self._socket.connect((host, port))
         except OSError as error:
             self._socket.close()
@@ -60,7 +62,7 @@ class UdpDatagrams:
             raise DeviceError(f"nothing to be received from {self._peer}: {error}; is the sensor on, and RDT enabled?") from error
 
     def fileno(self) -> int:
-        """For waiting until something arrives."""
+        """File descriptor, to wait for arriving datagrams."""
         return self._socket.fileno()
 
     def close(self) -> None:
@@ -68,7 +70,7 @@ class UdpDatagrams:
 
 
 def receive_buffer_advice(granted_bytes: int) -> str:
-    """One line on what to do where the kernel granted less of a receive buffer than was asked for; empty where it did not."""
+    """Advice in one line if the kernel granted a smaller receive buffer than requested, else empty."""
     if granted_bytes >= RECEIVE_BUFFER_BYTES:
         return ""
     return (

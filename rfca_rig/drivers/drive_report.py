@@ -1,4 +1,4 @@
-"""What a drive of a lab's own says of itself, taken in and stamped."""
+"""Receives and time-stamps the reports of a plug-in drive (see docs/add-a-motor.md)."""
 
 import struct
 from collections.abc import Callable
@@ -23,10 +23,10 @@ NOTHING = ShaftSamples(*(np.empty(0) for _ in range(5)))
 
 @dataclass(frozen=True)
 class Report:
-    """How a drive says it is: turns, turns/s and torque of its motor, before the gear.
+    """One report of a drive: turns, turns/s and torque of its motor, before the gear.
 
-    `is_on` says that it is energised and obeys; `state` in words; `fault` is None or its own error code with what that means;
-    `temperature_C` of drive or motor, whichever is warmer, None where it does not tell.
+    `is_on` means that it is energised and follows commands. `state` is a text. `fault` is None, or the error code with its meaning.
+    `temperature_C` is the higher of drive and motor temperature, None if the drive reports none.
     """
 
     turns: float
@@ -39,10 +39,10 @@ class Report:
 
 
 class DriveReports:
-    """Listens for one drive. `last` is its last report, drained at host time `heard_s`.
+    """Receives the reports of one drive. `last` is its last report, drained at host time `heard_s`.
 
-    With a period, reports come by themselves and are stamped by counting them. Without one each answers a question, and is stamped with
-    when the last question was asked: late answers and those of two questions at once cost a sample, never the order of time.
+    With a period, reports are cyclic and are time-stamped by counting them. Without one, each report answers a request, and its time is
+    that of the last request. A late answer, or two answers at once, then costs one sample but never breaks the order of time.
     """
 
     def __init__(
@@ -64,29 +64,33 @@ class DriveReports:
         self.recount()
 
     def recount(self) -> None:
-        """What `heard` counts and `missing` speaks of begins now."""
+        """Restarts the counters behind `heard` and `missing`."""
         self.heard = 0
         self._foreign: set[int] = set()
 
     def asked(self) -> None:
-        """To be called with every question; what comes next answers it."""
+        """Notes a request that was sent; the next report answers it."""
         self._asked_s = self._clock.now_s()
+        # Silence counts from the first request that is still open, not from the last one.
         if np.isnan(self._open_s):
             self._open_s = self._asked_s
 
     def drain(self) -> None:
-        """Takes in everything the bus holds; never waits. Raises DeviceError on a failing bus or a frame that cannot be read."""
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or a frame cannot be decoded."""
         before_s, self.drained_s = self.drained_s, self._clock.now_s()
         reports: list[Report] = []
         try:
             for message in arrived(self._bus, self.health, GUARDED):
                 self._take(message, reports)
+        # Reports decoded before a bad frame are still stamped and handed out.
         finally:
+            # A long pause may have overflowed the receive buffer: frames are then missing, and no jump can be inferred.
             self._stamp(reports, is_whole=self.drained_s - before_s < DAMMED_UP_S)
 
     def _take(self, message: can.Message, reports: list[Report]) -> None:
         try:
             report = self._understand(message)
+        # A plug-in decoder raises these on a frame of the wrong length or content; other exceptions are its bugs and propagate.
         except (struct.error, IndexError, ValueError) as error:
             raise DeviceError(f"CAN frame 0x{message.arbitration_id:x} {message.data.hex()} cannot be read: {error}; {GUARDED}") from error
         if report is None:
@@ -99,11 +103,13 @@ class DriveReports:
             return
         self.last, self.heard_s, self._open_s = reports[-1], self.drained_s, np.nan
         self.heard += len(reports)
-        taken = reports if self._count is not None else reports[-1:]
-        samples = self._samples_of(taken, self._device_s(len(taken)))
+        # Without a period only the newest of several answers has a known time, so the others are dropped.
+        accepted = reports if self._count is not None else reports[-1:]
+        samples = self._samples_of(accepted, self._device_s(len(accepted)))
         for stamp_s, angle_rad, speed_rad_s in zip(samples.device_s, samples.angle_rad, samples.speed_rad_s, strict=True):
             self._leap.follow(self.drained_s, float(stamp_s), float(angle_rad), float(speed_rad_s), judged=is_whole)
         self.angle_rad, self.speed_rad_s = float(samples.angle_rad[-1]), float(samples.speed_rad_s[-1])
+        # Time must increase strictly in a recording; a second answer to the same request is dropped.
         is_new = self._count is not None or np.isnan(self._stamped_s) or samples.device_s[-1] > self._stamped_s
         self._stamped_s = float(samples.device_s[-1])
         self._samples += [samples] if is_new else []
@@ -117,6 +123,7 @@ class DriveReports:
 
     def _samples_of(self, reports: list[Report], device_s: np.ndarray[tuple[int], np.dtype[np.float64]]) -> ShaftSamples:
         gear, rows = self._gear, np.array([(one.turns, one.turns_s, one.torque_Nm) for one in reports])
+        # A limit check on NaN is never exceeded, so a drive without a valid position must not run.
         if not np.isfinite(rows[:, :2]).all():
             raise DeviceError(f"the drive tells no position or speed, state {reports[-1].state}; check its encoder")
         return ShaftSamples(
@@ -128,13 +135,13 @@ class DriveReports:
         )
 
     def samples(self) -> ShaftSamples:
-        """Everything drained since the last call."""
+        """Samples (m,) drained since the last call."""
         blocks, self._samples = self._samples, []
         return join([NOTHING, *blocks])
 
     @property
     def silent_s(self) -> float:
-        """How long the drive has said nothing that was due, as of the last `drain`."""
+        """Time in s for which a due report has been missing, at the last `drain`."""
         since_s = self.heard_s if self._count is not None else self.drained_s if np.isnan(self._open_s) else self._open_s
         return self.drained_s - since_s
 
@@ -144,17 +151,17 @@ class DriveReports:
 
     @property
     def zero_lost(self) -> str | None:
-        """Why the angle is not to be believed any more; not forgiven."""
+        """Why the angle can no longer be trusted, or None. Never reset."""
         return self.restarted or self._leap.fault
 
     @property
     def doubts(self) -> str | None:
-        """What is wrong with the reports themselves, where the drive says nothing of it."""
+        """An error of the reports themselves that the drive does not report, or None."""
         return self.zero_lost or (self._count.fault if self._count else None) or self.health.fault
 
     def missing(self) -> str:
-        """Why there is no report, and what to do about it."""
+        """Why there is no report, and the remedy."""
         if self._foreign:
-            heard = ", ".join(f"0x{one:x}" for one in sorted(self._foreign)[:5])
-            return f"frames {heard} but no report of the drive; check its address under [motor], and which messages it is set to send"
+            identifiers = ", ".join(f"0x{one:x}" for one in sorted(self._foreign)[:5])
+            return f"frames {identifiers} but no report of the drive; check its address under [motor], and which messages it is set to send"
         return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate"

@@ -1,4 +1,4 @@
-"""What a driver and the guardian of its drive know of each other: who takes the torque away where commands stop coming."""
+"""Interface between a driver and its guardian, the process that disables the motor when commands stop. See docs/guardian.md."""
 
 from dataclasses import dataclass
 from math import nan
@@ -8,34 +8,35 @@ import can
 
 from rfca_rig.errors import DeviceError
 
-LET_GO = 0.25  # of the torque held before: less is none
+# Share of the torque held before the silence. Below it the motor counts as off.
+LET_GO = 0.25
 
 
 class LastWord(Protocol):
-    """How a drive is told to let go, by somebody who knows nothing else of it. Pure, and a value that another process can be given."""
+    """Torque-off frames of one drive, for a sender that knows nothing else about it. Pure and picklable, so the guardian can have it."""
 
     def frames(self) -> tuple[can.Message, ...]:
-        """Take the torque away, in this order, at any time, any number of times; the last one alone ends the driver's session."""
+        """Frames that disable the motor, in this order, at any time, any number of times. The last one alone ends the driver's session."""
         ...
 
     def torque_Nm(self, message: can.Message) -> float | None:
-        """The torque that a report of this drive shows, signed as the drive does; None for every other frame."""
+        """Torque in N m that a report of this drive shows, in the sign of the drive; None for every other frame."""
         ...
 
     def least_Nm(self) -> float:
-        """What cannot be told from none."""
+        """Smallest torque in N m that can be distinguished from zero."""
         ...
 
 
 class LetGo(can.CanError):
-    """The guardian took the torque away. Nothing that could move the drive goes out before it is enabled anew."""
+    """The guardian disabled the motor. No frame that could move the drive is sent until it is enabled again."""
 
 
 @dataclass(frozen=True)
 class Silenced:
-    """What a guardian did: it let go after `silent_s` without a command, and was done `took_s` later.
+    """Result of a torque-off by the guardian: it began after `silent_s` without a command and was finished `took_s` later.
 
-    Since then `reports` of the drive came, the last of which showed `torque_Nm` at the shaft; NaN where there was none.
+    `reports` counts the drive's reports since then. The last one showed `torque_Nm` at the shaft, NaN if there was none.
     """
 
     silent_s: float
@@ -46,30 +47,30 @@ class Silenced:
 
 @dataclass(frozen=True)
 class Proof:
-    """A guardian that was starved once: the drive was seen without torque after `took_s`; `seen` says what that rests on."""
+    """Result of a guardian test: the drive was without torque after `took_s`. `seen` names the evidence."""
 
     took_s: float
     seen: str
 
 
 class Guard(Protocol):
-    """The guardian as a driver sees it."""
+    """The guardian, as seen by the driver."""
 
     def arm(self) -> None:
-        """From now on commands must keep coming. To be called before the frame that energises the drive."""
+        """From now on a gap in the commands disables the motor. Call it before the frame that energises the drive."""
         ...
 
     def await_let_go(self, limit_s: float) -> Silenced | None:
-        """Sends nothing until the guardian let go, and returns what it did; None where it did nothing within `limit_s`."""
+        """Sends nothing until the guardian has disabled the motor; returns what it did, None if it did nothing within `limit_s`."""
         ...
 
     def describe(self) -> str:
-        """For the recording."""
+        """One line for the recording."""
         ...
 
 
 def arm(guard: Guard) -> None:
-    """Raises DeviceError where there is no guardian left, or an error of the bus not told yet."""
+    """Arms the guardian. Raises DeviceError if it has ended, or if a bus error has not been reported yet."""
     try:
         guard.arm()
     except LetGo as error:
@@ -79,32 +80,52 @@ def arm(guard: Guard) -> None:
 
 
 def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, answers: bool) -> Proof:
-    """Starves an enabled drive that holds `held_Nm`, of which less than `least_Nm` cannot be told from nothing.
+    """Tests the guardian: stops the commands to an enabled drive and checks that its torque disappears.
 
-    `answers` says that the drive reports only when it is spoken to, so that a report shows that the guardian's word reached it.
-    Raises DeviceError where the guardian did nothing, the drive said nothing, or still shows a torque.
+    Parameters
+    ----------
+    guard : Guard
+        The armed guardian.
+    held_Nm : float
+        Shaft torque that the drive held before, in N m.
+    least_Nm : float
+        Smallest torque that the drive's reports distinguish from zero, in N m.
+    limit_s : float
+        Time within which the guardian must have acted.
+    answers : bool
+        True if the drive reports only when it is sent a frame. A report then shows that the guardian's frame arrived.
+
+    Raises
+    ------
+    DeviceError
+        If the guardian silenced nothing, the drive sent nothing, or it still shows a torque.
     """
-    did = _what_it_did(guard, limit_s)
-    if did is None:
+    silenced = _await_torque_off(guard, limit_s)
+    if silenced is None:
         raise DeviceError(f"guardian not proven: it did nothing within {limit_s:g} s of silence; end this program and start it anew")
-    if did.reports == 0:
+    # Without a report there is no evidence either way, so a silent drive is never accepted as off.
+    if silenced.reports == 0:
         raise DeviceError(
-            f"guardian not proven: it told the drive to let go after {1e3 * did.silent_s:.0f} ms, and the drive said nothing since; "
+            f"guardian not proven: it told the drive to let go after {1e3 * silenced.silent_s:.0f} ms, and the drive said nothing since; "
             "check its power and the CAN wiring"
         )
-    if abs(did.torque_Nm) > max(LET_GO * abs(held_Nm), least_Nm):
-        raise DeviceError(f"drive told to let go by the guardian, but it still shows {did.torque_Nm:.2f} N m; press the emergency stop")
-    return Proof(did.silent_s + did.took_s, _seen(held_Nm, least_Nm, answers))
+    # A light load makes a quarter of it too small to be measured; the reports' resolution is then the limit.
+    if abs(silenced.torque_Nm) > max(LET_GO * abs(held_Nm), least_Nm):
+        raise DeviceError(
+            f"drive told to let go by the guardian, but it still shows {silenced.torque_Nm:.2f} N m; press the emergency stop"
+        )
+    return Proof(silenced.silent_s + silenced.took_s, _evidence(held_Nm, least_Nm, answers))
 
 
-def _seen(held_Nm: float, least_Nm: float, answers: bool) -> str:
+def _evidence(held_Nm: float, least_Nm: float, answers: bool) -> str:
     if abs(held_Nm) >= least_Nm:
         return f"the {abs(held_Nm):.2f} N m that the motor held were gone"
+    # Without a load the torque cannot be seen to disappear: only the delivery of the frames is shown.
     reached = "the drive answered the guardian" if answers else "the bus took the guardian's frames"
     return f"{reached}; the motor held nothing that could be seen to go"
 
 
-def _what_it_did(guard: Guard, limit_s: float) -> Silenced | None:
+def _await_torque_off(guard: Guard, limit_s: float) -> Silenced | None:
     try:
         return guard.await_let_go(limit_s)
     except can.CanError as error:

@@ -1,4 +1,4 @@
-"""A moteus on a CAN-FD bus as the motor on the shaft."""
+"""Driver for a moteus on a CAN-FD bus."""
 
 from math import isfinite, nan
 
@@ -18,20 +18,23 @@ from rfca_rig.errors import DeviceError
 __all__ = ["MoteusMotor", "MoteusSettings"]
 
 POLL_S = 2e-3
-NO_LIMIT = -1.0  # a negative limit switches the drive's own trajectories off
+# A negative limit switches off the drive's own trajectory planning.
+NO_LIMIT = -1.0
+# Modes that a drive passes through between the first command and position mode.
 STARTING = frozenset({Mode.STOPPED, Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBRATED})
+# Fault codes from 96 on (limits 96-103) name what limits the output of a running drive; they are no faults.
 LEAST_LIMIT_CODE = 96
 
 
 class MoteusMotor:
     """A `ShaftMotor` over any `can.BusABC` that carries CAN-FD. Waits only through the clock, and only in `enable` and `prove_watchdog`.
 
-    A moteus speaks only when asked: every command asks, and a `read` that no command preceded asks on its own, so that a reply
-    is there for the next one. A question alone does not feed the drive's watchdog, only a command does, and commands are the
-    direct consequence of a call; a caller that stands still lets the drive stop the motor. Each command writes the mode first,
-    which sets everything else in the drive back to nothing: no older set-point can come through. The drive's own trajectories
-    (servo.default_velocity_limit, default_accel_limit) are switched off per command: targets come every few milliseconds. Only
-    `enable` starts the drive: once it stopped for whatever reason, further commands do not move it.
+    A moteus replies only when asked. Every command requests a reply, and a `read` without a command before it sends its own request,
+    so that a reply is there for the next `read`. Only commands feed the drive's watchdog, and they result directly from calls; a
+    caller that hangs therefore lets the drive stop the motor. Each command writes the mode first, which resets all other command
+    registers, so no old set-point can take effect. The drive's own trajectories (servo.default_velocity_limit, default_accel_limit)
+    are switched off in each command, as targets come every few milliseconds. Only `enable` starts the drive: once it has stopped for
+    any reason, further commands do not move it.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
@@ -41,13 +44,14 @@ class MoteusMotor:
         self._replies = MoteusReplies(bus, clock, settings)
         self._asked = False
         self._armed = False
-        self._left: MoteusState | None = None  # how the drive was when it left position mode on its own
+        # State of the drive when it left position mode on its own; None while it has not.
+        self._exit_state: MoteusState | None = None
 
     def enable(self) -> None:
-        """Energises, holding the shaft where it stands: the drive starts from the angle that it measures itself at that moment.
+        """Energises the motor and holds the shaft: the drive starts from the angle that it measures itself at that moment.
 
-        Raises DeviceError saying what is missing: any frame, this drive's answers, a register; or with what fault the drive
-        refuses. The motor is off after a refusal.
+        Raises DeviceError, and leaves the motor off, if no answer of this drive arrives, a register is missing, or the drive refuses
+        with a fault.
         """
         self.disable()
         if self._replies.zero_lost is not None:
@@ -60,7 +64,7 @@ class MoteusMotor:
         self._armed = True
 
     def _await_stopped(self) -> None:
-        """Stopping clears the faults of before; what then is still one stays."""
+        """Waits for the stopped mode. Stopping clears old faults; a persistent one remains."""
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         while self._replies.answers == 0 or self._state().mode != Mode.STOPPED:
             if self._clock.now_s() > deadline_s and (missing := self._replies.missing()) is not None:
@@ -89,31 +93,32 @@ class MoteusMotor:
         return self._replies.state
 
     def command_speed(self, speed_rad_s: float) -> None:
-        """Asks for a shaft speed. Raises DeviceError when the frame cannot be sent."""
+        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent."""
         self._move(nan, self._settings.turns_s(_finite(speed_rad_s, "speed")))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Asks for a shaft angle, which moves on with the speed given. Raises DeviceError when the frame cannot be sent."""
+        """Commands a shaft angle that moves on at the given speed. Raises DeviceError if the frame cannot be sent."""
         turns, turns_s = self._settings.turns(_finite(angle_rad, "angle")), self._settings.turns_s(_finite(speed_rad_s, "speed"))
         self._move(turns, turns_s)
 
     def _move(self, turns: float, turns_s: float) -> None:
-        """Any command would start a stopped moteus again, so one that left position mode is kept stopped instead, and asked how it is.
+        """Sends a command. Any command would restart a stopped moteus, so one that left position mode is kept stopped and only queried.
 
-        A fault or timeout holds by itself until it is stopped, and stopping would wipe it out.
+        A fault or timeout is latched until a stop, and a stop would erase it.
         """
-        if self._armed and self._left is None:
+        if self._armed and self._exit_state is None:
             self._command(turns, turns_s)
-        elif self._left is not None and self._left.mode not in {Mode.FAULT, Mode.TIMEOUT}:
+        elif self._exit_state is not None and self._exit_state.mode not in {Mode.FAULT, Mode.TIMEOUT}:
             self._ask((Write(Register.MODE, Width.INT8, Mode.STOPPED),))
         else:
             self._ask()
 
     def _command(self, turns: float, turns_s: float) -> None:
-        """Position mode, and the question how it stands. NaN for `turns` lets the drive go on from where its own target is."""
+        """Sends position mode with a state query. NaN for `turns` lets the drive continue from its own target."""
         settings = self._settings
+        # The limit is set at the shaft; NaN leaves the drive's own limit in force.
         limit_Nm = nan if settings.torque_limit_Nm is None else settings.torque_limit_Nm / settings.gear_ratio
-        orders = (
+        commands = (
             (Register.COMMAND_POSITION, turns),
             (Register.COMMAND_VELOCITY, turns_s),
             (Register.COMMAND_MAXIMUM_TORQUE, limit_Nm),
@@ -121,31 +126,33 @@ class MoteusMotor:
             (Register.COMMAND_VELOCITY_LIMIT, NO_LIMIT),
             (Register.COMMAND_ACCELERATION_LIMIT, NO_LIMIT),
         )
-        writes = (Write(register, Width.FLOAT, value) for register, value in orders)
+        writes = (Write(register, Width.FLOAT, value) for register, value in commands)
+        # The mode comes first, as writing it resets the registers that follow.
         self._send((Write(Register.MODE, Width.INT8, Mode.POSITION), *writes, *STATE_QUERY), wants_reply=True)
-        self._was_asked()
+        self._note_request()
 
     def _ask(self, orders: tuple[Write, ...] = ()) -> None:
         self._send((*orders, *STATE_QUERY), wants_reply=True)
-        self._was_asked()
+        self._note_request()
 
-    def _was_asked(self) -> None:
+    def _note_request(self) -> None:
         self._replies.asked()
         self._asked = True
 
     def disable(self) -> None:
-        """Takes the torque away, within 20 ms. Raises DeviceError when the frame cannot be sent; its watchdog stops the motor then."""
-        self._armed, self._left = False, None
+        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its watchdog then stops the motor."""
+        self._armed, self._exit_state = False, None
         send_stop(self._bus, self._clock, [self._message((Write(Register.MODE, Width.INT8, Mode.STOPPED),), wants_reply=False)])
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Lets the drive starve, and returns how long it took until it said, when asked, that it had timed out.
+        """Sends queries only until the drive reports a timeout; returns the time in s that this took.
 
-        To be called with the shaft enabled and still; the motor is off afterwards. Raises DeviceError where nothing happened
-        within `limit_s`.
+        Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError if nothing happened within
+        `limit_s`.
         """
         started_s = self._clock.now_s()
         while self._state().mode != Mode.TIMEOUT:
+            # A query does not feed the watchdog, so the mode can be polled while it runs out.
             if self._clock.now_s() - started_s > limit_s:
                 self.disable()
                 raise DeviceError(
@@ -158,39 +165,43 @@ class MoteusMotor:
         return self._clock.now_s() - started_s
 
     def read(self) -> ShaftSamples:
-        """Samples since the last call. Raises DeviceError on a failing bus or a frame that cannot be read."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
         self._replies.drain()
         state = self._replies.state
-        if self._armed and self._left is None and state is not None and state.mode != Mode.POSITION:
-            self._left = state
+        if self._armed and self._exit_state is None and state is not None and state.mode != Mode.POSITION:
+            self._exit_state = state
+        # A command already requested a reply; only a read without one needs its own query.
         if not self._asked:
             self._ask()
         self._asked = False
         return self._replies.samples()
 
     def status(self) -> MotorStatus:
-        """A motor that left position mode on its own is at fault until it is enabled anew, or disabled."""
+        """State of the drive. A motor that left position mode on its own is at fault until it is enabled again, or disabled."""
         state = self._replies.state
         silent_s = self._replies.silent_s
         temperature_C = None if state is None else state.warmest_C
         return MotorStatus("unknown" if state is None else _state_text(state), self._fault(silent_s), silent_s, temperature_C)
 
     def _fault(self, silent_s: float) -> str | None:
-        state, limit_s = self._left or self._replies.state, self._settings.reply_timeout_s
+        state, limit_s = self._exit_state or self._replies.state, self._settings.reply_timeout_s
+        # The drive's own fault comes first, since it names the cause.
         if state is not None and state.mode == Mode.FAULT:
             return fault_text(state.fault)
         if self._replies.zero_lost is not None:
             return self._replies.zero_lost
-        if self._left is not None and self._left.mode == Mode.TIMEOUT:
+        if self._exit_state is not None and self._exit_state.mode == Mode.TIMEOUT:
             return f"mode 11 (timeout: no command reached the drive for {self._settings.watchdog_s:g} s)"
-        if self._left is not None:
-            return f"left position mode for {mode_text(self._left.mode)} without a fault; was it stopped from elsewhere, or restarted?"
+        if self._exit_state is not None:
+            return (
+                f"left position mode for {mode_text(self._exit_state.mode)} without a fault; was it stopped from elsewhere, or restarted?"
+            )
         if silent_s > limit_s:
             return f"no answer for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
         return self._replies.health.fault
 
     def identity(self) -> dict[str, str]:
-        """For the recording; model, firmware and serial number are known after `enable`."""
+        """For the recording. Model, firmware and serial number are known after `enable`."""
         settings, facts = self._settings, self._replies.facts
         return {
             "make": "moteus, multiplex protocol on CAN-FD",
@@ -228,7 +239,7 @@ class MoteusMotor:
 
 
 def _state_text(state: MoteusState) -> str:
-    """Codes of a running drive name what limits its output just now."""
+    """Mode as text. Fault codes of a running drive name what limits its output at the moment."""
     limited = state.mode != Mode.FAULT and state.fault >= LEAST_LIMIT_CODE
     return f"{mode_text(state.mode)}, {fault_text(state.fault)}" if limited else mode_text(state.mode)
 
@@ -243,6 +254,7 @@ def _hexadecimal(value: float | None, digits: int) -> str:
 
 def _version(value: float | None) -> str:
     number = int(value or 0)
+    # The register packs major, minor and micro version into one byte each.
     return "unknown" if value is None else f"{number >> 16}.{number >> 8 & 0xFF}.{number & 0xFF}"
 
 

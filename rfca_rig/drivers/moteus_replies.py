@@ -1,4 +1,4 @@
-"""What a moteus is asked and answers: asked with every command, taken in, kept apart from other drives, and stamped."""
+"""Queries to a moteus, and its replies: decoded, kept apart from other drives, and time-stamped."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -31,7 +31,8 @@ STATE_QUERY = (
     Read(Register.FAULT, Width.INT16),
     Read(Register.MILLISECOND_COUNTER, Width.INT32),
 )
-_LIVED_ON = frozenset(read.register for read in STATE_QUERY) - {
+# A reply without these registers is no state. Voltage and temperatures are only shown, so they may be missing.
+_REQUIRED = frozenset(read.register for read in STATE_QUERY) - {
     Register.VOLTAGE,
     Register.TEMPERATURE,
     Register.MOTOR_TEMPERATURE,
@@ -63,16 +64,16 @@ class MoteusState:
 
     @property
     def warmest_C(self) -> float | None:
-        """Of board and motor; None where neither is told."""
-        told = [value for value in (self.temperature_degC, self.motor_temperature_degC) if isfinite(value)]
-        return max(told, default=None)
+        """Higher of board and motor temperature in degrees C; None if neither is reported."""
+        reported = [value for value in (self.temperature_degC, self.motor_temperature_degC) if isfinite(value)]
+        return max(reported, default=None)
 
 
 class MoteusReplies:
-    """Asks and listens. `state` is the drive's last answer, `facts` what it said of itself when it was enabled.
+    """Receives replies. `state` is the drive's last answer, `facts` holds its identity registers, read when it was enabled.
 
-    A drive answers each question once, so an answer belongs to the question whose moment fits its millisecond counter best;
-    older questions without an answer count as lost.
+    A drive answers each query once. An answer therefore belongs to the query whose time fits its millisecond counter best; older
+    queries without an answer count as lost.
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
@@ -92,27 +93,27 @@ class MoteusReplies:
         self.recount()
 
     def recount(self) -> None:
-        """What `missing` speaks of begins now; questions asked before are forgotten."""
+        """Restarts the counters behind `missing`; open queries are forgotten."""
         self._asked_s.clear()
         self._foreign_ids: set[int] = set()
         self._refusals: dict[int, int] = {}
         self.answers = 0
 
     def asked(self) -> None:
-        """To be called when a question for the state has been sent."""
+        """Notes that a state query has been sent."""
         self._asked_s.append(self._clock.now_s())
 
     def drain(self) -> None:
-        """Takes in everything the bus holds; never waits.
+        """Receives everything the bus holds; never waits.
 
-        Raises DeviceError on a failing bus, a frame that cannot be read, and a drive that does not know where it is.
+        Raises DeviceError if the bus fails, if a frame cannot be decoded, and if the drive reports no position.
         """
         self.drained_s = self._clock.now_s()
         for message in arrived(self._bus, self.health):
             self._take(message)
 
     def samples(self) -> ShaftSamples:
-        """Everything drained since the last call. `host_s` is when the host asked: within a millisecond of when the shaft was there."""
+        """Samples (m,) drained since the last call. `host_s` is the time of the query, within 1 ms of the time of the measurement."""
         rows, self._rows = np.array(self._rows).reshape(-1, 5), []
         settings = self._settings
         return ShaftSamples(
@@ -125,7 +126,7 @@ class MoteusReplies:
 
     @property
     def silent_s(self) -> float:
-        """How long the oldest open question has been waiting; 0 where none is open. A drive that nobody asks says nothing."""
+        """Age in s of the oldest open query, 0 if none is open. A drive that is not asked sends nothing."""
         return self.drained_s - self._asked_s[0] if self._asked_s else 0.0
 
     @property
@@ -134,13 +135,13 @@ class MoteusReplies:
 
     @property
     def zero_lost(self) -> str | None:
-        """Why the angle is not to be believed any more; not forgiven."""
+        """Why the angle can no longer be trusted, or None. Never reset."""
         if self.restarts:
             return "the drive restarted, its millisecond counter began anew; turns that it had counted are lost: find its zero again"
         return self._leap.fault
 
     def missing(self) -> str | None:
-        """Why there is no answer, since `recount`, that the driver could live on; and what to do about it."""
+        """Why there is no usable answer since `recount`, with the remedy; None if there is one."""
         drive = self._settings.drive_id
         if self._refusals:
             refused = ", ".join(f"{name_of(register)}: {register_error_text(code)}" for register, code in self._refusals.items())
@@ -158,7 +159,8 @@ class MoteusReplies:
     def _take(self, message: can.Message) -> None:
         route = moteus.route_of(message.arbitration_id)
         if route.wants_reply or route.source == self._settings.own_id:
-            return  # a request, of another master or our own come back
+            # A request: by another master, or our own echoed by the adapter.
+            return
         if (route.source, route.prefix) != (self._settings.drive_id, self._settings.can_prefix):
             self._foreign_ids.add(route.source)
         elif route.destination == self._settings.own_id:
@@ -166,17 +168,18 @@ class MoteusReplies:
 
     def _hear(self, subframes: list[Subframe]) -> None:
         values = {item.register: item.value for item in subframes if isinstance(item, Reply)}
-        self._refusals |= {item.register: item.code for item in subframes if isinstance(item, Refusal) and item.register in _LIVED_ON}
-        if values.keys() >= _LIVED_ON:
+        self._refusals |= {item.register: item.code for item in subframes if isinstance(item, Refusal) and item.register in _REQUIRED}
+        if values.keys() >= _REQUIRED:
             self._hear_state(values)
         else:
             self.facts |= values
 
     def _hear_state(self, values: dict[int, float]) -> None:
         counter = int(values[Register.MILLISECOND_COUNTER])
-        asked_s = self._question_of(counter)
+        asked_s = self._match_query(counter)
         if asked_s is None:
-            return  # doubled on the way
+            # No query is open: the frame was duplicated on the way.
+            return
         self._check_position(values)
         self.answers += 1
         self.state = MoteusState(
@@ -188,24 +191,26 @@ class MoteusReplies:
             motor_temperature_degC=values.get(Register.MOTOR_TEMPERATURE, nan),
         )
         stamp_s = self._time.stamp(counter, asked_s)
-        if stamp_s > self._stamped_s:  # two answers of one moment say one thing
+        # Two answers with the same time carry the same sample.
+        if stamp_s > self._stamped_s:
             self._stamped_s = stamp_s
             self._rows.append((asked_s, stamp_s, values[Register.POSITION], values[Register.VELOCITY], values[Register.TORQUE]))
+            # A jump is the same in either direction of the shaft, so the sign is left out here.
             per_turn = abs(self._settings.shaft_rad_per_turn)
             self._leap.follow(asked_s, stamp_s, per_turn * values[Register.POSITION], per_turn * values[Register.VELOCITY])
 
     def _check_position(self, values: dict[int, float]) -> None:
-        """A limit on the angle means nothing to an angle that is no number."""
+        """Raises DeviceError for a position or speed that is not finite, as a limit check on it would never trip."""
         if not (isfinite(values[Register.POSITION]) and isfinite(values[Register.VELOCITY])):
             raise DeviceError(
                 f"drive {self._settings.drive_id} knows no position, mode {mode_text(int(values[Register.MODE]))}; check its encoder"
             )
 
-    def _question_of(self, counter: int) -> float | None:
-        """When the question was asked that is answered with this counter. Older open questions are given up."""
+    def _match_query(self, counter: int) -> float | None:
+        """Time of the query that the answer with this counter belongs to; None without open queries. Older ones are dropped."""
         if not self._asked_s:
             return None
-        best = min(range(len(self._asked_s)), key=lambda at: self._time.distance_s(counter, self._asked_s[at]))
+        best = min(range(len(self._asked_s)), key=lambda index: self._time.distance_s(counter, self._asked_s[index]))
         for _ in range(best):
             self._asked_s.popleft()
         self.lost += best

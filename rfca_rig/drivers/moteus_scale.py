@@ -1,4 +1,4 @@
-"""How a moteus turns the shaft: address, gear, direction, zero; and how long one of its commands is good for."""
+"""Settings of a moteus: addresses, gear, direction, zero, and the timeout of its commands."""
 
 from dataclasses import dataclass
 
@@ -6,17 +6,18 @@ from rfca_rig.codecs.moteus import LARGEST_ID, LARGEST_PREFIX
 from rfca_rig.drivers.shaft_gear import ShaftGear, check_positive
 from rfca_rig.errors import BadInput
 
-OWN_ID = 0x20  # the vendor's tools ask from 0, and answers go to who asked
+# The vendor's tools use source id 0, and answers go to the id that asked.
+OWN_ID = 0x20
 
 
 @dataclass(frozen=True)
 class MoteusSettings(ShaftGear):
-    """What the driver must know of the drive.
+    """Settings of the drive.
 
-    `gear_ratio` is turns of what the drive calls its output per shaft turn (a gear that motor_position.rotor_to_output_ratio
-    already counts is 1 here), `direction` +1 or -1, `zero_turns` the drive's position where the shaft is horizontal.
-    `watchdog_s` goes out with every command: the drive lets go when none follows for so long. `torque_limit_Nm` at the shaft;
-    None leaves the drive's own. Raises BadInput for values that cannot be.
+    `gear_ratio` is turns of the drive's output per shaft turn; it is 1 for a gear that motor_position.rotor_to_output_ratio already
+    includes. `direction` is +1 or -1, `zero_turns` the drive's position with the shaft horizontal. `watchdog_s` is sent with every
+    command: the drive stops the motor if no other follows within that time. `torque_limit_Nm` applies at the shaft; None keeps the
+    drive's own. Raises BadInput for invalid values.
     """
 
     drive_id: int = 1

@@ -1,4 +1,4 @@
-"""An ATI Net F/T (NetBox) as the force sensor."""
+"""Driver for an ATI Net F/T force sensor (NetBox), RDT over UDP."""
 
 from dataclasses import dataclass
 
@@ -18,6 +18,7 @@ from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
 from rfca_rig.drivers.sensor_health import StatusCount
 from rfca_rig.errors import BadInput, DeviceError
 
+# Time in s in which records of an earlier stream may still arrive after a stop.
 QUIET_S = 0.02
 
 
@@ -25,9 +26,9 @@ QUIET_S = 0.02
 class NetFtSettings:
     """Scale and rate as configured in the box (cfgcpf, cfgcpt, comrdtrate); `address` and `serial_number` are for the recording.
 
-    `buffered` has the box put several records into a datagram, as many as its RDT buffer size says: the same records in fewer
-    pieces, each up to a buffer late.
-    Raises BadInput for a rate that is not `internal_rate_Hz` divided by a whole number: the box rounds to such a rate.
+    With `buffered` the box puts as many records into a datagram as its RDT buffer size says: fewer datagrams, each late by up to
+    one buffer.
+    Raises BadInput for a rate that is not `internal_rate_Hz` divided by an integer: the box rounds to such a rate.
     """
 
     counts_per_N: float = 1e6
@@ -42,6 +43,7 @@ class NetFtSettings:
         for name in ("counts_per_N", "counts_per_Nm", "rate_Hz", "internal_rate_Hz"):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise BadInput(f"force sensor: {name} is {getattr(self, name)}, must be above 0")
+        # The tolerance allows for a rate that is written with a few digits, such as 2333.3.
         if abs(self.rate_Hz * self.decimation / self.internal_rate_Hz - 1.0) > 1e-3:
             nearest_Hz = self.internal_rate_Hz / self.decimation
             raise BadInput(f"force sensor: rate_Hz is {self.rate_Hz:g}, must be {self.internal_rate_Hz:g}/n; nearest {nearest_Hz:.2f}")
@@ -57,10 +59,10 @@ class NetFtSettings:
 
 
 class NetFtSensor:
-    """A `ForceSensor` over datagrams, in a stream without end. Sends a bias only where told to: taring is the protocol's business.
+    """A `ForceSensor` over datagrams, with an endless stream. Sends a bias only in `bias`: taring belongs to the experiment.
 
-    The box does not answer requests, so a sensor that is not there shows only as silence: see `silent_s`. A `box` is asked for
-    its configuration before each start. `advice` is what is to be said of the way here, see `receive_buffer_advice`.
+    The box does not answer requests, so a missing sensor shows only as silence, see `silent_s`. With `box` its configuration is
+    checked before each start. `advice` is a note on the connection for the health report, see `receive_buffer_advice`.
     """
 
     def __init__(self, datagrams: Datagrams, clock: Clock, settings: NetFtSettings, box: Box | None = None, advice: str = "") -> None:
@@ -71,9 +73,9 @@ class NetFtSensor:
         self._advice = advice
         self._running = False
         self._serial_number = settings.serial_number
-        self._begin_anew()
+        self._reset()
 
-    def _begin_anew(self) -> None:
+    def _reset(self) -> None:
         self._sequence = RecordSequence()
         self._status = StatusCount()
         self._last_ft: int | None = None
@@ -82,35 +84,35 @@ class NetFtSensor:
         self._heard_s = self._read_s = self._clock.now_s()
 
     def start(self) -> None:
-        """Starts the stream; whatever an earlier one still had on the way is let pass for 20 ms before.
+        """Starts the stream, after discarding for 20 ms what an earlier one still delivers.
 
-        Raises BadInput where the box is set otherwise than the settings say, DeviceError where it does not answer.
+        Raises BadInput if the box is configured differently from the settings, DeviceError if it does not answer.
         """
         self._check_box()
         self._send(RdtCommand.STOP)
         self._clock.wait_until(self._clock.now_s() + QUIET_S)
         self._datagrams.receive_all()
-        self._begin_anew()
+        self._reset()
         self._send(RdtCommand.START_BUFFERED if self._settings.buffered else RdtCommand.START_SINGLE)
         self._running = True
 
     def _check_box(self) -> None:
         if self._box is None:
             return
-        says = self._box.says()
-        refuse_difference(says, self._settings, f"the box at {self._settings.address or 'the other end'}")
-        if isinstance(says, NetFtConfiguration):
-            self._serial_number = says.serial_number or self._serial_number
+        configuration = self._box.says()
+        refuse_difference(configuration, self._settings, f"the box at {self._settings.address or 'the other end'}")
+        if isinstance(configuration, NetFtConfiguration):
+            self._serial_number = configuration.serial_number or self._serial_number
 
     def stop(self) -> None:
-        """Raises DeviceError when the request cannot be sent."""
+        """Ends the stream. Raises DeviceError if the request cannot be sent."""
         self._running = False
         self._send(RdtCommand.STOP)
 
     def bias(self) -> None:
-        """Has the box take what it feels now for zero; to be called with nothing on the sensor.
+        """Makes the box take its present load as zero; call it with the sensor unloaded.
 
-        Whether that ends a running stream differs from box to box, so a running one is started anew.
+        Whether a bias ends a running stream differs between boxes, so a running stream is restarted.
         """
         self._send(RdtCommand.SET_BIAS)
         if self._running:
@@ -120,19 +122,20 @@ class NetFtSensor:
         self._datagrams.send(encode_request(command))
 
     def read(self) -> ForceSamples:
-        """Records since the last call, ascending, each once. Raises DeviceError when they come at another rate than configured."""
+        """Records (m, 6) since the last call, ascending, each once. Raises DeviceError if their rate differs from the settings."""
         self._read_s = self._clock.now_s()
-        blocks = [block for datagram in self._datagrams.receive_all() if (block := self._decoded(datagram)) is not None]
+        blocks = [block for datagram in self._datagrams.receive_all() if (block := self._decode(datagram)) is not None]
         if not blocks or not self._running:
             return NOTHING
         records = blocks[0] if len(blocks) == 1 else join(blocks)
         picked, numbers = self._sequence.take(records.rdt_sequence)
+        # One block without loss is the usual case and needs no copy.
         if len(picked) < len(records.status) or len(blocks) > 1:
-            records = _picked(records, picked)
+            records = _select(records, picked)
         self._inspect(records, numbers)
         return _samples(records, numbers, self._read_s, self._settings.record_period_s)
 
-    def _decoded(self, datagram: bytes) -> Records | None:
+    def _decode(self, datagram: bytes) -> Records | None:
         try:
             return decode_records(datagram)
         except MalformedFrame as error:
@@ -141,19 +144,22 @@ class NetFtSensor:
             return None
 
     def _inspect(self, records: Records, numbers: NDArray[np.int64]) -> None:
-        """Status and progress of the sensor itself."""
+        """Checks the status words, and the progress of the sensor's own sample counter."""
         if len(numbers) == 0:
             return
         self._heard_s = self._read_s
         self._status.take(records.status)
+        # A signed 32 bit difference is right across the wrap of the counter, and negative after a restart of the box.
         steps = np.diff(records.ft_sequence).view(np.int32)
+        # Only neighbouring records: a lost record would look like a larger step.
         self._check_rate(steps[np.diff(numbers) == 1])
-        since = 1 if self._last_ft is None else _signed(int(records.ft_sequence[0]) - self._last_ft)
+        since = 1 if self._last_ft is None else _signed_difference(int(records.ft_sequence[0]) - self._last_ft)
         self._stalled += int((steps <= 0).sum()) + (since <= 0)
         self._last_ft = int(records.ft_sequence[-1])
 
     def _check_rate(self, steps: NDArray[np.int32]) -> None:
-        """A wrong rate would stretch the time base of the whole recording."""
+        """Raises DeviceError for a wrong rate, which would stretch the time base of the whole recording."""
+        # The median is not affected by single stalled records.
         step = int(np.median(steps)) if len(steps) else 0
         if step > 0 and step != self._settings.decimation:
             raise DeviceError(
@@ -162,14 +168,14 @@ class NetFtSensor:
             )
 
     def silent_s(self) -> float:
-        """Time from the `read` that last brought a new record, or from the start, to the last `read`."""
+        """Time in s from the last `read` with a new record, or from the start, to the last `read`."""
         return self._read_s - self._heard_s
 
     def scale(self) -> SensorScale:
         return SensorScale(self._settings.counts_per_N, self._settings.counts_per_Nm, 1.0 / self._settings.record_period_s)
 
     def health(self) -> StreamHealth:
-        """Counters since `start`. `received` + `lost` is what the box sent until the newest record."""
+        """Counters since `start`. `received` + `lost` is the number of records sent until the newest one."""
         count = self._sequence
         return StreamHealth(
             received=count.received,
@@ -211,7 +217,7 @@ class NetFtSensor:
 NOTHING = ForceSamples(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0, np.uint32), np.empty((0, 6), np.int32))
 
 
-def _picked(records: Records, rows: NDArray[np.int64]) -> Records:
+def _select(records: Records, rows: NDArray[np.int64]) -> Records:
     return Records(records.rdt_sequence[rows], records.ft_sequence[rows], records.status[rows], records.counts[rows])
 
 
@@ -219,6 +225,6 @@ def _samples(records: Records, numbers: NDArray[np.int64], host_s: float, period
     return ForceSamples(np.full(len(numbers), host_s), (numbers - 1).astype(np.float64) * period_s, numbers, records.status, records.counts)
 
 
-def _signed(difference: int) -> int:
-    """A difference of two 32 bit counters, with sign."""
+def _signed_difference(difference: int) -> int:
+    """Signed difference of two 32 bit counters."""
     return (difference + (1 << 31)) % (1 << 32) - (1 << 31)

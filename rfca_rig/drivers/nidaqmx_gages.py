@@ -1,4 +1,4 @@
-"""Gage voltages from a National Instruments card, through NI's own package `nidaqmx` (optional, with NI's driver beneath it)."""
+"""Gage voltages from a National Instruments card, through NI's package `nidaqmx` (optional; needs NI's driver)."""
 
 from typing import Any
 
@@ -7,17 +7,18 @@ import numpy as np
 from rfca_rig.codecs.gage_block import GageBlock
 from rfca_rig.errors import BadInput, DeviceError
 
+# Length of the card's sample buffer in s; it must outlast any pause between two reads.
 STORE_S = 2.0
 
 
 class NidaqmxGages:
-    """Implements `GageVoltages` with a continuous, hardware-timed task over differential inputs, gages first, thermistor last.
+    """`GageVoltages` with a continuous, hardware-timed task over differential inputs, gages first, thermistor last.
 
-    Raises BadInput where `nidaqmx` is not installed.
+    Raises BadInput if `nidaqmx` is not installed.
     """
 
     def __init__(self, channels: str, rate_Hz: float, rails_V: tuple[float, float]) -> None:
-        """`channels` as NI names them, such as Dev1/ai0:5."""
+        """`channels` in NI's notation, for example Dev1/ai0:5; `rails_V` is the input range."""
         self._ni = _nidaqmx()
         self._channels = channels
         self._rate_Hz = rate_Hz
@@ -26,7 +27,7 @@ class NidaqmxGages:
         self._taken = 0
 
     def start(self) -> float:
-        """Raises DeviceError, with NI's own words, where card, channels or driver are not there."""
+        """Starts the task; returns the true sample rate in Hz. Raises DeviceError if card, channels or driver are missing."""
         self.stop()
         ni = self._ni
         try:
@@ -44,13 +45,14 @@ class NidaqmxGages:
             )
             task.start()
             self._taken = 0
+            # The card rounds the requested rate to what its clock can divide, so the true one is read back.
             return float(task.timing.samp_clk_rate)
         except ni.errors.Error as error:
             self.stop()
             raise DeviceError(f"card {self._channels} does not start: {_one_line(error)}; check [force_sensor] channels") from error
 
     def read(self) -> list[GageBlock]:
-        """Raises DeviceError where the card stopped, as it does when its store ran over."""
+        """Blocks of voltages (m, channels) since the last call. Raises DeviceError if the card stopped, as on a buffer overflow."""
         if self._task is None:
             return []
         try:
@@ -75,7 +77,7 @@ class NidaqmxGages:
 
 
 def _nidaqmx() -> Any:
-    """The package and its submodules, or BadInput in one line."""
+    """Imports the package and its submodules; raises BadInput if they are not installed."""
     try:
         import nidaqmx  # noqa: PLC0415 (an extra, with a driver that few machines have)
         import nidaqmx.constants  # noqa: PLC0415

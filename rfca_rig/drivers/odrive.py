@@ -1,4 +1,4 @@
-"""An ODrive on a CAN bus as the motor on the shaft."""
+"""Driver for an ODrive (CANSimple protocol) on a CAN bus."""
 
 from math import isfinite
 
@@ -17,8 +17,10 @@ from rfca_rig.errors import DeviceError
 
 __all__ = ["OdriveMotor", "OdriveSettings"]
 
+# Poll interval while waiting, and the time given to a drive to answer a request for part errors, in s.
 POLL_S = 2e-3
 PART_ERROR_S = 0.05
+# The two firmware dialects use different bits for the same error.
 WATCHDOG_EXPIRED = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
 ERROR_TEXT = {OdriveFirmware.V0_5: odrive_older_meanings.error_text, OdriveFirmware.V0_6: odrive_meanings.error_text}
 
@@ -26,9 +28,9 @@ ERROR_TEXT = {OdriveFirmware.V0_5: odrive_older_meanings.error_text, OdriveFirmw
 class OdriveMotor:
     """A `ShaftMotor` over any `can.BusABC`. Waits only through the clock, and only in `enable` and `prove_watchdog`.
 
-    Any frame to the drive feeds its watchdog; so nothing here sends on its own: outside those two methods every frame is the
-    direct consequence of a call, and a caller that stands still lets the drive stop the motor. Firmware 0.5 keeps the errors of
-    motor, encoder and controller apart; `read` asks for one once a heartbeat says that it is there (the motor is off then).
+    Any frame to the drive feeds its watchdog, so this class sends nothing on its own. Outside those two methods every frame results
+    directly from a call; a caller that hangs therefore lets the drive stop the motor. Firmware 0.5 keeps separate errors for motor,
+    encoder and controller; `read` requests such an error once a heartbeat announces it (the motor is off then).
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: OdriveSettings) -> None:
@@ -41,12 +43,16 @@ class OdriveMotor:
         self._asked_parts: set[OdrivePart] = set()
 
     def enable(self) -> None:
-        """Energises, holding the shaft where it stands: the set-point is the measured angle before the loop closes.
+        """Energises the motor and holds the shaft: the set-point is the measured angle before the loop closes.
 
-        Raises DeviceError saying what is missing: any frame, this node's frames, its heartbeat, encoder or torque messages at
-        the configured rate; or with what error the drive refuses. The motor is idle after a refusal.
+        Raises DeviceError, and leaves the motor idle, if
+
+        - no frame, no frame of this node, or none of its heartbeat, encoder or torque messages arrives;
+        - the encoder messages come at another rate than configured;
+        - the drive refuses with an error.
         """
         self.disable()
+        # With a lost zero every angle is wrong, so the zero must be found again before a new start.
         self._refuse_lost_zero()
         self._forget_part_errors()
         self._send(cansimple.clear_errors(self._settings.node_id, self._settings.dialect))
@@ -54,6 +60,7 @@ class OdriveMotor:
         self._await_reports()
         self._check_dialect()
         self._refuse_if(_is_faulty(self._beat()), "still reports")
+        # Set-point first, then mode, then closed loop: an old set-point in the drive would make the shaft jump.
         hold = cansimple.set_input_pos(self._settings.node_id, self._reports.turns)
         self._send(hold)
         self._set_mode(ControlMode.POSITION)
@@ -66,19 +73,20 @@ class OdriveMotor:
             raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
 
     def _await_reports(self) -> None:
-        """Waits for every message the driver lives on, and for enough encoder frames to see their rate."""
+        """Waits for every required message, and for enough encoder frames to measure their rate."""
         self._reports.drain()
-        self._reports.samples()  # what has dammed up while nobody looked has holes, and is handed to nobody
-        set_s = self._settings.encoder_period_s
-        seen_s = period_fault(self._watched_period_s, set_s)
-        if seen_s is not None:
+        # Frames that piled up during a pause may have gaps, so they are discarded.
+        self._reports.samples()
+        configured_s = self._settings.encoder_period_s
+        measured_s = period_fault(self._measure_period_s, configured_s)
+        if measured_s is not None:
             raise DeviceError(
-                f"drive not enabled: encoder estimates come every {1e3 * seen_s:.2g} ms, the settings say "
-                f"{1e3 * set_s:g} ms; set the drive's encoder_msg_rate_ms or encoder_period_s"
+                f"drive not enabled: encoder estimates come every {1e3 * measured_s:.2g} ms, the settings say "
+                f"{1e3 * configured_s:g} ms; set the drive's encoder_msg_rate_ms or encoder_period_s"
             )
 
-    def _watched_period_s(self) -> float:
-        """Of the encoder's frames, while all that is needed has come."""
+    def _measure_period_s(self) -> float:
+        """Measures the mean period of the encoder frames in s, and waits until all required messages have arrived."""
         self._reports.recount()
         started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
         look_s = LOOK_REPORTS * self._settings.encoder_period_s
@@ -89,7 +97,7 @@ class OdriveMotor:
         return (self._clock.now_s() - started_s) / self._reports.encoder_frames
 
     def _check_dialect(self) -> None:
-        """Firmware 0.6 tells its version when asked, 0.5 says nothing; a heartbeat read in the wrong dialect would lie."""
+        """Firmware 0.6 answers a version request, 0.5 does not. A heartbeat decoded in the wrong dialect would be wrong."""
         if self._settings.dialect == OdriveFirmware.V0_5 and self._reports.firmware != "unknown":
             raise DeviceError(f'drive not enabled: its firmware is {self._reports.firmware}; set dialect = "0.6"')
 
@@ -106,10 +114,12 @@ class OdriveMotor:
     def _await_closed_loop(self, hold: cansimple.Frame) -> None:
         self._reports.recount()
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
+        # A new heartbeat is required, as the last one was sent before the request.
         while self._reports.heartbeats == 0 or self._beat().state != AxisState.CLOSED_LOOP:
             self._refuse_if(self._reports.heartbeats > 0 and _is_faulty(self._beat()), "refuses closed loop with")
             self._refuse_if(self._clock.now_s() > deadline_s, f"not in closed loop after {self._settings.enable_timeout_s:g} s:")
             self._wait_and_drain()
+            # The watchdog may already run in closed loop, so the same set-point is repeated.
             self._send(hold)
         self._refuse_if(_is_faulty(self._beat()), "refuses closed loop with")
 
@@ -124,17 +134,17 @@ class OdriveMotor:
             )
 
     def _learn_part_errors(self) -> None:
-        """Gives the drive a moment to tell which error a part has."""
+        """Waits briefly for the drive to report the error of each part."""
         self._ask_for_part_errors()
         deadline_s = self._clock.now_s() + PART_ERROR_S
         while self._asked_parts - self._reports.part_errors.keys() and self._clock.now_s() < deadline_s:
             self._wait_and_drain()
 
     def _errors(self, beat: Heartbeat) -> str:
-        """The drive's error word, and those of its parts as far as known."""
-        known = self._reports.part_errors
+        """Text of the drive's error word and of its parts' error words, as far as they are known."""
+        errors = self._reports.part_errors
         parts = [
-            odrive_older_meanings.part_error_text(part, known[part]) if part in known else f"{part} error, not told which"
+            odrive_older_meanings.part_error_text(part, errors[part]) if part in errors else f"{part} error, not told which"
             for part in beat.failed
         ]
         return "; ".join([ERROR_TEXT[self._settings.dialect](beat.error), *parts])
@@ -145,34 +155,34 @@ class OdriveMotor:
         return self._reports.beat
 
     def command_speed(self, speed_rad_s: float) -> None:
-        """Asks for a shaft speed. Raises DeviceError when the frame cannot be sent."""
+        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent."""
         self._send(cansimple.set_input_vel(self._settings.node_id, self._settings.turns_s(_finite(speed_rad_s, "speed"))))
         self._set_mode(ControlMode.VELOCITY)
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Asks for a shaft angle. Raises DeviceError when the frame cannot be sent, or above 32.767 motor turns/s of feed-forward."""
+        """Commands a shaft angle. Raises DeviceError if the frame cannot be sent, or above 32.767 motor turns/s of feed-forward."""
         turns, turns_s = self._settings.turns(_finite(angle_rad, "angle")), self._settings.turns_s(_finite(speed_rad_s, "speed"))
         self._send(cansimple.set_input_pos(self._settings.node_id, turns, turns_s))
         self._set_mode(ControlMode.POSITION)
 
     def _set_mode(self, mode: ControlMode) -> None:
-        """Called after the set-point went out: a mode never meets a set-point older than itself."""
+        """Switches the controller mode. Call it after the set-point is sent, so a new mode never acts on an old set-point."""
         if mode != self._mode:
             self._send(cansimple.set_controller_mode(self._settings.node_id, mode))
             self._mode = mode
 
     def disable(self) -> None:
-        """Takes the torque away, within 20 ms. Raises DeviceError when the frame cannot be sent; its watchdog stops the motor then."""
+        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its watchdog then stops the motor."""
         self._armed = False
         self._mode = None
         idle = _message(cansimple.set_axis_state(self._settings.node_id, AxisState.IDLE))
         send_stop(self._bus, self._clock, [idle], GUARDED)
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Lets the drive starve, and returns how long it took until its heartbeat showed the watchdog expired and the motor idle.
+        """Sends nothing until the heartbeat shows an expired watchdog and an idle motor; returns the time in s that this took.
 
-        To be called with the shaft enabled and still; the motor is off afterwards. Raises DeviceError where nothing happened
-        within `limit_s`; the heartbeat alone takes up to 0.1 s to tell.
+        Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError if nothing happened within
+        `limit_s`. The heartbeat alone takes up to 0.1 s to show it.
         """
         started_s = self._clock.now_s()
         while not self._watchdog_tripped():
@@ -187,13 +197,13 @@ class OdriveMotor:
         return bool(self._beat().error & WATCHDOG_EXPIRED[self._settings.dialect]) and self._beat().state == AxisState.IDLE
 
     def read(self) -> ShaftSamples:
-        """Samples since the last call. Raises DeviceError on a failing bus or a frame that cannot be read."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
         self._reports.drain()
         self._ask_for_part_errors()
         return self._reports.samples()
 
     def status(self) -> MotorStatus:
-        """A motor that left closed loop on its own is at fault, also where the drive's error word is zero."""
+        """State of the drive. A motor that left closed loop on its own is at fault, even if the error word is zero."""
         beat = self._reports.beat
         silent_s = self._reports.drained_s - self._reports.beat_s
         state, temperature_C = "unknown" if beat is None else state_text(beat.state), self._reports.temperature.warmest_C
@@ -203,8 +213,10 @@ class OdriveMotor:
         beat, limit_s = self._reports.beat, self._settings.heartbeat_timeout_s
         if beat is not None and _is_faulty(beat):
             return self._errors(beat)
+        # The firmware-reported error comes first, since it names the cause; doubts about the reports come second.
         if self._reports.doubts is not None:
             return self._reports.doubts
+        # Firmware 0.5 can fall back to idle with an error word of zero, so the state is checked, not only the word.
         if beat is not None and self._armed and beat.state != AxisState.CLOSED_LOOP:
             return f"left closed loop for {state_text(beat.state)} without an error; was it stopped from elsewhere, or restarted?"
         if silent_s > limit_s:
@@ -212,7 +224,7 @@ class OdriveMotor:
         return None
 
     def identity(self) -> dict[str, str]:
-        """For the recording; the firmware is known after `enable`."""
+        """For the recording. The firmware version is known after `enable`."""
         return {
             "make": "ODrive, CANSimple",
             "bus": str(self._bus.channel_info),

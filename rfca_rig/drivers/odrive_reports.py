@@ -1,4 +1,4 @@
-"""What an ODrive says on the bus: taken in, kept apart from other nodes, and stamped."""
+"""Receives and time-stamps the messages of one ODrive, and keeps those of other nodes apart."""
 
 import can
 import numpy as np
@@ -29,9 +29,9 @@ GUARDED = "the drive's watchdog stops the motor"
 
 
 class OdriveReports:
-    """Listens for one node. `beat` is its last heartbeat, heard at host time `beat_s`; `turns` its last encoder position.
+    """Receives the messages of one node. `beat` is its last heartbeat, received at host time `beat_s`; `turns` its encoder position.
 
-    `part_errors` are the error words of its parts, as far as they were asked for (firmware 0.5).
+    `part_errors` are the error words of its parts, as far as they were requested (firmware 0.5).
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock, settings: OdriveSettings) -> None:
@@ -39,7 +39,8 @@ class OdriveReports:
         self._clock = clock
         self._settings = settings
         self._count = FrameCount(settings.encoder_period_s)
-        self._rows: list[tuple[float, float, float]] = []  # turns, turns/s, motor torque: taken in, not stamped yet
+        # Turns, turns/s and motor torque of frames that have no time stamp yet.
+        self._rows: list[tuple[float, float, float]] = []
         self._samples: list[ShaftSamples] = []
         self._torque_Nm = np.nan
         self._leap = LeapWatch()
@@ -53,22 +54,24 @@ class OdriveReports:
         self.recount()
 
     def recount(self) -> None:
-        """What `missing` speaks of begins now."""
+        """Restarts the counters behind `missing`."""
         self._foreign_nodes: set[int] = set()
         self._own_frames = self._torque_frames = 0
         self.encoder_frames = self.heartbeats = 0
 
     def drain(self) -> None:
-        """Takes in everything the bus holds; never waits. Raises DeviceError on a failing bus or a frame that cannot be read."""
-        before_s, self.drained_s = self.drained_s, self._clock.now_s()  # before the first frame, so that none seems younger than it is
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        # The time is read before the first frame, so that no frame gets a time later than its arrival.
+        before_s, self.drained_s = self.drained_s, self._clock.now_s()
         try:
             for message in arrived(self._bus, self.health, GUARDED):
                 self._take(message)
+        # Rows received before a failure are still stamped and handed out.
         finally:
             self._stamp_rows(is_whole=self.drained_s - before_s < DAMMED_UP_S)
 
     def samples(self) -> ShaftSamples:
-        """Everything drained since the last call."""
+        """Samples (m,) drained since the last call."""
         blocks, self._samples = self._samples, []
         return join([NOTHING, *blocks])
 
@@ -78,12 +81,12 @@ class OdriveReports:
 
     @property
     def zero_lost(self) -> str | None:
-        """Why the angle is not to be believed any more; not forgiven."""
+        """Why the angle can no longer be trusted, or None. Never reset."""
         return self._leap.fault
 
     @property
     def doubts(self) -> str | None:
-        """What is wrong with the reports themselves, where the drive says nothing of it."""
+        """An error of the reports themselves that the drive does not report, or None."""
         return self.zero_lost or self._count.fault or self.temperature.fault(self.drained_s) or self.health.fault
 
     @property
@@ -91,11 +94,12 @@ class OdriveReports:
         return "torques (0x1C)" if self._settings.torque_constant_Nm_per_A is None else "motor currents (0x14)"
 
     def missing(self) -> str | None:
-        """The first message, since `recount`, that the driver cannot do without; and what to do about it."""
+        """The first required message that has not arrived since `recount`, with the remedy; None if all have."""
         node = self._settings.node_id
         if self._own_frames == 0 and self._foreign_nodes:
             others = ", ".join(map(str, sorted(self._foreign_nodes)))
             return f"CAN frames from node {others} but none from node {node}; check node_id"
+        # The order of the checks leads the user from the wiring to single messages.
         if self._own_frames == 0:
             return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate"
         if self.heartbeats < self._beats_needed():
@@ -107,7 +111,7 @@ class OdriveReports:
         return None
 
     def _rate(self, message: str) -> str:
-        """What the drive calls the period of a cyclic message."""
+        """The drive's setting for the period of a cyclic message; its name changed with firmware 0.6."""
         return f"{message}_rate_ms" if self._settings.dialect == OdriveFirmware.V0_5 else f"{message}_msg_rate_ms"
 
     def _or_dialect(self) -> str:
@@ -115,12 +119,13 @@ class OdriveReports:
         return " (iq_rate_ms)" if older else ', or dialect = "0.5" if its firmware is 0.5'
 
     def _beats_needed(self) -> int:
-        """A first heartbeat with an error may have left the drive before the error was cleared."""
+        """Number of heartbeats to wait for: a first one with an error may predate the clearing of the error."""
         return 2 if self.beat is not None and self.beat.error else 1
 
     def _take(self, message: can.Message) -> None:
         if message.is_extended_id or message.dlc == 0:
-            return  # another protocol, or a request or order by another master
+            # CANSimple uses standard frames only. An empty frame is a request or command by another master.
+            return
         if cansimple.node_of(message.arbitration_id) != self._settings.node_id:
             self._foreign_nodes.add(cansimple.node_of(message.arbitration_id))
         else:
@@ -133,7 +138,9 @@ class OdriveReports:
             case EncoderEstimates():
                 self.encoder_frames += 1
                 self.turns = message.position_turns
+                # Torque comes in its own message; each encoder row carries the latest torque.
                 self._rows.append((message.position_turns, message.speed_turns_s, self._torque_Nm))
+            # Firmware 0.6 reports torque. With a torque constant set, the measured q current is used instead.
             case Torques() if constant is None:
                 self._hear_torque(message.estimate_Nm)
             case Iq() if constant is not None:
@@ -153,7 +160,7 @@ class OdriveReports:
         self._torque_Nm = torque_Nm
 
     def _stamp_rows(self, is_whole: bool) -> None:
-        """Of what has dammed up while nobody looked, nobody knows where frames are missing."""
+        """Time-stamps the new rows. After a long pause frames may be missing anywhere, so no jump is looked for."""
         if not self._rows:
             return
         rows, self._rows = np.array(self._rows), []

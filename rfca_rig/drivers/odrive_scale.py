@@ -1,4 +1,4 @@
-"""How an ODrive's motor turns the shaft: address, gear, direction, zero."""
+"""Settings of an ODrive: address, gear, direction, zero and message rates."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from rfca_rig.errors import BadInput
 
 @dataclass(frozen=True)
 class OdriveSettings(ShaftGear):
-    """What the driver must know of the drive.
+    """Settings of the drive.
 
-    `gear_ratio` is motor turns per shaft turn, `direction` +1 or -1, `zero_turns` the encoder's turns where the shaft is
-    horizontal. `torque_constant_Nm_per_A` None takes the torque from message 0x1C, else from the measured current 0x14.
-    `encoder_period_s` is the drive's cyclic rate of message 0x09. `dialect` is that of its firmware; 0.5 tells no torque, so it
-    needs the torque constant. Raises BadInput for values that cannot be.
+    `gear_ratio` is motor turns per shaft turn, `direction` +1 or -1, `zero_turns` the encoder reading in turns with the shaft
+    horizontal. With `torque_constant_Nm_per_A` None the torque comes from message 0x1C, else from the measured current 0x14.
+    `encoder_period_s` is the drive's cyclic period of message 0x09. `dialect` is that of its firmware; 0.5 reports no torque, so it
+    needs the torque constant. Raises BadInput for invalid values.
     """
 
     node_id: int
@@ -23,11 +23,13 @@ class OdriveSettings(ShaftGear):
     zero_turns: float = 0.0
     torque_constant_Nm_per_A: float | None = None
     encoder_period_s: float = 1e-3
+    # Longer than three heartbeat periods of 0.1 s.
     heartbeat_timeout_s: float = 0.35
     enable_timeout_s: float = 1.0
     dialect: OdriveFirmware = OdriveFirmware.V0_6
 
     def __post_init__(self) -> None:
+        # Six bits of the arbitration id hold the node; 63 is the broadcast address of drives without one.
         if not 0 <= self.node_id < 63:
             raise BadInput(f"drive: node_id is {self.node_id}, must be 0..62")
         self.check_gear()
@@ -35,6 +37,7 @@ class OdriveSettings(ShaftGear):
             check_positive(name, getattr(self, name))
         if self.torque_constant_Nm_per_A is not None:
             check_positive("torque_constant_Nm_per_A", self.torque_constant_Nm_per_A)
+        # Message 0x1C exists only in firmware 0.6; without it the torque has to come from the current.
         elif self.dialect == OdriveFirmware.V0_5:
             raise BadInput(
                 "drive: torque_constant_Nm_per_A is missing; firmware 0.5 tells the motor's current, not its torque "

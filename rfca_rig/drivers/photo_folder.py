@@ -1,4 +1,4 @@
-"""A folder of photos in place of a camera: each call hands out the next one, sorted by name."""
+"""Folder of photos in place of a camera: each call returns the next one, sorted by name."""
 
 import re
 from pathlib import Path
@@ -9,9 +9,9 @@ from rfca_rig.errors import BadInput, DeviceError
 
 
 def photos_in(folder: Path) -> list[Path]:
-    """The pictures in a folder, sorted by name with numbers counted as people do: 9 before 10.
+    """The pictures in a folder in natural sort order: 9 before 10.
 
-    Raises BadInput where there is no such folder, or no picture in it.
+    Raises BadInput if the folder does not exist, or holds no picture.
     """
     found = pictures_in(folder)
     if not found:
@@ -20,27 +20,27 @@ def photos_in(folder: Path) -> list[Path]:
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """The same of a folder that may hold none yet. Raises BadInput where there is no such folder."""
+    """Like `photos_in`, for a folder that may still be empty. Raises BadInput if the folder does not exist."""
     try:
         found = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
     except OSError as error:
         raise BadInput(f"{folder}: cannot be read: {error.strerror}; name the folder that holds the photos") from None
-    return sorted(found, key=_as_people_sort)
+    return sorted(found, key=_natural_sort_key)
 
 
-def _as_people_sort(file: Path) -> tuple[list[tuple[int, str]], str]:
+def _natural_sort_key(file: Path) -> tuple[list[tuple[int, str]], str]:
     parts = re.findall(r"[0-9]+|[^0-9]+", file.stem.lower())
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], file.name
 
 
 class PhotoFolder:
-    """Implements `Camera`. `host_s` counts from the earliest photo, by Exif where every photo has it, else by the files' times.
+    """Implements `Camera`. `host_s` counts from the earliest photo, by Exif time if every photo has one, else by file times.
 
-    The two are never mixed: a camera's clock and a computer's differ by more than a stage lasts.
+    The two are never mixed: the clocks of camera and computer differ by more than the duration of a stage.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Raises BadInput where the folder holds no photo."""
+        """Raises BadInput if the folder holds no photo."""
         self._folder = folder
         self._files = photos_in(folder)
         self._next = 0
@@ -55,7 +55,10 @@ class PhotoFolder:
         return len(self._files)
 
     def photo(self) -> Photo:
-        """The next one. Raises DeviceError behind the last, BadInput for one that is broken; that one is passed over next time."""
+        """The next photo (rows, columns, 3) in BGR order.
+
+        Raises DeviceError after the last one, and BadInput for a broken one, which the next call skips.
+        """
         if self._next == len(self._files):
             raise DeviceError(f"{self._folder}: no photo after the {self._next} that it holds; add those that are missing")
         at = self._next
@@ -63,7 +66,7 @@ class PhotoFolder:
         return Photo(read_picture(self._files[at]), self._times_s[at], self._files[at].name)
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Does nothing: no file is held open."""
 
     def identity(self) -> dict[str, str]:
         time_from = "Exif" if self._by_exif else "times of last change"

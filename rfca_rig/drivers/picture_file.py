@@ -1,4 +1,4 @@
-"""Pictures as files: JPEG, PNG and TIFF, whole or refused in one line, with the moment at which they were taken."""
+"""Picture files (JPEG, PNG, TIFF): reading with a check for truncation, and the time at which they were taken."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,35 +14,36 @@ from rfca_rig.errors import BadInput
 Image = NDArray[np.uint8]
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-HEAD_BYTES = 1 << 18  # Exif stands before the picture in a JPEG, in no more than 64 kB
+# In a JPEG the Exif block precedes the image and has at most 64 kB.
+HEAD_BYTES = 1 << 18
 
 _PNG, _JPEG, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", (b"II*\0", b"MM\0*")
 
 
 @dataclass(frozen=True)
 class PictureTime:
-    """When a picture was taken; `from_exif` where its camera wrote it, else the file's time of last change."""
+    """When a picture was taken: from Exif if `from_exif`, else the modification time of the file."""
 
     at: datetime
     from_exif: bool
 
 
 def read_picture(path: Path) -> Image:
-    """The picture (rows, columns, 3) uint8, blue green red, as the sensor saw it: a note of how the camera was held is not obeyed.
+    """The image (rows, columns, 3) uint8 in BGR order, in the orientation of the sensor: the Exif orientation is ignored.
 
-    Raises BadInput, one line, for a file that is missing, of another kind, cut short or broken.
+    Raises BadInput, in one line, for a file that is missing, of another type, truncated or broken.
     """
     content = _content(path)
     if fault := _fault(content):
         raise BadInput(f"{path}: {fault}; take it out of the list or copy it from the camera again")
-    image = _decoded(content)
+    image = _decode(content)
     if image is None:
         raise BadInput(f"{path}: {len(content)} bytes that are no whole picture; take it out of the list or copy it from the camera again")
     return image
 
 
-def _decoded(content: bytes) -> Image | None:
-    """OpenCV returns None for most of what it cannot read, and raises for the rest; its own words on the terminal are left out."""
+def _decode(content: bytes) -> Image | None:
+    """Decodes an image; None if OpenCV fails, by returning None or by raising. Its messages on the terminal are suppressed."""
     before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -61,10 +62,11 @@ def _content(path: Path) -> bytes:
 
 
 def _fault(content: bytes) -> str | None:
-    """What can be told from the ends of the file. Decoders fill up a picture that was cut short with grey, and say nothing."""
+    """Error visible at the ends of the file, or None. Decoders silently fill a truncated picture with grey."""
     if not content:
         return "empty file"
     if content.startswith(_JPEG):
+        # The end mark (FF D9) must follow the last start of scan (FF DA); the embedded thumbnail has its own end mark.
         whole = content.rfind(b"\xff\xd9") > content.rfind(b"\xff\xda") >= 0
         return None if whole else "a JPEG that is cut short: it ends before its end mark"
     if content.startswith(_PNG):
@@ -73,9 +75,10 @@ def _fault(content: bytes) -> str | None:
 
 
 def moment_of(path: Path) -> PictureTime:
-    """Raises BadInput where the file cannot be read."""
+    """Time at which a picture was taken. Raises BadInput if the file cannot be read."""
     try:
         with path.open("rb") as file:
+            # A TIFF may have its Exif directory anywhere, so the whole file is read.
             head = file.read(HEAD_BYTES) if path.suffix.lower() not in (".tif", ".tiff") else file.read()
         changed_s = path.stat().st_mtime
     except OSError as error:

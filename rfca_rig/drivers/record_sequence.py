@@ -1,19 +1,20 @@
-"""Which records of a numbered stream are new, and which went missing, came twice or came late."""
+"""Sequence check of a numbered stream: new, lost, duplicate and late records."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Ints = NDArray[np.int64]
 
+# Number of missing records that are remembered, to recognise them if they come late.
 REMEMBERED = 100_000
 
 
 class RecordSequence:
-    """Follows a counter of 32 bits that starts at `first` and wraps.
+    """Follows a 32 bit counter that starts at `first` and wraps.
 
-    Of each batch the records that continue the stream are picked, in the order of their numbers. A record older than what was
-    already handed over is never handed over: it is a duplicate, or late and stays lost. Differences are taken in 32 bit
-    arithmetic with sign, so that an old record is old and not four billion records ahead.
+    From each batch the records that continue the stream are picked, in the order of their numbers. A record older than those already
+    handed out is never handed out: it is a duplicate, or it is late and stays lost. Differences are signed 32 bit differences, so that
+    an old record does not look four billion records ahead.
     """
 
     def __init__(self, first: int = 1) -> None:
@@ -22,8 +23,23 @@ class RecordSequence:
         self.received = self.lost = self.duplicate = self.out_of_order = 0
 
     def take(self, numbers: NDArray[np.uint32]) -> tuple[Ints, Ints]:
-        """`numbers` (m,) as they arrived. Returns which of them to keep (k,), and their numbers without wrap (k,), ascending."""
+        """Sorts out one batch.
+
+        Parameters
+        ----------
+        numbers : ndarray, shape (m,)
+            Record numbers, 32 bit, in order of arrival.
+
+        Returns
+        -------
+        picked : ndarray, shape (k,)
+            Indices of the records to keep.
+        unwrapped : ndarray, shape (k,)
+            Their numbers without wrap, ascending.
+        """
+        # The view as int32 makes records behind `_next` negative.
         ahead = (numbers - np.uint32(self._next & 0xFFFFFFFF)).view(np.int32).astype(np.int64)
+        # Fast path for a batch without gap, the usual case at 7000 to 15 000 records/s.
         if len(ahead) and ahead[0] == 0 and ahead[-1] == len(ahead) - 1 and (np.diff(ahead) == 1).all():
             picked, fresh = np.arange(len(ahead)), ahead
         else:
@@ -51,7 +67,7 @@ class RecordSequence:
             self.duplicate += 1
 
     def _count_late(self, arrived: Ints, first: Ints) -> None:
-        """Late is what a higher number overtook within the batch."""
+        """Counts records that a higher number overtook within the batch."""
         order = arrived[first]
         self.out_of_order += int((order < np.maximum.accumulate(order)).sum()) if len(order) else 0
 
@@ -61,6 +77,7 @@ class RecordSequence:
         lost = int(fresh[-1]) + 1 - len(fresh)
         self.lost += lost
         if len(self._missing) + lost > REMEMBERED:
+            # After such a gap late records are not worth the memory; they then count as duplicates.
             self._missing.clear()
         if 0 < lost <= REMEMBERED:
             gaps = np.setdiff1d(np.arange(int(fresh[-1])), fresh, assume_unique=True)

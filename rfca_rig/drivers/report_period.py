@@ -1,20 +1,22 @@
-"""Does a drive report as often as the settings say? A wrong period would stretch the time base of a whole recording."""
+"""Check of a drive's report period against the settings. A wrong one would stretch the time base of a whole recording."""
 
 from collections.abc import Callable
 
 LOOK_REPORTS = 20
-LOOKS = 3  # reports that were held up somewhere, or a program that was, make one look too few or too many
+# One measurement may be wrong, if reports or this program were delayed. A wrong setting is wrong every time.
+LOOKS = 3
+# Factor between measured and configured period from which the setting is refused.
 MOST_APART = 2.0
 
 
 def period_fault(look_s: Callable[[], float], set_s: float) -> float | None:
-    """The period (s) at which the reports come where that is not `set_s`, None where it is.
+    """The measured report period in s if it differs from `set_s` by a factor of two, None if it agrees.
 
-    `look_s` watches `LOOK_REPORTS` periods and returns the mean one. A wrong period is so each time one looks.
+    `look_s` watches `LOOK_REPORTS` periods and returns the mean one. The period is wrong only if every measurement says so.
     """
-    seen_s = set_s
+    measured_s = set_s
     for _ in range(LOOKS):
-        seen_s = look_s()
-        if set_s / MOST_APART < seen_s < set_s * MOST_APART:
+        measured_s = look_s()
+        if set_s / MOST_APART < measured_s < set_s * MOST_APART:
             return None
-    return seen_s
+    return measured_s

@@ -1,4 +1,4 @@
-"""What the engine asks of a device, whatever its make. Values are the shaft's and the sensor's, in SI units."""
+"""Device protocols: what the engine needs from any motor, force sensor, camera or rack. All values are in SI units."""
 
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -11,7 +11,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ShaftSamples:
-    """What the motor reported since it was last read; all (m,). `device_s` counts the drive's own periods from its first sample."""
+    """Motor samples since the last `read`; every column has shape (m,).
+
+    `host_s` is the host clock when the sample was drained. `device_s` is the drive's own time, 0 at its first sample.
+    `angle_rad`, `speed_rad_s` and `torque_Nm` are those of the shaft, after gear, direction and zero.
+    """
 
     host_s: Floats
     device_s: Floats
@@ -22,14 +26,16 @@ class ShaftSamples:
 
 @dataclass(frozen=True)
 class MotorStatus:
-    """`state` in words; `fault` is None or the drive's own error code with its meaning; `silent_s` since its last heartbeat.
+    """State of the drive.
 
-    `temperature_C` is that of drive or motor, whichever is warmer; None where the drive does not tell.
+    `state` is a text. `fault` is None, or the drive's own error code with its meaning. `silent_s` is the time since the last heartbeat.
+    `temperature_C` is the higher of drive and motor temperature, None if the drive reports none.
     """
 
     state: str
     fault: str | None
     silent_s: float
+    # Optional, as some drives have no temperature sensor.
     temperature_C: float | None = None
 
 
@@ -37,34 +43,34 @@ class ShaftMotor(Protocol):
     """A motor that turns the shaft. Angles are continuous over many turns; 0 is horizontal, positive downwards."""
 
     def enable(self) -> None:
-        """Energises without a jerk, holding where the shaft stands. Raises DeviceError when the drive refuses."""
+        """Energises the motor and holds the shaft at its present angle, without a jerk. Raises DeviceError if the drive refuses."""
         ...
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Says nothing to the enabled drive until its watchdog stops the motor, which is off then; returns how long that took.
+        """Sends nothing to the enabled drive until its watchdog disables the motor; returns the time in seconds that this took.
 
-        Raises DeviceError where the drive still runs after `limit_s`.
+        The motor is off afterwards. Raises DeviceError if the drive still runs after `limit_s`.
         """
         ...
 
     def command_speed(self, speed_rad_s: float) -> None:
-        """Asks for a speed; to be repeated every few milliseconds, or the drive's watchdog stops the motor."""
+        """Commands a shaft speed. Must be repeated every few milliseconds, or the drive's watchdog stops the motor."""
         ...
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Asks for an angle, with the speed of a moving target; to be repeated like `command_speed`."""
+        """Commands a shaft angle, with the speed of a moving target. Must be repeated like `command_speed`."""
         ...
 
     def disable(self) -> None:
-        """Takes the torque away. May be called at any time, any number of times."""
+        """Disables the motor (torque off). May be called at any time, any number of times."""
         ...
 
     def read(self) -> ShaftSamples:
-        """Everything that came in since the last call; never waits."""
+        """Everything received since the last call; never waits."""
         ...
 
     def status(self) -> MotorStatus:
-        """How the drive is, as of the last `read`."""
+        """State of the drive at the last `read`."""
         ...
 
     def identity(self) -> dict[str, str]:
@@ -74,7 +80,7 @@ class ShaftMotor(Protocol):
 
 @dataclass(frozen=True)
 class SensorScale:
-    """Counts to newtons and newton metres: value = counts / counts_per_unit. `rate_Hz` of the records."""
+    """Scale from counts to N and N m: value = counts / counts_per_unit. `rate_Hz` is the record rate."""
 
     counts_per_N: float
     counts_per_Nm: float
@@ -83,9 +89,11 @@ class SensorScale:
 
 @dataclass(frozen=True)
 class ForceSamples:
-    """Records since the sensor was last read. `counts` (m, 6) = fx fy fz tx ty tz; `device_s` from the record counter.
+    """Sensor records since the last `read`.
 
-    `status` 0 is healthy; bit 31 says that something is wrong and bit 17 that the sensor is saturated, whatever its make.
+    `counts` (m, 6) holds fx fy fz tx ty tz in counts, see `SensorScale`. `host_s` (m,) is the host clock at the read.
+    `device_s` (m,) is the time from the record counter, 0 at record 1, and `sequence` (m,) that counter without wrap.
+    `status` (m,) is 0 if healthy. For every make, bit 31 marks an error and bit 17 saturation.
     """
 
     host_s: Floats
@@ -97,10 +105,10 @@ class ForceSamples:
 
 @dataclass
 class StreamHealth:
-    """What went wrong on the way, in records.
+    """Transmission and sensor errors since `start`, counted in records.
 
-    `malformed` counts datagrams, or pieces of a stream, that were no records. `stalled` records hold nothing new, because the
-    sensor stood still; `saturated` ones are those of the `faulty_status` in which it was beyond its range.
+    `malformed` counts datagrams, or pieces of a stream, that were not records. `stalled` records repeat old values because the
+    sensor stopped measuring. `saturated` is the part of `faulty_status` in which the sensor was beyond its range.
     """
 
     received: int = 0
@@ -118,11 +126,11 @@ class ForceSensor(Protocol):
     """A six-axis force sensor that streams."""
 
     def start(self) -> None:
-        """Starts the stream; the record counter begins anew."""
+        """Starts the stream; the record counter restarts at 1."""
         ...
 
     def read(self) -> ForceSamples:
-        """Everything that came in since the last call; never waits."""
+        """Everything received since the last call; never waits."""
         ...
 
     def stop(self) -> None:
@@ -140,7 +148,7 @@ class ForceSensor(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Photo:
-    """One picture: `image` (rows, columns, 3) uint8, blue green red; `host_s` when it was taken; `name` for messages and files."""
+    """One photo: `image` (rows, columns, 3) uint8 in BGR order, `host_s` when it was taken, `name` for messages and files."""
 
     image: NDArray[np.uint8]
     host_s: float
@@ -148,40 +156,40 @@ class Photo:
 
 
 class Camera(Protocol):
-    """What takes a picture of the leg from the side. The picture is the sensor's own, neither turned nor undistorted."""
+    """A camera that photographs the leg from the side. The image is the raw one: neither rotated nor undistorted."""
 
     def photo(self) -> Photo:
-        """A picture whose exposure began after the call. Raises DeviceError where none comes."""
+        """A photo (rows, columns, 3) whose exposure began after the call. Raises DeviceError if none arrives."""
         ...
 
     def close(self) -> None:
-        """Lets go of the camera. May be called at any time, any number of times."""
+        """Releases the camera. May be called at any time, any number of times."""
         ...
 
     def identity(self) -> dict[str, str]: ...
 
 
 class Photographer(Protocol):
-    """Has photos taken while its caller goes on: what the control loop needs of a camera. Nothing here waits."""
+    """Takes photos in the background, for use in the control loop. No method waits."""
 
     def begin(self) -> None:
-        """Asks for a photo. Raises DeviceError while an earlier one has not come; one that came too late is forgotten."""
+        """Requests a photo. Raises DeviceError while an earlier one is pending; one that arrived too late is discarded."""
         ...
 
     def taken(self) -> Photo | None:
-        """The photo, once, as soon as it is there. Raises what the camera raised instead."""
+        """The photo, handed out once; None until it has arrived. Raises the camera's exception if it failed."""
         ...
 
     def close(self) -> None:
-        """Lets go of the camera, or leaves one behind that does not answer. May be called at any time, any number of times."""
+        """Releases the camera, or abandons one that does not answer. May be called at any time, any number of times."""
         ...
 
     def identity(self) -> dict[str, str]: ...
 
 
 class Rack(Protocol):
-    """What sets the height of the shaft above the ground: a hand on the lead screws, or a twin."""
+    """Sets the height of the shaft above the ground: an operator at the lead screws, or a twin."""
 
     def set_height(self, height_m: float) -> None:
-        """Returns when the rack stands at that height."""
+        """Returns once the rack is at `height_m`."""
         ...

@@ -1,23 +1,24 @@
-"""What the status words and the values of a force sensor's records say of them."""
+"""Counters of faulty, saturated and frozen records of a force sensor."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.codecs.netbox_status import SATURATED, WARNINGS
 
+# Bit 31, the summary error, is set for every error, so it does not identify saturation.
 SATURATED_BIT = np.uint32(SATURATED & 0x7FFFFFFF)
 FROZEN_RUN = 50
 
 
 class StatusCount:
-    """Records with a bad status, and those of them that are saturated. Words are those of the Net F/T, for every sensor."""
+    """Counts records with a bad status, and the saturated ones among them. All sensors use the status words of the Net F/T."""
 
     def __init__(self) -> None:
         self.faulty = self.saturated = 0
         self.seen = 0
 
     def take(self, status: NDArray[np.uint32]) -> None:
-        """Counts one batch."""
+        """Counts one batch of status words (m,)."""
         if not status.any():
             return
         faulty = status[~np.isin(status, list(WARNINGS))]
@@ -27,9 +28,9 @@ class StatusCount:
 
 
 class FrozenCount:
-    """Records that only repeat the one before, for sensors that number their records but not their measurements.
+    """Counts records that only repeat the one before, for sensors that number records but not measurements.
 
-    A live converter is never still for long in all six axes, so 50 equal records in a row are believed to be frozen.
+    A working converter is never constant for long in all six axes, so 50 equal records in a row count as frozen.
     """
 
     def __init__(self) -> None:
@@ -38,7 +39,7 @@ class FrozenCount:
         self._run = 0
 
     def take(self, values: NDArray[np.generic]) -> None:
-        """Counts one batch (m, 6) of raw values."""
+        """Counts one batch (m, n) of raw values, one column per axis or gage."""
         if not len(values):
             return
         before = values[:1] if self._last is None else self._last
@@ -46,9 +47,11 @@ class FrozenCount:
         if self._last is None:
             same[0] = False
         self._last = values[-1:].copy()
+        # The usual case, without the loop over all records.
         if not same.any() and not self._run:
             return
         for repeats in same.tolist():
             self._run = self._run + 1 if repeats else 0
             if self._run >= FROZEN_RUN:
+                # The whole run counts once it has reached the limit, then each further record.
                 self.frozen += FROZEN_RUN if self._run == FROZEN_RUN else 1

@@ -1,4 +1,4 @@
-"""A serial port that does not wait, and the one that pyserial opens."""
+"""Non-blocking serial port interface, and its pyserial implementation."""
 
 from typing import Protocol
 
@@ -6,7 +6,7 @@ from rfca_rig.errors import DeviceError
 
 
 class SerialPort(Protocol):
-    """Those members of `serial.Serial` that a driver uses. All raise OSError when the way is broken, as pyserial does."""
+    """The members of `serial.Serial` that drivers use. All raise OSError if the line is broken, as pyserial does."""
 
     @property
     def in_waiting(self) -> int:
@@ -14,7 +14,7 @@ class SerialPort(Protocol):
         ...
 
     def read(self, size: int = 1) -> bytes:
-        """At most `size` bytes of what has arrived; never waits."""
+        """At most `size` of the bytes that have arrived; never waits."""
         ...
 
     def write(self, data: bytes) -> int | None: ...
@@ -23,7 +23,7 @@ class SerialPort(Protocol):
 
 
 def open_port(path: str, bits_per_s: int) -> SerialPort:
-    """The port with 8 data bits, no parity, one stop bit. Raises DeviceError where it cannot be opened."""
+    """Opens the port with 8 data bits, no parity, one stop bit. Raises DeviceError if it cannot be opened."""
     import serial  # noqa: PLC0415 (no other device needs it)
 
     try:

@@ -1,4 +1,4 @@
-"""Between a drive that counts turns and the shaft that it turns: gear, direction, zero."""
+"""Conversion between the turns of a drive and the angle of the shaft: gear, direction, zero."""
 
 from math import isfinite, tau
 
@@ -6,8 +6,9 @@ from rfca_rig.errors import BadInput
 
 
 class ShaftGear:
-    """For settings that have these three: `gear_ratio` is the drive's turns per shaft turn, `direction` +1 or -1, `zero_turns` what the
-    drive reads with the shaft horizontal.
+    """Base of settings with these three values.
+
+    `gear_ratio` is drive turns per shaft turn, `direction` +1 or -1, `zero_turns` the drive's reading with the shaft horizontal.
     """
 
     gear_ratio: float
@@ -15,7 +16,7 @@ class ShaftGear:
     zero_turns: float
 
     def check_gear(self) -> None:
-        """Raises BadInput for values that cannot be."""
+        """Raises BadInput for invalid values."""
         if self.direction not in {1, -1}:
             raise BadInput(f"drive: direction is {self.direction}, must be 1 or -1")
         if not isfinite(self.zero_turns):
@@ -23,25 +24,25 @@ class ShaftGear:
         check_positive("gear_ratio", self.gear_ratio)
 
     def turns(self, angle_rad: float) -> float:
-        """The drive's turns at a shaft angle."""
+        """Drive position in turns at a shaft angle in rad."""
         return self.zero_turns + self.turns_s(angle_rad)
 
     def turns_s(self, speed_rad_s: float) -> float:
-        """The drive's speed at a shaft speed."""
+        """Drive speed in turns/s at a shaft speed in rad/s."""
         return self.direction * self.gear_ratio * speed_rad_s / tau
 
     @property
     def shaft_rad_per_turn(self) -> float:
-        """Signed: shaft radians per turn of the drive."""
+        """Shaft angle in rad per turn of the drive, signed."""
         return self.direction * tau / self.gear_ratio
 
     @property
     def shaft_torque_per_drive_torque(self) -> float:
-        """Signed, for a gear without losses."""
+        """Shaft torque over drive torque, signed, for a gear without losses."""
         return self.direction * self.gear_ratio
 
 
 def check_positive(name: str, value: float) -> None:
-    """Raises BadInput for what is not a number above 0."""
+    """Raises BadInput if `value` is not a finite number above 0."""
     if not (isfinite(value) and value > 0.0):
         raise BadInput(f"drive: {name} is {value}, must be above 0")

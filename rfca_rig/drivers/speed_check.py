@@ -1,17 +1,20 @@
-"""Does a drive's speed belong to its angle? Where not, a scale in the settings is wrong, silently otherwise."""
+"""Consistency check of reported speed and angle: a difference shows a wrong scale in the settings."""
 
+# Length of a window, and the longest gap between two reports over which the trapezoidal rule is used, in s.
 WINDOW_S = 0.2
 LONGEST_GAP_S = 0.02
-LEAST_RAD = 0.1  # turned in a window; slower, the steps of the speed field count for too much
+# Least rotation in a window. With less, the resolution of the speed field dominates.
+LEAST_RAD = 0.1
+# Relative difference, and the number of windows in a row that must show it.
 MOST_APART = 0.25
 WINDOWS = 3
 
 
 class SpeedCheck:
-    """Holds the integral of the reported speed against the change of the reported angle, window by window.
+    """Compares the integral of the reported speed with the change of the reported angle, window by window.
 
-    `fault` says by what factor they differ, once three windows in a row with motion in them differ by more than a quarter;
-    `scales` names the settings to look at.
+    `fault` gives the factor between them, once three windows in a row with motion differ by more than a quarter. `scales` names the
+    settings to check.
     """
 
     def __init__(self, scales: str) -> None:
@@ -20,7 +23,7 @@ class SpeedCheck:
         self.forgive()
 
     def forgive(self) -> None:
-        """Begins anew."""
+        """Clears the fault and starts a new window."""
         self.fault = None
         self._last: tuple[float, float, float] | None = None
         self._apart = 0
@@ -30,7 +33,7 @@ class SpeedCheck:
         self._elapsed_s = self._turned_rad = self._integral_rad = 0.0
 
     def follow(self, t_s: float, angle_rad: float, speed_rad_s: float) -> None:
-        """One report more, later than the one before."""
+        """Takes in one report, later than the last."""
         before, self._last = self._last, (t_s, angle_rad, speed_rad_s)
         if before is None or t_s - before[0] > LONGEST_GAP_S:
             self._open()

@@ -1,4 +1,4 @@
-"""The motor on the shaft, for any drive that obeys speeds: what a lab's own driver is made of. See docs/add-a-motor.md."""
+"""Base class of plug-in motor drivers, for any drive with a speed command. See docs/add-a-motor.md."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -21,13 +21,15 @@ __all__ = ["DriveKeys", "Report", "SpeedDrive"]
 Frames = Sequence[can.Message]
 
 FILES = ("file", "twin_file")
+# Interval between two polls while enabling, in s; docs/add-a-motor.md promises plug-ins a call every 2 ms.
 POLL_S = 2e-3
+# Limits in s for enabling, and for one answer at the end of the watchdog test.
 ENABLE_S = 1.0
 ANSWER_S = 0.05
 
 
 class DriveKeys(Protocol):
-    """What a section [motor] of such a drive has besides its own keys."""
+    """Keys of [motor] that every plug-in drive has, besides its own."""
 
     @property
     def gear_ratio(self) -> float: ...
@@ -52,18 +54,18 @@ class _Gear(ShaftGear):
 
 
 class SpeedDrive(ABC, Generic[Keys]):
-    """A `ShaftMotor` that leads its drive by speeds alone; an angle is a speed that brings the shaft there.
+    """A `ShaftMotor` that commands its drive by speed only; an angle command becomes a speed towards that angle.
 
-    Inherit, name the `make`, and say in frames what the drive understands and in reports what it says; speeds and positions are
-    its motor's, in turns. Everything else is here: gear and zero, order of enabling, proof of the watchdog, stopping while the
-    queue is full, time, restarts, lost zeros, silence, a failing bus. The drive must have a speed loop with an integrator and a
-    watchdog that each of its commands feeds; nothing is sent but in answer to a call, so a caller that stands still lets it stop.
+    Inherit, set `make`, and implement the frames to the drive and the decoding of its reports. Speeds and positions are those of the
+    motor, in turns. This class handles gear and zero, enabling, the watchdog test, stopping with a full queue, time stamps, restarts,
+    lost zeros, silence and bus failures. The drive needs a speed loop with an integrator, and a watchdog that every command feeds.
+    Frames are sent only from within calls, so the watchdog stops the motor when the caller hangs.
     """
 
     make: ClassVar[str]
 
     def __init__(self, bus: can.BusABC, clock: Clock, keys: Keys, silent_s: float) -> None:
-        """`silent_s` without a report is a fault."""
+        """`silent_s`: time without a report after which the drive is at fault."""
         self.keys = keys
         self._bus = bus
         self._clock = clock
@@ -73,46 +75,47 @@ class SpeedDrive(ABC, Generic[Keys]):
         self._reports = DriveReports(bus, clock, self._gear, self._period_s, self.hear)
         self._armed = self._has_asked = False
 
-    # -- what the drive understands and says ---------------------------------------------------------------------------------
+    # -- frames of the drive, to be implemented ------------------------------------------------------------------------------
 
     @abstractmethod
     def hear(self, message: can.Message) -> Report | None:
-        """The report that this frame completes; None for every other frame."""
+        """Decodes a frame: the report that it completes, None for every other frame."""
 
     @abstractmethod
     def to_clear(self) -> Frames:
-        """Has the drive forget its errors, and report. It is without torque before and after."""
+        """Frames that clear the drive's errors and start its reports. The motor has no torque before and after."""
 
     @abstractmethod
     def to_energise(self, last: Report) -> Frames:
-        """The next step towards an energised motor that stands still, from the state in `last`; said every 2 ms until it `is_on`."""
+        """Frames of the next step towards an energised motor at rest, from the state in `last`; repeated every 2 ms until it `is_on`."""
 
     @abstractmethod
     def to_turn(self, turns_s: float) -> Frames:
-        """Asks for a speed, and feeds the watchdog. Must not energise a drive that is not."""
+        """Frames that command a speed and feed the watchdog. They must not energise a drive that is off."""
 
     @abstractmethod
     def to_let_go(self) -> Frames:
-        """Takes the torque away, in whatever state the drive is."""
+        """Frames that disable the motor, in any state of the drive."""
 
     def to_ask(self) -> Frames:
-        """Asks for a report, for drives that do not report by themselves (report_period_ms left out). Must not feed the watchdog."""
+        """Frames that request a report, for drives without cyclic reports (no report_period_ms). They must not feed the watchdog."""
         return ()
 
     def restarted(self) -> None:
-        """To be called by `hear` where the drive says that it was switched on anew: its zero cannot be believed any more."""
+        """Call it in `hear` when the drive reports a restart: its zero is no longer valid."""
         self._reports.restarted = "the drive restarted: find its zero again"
 
     # -- ShaftMotor ----------------------------------------------------------------------------------------------------------
 
     def enable(self) -> None:
-        """Energises, holding the shaft where it stands.
+        """Energises the motor and holds the shaft at its present angle.
 
-        Raises DeviceError saying what is missing, or with what error the drive refuses; the motor is off then.
+        Raises DeviceError with the missing message, or with the error of a drive that refuses; the motor is then off.
         """
         self.disable()
         self._reports.drain()
-        self._reports.samples()  # what has dammed up while nobody looked has holes, and is handed to nobody
+        # Frames that piled up during a pause may have gaps, so they are discarded.
+        self._reports.samples()
         if self._reports.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
         self._say(self.to_clear())
@@ -122,26 +125,27 @@ class SpeedDrive(ABC, Generic[Keys]):
         self._armed = True
 
     def _await_reports(self) -> None:
-        """Two of them, for the first may have left the drive before its errors were cleared."""
+        """Waits for two reports: the first may have been sent before the errors were cleared."""
         self._reports.recount()
         until_s = self._clock.now_s() + ENABLE_S
         while self._reports.heard < 2 or self._last().fault is not None:
+            # After the limit, a fault that is still reported is a refusal, and too few reports mean a wiring or address problem.
             if self._clock.now_s() > until_s and self._reports.heard < 2:
                 raise DeviceError(f"drive not enabled: within {ENABLE_S:g} s {self._reports.missing()}")
             self._refuse_if(self._clock.now_s() > until_s, "still reports")
             self._wait_and_drain()
 
     def _check_period(self) -> None:
-        """A wrong one would stretch the time base of the whole recording."""
+        """Checks the report period; a wrong one would stretch the time base of the whole recording."""
         if self._period_s is None:
             return
-        if period_fault(partial(self._watched_period_s, self._period_s), self._period_s) is not None:
+        if period_fault(partial(self._measure_report_period_s, self._period_s), self._period_s) is not None:
             raise DeviceError(
                 f"drive not enabled: it does not report every {1e3 * self._period_s:g} ms; set report_period_ms to what the drive "
                 "is set to, or the drive"
             )
 
-    def _watched_period_s(self, period_s: float) -> float:
+    def _measure_report_period_s(self, period_s: float) -> float:
         self._reports.recount()
         began_s = self._clock.now_s()
         while self._clock.now_s() - began_s < LOOK_REPORTS * period_s:
@@ -168,34 +172,36 @@ class SpeedDrive(ABC, Generic[Keys]):
         return self._reports.last
 
     def command_speed(self, speed_rad_s: float) -> None:
-        """Asks for a shaft speed. Raises DeviceError when the frame cannot be sent."""
+        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent."""
         self._turn(_finite(speed_rad_s, "speed"))
 
     def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
-        """Asks for the speed that leads to an angle which moves at `speed_rad_s`. Raises DeviceError when the frame cannot be sent."""
+        """Commands the speed towards an angle that moves at `speed_rad_s`. Raises DeviceError if the frame cannot be sent."""
         angle_rad, speed_rad_s = _finite(angle_rad, "angle"), _finite(speed_rad_s, "speed")
+        # The last report is extrapolated to now, since the angle may be several milliseconds old.
         now_rad = self._reports.angle_rad + self._reports.speed_rad_s * (self._clock.now_s() - self._reports.heard_s)
         self._turn(speed_rad_s + self.keys.angle_gain_per_s * (angle_rad - now_rad))
 
     def _turn(self, speed_rad_s: float) -> None:
-        """A drive that let go by itself is not led any further."""
+        """Commands a speed, or torque off if the drive has disabled itself: it must not start again on its own."""
         if not self._armed:
             raise DeviceError("drive is not enabled; nothing was sent to it")
         self._say(self.to_turn(self._gear.turns_s(speed_rad_s)) if self._last().is_on else self.to_let_go())
 
     def disable(self) -> None:
-        """Takes the torque away, within 20 ms. Raises DeviceError when a frame cannot be sent; the watchdog stops the motor then."""
+        """Disables the motor within 20 ms. Raises DeviceError if a frame cannot be sent; the watchdog then stops the motor."""
         self._armed = False
         send_stop(self._bus, self._clock, self.to_let_go(), GUARDED)
 
     def prove_watchdog(self, limit_s: float) -> float:
-        """Says nothing to the enabled drive until it lets go, and returns how long that took; the motor is off then.
+        """Sends nothing to the enabled drive until its watchdog disables the motor; returns the time in s. The motor is off afterwards.
 
-        A drive that only answers is asked once, at the end. Raises DeviceError where it still runs after `limit_s`.
+        A drive without cyclic reports is asked once, at the end. Raises DeviceError if it still runs after `limit_s`.
         """
         began_s = self._clock.now_s()
         try:
             self._wait_for_off(limit_s) if self._period_s is not None else self._ask_after(limit_s)
+            # The answer that ends the silence, or the last cyclic report, decides; a drive that still runs is not safe to use.
             if self._last().is_on:
                 raise DeviceError(
                     f"drive's watchdog let it run through {limit_s:g} s of silence; switch it on in the drive, such a drive is not moved"
@@ -210,6 +216,7 @@ class SpeedDrive(ABC, Generic[Keys]):
             self._wait_and_drain()
 
     def _ask_after(self, limit_s: float) -> None:
+        # The single question comes at the end: a request in between could feed a watchdog that counts any frame.
         self._clock.wait_until(self._clock.now_s() + limit_s - ANSWER_S)
         self._reports.drain()
         self._reports.recount()
@@ -222,15 +229,16 @@ class SpeedDrive(ABC, Generic[Keys]):
             self._reports.drain()
 
     def read(self) -> ShaftSamples:
-        """Samples since the last call. Raises DeviceError on a failing bus or a frame that cannot be read."""
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
         self._reports.drain()
+        # A command already requested a report; only a read without one needs its own request.
         if not self._has_asked:
             self._ask()
         self._has_asked = False
         return self._reports.samples()
 
     def status(self) -> MotorStatus:
-        """A motor that let go by itself is at fault, also where the drive names no error."""
+        """State of the drive. A motor that disabled itself is at fault, even if the drive reports no error."""
         last = self._reports.last
         state, temperature_C = ("unknown", None) if last is None else (last.state, last.temperature_C)
         return MotorStatus(state, self._fault(last), self._reports.silent_s, temperature_C)
@@ -248,7 +256,7 @@ class SpeedDrive(ABC, Generic[Keys]):
         return None
 
     def identity(self) -> dict[str, str]:
-        """For the recording: the make, the bus, and every key of the section but its files, which are recorded whole."""
+        """For the recording: make, bus, and all keys of the section except its files, which are recorded in full."""
         keys = {name: str(value) for name, value in self.keys.model_dump().items() if value is not None and name not in FILES}
         return {
             "make": self.make,

@@ -1,4 +1,4 @@
-"""A drive is energised on a shaft that stands: one that still swings looks like a drive that bolts."""
+"""Standstill check before energising: a shaft that still swings looks like a drive that runs away."""
 
 from collections.abc import Callable
 
@@ -6,14 +6,15 @@ from rfca_rig.clock import Clock
 from rfca_rig.errors import DeviceError
 
 SWINGS_RAD_S = 0.3
-STOOD_S = 0.05  # longer than a swinging leg is slow where it turns back
+# Longer than a swinging leg stays slow at its turning point.
+STOOD_S = 0.05
 WAIT_S = 3.0
 
 
 def await_standing(clock: Clock, speed_rad_s: Callable[[], float]) -> None:
-    """Returns when the shaft has stood for 50 ms.
+    """Waits until the shaft has been at rest for 50 ms.
 
-    `speed_rad_s` waits a moment, and says how fast the shaft then is. Raises DeviceError where it still turns after 3 s.
+    `speed_rad_s` waits one poll interval and returns the shaft speed after it. Raises DeviceError if the shaft still turns after 3 s.
     """
     began_s = swung_s = clock.now_s()
     while (now_s := clock.now_s()) - swung_s < STOOD_S:

@@ -1,17 +1,18 @@
-"""A position sent in 16 bits, counted on over its wraps; and what can go wrong with it."""
+"""Unwrapping of a 16 bit position, with detection of jumps and of a position stuck at the end of its range."""
 
 CODES = 1 << 16
+# A code at the end of its range for longer than STUCK_S, at a reported speed above TURNING_RAD_S, is stuck.
 STUCK_S = 0.05
 TURNING_RAD_S = 0.5
 
 
 class WrappedPosition:
-    """Follows a code that wraps every 65 536 counts: between two codes the shaft has gone the shorter way.
+    """Unwraps a code that wraps every 65 536 counts: between two codes the shaft took the shorter way.
 
-    That holds while it turns less than half the span between two reports. Some firmware stops the code at the end of its range
-    instead; then it stands still there although the drive reports a speed, and the angle is lost. `ends` are the codes where
-    that may happen. `fault` says so, or that the position leapt further than any motion: a restart, a new zero, an encoder slip.
-    A leap is never forgiven, as the zero is lost with it.
+    This holds while it turns less than half the span between two reports. Some firmware stops the code at the end of its range
+    instead. The code then stands still although the drive reports a speed, and the angle is lost. `ends` are the codes where this
+    can happen. `fault` reports this, or a jump larger than any motion: a restart, a new zero, or an encoder slip. A jump is never
+    cleared, as the zero is lost with it.
     """
 
     def __init__(self, ends: frozenset[int], most_counts_s: float, margin_counts: float) -> None:
@@ -29,13 +30,14 @@ class WrappedPosition:
         return self.leap or self._stuck
 
     def forgive(self) -> None:
-        """Forgets that the position stood at its end, and that time has passed; turns stay counted."""
+        """Clears the stuck fault and the last report; the turn count stays."""
         self._stuck = None
         self._last = self._stuck_from_s = None
 
     def follow(self, code: int, t_s: float, speed_rad_s: float, judged: bool = True) -> int:
-        """The code with all turns since the first, which counts as it is. Not `judged`, it may follow on any other."""
+        """The unwrapped code, counted from the first one. With `judged` False no jump is looked for at this step."""
         before = code if self._count is None else self._count
+        # Signed difference in -32768..32767, the shorter way around.
         step = (code - before + CODES // 2) % CODES - CODES // 2
         self._count = before + step
         if self._last is not None and judged:
@@ -46,6 +48,7 @@ class WrappedPosition:
 
     def _look_for_leap(self, step: int, elapsed_s: float) -> None:
         farthest = self._most_counts_s * elapsed_s + self._margin_counts
+        # After a long gap the shaft could have gone half the span, so a jump cannot be distinguished from motion.
         if farthest < CODES // 2 and abs(step) > farthest:
             self.leap = (
                 f"position leapt by {step} counts within {1e3 * elapsed_s:.1f} ms, more than the drive can turn; "

@@ -1,4 +1,4 @@
-"""Carries a plan out on the devices of a bench, safely. Entry point: `run.run_plan`.
+"""Carries out a plan on the devices of a bench. Entry point: `run.run_plan`.
 
 1. `arming` proves that the drive stops by itself.
 2. `stages` carries out one stage after the other: `settling`, `cycling` and `ramp_up` belong to kinds of stages.

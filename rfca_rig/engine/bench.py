@@ -8,7 +8,7 @@ from rfca_rig.drivers.roles import ForceSensor, Photographer, Rack, ShaftMotor
 
 @dataclass(frozen=True)
 class Bench:
-    """One rig, ready to be driven. `is_real` says whether anything can be hurt; `camera` is None where none is needed or there."""
+    """One rig, ready to run. `is_real` is False for twins; `camera` is None where the run needs none or the rig has none."""
 
     motor: ShaftMotor
     sensor: ForceSensor

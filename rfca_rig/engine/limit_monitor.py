@@ -1,4 +1,4 @@
-"""The limits, checked at every tick by the very loop that feeds the drive's watchdog."""
+"""Checks every limit at every tick, in the same loop that feeds the drive's watchdog."""
 
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
 from rfca_rig.engine.monitors.drive import check_drive
@@ -12,7 +12,10 @@ from rfca_rig.trip_codes import Trip
 
 
 class LimitMonitor:
-    """Raises Tripped, with the code, the value and the limit, as soon as one is passed."""
+    """Raises Tripped, with code, value and limit, as soon as a limit is passed.
+
+    One loop checks and commands: where the checks stall, the commands stall too, and the drive's watchdog stops the motor.
+    """
 
     def __init__(self, limits: Limits, scale: SensorScale, now_s: float) -> None:
         self._limits = limits
@@ -21,28 +24,29 @@ class LimitMonitor:
         self._shaft = ShaftMonitor(limits, now_s)
 
     def expect(self, load: Load | None) -> None:
-        """A stage begins, that is expected to bring so much."""
+        """A stage begins with this predicted load; None where there is no prediction."""
         self._load.expect(load)
 
     @property
     def peak(self) -> Load:
-        """Since the last `expect`."""
+        """Largest load since the last `expect`."""
         return self._load.peak
 
     def reports(self, now_s: float, shaft: ShaftSamples, force: ForceSamples) -> None:
-        """What the devices said in one tick."""
+        """Checks the samples of one tick; either block may be empty."""
+        # The sensor's health comes first: forces of a saturated or frozen sensor say nothing about the load.
         self._sensor.check(now_s, force)
         if len(force.counts):
             self._load.check(force)
         self._shaft.reported(now_s, shaft)
 
     def motion(self, now_s: float, status: MotorStatus, tracking: Tracking) -> None:
-        """The drive, and how the shaft follows."""
+        """Checks the drive's status, and how the shaft follows its target."""
         check_drive(status, self._limits)
         self._shaft.following(now_s, tracking)
 
     def gap(self, gap_s: float, planned_s: float) -> None:
-        """How long a tick took; a loop that comes late neither feeds the watchdog nor sees the force."""
+        """Checks the length of a tick. A late loop neither feeds the watchdog nor sees the force."""
         late_s = gap_s - planned_s
         if late_s > self._limits.late_s:
             raise Tripped(

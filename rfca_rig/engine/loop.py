@@ -17,15 +17,16 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
 
+# No report of the shaft within this time: the drive's cyclic encoder message is probably off.
 FIRST_REPORT_S = 1.0
-FIRST_LOOK_S = 0.005
+FIRST_POLL_S = 0.005
 
 
 Listener = Callable[[ShaftSamples, ForceSamples], None]
 
 
 class SampleCollector:
-    """Open while a stage runs; holds every block as it came, and hands it on."""
+    """Keeps every block of a stage as it came, and passes it to a listener."""
 
     def __init__(self, listener: Listener) -> None:
         self._listener = listener
@@ -45,10 +46,10 @@ class SampleCollector:
 
 
 class Loop:
-    """Ticks, and knows the shaft as last reported. `target_rad` is where the shaft should be.
+    """Ticks, and knows the shaft's last reported angle and speed. `target_rad` is the commanded angle.
 
-    `worst_gap_s` is the longest that a tick has taken, with whatever was done between it and the one before. What trips, or what the
-    operator wants at once, is raised at the end of a tick; after `end` no command leaves any more.
+    `worst_gap_s` is the longest time between two ticks, with whatever was done between them. Trips and urgent stop requests are raised at
+    the end of a tick. After `end` the loop sends no command any more.
     """
 
     def __init__(
@@ -90,30 +91,33 @@ class Loop:
 
     @property
     def is_to_end(self) -> bool:
-        """Whether the operator wants a stop at the next safe point; one that cannot wait is raised by the tick."""
+        """Whether the operator wants a stop at the next safe point; a more urgent request is raised by the tick itself."""
         return bool(self._stop_request.level)
 
     def expect(self, load: Load | None) -> None:
-        """A stage begins in which the sensor is expected to feel at most so much; None where nobody knows."""
+        """A stage begins in which the model predicts at most this load; None where there is no prediction."""
         self._monitor.expect(load)
 
     def end(self) -> None:
-        """Nothing is commanded through this loop any more."""
+        """From now on this loop sends no command."""
         self._is_over = True
 
     def begin(self) -> None:
-        """Waits for the first report of the shaft, and takes that as the target. Old watches are forgotten."""
+        """Waits for the first report of the shaft and takes its angle as the target. All monitors are reset."""
         started_s = self._tick_s = self._woke_s = self._bench.clock.now_s()
+        # A new monitor: while the motor was off the shaft may have been turned by hand, which is no jump of the
+        # encoder.
         self._monitor = LimitMonitor(self._limits, self._bench.sensor.scale(), started_s)
         while not self._read():
-            self._tick_s += FIRST_LOOK_S
+            self._tick_s += FIRST_POLL_S
             self._bench.clock.wait_until(self._tick_s)
             if self.now_s - started_s > FIRST_REPORT_S:
                 raise DeviceError(f"no encoder report within {FIRST_REPORT_S:g} s; check the drive's cyclic encoder message")
+        # The motor holds the shaft where it stands: any other target would move it with a jerk.
         self.target_rad = self.angle_rad
 
     def to_angle(self, target_rad: float, target_speed_rad_s: float, period_s: float) -> None:
-        """Commands an angle (of a target moving at that speed) for one tick, and checks everything at its end."""
+        """Commands an angle, of a target moving at that speed, for one tick; checks everything at its end."""
         self._refuse_if_over()
         with on_the_bus():
             self._bench.motor.command_angle(target_rad, target_speed_rad_s)
@@ -121,22 +125,24 @@ class Loop:
         self._check(target_rad, target_speed_rad_s)
 
     def at_speed(self, speed_rad_s: float, period_s: float) -> None:
-        """Commands a speed for one tick; the target moves along, for as long as the tick really took."""
+        """Commands a speed for one tick; checks everything at its end. The target moves on for as long as the tick really took."""
         self._refuse_if_over()
         with on_the_bus():
             self._bench.motor.command_speed(speed_rad_s)
         began_s = self._tick_s
         self._wait(period_s)
+        # The real duration, not the period: a late tick would otherwise look like a following error.
         self._check(self.target_rad + speed_rad_s * (self._tick_s - began_s), speed_rad_s)
 
     def _wait(self, period_s: float) -> None:
-        """To the end of the tick; one that is over already ends now."""
+        """Waits until the end of the tick; returns at once where that has passed."""
+        # A late tick is not made up for by shorter ones, which would send bursts of commands.
         self._tick_s = max(self._tick_s + period_s, self._bench.clock.now_s())
         self._bench.clock.wait_until(self._tick_s)
         self._note_gap(period_s)
 
     def _note_gap(self, period_s: float) -> None:
-        """The drive's watchdog sees the time between commands, which is that between ends of waiting."""
+        """Records and checks the time since the last wake-up. It is the time between commands that the drive's watchdog sees."""
         now_s = self._bench.clock.now_s()
         gap_s, self._woke_s = now_s - self._woke_s, now_s
         self._late_s = gap_s - period_s
@@ -144,6 +150,7 @@ class Loop:
         self._monitor.gap(gap_s, period_s)
 
     def _refuse_if_over(self) -> None:
+        # A command after the stop could energise the motor again, or keep its watchdog quiet.
         if self._is_over:
             raise DeviceError("the run has stopped; nothing moves before it is begun anew")
 
@@ -153,10 +160,12 @@ class Loop:
         now = Tracking(target_rad, self.angle_rad, target_speed_rad_s, self.speed_rad_s)
         self._status = self._bench.motor.status()
         self._monitor.motion(self.now_s, self._status, now)
+        # Last, so that a trip, which names its cause, takes precedence over a stop request of the same tick.
         self._stop_request.obey_now()
 
     def _read(self) -> bool:
         shaft, force = self._hear()
+        # Listeners take the samples before the limits are checked: a trip must not lose the samples that led to it.
         for listener in self._listeners:
             listener(shaft, force)
         self._show(shaft, force)
@@ -176,22 +185,24 @@ class Loop:
         try:
             return shaft, self._bench.sensor.read()
         except DeviceError as error:
+            # Without the sensor nothing guards the leg, so this ends the motion at once.
             raise Tripped(Trip.SENSOR_LOST, str(error)) from error
 
     def _remember_force(self, force: ForceSamples) -> None:
         if len(force.counts):
+            # Mean over the records of one tick (14 at 7 kHz and 2 ms), which reduces the sensor's noise.
             self._wrench = force.counts.mean(axis=0) / self._counts_per_unit
 
     @contextmanager
     def recorded(self, listener: Listener) -> Iterator[SampleCollector]:
-        """Everything the devices report inside the block goes into the collector, and through it to the listener."""
+        """Everything that the devices report inside the block goes into the collector, and through it to the listener."""
         collector = SampleCollector(listener)
         with self.heard(collector.take):
             yield collector
 
     @contextmanager
     def heard(self, listener: Listener) -> Iterator[None]:
-        """The same, and nothing of it is kept."""
+        """Everything that the devices report inside the block goes to the listener; nothing of it is kept."""
         self._listeners.append(listener)
         try:
             yield
@@ -201,7 +212,7 @@ class Loop:
 
 @contextmanager
 def on_the_bus() -> Iterator[None]:
-    """Within a run, a bus that fails is no error to be reported later: the motor can no longer be led."""
+    """Within a run a failing bus is a trip, not a device error to be reported later: the motor cannot be commanded any more."""
     try:
         yield
     except DeviceError as error:

@@ -1,4 +1,4 @@
-"""Who observes a run: is told all that the loop knows, and can only request a stop."""
+"""Observers of a run: they see all that the loop knows, and can only request a stop."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,10 +10,10 @@ from rfca_rig.protocol.plan import Stage
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """What one tick brought, and how it stands with the limits.
+    """Samples and state of one tick.
 
     The shaft should be at `target_rad`, moving at `target_speed_rad_s`. The tick came `late_s` after it should have; the longest so far
-    took `worst_gap_s`. `status` is what the drive said of itself by the tick before, None at first.
+    took `worst_gap_s`. `status` is the drive's status as of the tick before, None at first.
     """
 
     now_s: float
@@ -30,13 +30,13 @@ class RunObserver(Protocol):
     """Called from within the control loop: has microseconds, never waits, and raises nothing."""
 
     def stage(self, stage: Stage, expected: Load | None) -> None:
-        """A stage begins, in which the sensor is expected to feel so much; None where nobody knows."""
+        """A stage begins, with the load that the model predicts; None where there is no prediction."""
 
     def energising(self) -> None:
-        """The rack is set, and the motor about to be energised; a stop request that came up meanwhile is to be made now."""
+        """The rack is set, and the motor is about to be energised: the last moment for a stop request that came up meanwhile."""
 
     def tick(self, tick: Tick) -> None:
-        """A tick is over. Its samples are with the sink by now; the limits have not been held against them yet."""
+        """A tick is over. Its samples are with the sink by now; the limits have not been checked on them yet."""
 
 
 class NullObserver:

@@ -1,4 +1,4 @@
-"""Runs a plan on a bench. There is one way out: the motor without torque, the sensor stopped."""
+"""Runs a plan on a bench. Every run ends the same way: the motor without torque, the sensor stopped."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -24,9 +24,9 @@ Progress = Callable[[Stage], None]
 
 @dataclass(frozen=True)
 class Supervision:
-    """What a run is watched with besides the plan's limits: the load that the model expects of each stage, the operator's stop_request.
+    """Load that the model predicts for each stage, the operator's stop request, and an observer.
 
-    The observer sees all, and decides nothing.
+    They come on top of the plan's limits. The observer sees everything and decides nothing.
     """
 
     expected: Mapping[Stage, Load] = field(default_factory=dict)
@@ -35,22 +35,45 @@ class Supervision:
 
 
 def run_plan(plan: Plan, bench: Bench, sink: Sink, progress: Progress, supervision: Supervision | None = None) -> None:
-    """Carries out every stage, the first of which is a SetHeight; `progress` is called after each.
+    """Carries out every stage, the first of which must be a SetHeight.
 
-    Raises Tripped, DeviceError, or Stopped (as the operator requested). However it ends, the motor is without torque then, and what
-    the sink was given is whole.
+    However it ends, the motor is without torque afterwards, and every stage that the sink was given is complete.
+
+    Parameters
+    ----------
+    plan : Plan
+        Stages, limits and rates.
+    bench : Bench
+        The devices.
+    sink : Sink
+        Receives what the stages record.
+    progress : callable
+        Called with each stage after it is done.
+    supervision : Supervision, optional
+        Predicted loads, stop request and observer.
+
+    Raises
+    ------
+    Tripped
+        A limit was passed.
+    DeviceError
+        A device failed or refused.
+    Stopped
+        The operator requested it.
     """
     run = _Run(plan, bench, sink, supervision or Supervision())
     try:
         run.carry_out(progress)
     except KeyboardInterrupt:
+        # A third ^C, or one while a person sets the rack: it interrupts whatever is waiting, and `finally` still
+        # disables the motor.
         raise Stopped("stopped at once by the operator") from None
     finally:
         run.stop()
 
 
 class _Run:
-    """One run of a plan, and what it needs at hand."""
+    """One run of a plan."""
 
     def __init__(self, plan: Plan, bench: Bench, sink: Sink, supervision: Supervision) -> None:
         self._plan = plan
@@ -65,31 +88,38 @@ class _Run:
 
     def carry_out(self, progress: Progress) -> None:
         try:
-            for stage in self._until_wished():
+            for stage in self._stages_to_do():
+                # While the rack is set the loop does not tick and the run waits for a person: a request must
+                # interrupt it instead.
                 self._stop_request.is_ticking = not isinstance(stage, SetHeight)
                 self._loop.expect(self._expected.get(stage))
                 self._observer.stage(stage, self._expected.get(stage))
                 self._carry_out(stage)
                 progress(stage)
-            self._halt()
+            self._stand_still()
         except Stopped:
             if self._stop_request.level == StopLevel.RAMP_DOWN:
-                self._ease()
+                # Only this level slows down first; TORQUE_OFF goes straight to `stop`.
+                self._ramp_down()
             raise
+        # Raised only now, at rest in the air, so that a stop at a safe point is not reported as a completed run.
         if self._is_cut_short:
             self._stop_request.obey_at_safe_point()
 
     def stop(self) -> None:
-        """The way out of every run."""
+        """Ends every run, whatever went before."""
+        # Order: no more requests, no more commands, then the torque. A command after the disable frame could energise
+        # the motor again.
         self._stop_request.is_over = True
         self._loop.end()
         standstill = UNSEEN
         try:
             standstill = stop(self._bench)
         finally:
+            # Also where the drive did not answer: the recording must say how the motion ended.
             self._sink.off(self._loop.worst_gap_s, standstill)
 
-    def _until_wished(self) -> Iterator[Stage]:
+    def _stages_to_do(self) -> Iterator[Stage]:
         """The plan's stages; once a stop is requested, only those that bring the leg into the air."""
         stages = self._plan.stages
         for number, stage in enumerate(stages):
@@ -120,25 +150,29 @@ class _Run:
     def _approach(self, stage: Approach) -> None:
         approach(self._loop, stage)
         self._sink.approached(stage, self._loop.peak)
+        # Recorded first: the recording then shows the stroke from which a trip was predicted.
         self._approaches.take(stage, self._loop.peak)
 
     def _change_height(self, stage: SetHeight) -> None:
-        """Hands come near the leg, so the motor is without torque meanwhile; afterwards it holds where it finds the shaft."""
+        """A person comes near the leg, so the motor is without torque meanwhile; afterwards it holds the shaft where it stands."""
         switch_off(self._bench)
         self._bench.rack.set_height(stage.height_m)
+        # A stop that was requested while the person worked must take effect before the motor is energised.
         self._observer.energising()
         if self._stop_request.level:
             self._stop_request.obey_at_safe_point()
+        # The sensor streams before the motor is energised: there is no tick with torque and without force data.
         self._bench.sensor.start()
         self._bench.motor.enable()
         self._loop.begin()
 
-    def _halt(self) -> None:
+    def _stand_still(self) -> None:
+        # 0.1 s at the last target: the shaft comes to rest under control before the torque is removed.
         for _ in range(50):
             self._loop.to_angle(self._loop.target_rad, 0.0, TICK_S)
 
-    def _ease(self) -> None:
-        """No emergency: the shaft is slowed down before it loses its torque. What trips meanwhile only ends that sooner."""
+    def _ramp_down(self) -> None:
+        """Slows the shaft down before its torque is removed. A trip meanwhile only ends that sooner."""
         self._stop_request.is_over = True
         try:
             ease(self._loop)

@@ -1,4 +1,4 @@
-"""Where a run's stages go: the engine hands over, and knows nothing of files."""
+"""Interface to whatever takes the results of a run: the engine hands over, and knows nothing of files."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,11 +14,10 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a stage recorded, as the devices gave it. `start_s` is the host time of the commanded start, before which the shaft had stood
-    for `stood_s`.
+    """Samples of one stage, as the devices gave them.
 
-    `turns_rad` is what to take off the continuous shaft angle to be within one turn of the stage's own angles. `photo_fault` says why
-    a photo that was to be taken is not there.
+    `start_s` is the host time of the commanded start, before which the shaft had stood for `stood_s`. `turns_rad` is to be subtracted from
+    the continuous shaft angle to get an angle within one turn of the stage's own. `photo_fault` says why a planned photo is missing.
     """
 
     shaft: ShaftSamples
@@ -33,7 +32,7 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Cycle:
-    """One turn of the shaft in numbers: the largest force and moment, the least fz, the mean speed, and both clocks at its end."""
+    """One turn of the shaft in numbers: largest force and moment, least fz, mean speed, and both clocks at its end."""
 
     number: int
     host_s: float
@@ -45,16 +44,16 @@ class Cycle:
 
 
 class Sink(Protocol):
-    """Takes over what a stage records as it comes, and the stage as soon as it is done.
+    """Receives what a stage records as it comes, and the stage as soon as it is done.
 
-    Called from within the control loop: whatever takes long belongs elsewhere. What a method raises ends the run.
+    Called from within the control loop, so slow work belongs elsewhere. What a method raises ends the run.
     """
 
     def begin(self, stage: Flap | Hold | Cycles) -> None:
-        """The stage records from now on; one that never gets to `flap`, `hold` or `cycles` was cut short."""
+        """The stage records from now on. One that never gets to `flap`, `hold` or `cycles` was cut short."""
 
     def start(self, start_s: float, turns_rad: float) -> None:
-        """The commanded start is now; as in `Recorded`."""
+        """The commanded start is at host time `start_s`; both values as in `Recorded`."""
 
     def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
         """What the devices reported in one tick."""
@@ -69,13 +68,13 @@ class Sink(Protocol):
         """One of a stage's cycles is done."""
 
     def cycles(self, stage: Cycles) -> None:
-        """A stage of cycles is done, or was ended between two of them as the operator requested."""
+        """A stage of cycles is done, or was ended between two of them because of a stop request."""
 
     def rested(self, wrench: np.ndarray) -> None:
-        """The leg hangs still at the start angle, where the sensor feels its weight and nothing else; (6,) in N and N m."""
+        """The leg hangs still at the start angle: `wrench` (6,) in N and N m is its weight and the sensor's zero, nothing else."""
 
     def approached(self, stage: Approach, peak: Load) -> None:
         """A first stroke is done, with its largest load."""
 
     def off(self, worst_gap_s: float, standstill: Standstill) -> None:
-        """The motor is without torque, and the run over; `worst_gap_s` is the longest that the drive went without a command."""
+        """The motor is without torque and the run is over; `worst_gap_s` is the longest time without a command to the drive."""

@@ -12,19 +12,21 @@ from rfca_rig.errors import RigError, Tripped
 from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, way_to
 from rfca_rig.trip_codes import Trip
 
+# Seconds between two commands, in strokes and in moves.
 TICK_S = 0.002
 MOVE_TICK_S = 0.005
-SLACK = 1e-3  # of a tick: rounding must not make one out of two
+# Share of a tick: rounding of the times must not turn one tick into two.
+SLACK = 1e-3
 
 
 class PhotoCapture:
-    """Looked at from within the control loop: never waits, and never lets the loop wait longer than `limit_s`.
+    """A photo that is taken while the loop goes on. It never waits, and keeps the stage waiting for `limit_s` at most.
 
-    A camera's error ends its photo, not the run: force and shaft are measured all the same.
+    An error of the camera costs its photo, not the run: force and shaft are measured all the same.
     """
 
     def __init__(self, camera: Photographer | None, now_s: float, limit_s: float) -> None:
-        """Asks for the photo; None asks for none."""
+        """Requests the photo; without a camera nothing is requested."""
         self.photo: Photo | None = None
         self.fault = ""
         self._camera = camera
@@ -40,7 +42,7 @@ class PhotoCapture:
             self._end(str(error))
 
     def is_under_way(self, now_s: float) -> bool:
-        """Whether it is worth coming back; afterwards there is `photo`, or `fault` says why not."""
+        """Whether to ask again later. Once False, `photo` holds the photo, or `fault` says why there is none."""
         if self._camera is None:
             return False
         self._look(self._camera, now_s)
@@ -62,10 +64,11 @@ class PhotoCapture:
 
 
 def move(loop: Loop, stage: MoveShaft) -> None:
-    """A trapezoid of speed towards the angle, the nearest way or forwards."""
+    """Moves along a trapezoidal speed profile to the angle, the nearest way or forwards."""
     way_rad = way_to(stage.angle_rad, loop.target_rad, stage.forwards)
     start_rad, goal_rad = loop.target_rad, loop.target_rad + way_rad
     duration_s = abs(way_rad) / stage.speed_rad_s + MOVE_RAMP_S
+    # Angles are commanded, not speeds: the move ends exactly at the goal even where the drive lags on the way.
     for k in range(1, math.ceil(duration_s / MOVE_TICK_S) + 1):
         travelled, speed = _trapezoid(k * MOVE_TICK_S / duration_s, MOVE_RAMP_S / duration_s)
         loop.to_angle(start_rad + way_rad * travelled, way_rad * speed / duration_s, MOVE_TICK_S)
@@ -73,8 +76,10 @@ def move(loop: Loop, stage: MoveShaft) -> None:
 
 
 def _trapezoid(x: float, ramp: float) -> tuple[float, float]:
-    """Share of the way, and its derivative, at share x of the time, with ramps of share `ramp` at both ends."""
+    """Share of the way and its derivative at share `x` of the time, with ramps of share `ramp` at both ends."""
+    # A move shorter than two ramps becomes a triangle.
     ramp = min(ramp, 0.5)
+    # Plateau speed that makes the whole way 1: plateau of length 1 - 2 ramp, and two ramps of half height on average.
     top = 1.0 / (1.0 - ramp)
     if x >= 1.0:
         return 1.0, 0.0
@@ -86,11 +91,18 @@ def _trapezoid(x: float, ramp: float) -> tuple[float, float]:
 
 
 def flap(loop: Loop, stage: Flap, sink: Sink) -> Recorded:
-    """Holds, ramps to speed, sweeps, and stops in the air; records until the end of the sweep."""
+    """Holds, ramps to speed, sweeps, and stops in the air; records until the end of the sweep.
+
+    Returns
+    -------
+    Recorded
+        Samples of both devices, host time of the commanded start, and whole turns to subtract from the shaft angle.
+    """
     turns_rad = TURN_RAD * round(loop.target_rad / TURN_RAD)
     hold_rad = loop.target_rad
     sink.begin(stage)
     with loop.recorded(sink.take) as collector:
+        # Recorded at rest first, so that the stroke's initial state is part of the recording.
         for _ in range(round(stage.before_s / TICK_S)):
             loop.to_angle(hold_rad, 0.0, TICK_S)
         start_s = loop.now_s
@@ -101,7 +113,7 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> Recorded:
 
 
 def approach(loop: Loop, stage: Approach) -> None:
-    """The same stroke, unrecorded."""
+    """The same stroke as `flap`, unrecorded."""
     _sweep(loop, stage)
     _stop_in_the_air(loop, stage)
 
@@ -115,31 +127,43 @@ def _sweep(loop: Loop, stage: Flap | Approach) -> None:
 def _stop_in_the_air(loop: Loop, stage: Flap | Approach) -> None:
     for k in _ticks(loop, round(STOPPING_S / TICK_S)):
         loop.at_speed(stage.speed_rad_s * (1.0 - (k + 0.5) * TICK_S / STOPPING_S), TICK_S)
-    loop.target_rad = loop.angle_rad  # a drive that sagged is behind; the way back starts where the shaft is
+    # A drive that sagged under load is behind its target. The way back must begin where the shaft really is.
+    loop.target_rad = loop.angle_rad
 
 
 def _ticks(loop: Loop, count: int) -> Iterator[int]:
-    """Numbers of the ticks of a stretch of time: a tick that came late leaves out those it stood for, so the stretch keeps its length."""
+    """Numbers of the ticks of a stretch of time. A late tick skips those that it replaced, so the stretch keeps its length."""
     start_s = loop.now_s
     while (k := math.floor((loop.now_s - start_s) / TICK_S + SLACK)) < count:
         yield k
 
 
 def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None) -> Recorded:
-    """Waits until settled and for the dwell, then records for the averaging time while the photo is taken; the shaft is held all along."""
+    """Waits until settled and for the dwell, then records for the averaging time while the photo is taken; holds the shaft throughout.
+
+    Raises Tripped where no report of the shaft came while it averaged.
+
+    Returns
+    -------
+    Recorded
+        Samples, the photo or why there is none, and how long the shaft had stood before.
+    """
     target_rad, timing, stopped_s = loop.target_rad, stage.timing, loop.now_s
     settled = settle(loop, target_rad, stage.settle)
     _stand(loop, target_rad, timing.dwell_s)
     start_s = loop.now_s
+    # The continuous angle may be any number of turns away from the stage's own angle, after moves over the top.
     turns_rad = TURN_RAD * round((target_rad - stage.angle_rad) / TURN_RAD)
     sink.begin(stage)
     sink.start(start_s, turns_rad)
     capture = PhotoCapture(camera if timing.photo_limit_s > 0 else None, loop.now_s, timing.photo_limit_s)
     with loop.recorded(sink.take) as collector:
         _stand(loop, target_rad, timing.average_s)
+    # Commands go on while the camera is awaited: silence would make the drive's watchdog act.
     while capture.is_under_way(loop.now_s):
         loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
     shaft = collector.shaft()
+    # A mean of no samples is no measurement. The silence limit may be longer than the averaging time.
     if not len(shaft.angle_rad):
         raise Tripped(Trip.ENCODER_SILENT, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
     return Recorded(shaft, collector.force(), start_s, turns_rad, settled.reached, capture.photo, capture.fault, start_s - stopped_s)

@@ -1,4 +1,4 @@
-"""What stop the operator, or the computer, requests of a run under way. The loop looks at every tick; nobody interrupts it."""
+"""Requests to stop a run under way, from the operator or the system. The loop reads them at every tick; nothing interrupts it."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -7,20 +7,23 @@ from rfca_rig.errors import Stopped
 
 
 class StopLevel(IntEnum):
-    """Each is more urgent than the one before."""
+    """How urgent a stop is; each is more urgent than the one before."""
 
     GO_ON = 0
-    SAFE_POINT = 1  # finish this stage, bring the leg into the air, then stop
-    RAMP_DOWN = 2  # slow down at once, then torque off
-    TORQUE_OFF = 3  # no torque from the next tick on
+    # Finish this stage, bring the leg into the air, then stop.
+    SAFE_POINT = 1
+    # Slow down at once, then remove the torque.
+    RAMP_DOWN = 2
+    # No torque from the next tick on.
+    TORQUE_OFF = 3
 
 
 @dataclass
 class StopRequest:
-    """Written by whoever hears the operator, read by the engine.
+    """Written by whatever hears the operator, read by the engine.
 
-    `is_ticking` says that the loop runs and will see a request within milliseconds; otherwise the run waits for a person, with the
-    motor off. `is_over` says that the stop is under way, and nothing is left to request.
+    `is_ticking` means that the loop runs and sees a request within milliseconds; otherwise the run waits for a person, with the motor off.
+    `is_over` means that the stop is under way and further requests change nothing.
     """
 
     level: StopLevel = StopLevel.GO_ON
@@ -29,15 +32,16 @@ class StopRequest:
     is_over: bool = False
 
     def ask(self, level: StopLevel, why: str) -> None:
-        """A request is only ever replaced by a more urgent one."""
+        """Requests a stop; a request is only ever replaced by a more urgent one."""
         if level > self.level:
             self.level, self.why = level, why
 
     def obey_now(self) -> None:
-        """Raises Stopped where a stop cannot wait for the next safe point, and is not under way yet."""
+        """Raises Stopped where the stop cannot wait for the next safe point, and is not under way yet."""
+        # `is_over` guards the ramp-down itself, which ticks the same loop and would be stopped by its own request.
         if self.level >= StopLevel.RAMP_DOWN and not self.is_over:
             raise Stopped(self.why)
 
     def obey_at_safe_point(self) -> None:
-        """Raises Stopped; for when the leg is in the air, every stage done is handed over, and others were left out."""
+        """Raises Stopped; to be called when the leg is in the air and every completed stage is handed over."""
         raise Stopped(f"{self.why}, at a safe point")

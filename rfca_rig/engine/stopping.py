@@ -1,4 +1,4 @@
-"""The one way a run stops: torque away first, then watch until the shaft stands, then the sensor."""
+"""The one way a run stops: torque off first, then the shaft is watched until it stands, then the sensor is stopped."""
 
 from dataclasses import dataclass
 
@@ -10,23 +10,27 @@ from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.loop import Loop
 from rfca_rig.errors import DeviceError, RigError
 
+# How often the disable command is sent before the bus counts as dead.
 TRIES = 3
-BETWEEN_TRIES_S = 0.005
-LEFT_ALONE_S = 0.25  # watchdogs and guardians act within 0.1 s or so
-LOOK_S = 0.01
+RETRY_AFTER_S = 0.005
+# A drive that cannot be reached stops by its own watchdog, or by the guardian, within about 0.1 s.
+WATCHDOG_WAIT_S = 0.25
+POLL_S = 0.01
+# The shaft counts as standing below this speed for STANDS_FOR_S.
 STANDS_RAD_S = 0.05
 STANDS_FOR_S = 0.05
-WATCHED_S = 0.6  # a leg that swings in the air takes longer to come to rest; it is safe then
-EASE_S = 0.2
-EASE_TICK_S = 0.002
+# A leg that swings in the air takes longer to come to rest; it is safe then.
+WATCHED_S = 0.6
+RAMP_DOWN_S = 0.2
+RAMP_DOWN_TICK_S = 0.002
 
 
 @dataclass(frozen=True)
 class Standstill:
-    """What was seen after the torque was gone.
+    """What the drive reported after the torque was off.
 
-    `latency_s` is the time until the shaft stood, nan where it did not within the time that it was watched, or the drive told
-    nothing; `turned_rad` how far it went on.
+    `latency_s` is the time until the shaft stood. It is NaN where the shaft did not stand within the observed time, or the drive reported
+    nothing. `turned_rad` is the angle that the shaft moved meanwhile.
     """
 
     latency_s: float
@@ -46,28 +50,30 @@ UNSEEN = Standstill(np.nan, np.nan)
 
 
 def stop(bench: Bench) -> Standstill:
-    """Takes the torque away and reports what the shaft then did. May be called at any time, any number of times.
+    """Removes the torque and reports the shaft's motion afterwards. May be called at any time, any number of times.
 
-    Every step is tried whatever became of the one before, and bounded in time. Raises DeviceError where the drive could not be told.
+    Every step is tried, whatever became of the one before, and bounded in time. Raises DeviceError where the drive could not be reached.
     """
     try:
-        _let_go_or_outwait(bench)
+        _disable_or_wait_for_watchdog(bench)
         return _watch_shaft(bench)
     finally:
+        # Also where the drive could not be reached.
         bench.sensor.stop()
 
 
-def _let_go_or_outwait(bench: Bench) -> None:
-    """A drive that cannot be told any more stops by its own watchdog, or the guardian's word: the run is not over before."""
+def _disable_or_wait_for_watchdog(bench: Bench) -> None:
+    """Disables the motor. Where the drive cannot be reached, waits until its watchdog or the guardian must have acted."""
     try:
         let_go(bench.motor, bench.clock)
     except DeviceError:
-        bench.clock.wait_until(bench.clock.now_s() + LEFT_ALONE_S)
+        # The run must not be reported as over while the drive may still have torque.
+        bench.clock.wait_until(bench.clock.now_s() + WATCHDOG_WAIT_S)
         raise
 
 
 def switch_off(bench: Bench) -> None:
-    """The same without looking: for when a person is to see that nothing moves, before hands come near."""
+    """Disables the motor and stops the sensor, without watching the shaft: a person sees that nothing moves before coming near."""
     try:
         let_go(bench.motor, bench.clock)
     finally:
@@ -75,7 +81,7 @@ def switch_off(bench: Bench) -> None:
 
 
 def let_go(motor: ShaftMotor, clock: Clock) -> None:
-    """Disables the motor; a bus that refuses the frame is asked again, three times in all."""
+    """Disables the motor. Tries three times in all, because a bus may refuse a frame once."""
     for left in reversed(range(TRIES)):
         try:
             motor.disable()
@@ -83,35 +89,39 @@ def let_go(motor: ShaftMotor, clock: Clock) -> None:
         except DeviceError as error:
             if not left:
                 raise DeviceError(f"the motor could not be told to let go ({error}); press the emergency stop") from error
-            clock.wait_until(clock.now_s() + BETWEEN_TRIES_S)
+            clock.wait_until(clock.now_s() + RETRY_AFTER_S)
 
 
 def _watch_shaft(bench: Bench) -> Standstill:
-    """Looks at what the drive reports; a bus that fails now changes nothing any more."""
+    """Watches the reported shaft until it stands or WATCHED_S is over."""
     began_s = stood_s = bench.clock.now_s()
     angles: list[float] = []
     while (now_s := bench.clock.now_s()) - began_s < WATCHED_S:
         try:
             shaft = bench.motor.read()
+        # The torque is off already: a bus that fails now ends the observation, nothing else.
         except RigError:
             break
         angles += shaft.angle_rad.tolist()
         if len(shaft.speed_rad_s) and np.abs(shaft.speed_rad_s).max() > STANDS_RAD_S:
             stood_s = now_s
+        # At least one report is needed: silence is no standstill.
         if angles and now_s - stood_s > STANDS_FOR_S:
-            return Standstill(stood_s - began_s, _way(angles))
-        bench.clock.wait_until(now_s + LOOK_S)
-    return Standstill(np.nan, _way(angles)) if angles else UNSEEN
+            return Standstill(stood_s - began_s, _largest_turn(angles))
+        bench.clock.wait_until(now_s + POLL_S)
+    return Standstill(np.nan, _largest_turn(angles)) if angles else UNSEEN
 
 
-def _way(angles_rad: list[float]) -> float:
+def _largest_turn(angles_rad: list[float]) -> float:
     return max(abs(angle_rad - angles_rad[0]) for angle_rad in angles_rad)
 
 
 def ease(loop: Loop) -> None:
-    """Slows the shaft down evenly, every limit watched; for stops that are no emergency. Raises what the watch raises."""
+    """Slows the shaft down evenly within RAMP_DOWN_S, with every limit checked; for stops that are no emergency. Raises Tripped."""
     speed_rad_s = loop.speed_rad_s
+    # From where the shaft is: a drive that was behind would otherwise catch up first, that is accelerate.
     loop.target_rad = loop.angle_rad
-    steps = round(EASE_S / EASE_TICK_S)
+    steps = round(RAMP_DOWN_S / RAMP_DOWN_TICK_S)
     for k in range(steps):
-        loop.at_speed(speed_rad_s * (1.0 - (k + 0.5) / steps), EASE_TICK_S)
+        # A command stands for a whole tick, so it takes the speed of the tick's middle.
+        loop.at_speed(speed_rad_s * (1.0 - (k + 0.5) / steps), RAMP_DOWN_TICK_S)

@@ -1,7 +1,7 @@
-"""What the diagnosis says of an effect that its catalogue does not hold: each entry taken out in turn.
+"""Ablation: the diagnosis of effects that are removed from its catalogue, each in turn.
 
-The cases are those of a finished exam that conceal one effect which can be seen. Each is diagnosed again without that effect; then no name
-is right, and a sure one is the worst answer there is.
+The cases are those of a finished exam with one detectable hidden effect. Each is diagnosed again without that effect in the catalogue.
+Then no name is right, and a confident one is the worst possible answer.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,16 +30,16 @@ DiagnoseWithout = Callable[[str, Path, Path], object]
 
 
 def take_out_each(folder: Path, diagnose: DiagnoseWithout, executor: TaskExecutor, told: Told = silent) -> None:
-    """Every such case of the exam in `folder`, into `folder`/taken-out. What was diagnosed already stays.
+    """Diagnose every such case of the exam in `folder` without its effect, into `folder`/taken-out. Finished ones are kept.
 
-    Raises RigError where one could not be diagnosed, when the others are done.
+    Raises RigError where one could not be diagnosed, after the others are done.
     """
     answers = folder.resolve() / FOLDER
     answers.mkdir(exist_ok=True)
     sweep_out(answers)
     to_diagnose = [truth for truth in _visible(folder) if not (answers / truth.case).is_dir()]
     jobs = [(truth.case, effect) for truth in to_diagnose for effect in truth.effects]
-    worked_off(executor, partial(_diagnosed, folder.resolve(), diagnose), jobs, _case, "entries taken out", told)
+    worked_off(executor, partial(_diagnose, folder.resolve(), diagnose), jobs, _case, "entries taken out", told)
     see_afresh(answers)
 
 
@@ -51,14 +51,14 @@ def _visible(folder: Path) -> list[Truth]:
     return [truth for truth in map(truth_in, open_all(folder)) if truth.kind == SINGLE and truth.left >= DETECTABLE]
 
 
-def _diagnosed(folder: Path, diagnose: DiagnoseWithout, job: tuple[str, str]) -> None:
+def _diagnose(folder: Path, diagnose: DiagnoseWithout, job: tuple[str, str]) -> None:
     case, effect = job
     answer(folder / FOLDER, partial(diagnose, effect), None, folder / CAMPAIGNS / case)
 
 
 @dataclass(frozen=True)
 class Named:
-    """A case whose effect was taken out and that was given names nevertheless, with the probability of the least sure one."""
+    """A case whose effect was removed and in which effects were named nevertheless, with the lowest of their probabilities."""
 
     case: str
     effect: str
@@ -68,7 +68,7 @@ class Named:
 
 @dataclass(frozen=True)
 class TakenOut:
-    """How many were given a name at CONFIDENT or more, were told as unexplained, or as nothing missing; and all that were named."""
+    """Shares of cases with a wrong name at CONFIDENT or more, with "unexplained" and with "nothing missing"; and all named ones."""
 
     confident_wrong: Share
     unexplained: Share
@@ -77,30 +77,31 @@ class TakenOut:
 
     @property
     def words(self) -> str:
-        wrong, told = self.confident_wrong, self.unexplained
+        wrong, unexplained = self.confident_wrong, self.unexplained
         return (
             f"each entry taken out of the catalogue: {wrong.hits} of {wrong.of} given a wrong name at {100.0 * CONFIDENT:g} % or more, "
-            f"{told.hits} told as unexplained, {self.silent.hits} as nothing missing"
+            f"{unexplained.hits} told as unexplained, {self.silent.hits} as nothing missing"
         )
 
 
 def taken_out(folder: Path) -> TakenOut | None:
-    """What came of it in an exam's folder; None where it was not done."""
+    """Results of the ablation in an exam's folder; None where it was not done."""
     answers = folder / FOLDER
     if not answers.is_dir():
         return None
     judged = [(truth, read_said(answers / truth.case / DIAGNOSIS)) for truth in _visible(folder) if (answers / truth.case).is_dir()]
     return TakenOut(
-        confident_wrong=_share([any(claim.probability >= CONFIDENT for claim in said.named) for _, said in judged]),
-        unexplained=_share([not said.named and said.verdict != NOTHING for _, said in judged]),
-        silent=_share([said.verdict == NOTHING for _, said in judged]),
-        named=tuple(_named(truth, said) for truth, said in judged if said.named),
+        confident_wrong=_share([any(claim.probability >= CONFIDENT for claim in result.named) for _, result in judged]),
+        unexplained=_share([not result.named and result.verdict != NOTHING for _, result in judged]),
+        silent=_share([result.verdict == NOTHING for _, result in judged]),
+        named=tuple(_named_case(truth, result) for truth, result in judged if result.named),
     )
 
 
-def _named(truth: Truth, said: Said) -> Named:
+def _named_case(truth: Truth, result: Said) -> Named:
+    # The cases are those of one effect, see `_visible`.
     (effect,) = truth.effects
-    return Named(truth.case, effect, tuple(claim.id for claim in said.named), min(claim.probability for claim in said.named))
+    return Named(truth.case, effect, tuple(claim.id for claim in result.named), min(claim.probability for claim in result.named))
 
 
 def _share(hits: Sequence[bool]) -> Share:

@@ -1,4 +1,4 @@
-"""What a diagnosis said about one case: the part of `diagnosis.json` that is scored."""
+"""The diagnosis of one case: the part of `diagnosis.json` that is scored."""
 
 import json
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ Value = tuple[float, float]
 
 @dataclass(frozen=True)
 class Claim:
-    """One effect that was listed: how probable, its parameters as (value, one standard deviation), what it cannot be told from."""
+    """One listed effect: its probability, its parameters as (value, standard deviation), and effects indistinguishable from it."""
 
     id: str
     probability: float
@@ -25,18 +25,20 @@ class Claim:
 
     @property
     def members(self) -> frozenset[str]:
-        """The class that the claim stands for."""
+        """The indistinguishable set of the claim, with the effect itself."""
         return frozenset((self.id, *self.cannot_tell_from))
 
 
 @dataclass(frozen=True)
 class Said:
-    """A diagnosis. `verdict` is "refused" where the campaign was turned down as unusable, with an error instead of a diagnosis.
+    """A diagnosis. `verdict` is "refused" where the campaign was rejected as unusable, with an error instead of a diagnosis.
 
     `claims` are all effects listed; they count as named where the verdict says so. `held_out_fz_N` is (before, after, noise floor).
-    Of rfca-diagnosis/2: `grade`, the stated `family` and its or the effects' `probability`, the `place` of something
-    unlisted, and the `support`: kind, ids and probability of every effect, with those that it
-    cannot be told from, and of every family of the best explanation.
+    The following are of format rfca-diagnosis/2:
+
+    - `grade`, the stated `family`, and the `probability` of the family or the effects;
+    - `place`: where something outside the catalogue acts;
+    - `support`: kind, ids and probability of every effect, with its indistinguishable ones, and every family of the best explanation.
     """
 
     verdict: str
@@ -50,39 +52,40 @@ class Said:
 
     @property
     def named(self) -> tuple[Claim, ...]:
-        """The claims that the diagnosis stands by."""
+        """The claims of a diagnosis with the verdict "named"."""
         return self.claims if self.verdict == NAMED else ()
 
     @property
     def stated(self) -> tuple[Claim, ...]:
-        """The effects that are stated at any grade."""
+        """The effects that are stated at any grade; files of format 1 have no grade."""
         return self.claims if self.grade in ("identified", "mostly") else self.named
 
 
 def said_in(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> Said:
     """A diagnosis from the data of its file. Raises BadInput, naming `where` and the key, for what the format does not allow."""
+    # A file never says "refused": that verdict, the last one, is given where there is no file.
     if diagnosis.get("format") not in FORMATS:
         raise BadInput(f"{where}: format {diagnosis.get('format')!r} should be {' or '.join(FORMATS)}")
     if diagnosis.get("verdict") not in VERDICTS[:-1]:
         raise BadInput(f"{where}: verdict {diagnosis.get('verdict')!r} should be one of {', '.join(VERDICTS[:-1])}")
     try:
-        claims = tuple(_claim(effect) for effect in diagnosis.get("effects", ()))
+        claims = tuple(_read_claim(effect) for effect in diagnosis.get("effects", ()))
         return Said(
             diagnosis["verdict"],
             claims,
-            _held_out(diagnosis.get("fit") or {}),
+            _read_held_out(diagnosis.get("fit") or {}),
             grade=str(diagnosis.get("grade") or ""),
             family=str((diagnosis.get("family") or {}).get("id", "")),
             probability=float((diagnosis.get("statement") or {}).get("probability") or 0.0),
             place=str((diagnosis.get("place") or {}).get("id", "")),
-            support=tuple(_support(one) for one in diagnosis.get("support") or ()),
+            support=tuple(_read_support(one) for one in diagnosis.get("support") or ()),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{where}: {type(error).__name__} at {error}; see the format of diagnosis.json") from None
 
 
 def read_said(path: Path) -> Said:
-    """The diagnosis in a file; one that is not there counts as refused."""
+    """The diagnosis in a file; a missing file counts as refused. Raises BadInput for a file of another format."""
     if not path.is_file():
         return Said(REFUSED)
     try:
@@ -91,16 +94,16 @@ def read_said(path: Path) -> Said:
         raise BadInput(f"{path}:{error.lineno}: is not JSON: {error.msg}") from None
 
 
-def _claim(effect: Mapping[str, Any]) -> Claim:
+def _read_claim(effect: Mapping[str, Any]) -> Claim:
     values = {name: (float(each["value"]), float(each["std"])) for name, each in effect.get("parameters", {}).items()}
     return Claim(str(effect["id"]), float(effect["probability"]), values, tuple(effect.get("cannot_tell_from", ())))
 
 
-def _support(one: Mapping[str, Any]) -> tuple[str, frozenset[str], float]:
+def _read_support(one: Mapping[str, Any]) -> tuple[str, frozenset[str], float]:
     return str(one["kind"]), frozenset((str(one["id"]), *one.get("cannot_tell_from", ()))), float(one["probability"])
 
 
-def _held_out(fit: Mapping[str, Any]) -> tuple[float, float, float] | None:
+def _read_held_out(fit: Mapping[str, Any]) -> tuple[float, float, float] | None:
     held_out = fit.get("held_out_rms_fz_N")
     if not held_out or any(held_out.get(key) is None for key in ("before", "after", "noise_floor")):
         return None

@@ -1,8 +1,8 @@
 """Fits the probabilities of statements to benchmark cases: python -m rfca_rig.exam.calibrate FOLDER... --out calibration.json
 
 Every FOLDER is a finished benchmark (`rfca-rig prove`). Each diagnosis in it holds the support of the effects and families of its best
-explanation; the truths, which are opened for this, say which of them are there. What a benchmark taught cannot judge the result: take
-other seeds for that.
+explanation. The truths are opened, and give the label of each. A benchmark that was used for the fit cannot judge the result: use other
+seeds for that.
 """
 
 import argparse
@@ -30,13 +30,14 @@ from rfca_rig.recording.atomic import write_atomically
 
 Floats = NDArray[np.float64]
 
-RIDGE = 1.0  # prior standard deviation of a weight is 1 per standard deviation of its feature
+# Prior standard deviation of a weight, per standard deviation of its feature.
+RIDGE = 1.0
 FOLDS = 10
 
 
 @dataclass(frozen=True)
 class Labelled:
-    """Statements of one kind: features (n, f), whether each is true (n,), and the case that each comes from (n,)."""
+    """Statements of one kind: features (n, f), whether each is true (n,), and the case of each (n,)."""
 
     features: Floats
     true: NDArray[np.bool_]
@@ -44,12 +45,12 @@ class Labelled:
 
 
 def read_labelled(folders: Sequence[Path], kind: str) -> Labelled:
-    """All statements of a kind ("effect" or "family") in finished benchmarks.
+    """Read all statements of a kind ("effect" or "family") in finished benchmarks.
 
     Raises
     ------
     BadInput
-        Where none of the folders holds one.
+        Where the folders hold no statement of this kind.
     """
     features, true, case = [], [], []
     for folder in folders:
@@ -68,10 +69,16 @@ def read_labelled(folders: Sequence[Path], kind: str) -> Labelled:
 
 
 def fit_weights(labelled: Labelled) -> tuple[float, Floats]:
-    """Intercept and weights (f,) of the most probable logistic regression; each weight has the sign of its feature.
+    """Fit a logistic regression by maximum a posteriori; each weight has the sign of its feature.
 
-    Weights are penalised by a normal prior in units of the features' spread, the intercept is free.
+    Returns
+    -------
+    intercept : float
+        Log odds at zero features; its prior is flat.
+    weights : (f,) array
+        Per unit of each feature. Their prior is normal, with RIDGE per standard deviation of the feature.
     """
+    # A feature that is constant in these cases would divide by zero.
     spread = np.maximum(labelled.features.std(axis=0), 1e-9)
     middle = labelled.features.mean(axis=0)
     scaled = (labelled.features - middle) / spread
@@ -79,28 +86,31 @@ def fit_weights(labelled: Labelled) -> tuple[float, Floats]:
 
     def cost(parameters: Floats) -> tuple[float, Floats]:
         logit = sign * (parameters[0] + scaled @ parameters[1:])
+        # Derivative of the log loss by the log odds; expit and log_expit do not overflow.
         slope = -sign * expit(-logit)
         gradient = np.append(slope.sum(), scaled.T @ slope + parameters[1:] / RIDGE**2)
         return float(-log_expit(logit).sum() + 0.5 * (parameters[1:] ** 2).sum() / RIDGE**2), gradient
 
+    # More support can never make a statement less probable: bounds keep each weight's sign whatever the sample.
     bounds = [(None, None), *((0.0, None) if feature.sign > 0 else (None, 0.0) for feature in FEATURES)]
-    found = minimize(cost, np.zeros(1 + len(FEATURES)), jac=True, method="L-BFGS-B", bounds=bounds).x
-    weights = found[1:] / spread
-    return float(found[0] - weights @ middle), np.asarray(weights)
+    fit = minimize(cost, np.zeros(1 + len(FEATURES)), jac=True, method="L-BFGS-B", bounds=bounds).x
+    weights = fit[1:] / spread
+    return float(fit[0] - weights @ middle), np.asarray(weights)
 
 
 def cross_validate(labelled: Labelled) -> Floats:
-    """The probability of each statement from a fit to the other folds, (n,); the statements of one case stay together."""
+    """Probability (n,) of each statement from a fit to the other folds."""
+    # Statements of one case depend on each other, so a case is never in two folds.
     cases = np.unique(labelled.case)
     fold_of = dict(zip(cases.tolist(), np.arange(len(cases)) % FOLDS, strict=True))
     fold = np.array([fold_of[case] for case in labelled.case.tolist()])
-    found = np.full(len(fold), 0.5)
+    probability = np.full(len(fold), 0.5)
     for number in range(FOLDS):
-        out = fold == number
-        if out.any() and not out.all():
-            intercept, weights = fit_weights(Labelled(labelled.features[~out], labelled.true[~out], labelled.case[~out]))
-            found[out] = expit(intercept + labelled.features[out] @ weights)
-    return found
+        held_out = fold == number
+        if held_out.any() and not held_out.all():
+            intercept, weights = fit_weights(Labelled(labelled.features[~held_out], labelled.true[~held_out], labelled.case[~held_out]))
+            probability[held_out] = expit(intercept + labelled.features[held_out] @ weights)
+    return probability
 
 
 def _describe(folder: Path) -> str:
@@ -109,7 +119,7 @@ def _describe(folder: Path) -> str:
 
 
 def calibrate(folders: Sequence[Path]) -> dict[str, Any]:
-    """The content of calibration.json from finished benchmarks."""
+    """Content of calibration.json from finished benchmarks."""
     content: dict[str, Any] = {"format": FORMAT, "benchmarks": [_describe(folder) for folder in folders]}
     for kind in ("effect", "family"):
         labelled = read_labelled(folders, kind)
@@ -136,10 +146,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Calibrates the probabilities of statements on finished benchmarks.")
     parser.add_argument("folders", type=Path, nargs="+", help="folders of rfca-rig prove")
     parser.add_argument("--out", type=Path, required=True, help="calibration.json")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     try:
-        content = calibrate(asked.folders)
-        write_atomically(asked.out, (json.dumps(content, indent=1) + "\n").encode())
+        content = calibrate(arguments.folders)
+        write_atomically(arguments.out, (json.dumps(content, indent=1) + "\n").encode())
     except RigError as error:
         print(error, file=sys.stderr)
         return error.exit_code

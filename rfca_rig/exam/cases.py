@@ -1,4 +1,4 @@
-"""The cases of the exam: what is concealed in each, drawn from one seed."""
+"""The cases of the exam: the hidden effects of each, drawn from one seed."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -45,9 +45,10 @@ DEFAULT_NUMBERS: Mapping[str, int] = {
     **dict(zip(PENDULUM_KINDS, (30, 60, 20, 20), strict=True)),
 }
 
-LATEST_S = 3e-3  # an adapter, a bus and the drive's own cycle
+# Largest delay of a command: an adapter, a bus and the drive's own cycle.
+MAX_DELAY_S = 3e-3
 SOFT_DRIVES = ("motor_cogging", "motor_speed_droop", "motor_torque_limit", "shaft_compliance", "shaft_play")
-# the second of each cannot be told from the first by a model that has one coordinate for both
+# A model that has one coordinate for both cannot distinguish the second of each pair from the first.
 NEVER_TOGETHER = (
     *({one, other} for one, other in combinations(SOFT_DRIVES, 2)),
     {"sensor_lag", "clock_offset"},
@@ -59,11 +60,16 @@ Values = dict[str, float]
 
 @dataclass(frozen=True)
 class Case:
-    """One campaign to be written. `effects` are of the catalogue, `strangers` of none; by id, with their parameters.
+    """One campaign to be written.
 
-    `strength` is from 0, hardly visible, to 1; the drive does what it is told `late_s` late; `model_error` is the share of structured
-    error; `law` says which member of its family each effect's law is; `mislabelled` names what the campaign's own file says wrongly;
-    `seed` decides scatter and noise.
+    - `off`: the true rig's differences from its nominal values.
+    - `effects`, `strangers`: hidden effects of the catalogue and outside it, by id, with their parameters.
+    - `strength`: from 0, hardly visible, to 1.
+    - `late_s`: delay of the drive after its command.
+    - `model_error`: relative size of the `structured` error.
+    - `law`: which member of its family each effect's law is.
+    - `mislabelled`: what is wrong in the campaign's own file.
+    - `seed`: decides scatter and noise.
     """
 
     id: str
@@ -83,17 +89,19 @@ class Case:
 
 
 def drawn_cases(seed: int, numbers: Mapping[str, int] = DEFAULT_NUMBERS) -> list[Case | PendulumCase]:
-    """As many cases of each kind as `numbers` says, in random order so that a name tells nothing. The same seed, the same cases.
+    """Draw `numbers` of cases of each kind, in random order, so that a case's name reveals nothing.
 
-    Case i of a kind does not depend on how many there are of it or of others, but for its id.
+    The same seed gives the same cases. Except for its id, case i of a kind does not depend on the numbers of cases.
     """
-    drawn = [_drawn(kind, i, np.random.default_rng([seed, KINDS.index(kind), i])) for kind in KINDS for i in range(numbers.get(kind, 0))]
+    # One generator per case, seeded by kind and number: that makes a case independent of all others.
+    drawn = [_draw(kind, i, np.random.default_rng([seed, KINDS.index(kind), i])) for kind in KINDS for i in range(numbers.get(kind, 0))]
     order = np.random.default_rng(seed).permutation(len(drawn))
     return [replace(drawn[j], id=f"case-{place:04d}") for place, j in enumerate(order, start=1)]
 
 
 def shared_out(total: int) -> dict[str, int]:
-    """`total` cases, kinds in the proportions of the whole exam."""
+    """Numbers of cases of each kind, `total` in all, in the proportions of the whole exam."""
+    # Largest remainders, so that the numbers add up to the total.
     whole = sum(DEFAULT_NUMBERS.values())
     exact = {kind: total * number / whole for kind, number in DEFAULT_NUMBERS.items()}
     numbers = {kind: int(share) for kind, share in exact.items()}
@@ -103,57 +111,60 @@ def shared_out(total: int) -> dict[str, int]:
     return numbers
 
 
-def _drawn(kind: str, i: int, random: np.random.Generator) -> Case | PendulumCase:
+def _draw(kind: str, i: int, random: np.random.Generator) -> Case | PendulumCase:
     if kind in PENDULUM_KINDS:
         return drawn_pendulum(kind, i, random)
     design = PAPER_CONDITIONS if random.random() < 0.2 else THREE_BY_THREE
+    # In half of these negative controls all nominal values are right and the drive is not late.
     at_prior_means = kind == NOTHING and i % 2 == 0
-    late_s = 0.0 if at_prior_means else float(random.spawn(1)[0].uniform(0.0, LATEST_S))
+    # A spawned generator does not consume the main stream, so this draw does not shift the others.
+    late_s = 0.0 if at_prior_means else float(random.spawn(1)[0].uniform(0.0, MAX_DELAY_S))
     off = OffBy() if at_prior_means else drawn_off(random)
     case = Case(id="", kind=kind, seed=int(random.integers(2**31)), design=design, off=off, late_s=late_s)
+    # Half of the other cases have a small model error too, cases of that kind a larger one.
     if kind not in (NOTHING, POOR_DATA) and (kind == MODEL_ERROR or random.random() < 0.5):
         share = float(random.uniform(0.005, 0.02)) if kind == MODEL_ERROR else 0.005
         case = replace(case, model_error=share, structured=drawn_structured(share, random))
-    filled = FILLED[kind](case, i, random)
+    filled = FILLERS[kind](case, i, random)
     return replace(filled, law=drawn_law(random.spawn(1)[0])) if filled.effects else filled
 
 
-def _nothing(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
+def _fill_nothing(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
     return case
 
 
-def _single(case: Case, i: int, random: np.random.Generator) -> Case:
-    """The effects in turn, and for each of them the five levels in turn; strides, so that a few cases are a mixture too."""
+def _fill_single(case: Case, i: int, random: np.random.Generator) -> Case:
+    """The effects in turn, and for each of them the five levels in turn; the strides make the first few cases a mixture too."""
     effect = tuple(SPANS)[7 * i % len(SPANS)]
     strength = ((i % len(SPANS) + i // len(SPANS)) % LEVELS + random.random()) / LEVELS
     return replace(case, effects={effect: values_of(effect, strength, random)}, strength=strength)
 
 
-def _pair(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
+def _fill_pair(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
     pairs = [pair for pair in combinations(SPANS, 2) if set(pair) not in NEVER_TOGETHER]
     pair = pairs[random.integers(len(pairs))]
     strength = float(random.uniform(0.4, 1.0))
     return replace(case, effects={effect: values_of(effect, strength, random) for effect in pair}, strength=strength)
 
 
-def _stranger(case: Case, i: int, random: np.random.Generator) -> Case:
+def _fill_stranger(case: Case, i: int, random: np.random.Generator) -> Case:
     name, strength = NAMES[7 * i % len(NAMES)], float(random.uniform(0.2, 1.0))
     return replace(case, strangers={name: stranger_values(name, strength, random)}, strength=strength)
 
 
-def _wrong_law(case: Case, i: int, random: np.random.Generator) -> Case:
+def _fill_wrong_law(case: Case, i: int, random: np.random.Generator) -> Case:
     uneven = drawn_uneven(i, random)
     strength = float(random.uniform(0.4, 1.0))
     return replace(case, effects={uneven.effect: values_of(uneven.effect, strength, random)}, strength=strength, uneven=uneven)
 
 
-def _approximate(case: Case, i: int, random: np.random.Generator) -> Case:
+def _fill_approximate(case: Case, i: int, random: np.random.Generator) -> Case:
     uneven = drawn_approximate(i, random)
     strength = float(random.uniform(0.4, 1.0))
     return replace(case, effects={uneven.effect: values_of(uneven.effect, strength, random)}, strength=strength, uneven=uneven)
 
 
-def _triple(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
+def _fill_triple(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
     strength = float(random.uniform(0.4, 1.0))
     while True:
         names = tuple(tuple(SPANS)[j] for j in random.choice(len(SPANS), 3, replace=False))
@@ -161,25 +172,25 @@ def _triple(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: A
             return replace(case, effects={name: values_of(name, strength, random) for name in names}, strength=strength)
 
 
-def _poor_data(case: Case, i: int, random: np.random.Generator) -> Case:
-    """One stroke. Half of them hide nothing."""
+def _fill_poor_data(case: Case, i: int, random: np.random.Generator) -> Case:
+    """A campaign of one stroke; half of these have no hidden effect."""
     single = replace(case, design=ONE_STROKE)
-    return single if i % 2 == 0 else _single(single, int(random.integers(len(SPANS) * LEVELS)), random)
+    return single if i % 2 == 0 else _fill_single(single, int(random.integers(len(SPANS) * LEVELS)), random)
 
 
-def _mislabelled(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
+def _fill_mislabelled(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
     return replace(case, mislabelled=tuple(MISLABELLED)[i % len(MISLABELLED)])
 
 
-FILLED: Mapping[str, Callable[[Case, int, np.random.Generator], Case]] = {
-    NOTHING: _nothing,
-    MODEL_ERROR: _nothing,
-    SINGLE: _single,
-    PAIR: _pair,
-    STRANGER: _stranger,
-    WRONG_LAW: _wrong_law,
-    POOR_DATA: _poor_data,
-    MISLABEL: _mislabelled,
-    APPROXIMATE: _approximate,
-    TRIPLE: _triple,
+FILLERS: Mapping[str, Callable[[Case, int, np.random.Generator], Case]] = {
+    NOTHING: _fill_nothing,
+    MODEL_ERROR: _fill_nothing,
+    SINGLE: _fill_single,
+    PAIR: _fill_pair,
+    STRANGER: _fill_stranger,
+    WRONG_LAW: _fill_wrong_law,
+    POOR_DATA: _fill_poor_data,
+    MISLABEL: _fill_mislabelled,
+    APPROXIMATE: _fill_approximate,
+    TRIPLE: _fill_triple,
 }

@@ -1,4 +1,4 @@
-"""How far to trust probabilities and values: calibration of claims, errors of parameters."""
+"""Calibration of the claims' probabilities, and errors of the parameters of named effects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,8 +15,10 @@ Array = NDArray[Any]
 
 BINS = 10
 CONFIDENT = 0.9
-SMALLEST = 1e-3  # a probability of 0 or 1 that turns out wrong counts as this, in the logarithmic score
-NINETY_PERCENT = 1.645  # standard deviations on either side
+# In the logarithmic score, probabilities are clipped at this distance from 0 and 1: a wrong 0 or 1 would cost infinitely much.
+PROBABILITY_FLOOR = 1e-3
+# Half width of a normal 90 % interval, in standard deviations.
+NINETY_PERCENT = 1.645
 WHOLE_NUMBERS = ("hinge",)
 
 Judged = Sequence[tuple[Truth, Said]]
@@ -24,10 +26,10 @@ Judged = Sequence[tuple[Truth, Said]]
 
 @dataclass(frozen=True)
 class ClaimCalibration:
-    """Of all listed claims; what is there and was not listed had no probability stated, and counts where effects are counted. NaN where
-    there is none.
+    """Calibration of all listed claims; NaN where there is none.
 
-    `bins` (10 x 3): number of claims, their mean probability, share of them right.
+    A true effect that was not listed has no stated probability; the counts of effects include it, these scores do not.
+    `bins` (10, 3): number of claims, their mean probability, share of them right.
     """
 
     brier: float
@@ -40,7 +42,7 @@ class ClaimCalibration:
 
 @dataclass(frozen=True)
 class Values:
-    """Over the parameters of rightly named effects; shares of 1."""
+    """Errors and coverage over the parameters of rightly named effects, as fractions of 1."""
 
     count: int
     median_error: float
@@ -48,11 +50,11 @@ class Values:
 
 
 def calibration(judged: Judged) -> ClaimCalibration:
-    """Brier and logarithmic score, expected calibration error, and how many of the claims at 90 % and more are right."""
+    """Brier and logarithmic score, expected calibration error, and the share of right claims among those at 90 % or more."""
     p, hit = _claims(judged)
     if not len(p):
         return ClaimCalibration(np.nan, np.nan, np.nan, 0, np.nan, ())
-    bounded = np.clip(p, SMALLEST, 1.0 - SMALLEST)
+    bounded = np.clip(p, PROBABILITY_FLOOR, 1.0 - PROBABILITY_FLOOR)
     sure = p >= CONFIDENT
     bins = _bins(p, hit)
     return ClaimCalibration(
@@ -67,9 +69,9 @@ def calibration(judged: Judged) -> ClaimCalibration:
 
 def _claims(judged: Judged) -> tuple[Array, Array]:
     pairs: list[tuple[float, bool]] = []
-    for truth, said in judged:
+    for truth, answer in judged:
         true = set(truth.effects) | truth.accepted
-        pairs += [(claim.probability, bool(claim.members & true)) for claim in said.claims]
+        pairs += [(claim.probability, bool(claim.members & true)) for claim in answer.claims]
     p, hit = zip(*pairs, strict=True) if pairs else ((), ())
     return np.array(p, dtype=float), np.array(hit, dtype=bool)
 
@@ -81,14 +83,29 @@ def _bins(p: Array, hit: Array) -> tuple[tuple[int, float, float], ...]:
 
 
 def calibration_error(probability: Array, true: Array, least: float = 0.0, bins: int = BINS) -> float:
-    """Expected calibration error over equal bins of the probability from `least` to 1 (Naeini et al., AAAI 2015)."""
+    """Expected calibration error over equal bins of the probability from `least` to 1.
+
+    Parameters
+    ----------
+    probability, true : (n,) arrays
+        Stated probabilities, all `least` or more, and whether each statement is true.
+    least : float
+        Lower end of the first bin.
+    bins : int
+        Number of bins.
+
+    References
+    ----------
+    Naeini et al., AAAI 2015.
+    """
+    # A probability of exactly 1 belongs to the last bin.
     place = np.minimum(((probability - least) / (1.0 - least) * bins).astype(int), bins - 1)
     return float(sum(abs(probability[place == b].sum() - true[place == b].sum()) for b in range(bins)) / len(true))
 
 
 def values(judged: Judged) -> Values:
-    """Errors of the parameters of effects named by their own id, where the catalogue's law is the true one."""
-    found = [each for truth, said in judged if not truth.lawless for claim in said.named for each in parameter_errors(truth, claim)]
+    """Errors of the parameters of effects that are named by their own id, in cases whose true law is the catalogue's."""
+    found = [each for truth, answer in judged if not truth.lawless for claim in answer.named for each in parameter_errors(truth, claim)]
     if not found:
         return Values(0, np.nan, np.nan)
     errors, covered = zip(*found, strict=True)
@@ -97,9 +114,9 @@ def values(judged: Judged) -> Values:
 
 
 def parameter_errors(truth: Truth, claim: Claim) -> list[tuple[float, bool | None]]:
-    """(relative error, inside the 90 % interval or not) of each parameter of a claim; empty for a claim that is not true.
+    """(relative error, whether the truth is inside the 90 % interval) of each parameter of a claim; empty for a false claim.
 
-    Relative to what the effect changes: a gain of 1.03 found as 1.02 is off by a third. A whole number is right or wrong.
+    Errors are relative to what the effect changes: a gain of 1.03 found as 1.02 is off by a third. A whole number is right or wrong.
     """
     true = truth.effects.get(claim.id, {})
     return [_error(claim.id, name, true[name], value) for name, value in claim.parameters.items() if name in true]

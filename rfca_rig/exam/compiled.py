@@ -1,4 +1,4 @@
-"""How the exam's simulator is compiled."""
+"""Compilation of the exam's simulator by numba."""
 
 import hashlib
 import os
@@ -15,14 +15,15 @@ _jitable = cast(Any, register_jitable)
 
 
 def _folder() -> str:
-    """A cache folder of its own for each state of the simulator: numba sees edits in a function's own file only."""
+    """Cache folder for the present source of the simulator: numba notices edits in a function's own file only."""
     content = b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("engine*.py")))
     parent = os.environ.get("NUMBA_CACHE_DIR") or str(Path.home() / ".cache" / "rfca-rig")
     return str(Path(parent) / f"exam-{hashlib.sha256(content).hexdigest()[:16]}")
 
 
 def compiled(function: Function) -> Function:
-    """The function, compiled on first use and kept on disk; a division by zero gives inf, as in numpy."""
+    """The function, compiled on first use and cached on disk; a division by zero gives inf, as in numpy."""
+    # numba reads the cache folder when it decorates, so the setting is needed only meanwhile and other packages keep theirs.
     settings = cast(Any, numba.config)
     before, settings.CACHE_DIR = settings.CACHE_DIR, _folder()
     try:
@@ -32,5 +33,5 @@ def compiled(function: Function) -> Function:
 
 
 def internal(function: Function) -> Function:
-    """The same for compiled callers only: no way from the interpreter into it is compiled, so there it runs as it stands."""
+    """The same for compiled callers only. Called from the interpreter, the function runs as plain Python."""
     return cast(Function, _jitable(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))

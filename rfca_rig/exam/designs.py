@@ -1,11 +1,11 @@
-"""Which strokes and static stages a campaign of the exam holds."""
+"""Designs of the exam's campaigns: their strokes and static stages."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class ExamDesign:
-    """Conditions (height, speed), each repeated, and the heights of the static table; none where there is no table."""
+    """Conditions (height in mm, speed in rad/s), each repeated, and the heights of the static table; none where there is no table."""
 
     conditions: tuple[tuple[float, float], ...]
     repeats: int

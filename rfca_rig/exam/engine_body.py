@@ -1,4 +1,4 @@
-"""Mass matrix and inertial loads of a chain in RELATIVE angles, by composite bodies and one pass of Newton and Euler.
+"""Mass matrix and inertial loads of a chain in RELATIVE angles: composite rigid bodies and one pass of Newton and Euler.
 
 The plane has y along the floor and d downwards; angles grow from y towards d. Body k turns about joint k and ends in joint k + 1.
 """
@@ -22,9 +22,9 @@ SY, SD = range(2)
 
 @internal
 def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, pose: Floats) -> None:
-    """Positions, velocities and centripetal accelerations of all joints.
+    """Fill `pose` (9, n + 1) with positions, velocities and centripetal accelerations of all joints, from angles and rates (n,).
 
-    With a frame, phi[n] is how far the shaft has moved along a line that leans from d towards y.
+    With a frame, phi[n] is how far the shaft has moved along a line that leans by `lean` from d towards y.
     """
     n = rod.shape[1]
     angle = spin = 0.0
@@ -47,19 +47,22 @@ def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, 
 def gather(
     rod: Floats, pose: Floats, load: Floats, gravity_y: float, gravity_d: float, lean: float, M: Floats, bias: Floats, lump: Floats
 ) -> None:
-    """Mass matrix M (n + 1, n + 1) and what resists at zero joint acceleration, bias (n + 3).
+    """Mass matrix M (n + 1, n + 1), lower triangle, and the generalised forces at zero acceleration, bias (n + 3,).
 
-    Row n of both is the whole leg moving along the frame's line; bias[n + 1] and bias[n + 2] are the forces along d and y that hold it.
+    Row n of both is the whole leg moving along the frame's line. bias[n + 1] and bias[n + 2] are the forces along d and y that hold the
+    leg. `lump` (2, n) receives the first moments about each joint.
     """
     n = rod.shape[1]
     mass = sy = sd = inertia = fy = fd = torque = 0.0
     for k in range(n - 1, -1, -1):
         L, m, centre, c, s, spin = rod[LENGTH, k], rod[MASS, k], rod[CENTRE, k], pose[COS, k], pose[SIN, k], pose[SPIN, k]
+        # From the tip to the shaft: the composite body beyond this rod is shifted to joint k by the parallel axis theorem.
         ly, ld = L * c, L * s
         inertia += 2.0 * (ly * sy + ld * sd) + mass * L * L + rod[INERTIA, k] + m * centre * centre
         sy += mass * ly + m * centre * c
         sd += mass * ld + m * centre * s
         mass += m
+        # Newton for this rod: what the next rod passes on, less the external load at the far end, plus the inertial force at the centre.
         out_y, out_d = fy - load[FY, k], fd - load[FD, k]
         in_y = m * (pose[AY, k] - centre * c * spin * spin - gravity_y)
         in_d = m * (pose[AD, k] - centre * s * spin * spin - gravity_d)
@@ -75,7 +78,8 @@ def gather(
 
 @internal
 def solve_between(A: Floats, x: Floats, first: int, end: int) -> None:
-    """Solves the symmetric A[first:end, first:end] x = x by Cholesky; reads and overwrites the lower triangle."""
+    """Solve A[first:end, first:end] x = x in place by Cholesky; A (n, n) is symmetric, its lower triangle is read and overwritten."""
+    # The diagonal keeps the reciprocal of each root: the two substitutions then multiply instead of divide.
     for j in range(first, end):
         pivot = A[j, j]
         for k in range(first, j):

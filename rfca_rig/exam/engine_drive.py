@@ -1,4 +1,4 @@
-"""What turns the shaft: the command, the motor that follows it, and what lies between motor and leg."""
+"""The shaft's drive: the command, the motor that follows it, and the transmission between motor and leg."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,13 @@ START, KP, KI, ROTOR, SHAFT, SHAFT_DAMPING, SHAFT_GAP, SHAFT_LOSS, RIPPLE, CYCLE
 # entries of `motor` (4): commanded angle and speed, the motor's angle and speed
 TOLD, TOLD_SPEED, TURNED, TURNING = range(4)
 
-CABLE_SPEED_RAD_S = 0.02  # speed at which a dragging cable pulls fully
+# Speed of the regularised sign: at a few times this, a dragging cable pulls fully.
+CABLE_SPEED_RAD_S = 0.02
 
 
 @internal
 def asked_speed(knots: Floats, t: float) -> float:
-    """Commanded speed: straight lines through `knots` (2, m) of times and speeds, at rest before and after."""
+    """Commanded speed in rad/s: linear between `knots` (2, m) of times and speeds, at rest before and after."""
     m = knots.shape[1]
     if t <= knots[0, 0] or t > knots[0, m - 1]:
         return 0.0
@@ -28,13 +29,13 @@ def asked_speed(knots: Floats, t: float) -> float:
 
 @internal
 def rippled(drive: Floats, angle: float, speed: float) -> float:
-    """The speed that the command becomes at a shaft angle."""
+    """Commanded speed at a shaft angle, with the speed ripple of `drive` (16,)."""
     return float(speed * (1.0 + drive[RIPPLE] * np.cos(drive[CYCLES] * (angle - drive[START]) + drive[PHASE])))
 
 
 @internal
 def advance_command(drive: Floats, knots: Floats, motor: Floats, t: float, h: float) -> None:
-    """One step of the commanded angle, by the midpoint rule."""
+    """Advance the commanded angle and speed in `motor` (4,) by one step, by the midpoint rule; `knots` is (2, m)."""
     begin = rippled(drive, motor[TOLD], asked_speed(knots, t))
     half = motor[TOLD] + 0.5 * h * begin
     motor[TOLD] += h * rippled(drive, half, asked_speed(knots, t + 0.5 * h))
@@ -43,22 +44,26 @@ def advance_command(drive: Floats, knots: Floats, motor: Floats, t: float, h: fl
 
 @internal
 def pushed(drive: Floats, motor: Floats, told_before: float, angle: float, speed: float, h: float) -> tuple[float, float]:
-    """Torque of the PI loop in the middle of a step of `motor`, for a shaft at `angle` then and at `speed` before, and how much it falls
-    with the speed: not at all where the motor gives what it can.
+    """Torque of the PI speed loop at mid-step in N m, and by how much it falls per rad/s of speed.
+
+    `drive` is (16,), `motor` (4,) with the command after the step, `told_before` the commanded angle before it. `angle` is the
+    rotor's at mid-step, `speed` before the step.
     """
-    told = 0.5 * (told_before + motor[TOLD])
-    asked = drive[KI] * (told - angle) + drive[KP] * ((motor[TOLD] - told_before) / h - speed)
-    magnets = drive[COGGING] * np.sin(drive[COGS] * (angle - drive[START]))
-    if abs(asked) > drive[LIMIT]:
-        return (drive[LIMIT] if asked > 0.0 else -drive[LIMIT]) + magnets, 0.0
-    return asked + magnets, drive[KP]
+    command = 0.5 * (told_before + motor[TOLD])
+    demand = drive[KI] * (command - angle) + drive[KP] * ((motor[TOLD] - told_before) / h - speed)
+    cogging = drive[COGGING] * np.sin(drive[COGS] * (angle - drive[START]))
+    # A saturated motor no longer reacts to speed, so its implicit share is zero.
+    if abs(demand) > drive[LIMIT]:
+        return (drive[LIMIT] if demand > 0.0 else -drive[LIMIT]) + cogging, 0.0
+    return demand + cogging, drive[KP]
 
 
 @internal
 def twist(drive: Floats, angle: float, speed: float) -> tuple[float, float]:
-    """Torque of the shaft between motor and leg, `angle` and `speed` of the one against the other, and how much it rises with the speed.
+    """Torque of the shaft between motor and leg in N m, and by how much it rises per rad/s of relative speed.
 
-    Beyond a play the ends press with a loss that grows with the pressure, and never pull.
+    `drive` is (16,); `angle` and `speed` are those of the motor relative to the leg. Beyond the play the ends press on each other with
+    a loss that grows with the pressure; they never pull.
     """
     beyond = max(abs(angle) - drive[SHAFT_GAP], 0.0)
     side = 1.0 if angle > 0.0 else -1.0
@@ -70,9 +75,13 @@ def twist(drive: Floats, angle: float, speed: float) -> tuple[float, float]:
 
 @internal
 def turn_rotor(drive: Floats, motor: Floats, told_before: float, back: float, h: float) -> float:
-    """One step of a rotor under PI control against the torque `back` of the twisted shaft; returns the motor's torque."""
+    """Advance a rotor under PI control by one step, in `motor` (4,); returns the motor's torque in N m.
+
+    `back` is the torque of the twisted shaft on the rotor, `told_before` the commanded angle before the step.
+    """
     angle = motor[TURNED] + 0.5 * h * motor[TURNING]
     push, falling = pushed(drive, motor, told_before, angle, motor[TURNING], h)
+    # Implicit in the falling torque: stiff controllers would otherwise limit the step.
     gained = h * (push - back) / (drive[ROTOR] + 0.5 * h * falling)
     motor[TURNING] += gained
     motor[TURNED] = angle + 0.5 * h * motor[TURNING]
@@ -81,5 +90,5 @@ def turn_rotor(drive: Floats, motor: Floats, told_before: float, back: float, h:
 
 @internal
 def cable(drive: Floats, angle: float, speed: float) -> float:
-    """What a cable drags at the shaft, and how a hose turns it back."""
+    """Torque in N m of a dragging cable and of a hose that turns the shaft back to its start; `drive` is (16,)."""
     return float(-drive[CABLE] * np.tanh(speed / CABLE_SPEED_RAD_S) - drive[HOSE] * (angle - drive[START]))

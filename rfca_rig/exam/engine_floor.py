@@ -1,4 +1,4 @@
-"""What the floor does to the circles at the link ends."""
+"""Contact of the floor with the circles at the link ends: normal force, friction, adhesion, and external fields."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,17 +43,26 @@ Floats = NDArray[np.float64]
     SHAKING,
 ) = range(30)
 
-TYPICAL_DEPTH_M = 3e-3  # under the paper's loads; laws of other powers are compared there
-DRAGGED_FROM_N = 1.0  # a viscous share needs contact: an end that is hardly pressed is hardly dragged
-ROUNDS, FOUND_M = 40, 1e-12  # of the search for the point that is touched: a third of the error is left by each at most
-ELASTIC_SHARE = 0.7  # of the way to full friction that a straight line of the first slope would take
+# Penetration under the paper's loads. Laws with other powers agree with the standard ones at this depth.
+TYPICAL_DEPTH_M = 3e-3
+# Normal force at which the viscous share of friction is nearly full: it needs contact.
+DRAGGED_FROM_N = 1.0
+# Iterations and tolerance of the search for the touched point; each leaves at most a third of the error.
+ROUNDS, FOUND_M = 40, 1e-12
+# Dahl's length over the presliding distance: the initial slope alone would reach full friction after this share of the distance.
+ELASTIC_SHARE = 0.7
 
 
 @internal
 def normal_force(floor: Floats, depth: float, rate: float) -> float:
-    """Hunt and Crossley, with or without the branch of separation, less what adhesion holds."""
+    """Normal force in N by Hunt and Crossley, less the adhesion; `rate` in m/s is positive while the depth grows.
+
+    `floor` is (30,). Damping acts during separation only where the floor is `TWO_SIDED`.
+    """
+    # The usual exponent without a call of pow.
     power = depth * np.sqrt(depth) if floor[EXPONENT] == 1.5 else depth ** floor[EXPONENT]
     closing = rate if rate > 0.0 or floor[TWO_SIDED] != 0.0 else 0.0
+    # The elastic and damping part never pulls, however fast the ends separate.
     force = floor[STIFFNESS] * power * max(1.0 + floor[DAMPING] * closing, 0.0)
     if floor[ADHESION] != 0.0:
         force -= floor[ADHESION] * np.tanh(depth / floor[HOLD])
@@ -62,7 +71,7 @@ def normal_force(floor: Floats, depth: float, rate: float) -> float:
 
 @internal
 def friction_limit(floor: Floats, slip: float, share: float) -> float:
-    """Friction coefficient at a slip speed; `share` tells the direction that a stuck end resists."""
+    """Friction coefficient at a slip speed in m/s; the sign of `share`, the friction in use, gives the direction. `floor` is (30,)."""
     mu = floor[MU]
     if floor[RISE] != 0.0:
         speeds = abs(slip) / floor[RISE_SPEED]
@@ -72,7 +81,7 @@ def friction_limit(floor: Floats, slip: float, share: float) -> float:
 
 @internal
 def elevation(floor: Floats, y: float) -> tuple[float, float]:
-    """Height of the floor above its level at the shaft, and its slope."""
+    """Height of the floor (30,) at `y` above its level at the shaft, in m, and its slope."""
     rise, slope = floor[SLOPE] * y, floor[SLOPE]
     if floor[BUMP] != 0.0:
         x = (y - floor[BUMP_AT]) / floor[BUMP_WIDTH]
@@ -84,8 +93,9 @@ def elevation(floor: Floats, y: float) -> tuple[float, float]:
 
 @internal
 def touched_at(floor: Floats, radius: float, y: float, d: float) -> float:
-    """Where along the floor it is nearest to a circle that could touch it: there the circle's centre stands above on the floor's normal."""
+    """The y in m at which the floor is nearest to a circle with centre (y, d): there the floor's normal passes through the centre."""
     at, up = y, floor[HEIGHT] - d
+    # A straight floor needs no search, and a circle far above the bump cannot touch it.
     if floor[BUMP] == 0.0 or up > floor[SLOPE] * y + abs(floor[BUMP]) + 2.0 * radius:
         return at
     for _ in range(ROUNDS):
@@ -98,7 +108,7 @@ def touched_at(floor: Floats, radius: float, y: float, d: float) -> float:
 
 @internal
 def less_lever(floor: Floats, depth: float) -> float:
-    """How much higher than at its lowest point friction acts on a circle that is so deep."""
+    """By how much, in m, friction's lever is shorter than the circle's radius at this penetration depth in m; `floor` is (30,)."""
     if floor[LEVER_POWER] == 1.0:
         return float(floor[LEVER] * depth)
     return float(floor[LEVER] * TYPICAL_DEPTH_M * (depth / TYPICAL_DEPTH_M) ** floor[LEVER_POWER])
@@ -106,7 +116,10 @@ def less_lever(floor: Floats, depth: float) -> float:
 
 @internal
 def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: float, keep: bool, load: Floats) -> None:
-    """Adds the floor's forces at all ends to `load`; with `keep`, brings `used` (n,), the friction in use, up to date instead."""
+    """Add the floor's forces at all link ends to `load` (3, n), from the `pose` (9, n + 1).
+
+    With `keep`, update `used` (n,) instead, the share of friction in use at each end; `seconds` is the time since its last update.
+    """
     n = load.shape[1]
     for k in range(n):
         y, d = pose[Y, k + 1], pose[D, k + 1]
@@ -116,6 +129,7 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
         sin = slope * cos
         depth = (d - floor[HEIGHT] + rise + slope * (y - at) + floor[SHAKEN]) * cos + radius
         if depth <= 0.0:
+            # An end that has left the floor forgets its presliding.
             if keep:
                 used[k] = 0.0
             continue
@@ -129,6 +143,7 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
         N, mu = normal_force(floor, depth, rate), friction_limit(floor, slip, share)
         if floor[PATCH_AT] < y < floor[PATCH_AT] + floor[PATCH_WIDTH]:
             N, mu = N * floor[PATCH_STIFFNESS], mu * floor[PATCH_MU]
+        # |N|, because adhesion can make N negative while the end still rubs.
         F = -mu * abs(N) * share - floor[DRAG] * np.tanh(abs(N) / DRAGGED_FROM_N) * slip
         load[FY, k] += F * cos - N * sin
         load[FD, k] -= F * sin + N * cos
@@ -137,7 +152,7 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
 
 @internal
 def shake(floor: Floats, t: float) -> None:
-    """Notes how far a floor that shakes is up at a time, and how fast it rises."""
+    """Store the displacement and speed of a shaking floor at time `t` in `floor` (30,)."""
     if floor[SHAKE] != 0.0:
         rate = 2.0 * np.pi * floor[SHAKE_HZ]
         floor[SHAKEN], floor[SHAKING] = floor[SHAKE] * np.sin(rate * t), rate * floor[SHAKE] * np.cos(rate * t)
@@ -145,7 +160,7 @@ def shake(floor: Floats, t: float) -> None:
 
 @internal
 def attract(floor: Floats, radius: float, pose: Floats, load: Floats) -> None:
-    """A magnet under the floor that pulls the tip down."""
+    """Add the pull of a magnet under the floor on the tip to `load` (3, n)."""
     if floor[MAGNET] != 0.0:
         n = load.shape[1]
         gap = max(floor[HEIGHT] - radius - pose[D, n], 0.0)
@@ -154,7 +169,10 @@ def attract(floor: Floats, radius: float, pose: Floats, load: Floats) -> None:
 
 @internal
 def drag(coefficient: float, power: float, length: Floats, pose: Floats, load: Floats) -> None:
-    """Drag across each rod, at its middle, with this power of the speed there; `coefficient` is that at 1 m/s."""
+    """Add the drag across each rod to `load` (3, n): at its middle, with `power` of the speed there.
+
+    `coefficient` is the drag per length at 1 m/s; `length` is (n,).
+    """
     if coefficient == 0.0:
         return
     for k in range(load.shape[1]):

@@ -1,4 +1,7 @@
-"""What resists the turn of a hinge. Each law stands alone; memories move with the turned angle, whatever the step."""
+"""Torques that resist the turn of a hinge. The laws are independent of each other.
+
+The memories of friction and hysteresis depend on the turned angle only, not on the step.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +19,12 @@ PIN_SHARE, LOOP_SHARE, ARM_ANGLE = range(3)
 
 @internal
 def dahl(share: float, moved: float, creep: float) -> float:
-    """Share of dry friction in use after moving on: Dahl's law with exponent one half, exact for a move in one direction.
+    """Share of dry friction in use after a move: Dahl's law with exponent one half, exact for a move in one direction.
 
-    df/dx = sgn (1 - f sgn)^(1/2) / creep; full friction is reached after a finite way, 2 creep from none.
+    df/dx = sgn (1 - f sgn)^(1/2) / creep. Full friction is reached after a finite distance, 2 creep from none.
     """
     side = 1.0 if moved >= 0.0 else -1.0
+    # The root of 1 - f sgn falls linearly with the distance, down to zero.
     left = np.sqrt(max(1.0 - share * side, 0.0)) - 0.5 * abs(moved) / creep
     left = max(left, 0.0)
     return float(side * (1.0 - left * left))
@@ -28,7 +32,7 @@ def dahl(share: float, moved: float, creep: float) -> float:
 
 @internal
 def loop(share: float, moved: float, width: float) -> float:
-    """Bouc and Wen with exponent one: z' = (1 - z sgn) phi' / width, one implicit step."""
+    """Hysteresis by Bouc and Wen with exponent one: z' = (1 - z sgn) phi' / width, one backward Euler step."""
     way = abs(moved) / width
     side = 1.0 if moved >= 0.0 else -1.0
     return (share + side * way) / (1.0 + way)
@@ -43,7 +47,7 @@ def arm(slack: float, phi_before: float, phi: float, seconds: float, tau: float)
 
 @internal
 def spring(phi: float, hinge: Floats, i: int) -> float:
-    """Torque of the spring itself."""
+    """Torque of the spring of hinge `i` in N m, without friction and damping; `hinge` is (n, 18)."""
     x = phi - hinge[i, PRESET]
     gap = hinge[i, GAP]
     bent = x - gap if x > gap else (x + gap if x < -gap else 0.0)
@@ -53,13 +57,17 @@ def spring(phi: float, hinge: Floats, i: int) -> float:
 
 @internal
 def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int) -> float:
-    """All that resists at hinge i, but for damping; `moved` and `seconds` since `memory` was brought up to date."""
+    """Total torque that resists at hinge `i` in N m, without damping; `hinge` is (n, 18), `memory` (n, 3).
+
+    `moved` rad and `seconds` are counted from the last update of `memory`, which stays unchanged.
+    """
     torque = spring(phi, hinge, i)
     over = abs(phi) - hinge[i, STOP]
     if over > 0.0:
         torque += hinge[i, STOP_STIFFNESS] * over * (1.0 if phi > 0.0 else -1.0)
     if hinge[i, DETENT] != 0.0:
         torque += hinge[i, DETENT] * np.sin(hinge[i, DETENTS] * phi)
+    # Dahl reaches full friction after 2 creep, so half of PIN_CREEP makes it full after PIN_CREEP.
     if hinge[i, PIN] != 0.0:
         torque += hinge[i, PIN] * dahl(memory[i, PIN_SHARE], moved, 0.5 * hinge[i, PIN_CREEP])
     if hinge[i, LOOP] != 0.0:
@@ -71,7 +79,7 @@ def hinge_torque(phi: float, moved: float, seconds: float, hinge: Floats, memory
 
 @internal
 def remember_hinge(phi: float, moved: float, seconds: float, hinge: Floats, memory: Floats, i: int) -> None:
-    """Brings the memory of hinge i up to date after a step."""
+    """Update row `i` of `memory` (n, 3) after a step of `moved` rad in `seconds`; `hinge` is (n, 18)."""
     memory[i, PIN_SHARE] = dahl(memory[i, PIN_SHARE], moved, 0.5 * hinge[i, PIN_CREEP])
     memory[i, LOOP_SHARE] = loop(memory[i, LOOP_SHARE], moved, hinge[i, LOOP_ANGLE])
     memory[i, ARM_ANGLE] = arm(memory[i, ARM_ANGLE], phi - moved, phi, seconds, hinge[i, ARM_TIME])

@@ -1,4 +1,7 @@
-"""The steps of the exam's simulator: half a drift, one solve for the change of all rates, half a drift."""
+"""One step of the exam's simulator: half a drift, one solve for the change of all rates, half a drift.
+
+`n` is the number of rods. Arrays of size (n + 1) have one more entry for the frame, where the mount yields.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +35,7 @@ FORCE_Y, FORCE_D, LEG_TORQUE, MOTOR_TORQUE, ANGLE, SPEED, BENT = range(7)
 
 @internal
 def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: Floats, h: float, load: Floats) -> None:
-    """All forces from outside in the middle of a step."""
+    """Set `load` (3, n) to all external forces at the middle of a step, from the `pose` (9, n + 1) there."""
     load[:] = 0.0
     press(floor, mount[RADIUS], pose, used, 0.5 * h, False, load)
     attract(floor, mount[RADIUS], pose, load)
@@ -41,12 +44,13 @@ def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: F
 
 @internal
 def resist(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> None:
-    """Takes the hinges' torques off `x`, damping half implicitly."""
+    """Subtract the hinge torques from `x` (n,) and add their implicit damping to the diagonal of `M` (n, n)."""
     bent = 0.0
     for i in range(1, hinge.shape[0]):
         bent += phi[i]
     for i in range(1, hinge.shape[0]):
         quadratic = hinge[i, QUADRATIC] * abs(w[i])
+        # Trapezoidal rule in the rate. The derivative of c |w| w is 2 c |w|, hence `quadratic` a second time in M.
         damping = hinge[i, DAMPING] + quadratic
         x[i] -= hinge_torque(phi[i], 0.5 * h * w[i], 0.5 * h, hinge, memory, i) + damping * w[i] + hinge[i, TENDON] * bent
         M[i, i] += 0.5 * h * (damping + quadratic)
@@ -54,7 +58,10 @@ def resist(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: F
 
 @internal
 def yield_frame(mount: Floats, hanging: float, phi: Floats, w: Floats, h: float, n: int, M: Floats, x: Floats) -> None:
-    """The frame's own terms, if there is one; it rests at zero under the hanging leg."""
+    """Add the frame's terms to row n of `M` (n + 1, n + 1) and `x` (n + 1,), if there is a frame.
+
+    It is at rest at zero under the hanging leg.
+    """
     if phi.size == n:
         return
     M[n, n] += mount[FRAME_MASS] + 0.5 * h * mount[FRAME_DAMPING]
@@ -63,14 +70,19 @@ def yield_frame(mount: Floats, hanging: float, phi: Floats, w: Floats, h: float,
 
 @internal
 def drive_shaft(drive: Floats, motor: Floats, told: float, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> float:
-    """The torque on a shaft that is free to turn, into row 0. Returns it as felt half a step on, but for its implicit part."""
+    """Add the torque on a shaft that is free to turn to row 0 of `M` (n, n) and `x` (n,).
+
+    `told` is the commanded angle before the step. Returns the torque at mid-step without its implicit part.
+    """
     if drive[SHAFT] != 0.0:
         angle, speed = motor[TURNED] + 0.5 * h * motor[TURNING], motor[TURNING]
+        # Without a controller the motor follows the command exactly.
         if drive[KP] == 0.0:
             angle, speed = 0.5 * (told + motor[TOLD]), (motor[TOLD] - told) / h
         torque, rising = twist(drive, angle - phi[0], speed - w[0])
         M[0, 0] += 0.5 * h * rising
     else:
+        # A rigid shaft: the rotor's inertia turns with the leg.
         torque, falling = pushed(drive, motor, told, phi[0], w[0], h)
         M[0, 0] += drive[ROTOR] + 0.5 * h * falling
     x[0] += torque
@@ -79,7 +91,11 @@ def drive_shaft(drive: Floats, motor: Floats, told: float, phi: Floats, w: Float
 
 @internal
 def drift(phi: Floats, w: Floats, gained: Floats, h: float, rate: Floats) -> None:
-    """Half a step at the old rates; `rate` is what they will be in the middle, by what they gained in the step before."""
+    """Half a step of `phi` (n,) at the old rates `w` (n,); `rate` (n,) becomes the rates predicted for mid-step.
+
+    `gained` (n,) is the change of the rates in the step before.
+    """
+    # Extrapolated rates keep forces that depend on speed at second order without a second solve.
     for i in range(phi.size):
         phi[i] += 0.5 * h * w[i]
         rate[i] = w[i] + 0.5 * gained[i]
@@ -87,7 +103,7 @@ def drift(phi: Floats, w: Floats, gained: Floats, h: float, rate: Floats) -> Non
 
 @internal
 def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) -> None:
-    """A = M and x = what accelerates the bodies, hinges and drive still missing."""
+    """Set the lower triangle of `A` (n, n) to M and `x` (n,) to the generalised forces; hinges and drive are added later."""
     for i in range(x.size):
         x[i] = -bias[i]
         for j in range(i + 1):
@@ -97,11 +113,15 @@ def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) 
 
 @internal
 def solve(drive: Floats, motor: Floats, told: float, held: bool, phi: Floats, w: Floats, h: float, A: Floats, x: Floats) -> float:
-    """Accelerations into `x`. Returns what `drive_shaft` does where the shaft is free; where it is held, its acceleration is known."""
+    """Solve for the accelerations, into `x` (n,).
+
+    Returns the torque of `drive_shaft` where the shaft is free. Where it is `held`, its acceleration is known and 0 is returned.
+    """
     if not held:
         torque = drive_shaft(drive, motor, told, phi, w, h, A, x)
         solve_between(A, x, 0, x.size)
         return torque
+    # The shaft reaches the commanded speed at the end of the step. Its column moves to the right-hand side.
     known = (motor[TOLD_SPEED] - w[0]) / h
     for i in range(1, x.size):
         x[i] -= A[i, 0] * known
@@ -112,8 +132,9 @@ def solve(drive: Floats, motor: Floats, told: float, held: bool, phi: Floats, w:
 
 @internal
 def kick(hinge: Floats, memory: Floats, x: Floats, h: float, phi: Floats, w: Floats, gained: Floats) -> None:
-    """New rates, half a step at them, and the memory of the hinges."""
+    """Advance the rates `w` (n,) by the accelerations `x` (n,), the angles `phi` (n,) by half a step, and the hinges' `memory` (n, 3)."""
     for i in range(phi.size):
+        # The way of the whole step, with the mean of the old and the new rate.
         moved = h * (w[i] + 0.5 * h * x[i])
         gained[i] = h * x[i]
         w[i] += gained[i]
@@ -138,16 +159,33 @@ def run(
     window: Floats,
     out: Floats,
 ) -> bool:
-    """Steps from `t0`; row i of `out` is the mean over the steps of `window` (m, 2), first and last. False where it blows up."""
+    """Integrate `steps` steps of length `h` from `t0`; returns whether the result is finite.
+
+    Parameters
+    ----------
+    rod, hinge, floor, drive, mount : arrays
+        The rig, (4, n), (n, 18), (30,), (16,) and (10,); entries as named in the modules of these names, in SI units.
+    knots : (2, k) array
+        Times and commanded speeds.
+    phi, motor : (n,) or (n + 1,), and (4,) arrays
+        Angles, with the frame's displacement last if there is one, and state of the motor. Both are changed.
+    window : (m, 2) array
+        First and last step of each sample, ascending.
+    out : (m, 6 + n) array
+        Receives the mean of each sample, in the columns named at the head of this module. Zero at first.
+    """
     n, size = rod.shape[1], phi.size
+    # Without a controller and with a rigid shaft, the shaft's motion is prescribed.
     frame, held, row = size > n, drive[SHAFT] == 0.0 and drive[KP] == 0.0, 0
     w, gained, rate, x, bias = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(n + 3)
     M, A, pose, load, lump = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1)), np.zeros((9, n + 1)), np.zeros((3, n)), np.zeros((2, n))
     memory, used, now = np.zeros((n, 3)), np.zeros(n), np.zeros(BENT + n)
     lean = mount[FRAME_LEAN]
+    # Weight along the frame's line. It is subtracted in `yield_frame`, so that zero is the frame's rest under the leg.
     hanging = rod[1].sum() * (mount[GRAVITY_D] * np.cos(lean) + mount[GRAVITY_Y] * np.sin(lean))
     for step in range(steps):
-        told = motor[TOLD]
+        # `advance_command` overwrites this, and the controller needs the command on both sides of the step.
+        command_before = motor[TOLD]
         advance_command(drive, knots, motor, t0 + step * h, h)
         drift(phi, w, gained, h, rate)
         shake(floor, t0 + (step + 0.5) * h)
@@ -158,11 +196,13 @@ def run(
         balance(M, bias, pulled, A, x)
         resist(hinge, memory, phi, w, h, A, x)
         yield_frame(mount, hanging, phi, w, h, n, A, x)
-        torque = solve(drive, motor, told, held, phi, w, h, A, x)
+        torque = solve(drive, motor, command_before, held, phi, w, h, A, x)
+        # Friction states move only after the solve: all forces of a step start from the same memory.
         press(floor, mount[RADIUS], pose, used, h, True, load)
+        # Before the kick: the angles and the forces of a sample belong to the same instant, the middle of the step.
         feel(M, bias, lump, x, frame, mount, pulled, phi, now)
         kick(hinge, memory, x, h, phi, w, gained)
-        report_motor(drive, motor, told, torque, held, phi, w, h, now)
+        report_motor(drive, motor, command_before, torque, held, phi, w, h, now)
         row = sample(now, step, row, window, out)
     return bool(np.isfinite(phi).all())
 
@@ -171,9 +211,9 @@ def run(
 def feel(
     M: Floats, bias: Floats, lump: Floats, a: Floats, frame: bool, mount: Floats, cable_torque: float, phi: Floats, now: Floats
 ) -> None:
-    """Force of the mount on the leg and torque into it, from the accelerations, and the angles in the middle of the step.
+    """Write the force of the mount on the leg, the torque into the leg and the mid-step angles into `now` (6 + n,).
 
-    With a frame, a part of its mass may stand above the sensor.
+    All follow from the accelerations `a` (n,) or (n + 1,). With a frame, the sensor may also feel a share of the frame's mass.
     """
     n = lump.shape[1]
     fy, fd, torque = bias[n + 2], bias[n + 1], bias[0] - cable_torque
@@ -194,7 +234,10 @@ def feel(
 def report_motor(
     drive: Floats, motor: Floats, told: float, torque: float, held: bool, phi: Floats, w: Floats, h: float, now: Floats
 ) -> None:
-    """The motor's torque, angle and speed after a step; turns a rotor behind a soft shaft."""
+    """Write the motor's torque, angle and speed after a step into `now` (6 + n,); advances a rotor behind a soft shaft.
+
+    `told` is the commanded angle before the step, `torque` the return value of `solve`.
+    """
     now[MOTOR_TORQUE] = now[LEG_TORQUE]
     if not held and drive[SHAFT] != 0.0 and drive[KP] != 0.0:
         now[MOTOR_TORQUE] = turn_rotor(drive, motor, told, torque, h)
@@ -207,7 +250,7 @@ def report_motor(
 
 @internal
 def sample(now: Floats, step: int, row: int, window: Floats, out: Floats) -> int:
-    """Adds this step to the rows whose window it lies in; returns the first row that is not complete."""
+    """Add this step's `now` (6 + n,) to the rows of `out` whose `window` (m, 2) it lies in; returns the first incomplete row."""
     for i in range(row, out.shape[0]):
         if step < window[i, 0]:
             break

@@ -1,6 +1,6 @@
-"""The exam from end to end: cases are written and sealed, each is diagnosed as for any user, then the truths are opened and marked.
+"""The exam from end to end: write and seal cases, diagnose each as for any user, then open the truths and score.
 
-What an interrupted exam has done stays: the same call goes on where it stood.
+An interrupted exam keeps its results: the same call resumes it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -36,11 +36,33 @@ def examine(
     clocks: Clocks | None = None,
     told: Told = silent,
 ) -> Marks:
-    """The marks of `diagnose` on newly written cases, which stay in `folder`/campaigns, with its answers in `folder`/diagnoses.
+    """Score `diagnose` on newly written cases.
 
-    `executor` does the work, this process if it is not given. A BadInput or SimulationFailed is an answer too, that the campaign cannot be
-    used, and is kept as text. Any other exception is not: then the other cases are answered yet, nothing is marked, and RigError names
-    the case.
+    Parameters
+    ----------
+    folder : Path
+        Receives the cases in `campaigns` and the answers in `diagnoses`.
+    seed, numbers : int, mapping
+        Seed, and number of cases of each kind.
+    diagnose : callable
+        The diagnosis, see `Diagnose`.
+    executor : TaskExecutor, optional
+        Does the work; this process by default.
+    clocks : callable, optional
+        Makes a clock in each process, to time the diagnoses.
+    told : callable
+        Called with the progress.
+
+    Returns
+    -------
+    Marks
+        The scores.
+
+    Raises
+    ------
+    RigError
+        Where a diagnosis raises anything but BadInput or SimulationFailed. The other cases are still answered, nothing is scored, and
+        the message names the case. A BadInput or SimulationFailed counts as an answer, that the campaign cannot be used.
     """
     executor = executor or InProcessExecutor()
     campaigns = write_all(folder, ExamPlan(seed, numbers), executor, told)
@@ -51,7 +73,7 @@ def examine(
 def answer_all(
     campaigns: Sequence[Path], folder: Path, diagnose: Diagnose, executor: TaskExecutor, clocks: Clocks | None = None, told: Told = silent
 ) -> None:
-    """A diagnosis of each campaign that has none yet."""
+    """Diagnose each campaign that has no diagnosis yet. Raises RigError where one crashes, after the others are done."""
     diagnoses = folder / DIAGNOSES
     diagnoses.mkdir(exist_ok=True)
     sweep_out(diagnoses)
@@ -71,11 +93,12 @@ def answer_all(
             f"{len(crashed)} of {len(campaigns)} diagnoses crashed, as {first} with {failed.reason}; "
             f"nothing is marked; {folder / CRASHES} shows where, the same command tries them again"
         )
+    # Other machines may have written these files: the local view of a network folder may be old.
     see_afresh(diagnoses)
 
 
 def answer(diagnoses: Path, diagnose: Diagnose, clocks: Clocks | None, campaign: Path) -> None:
-    """One diagnosis, with the seconds it took. It is there as a whole or not at all."""
+    """Diagnose one campaign and write the duration beside it, atomically."""
     clock = clocks() if clocks else None
     with whole(diagnoses / campaign.name) as into:
         try:
@@ -88,7 +111,7 @@ def answer(diagnoses: Path, diagnose: Diagnose, clocks: Clocks | None, campaign:
 
 
 def _keep(result: Failed | None, path: Path) -> None:
-    """The trace of a crash, until the case is answered."""
+    """Write the traceback of a crash, or delete an older one once the case is answered."""
     path.unlink(missing_ok=True)
     if result is not None:
         path.parent.mkdir(exist_ok=True)

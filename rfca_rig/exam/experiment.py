@@ -1,4 +1,4 @@
-"""The two experiments of a campaign, done on a world: a stroke, and a table of static stages."""
+"""The two experiments of a campaign, simulated on a world: a stroke, and a table of static stages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,22 +12,27 @@ from rfca_rig.exam.world import HINGES, World
 
 Floats = NDArray[np.float64]
 
-STEP_S = 1e-4  # half of it changes a valley by less than 1e-4 of its force
+# Half of this step changes a valley by less than 1e-4 of its force.
+STEP_S = 1e-4
 SAMPLE_S = 1e-3
-BEFORE_S = 0.1  # recorded before the command
-SWEEP_RAD = 3.23  # how far a stroke turns
+# Time recorded before the command.
+BEFORE_S = 0.1
+# Angle through which the shaft turns in a stroke.
+SWEEP_RAD = 3.23
 
 LOADING_RAD = tuple(float(np.radians(angle)) for angle in (60.0, 75.0, 90.0, 105.0, 120.0, 135.0))
 UNLOADING_RAD = tuple(float(np.radians(angle)) for angle in (133.0, 131.0))
 STAGES = (*((angle, "loading") for angle in LOADING_RAD), *((angle, "unloading") for angle in UNLOADING_RAD))
 MOVE_RAD_S, HOLD_S, READ_S = 1.0, 0.8, 0.1
-PHOTO_DEG = 0.15  # noise of a hinge angle read off a photo
+# Standard deviation of a hinge angle read from a photo.
+PHOTO_DEG = 0.15
+# A reading averages a tenth of a second, so its noise is smaller than that of a sample.
 STATIC_NOISE = Noise(fy_N=0.01, fz_N=0.015, tx_Nm=6e-4)
 
 
 @dataclass(frozen=True)
 class ExamStage:
-    """One line of a static table, as the CSV has it."""
+    """One row of a static table, as in its CSV file; `hinge_deg` is (6,), from the shaft outwards."""
 
     height_mm: float
     stage: int
@@ -40,28 +45,29 @@ class ExamStage:
 
 
 def stroke_traces(world: World, speed_rad_s: float, step_s: float = STEP_S) -> Traces:
-    """One stroke without sensor, from 0.1 s before the command to the end of the sweep."""
+    """True signals of one stroke, without the sensor, from 0.1 s before the command to the end of the sweep."""
     end_s = SWEEP_RAD / speed_rad_s + world.drive.ramp_s
     t_s: Floats = np.arange(-round(BEFORE_S / SAMPLE_S), int(end_s / SAMPLE_S) + 1, dtype=np.float64) * SAMPLE_S
     late_s = world.drive.late_s
+    # The command goes on for 1 s beyond the last sample, so that a late drive does not stop within the recording.
     knots = np.array([[late_s, late_s + world.drive.ramp_s, late_s + end_s + 1.0], [0.0, speed_rad_s, speed_rad_s]])
     return simulate(world, knots, t_s, step_s=step_s)
 
 
 def stroke(world: World, speed_rad_s: float, noise: Noise, random: np.random.Generator) -> dict[str, Floats]:
-    """One recorded stroke, by column."""
+    """One recorded stroke, as columns (m,) by name."""
     return recorded(world, stroke_traces(world, speed_rad_s), noise, random)
 
 
 def static_table(
     world: World, stated_height_mm: float, ramp_s: float, random: np.random.Generator, stages: Sequence[tuple[float, str]] = STAGES
 ) -> list[ExamStage]:
-    """The stages (shaft angle in rad, direction) at one height, one after the other, each the mean of the last tenth of a second of its
-    hold.
+    """Simulate the `stages` (shaft angle in rad, direction) at one height, one after the other.
 
-    The shaft moves between them at 1 rad/s and gets there and back to rest within `ramp_s`; the shorter, the more the tip is thrown back.
+    Each row is the mean of the last tenth of a second of its hold. The shaft moves between stages at 1 rad/s and accelerates and brakes
+    within `ramp_s`; the shorter this is, the more the tip overshoots.
 
-    The sensor is tared at each stage, and reads for a while: lag, ringing, clock, drift and hum do not show.
+    The sensor is tared at each stage and averages for a while, so lag, ringing, clock, drift and hum do not show.
     """
     angles = tuple(angle for angle, _ in stages)
     knots, read_s = staged(world.drive.start_angle_rad, angles, ramp_s)
@@ -86,7 +92,7 @@ def static_table(
 
 
 def staged(start_rad: float, angles_rad: tuple[float, ...], ramp_s: float) -> tuple[Floats, Floats]:
-    """Knots (2, m) of a shaft speed that goes from angle to angle and rests at each, and the middles of the readings."""
+    """Knots (2, m) of times and speeds of a shaft that goes from angle to angle and rests at each, and mid-times of the readings (k,)."""
     times, speeds, read_s, now, here = [0.0], [0.0], [], 0.0, start_rad
     for angle in angles_rad:
         for seconds, reached in (*_moves(angle - here, ramp_s), (HOLD_S, 0.0)):
@@ -99,9 +105,10 @@ def staged(start_rad: float, angles_rad: tuple[float, ...], ramp_s: float) -> tu
 
 
 def _moves(way: float, ramp_s: float) -> list[tuple[float, float]]:
-    """Seconds and the speed reached after them, from rest to rest; none where the shaft stays."""
+    """Durations in s with the speed in rad/s reached after each, for a move from rest to rest; empty where the shaft stays."""
     if way == 0.0:
         return []
+    # A short move never reaches full speed: two ramps of ramp_s cover speed * ramp_s.
     speed = float(np.sign(way)) * min(MOVE_RAD_S, abs(way) / ramp_s)
     even_s = way / speed - ramp_s
     return [(ramp_s, speed), *([(even_s, speed)] if even_s > 1e-9 else []), (ramp_s, 0.0)]

@@ -1,8 +1,8 @@
-"""Whether the experiment that a diagnosis proposes settles a case that was left open, and in fewer than experiments drawn by lot.
+"""Tests whether the experiments that a diagnosis proposes settle open cases, and with fewer than experiments drawn at random.
 
-The open cases are those of too few recordings. What is proposed is done on the same concealed rig by the exam's own engine, old and new
-recordings are diagnosed together, and so on until the verdict is right with nothing left open. Beside it runs the same with proposals
-drawn by lot from what such a rig can do.
+The open cases are those with too few recordings. The exam's simulator does the proposed experiment on the same hidden rig, and old and
+new recordings are diagnosed together. This repeats until the verdict is right with no alternative left. The control arm draws its
+experiments at random from the rig's range.
 """
 
 import json
@@ -32,18 +32,20 @@ from rfca_rig.progress import Told, silent
 from rfca_rig.recording.atomic import write_atomically
 
 FOLDER, RESULT = "follow-ups", "follow-up.json"
-PROPOSED, BY_LOT = ARMS = ("proposed", "by lot")
-MOST = 4  # experiments after which a case is given up
+PROPOSED, RANDOM = ARMS = ("proposed", "by lot")
+# Number of experiments after which a case counts as not settled.
+MOST = 4
 HEIGHTS_MM, SPEEDS_RAD_S, REPEATS = tuple(np.arange(195.0, 236.0, 5.0)), (1.0, 1.5, 2.0, 2.4), 3
-BY_LOT_STATIC = 0.3  # share of static tables among experiments drawn by lot
-BY_LOT_STAGES = tuple({"angle_deg": angle, "direction": "loading"} for angle in (60.0, 75.0, 90.0, 105.0, 120.0, 135.0))
+# Share of static tables among the random experiments.
+RANDOM_STATIC_SHARE = 0.3
+RANDOM_STAGES = tuple({"angle_deg": angle, "direction": "loading"} for angle in (60.0, 75.0, 90.0, 105.0, 120.0, 135.0))
 
 Proposal = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class FollowUp:
-    """What became of one case: how many experiments were done, whether they settled it, and what was said last."""
+    """Result of one case: number of experiments, whether they settled it, and the last answer."""
 
     case: str
     arm: str
@@ -53,9 +55,9 @@ class FollowUp:
 
 
 def follow_up(folder: Path, diagnose: Diagnose, executor: TaskExecutor, told: Told = silent) -> None:
-    """All open cases of a finished exam, each followed in both ways, into `folder`/follow-ups. What was followed already stays.
+    """Follow all open cases of a finished exam in both arms, into `folder`/follow-ups. Finished ones are kept.
 
-    Raises RigError where one could not be followed, when the others are done.
+    Raises RigError where one fails, after the others are done.
     """
     plan = read_plan(folder)
     cases = {case.id: case for case in drawn_cases(plan.seed, plan.numbers) if isinstance(case, Case) and case.kind == POOR_DATA}
@@ -70,12 +72,13 @@ def _case_and_arm(job: tuple[Case, Truth, str]) -> str:
 
 
 def followed(folder: Path, diagnose: Diagnose, job: tuple[Case, Truth, str]) -> FollowUp:
-    """One case in one way. Raises RigError where a campaign cannot be written."""
+    """Follow one case in one arm. Raises RigError where a campaign cannot be written."""
     case, truth, arm = job
     place = folder / FOLDER / f"{case.id}-{arm.replace(' ', '-')}"
     result = place / RESULT
     if result.is_file():
         return FollowUp(**json.loads(result.read_text(encoding="utf-8")))
+    # Without a result the folder is from an interrupted attempt, whose rounds cannot be continued.
     shutil.rmtree(place, ignore_errors=True)
     shutil.copytree(folder / CAMPAIGNS / case.id, place / "campaign")
     found = _rounds(case, truth, arm, place, folder / DIAGNOSES / case.id / DIAGNOSIS, diagnose)
@@ -84,50 +87,55 @@ def followed(folder: Path, diagnose: Diagnose, job: tuple[Case, Truth, str]) -> 
 
 
 def _rounds(case: Case, truth: Truth, arm: str, place: Path, first: Path, diagnose: Diagnose) -> FollowUp:
+    # A stream of its own: experiments must not repeat the noise of the case's recordings.
     random = np.random.default_rng([case.seed, 77])
     latest = first
     for number in range(1, MOST + 1):
-        proposal = _proposed(latest) if arm == PROPOSED else by_lot(random)
+        proposal = _read_proposal(latest) if arm == PROPOSED else by_lot(random)
         if proposal is None:
             break
         add_experiment(case, place / "campaign", proposal, number)
         latest = place / f"diagnosis-{number}" / DIAGNOSIS
-        with suppress(BadInput, SimulationFailed):  # an answer too, that there is none
+        # A refusal is an answer too: the missing file reads as "refused".
+        with suppress(BadInput, SimulationFailed):
             diagnose(place / "campaign", latest.parent)
         if _is_settled(truth, latest):
             return FollowUp(case.id, arm, number, settled=True, said=_in_words(latest))
     return FollowUp(case.id, arm, MOST, settled=False, said=_in_words(latest))
 
 
-def _proposed(diagnosis: Path) -> Proposal | None:
-    """The proposal for the rig; None where there is none, or one for a person."""
+def _read_proposal(diagnosis: Path) -> Proposal | None:
+    """The proposed experiment; None where there is none, or where it needs a person instead of the rig."""
     proposal = json.loads(diagnosis.read_text(encoding="utf-8"))["next_experiment"] if diagnosis.is_file() else None
     return proposal if proposal and proposal["protocol"] else None
 
 
 def by_lot(random: np.random.Generator) -> Proposal:
-    """A stroke or a static table anywhere in what such a rig does."""
+    """A random stroke or static table within the rig's range."""
     height_mm = float(random.choice(HEIGHTS_MM))
-    if random.random() < BY_LOT_STATIC:
-        return {"height_mm": height_mm, "stages": BY_LOT_STAGES}
+    if random.random() < RANDOM_STATIC_SHARE:
+        return {"height_mm": height_mm, "stages": RANDOM_STAGES}
     return {"height_mm": height_mm, "speed_rad_s": float(random.choice(SPEEDS_RAD_S)), "repeats": REPEATS}
 
 
 def _is_settled(truth: Truth, diagnosis: Path) -> bool:
-    """Whether the verdict is right, and nothing else as likely."""
-    said = read_said(diagnosis)
-    alone = all(len(claim.members) == 1 for claim in said.named)
-    return said.verdict in (NAMED, NOTHING) and outcome(truth, said) == RIGHT and alone
+    """Whether the verdict is right and each named effect is distinguishable from all others."""
+    answer = read_said(diagnosis)
+    alone = all(len(claim.members) == 1 for claim in answer.named)
+    return answer.verdict in (NAMED, NOTHING) and outcome(truth, answer) == RIGHT and alone
 
 
 def _in_words(diagnosis: Path) -> str:
-    said = read_said(diagnosis)
-    return "+".join(claim.id for claim in said.named) or said.verdict
+    answer = read_said(diagnosis)
+    return "+".join(claim.id for claim in answer.named) or answer.verdict
 
 
 @dataclass(frozen=True)
 class Way:
-    """All follow-ups of one arm on cases that conceal nothing or something that shows: settled, of how many, experiments on average."""
+    """All follow-ups of one arm: settled cases, number of cases, mean number of experiments.
+
+    Cases whose hidden effects are not detectable are left out.
+    """
 
     arm: str
     settled: int
@@ -142,7 +150,7 @@ class Way:
 
 
 def ways(folder: Path) -> tuple[Way, ...]:
-    """What the follow-ups in an exam's folder came to; empty where none were done."""
+    """Results of the follow-ups in an exam's folder, by arm; empty where none were done."""
     found = [FollowUp(**json.loads(path.read_text(encoding="utf-8"))) for path in sorted((folder / FOLDER).glob(f"*/{RESULT}"))]
     faint = {truth.case for truth in map(truth_in, open_all(folder)) if truth.effects and truth.left < DETECTABLE} if found else set()
     shown = [each for each in found if each.case not in faint]

@@ -1,4 +1,4 @@
-"""A right family with a wrong law: an effect that is not the same in all hinges or conditions, or of another shape than the catalogue's."""
+"""Right family, wrong law: effects that vary between hinges or conditions, or have another shape than the catalogue's."""
 
 from dataclasses import dataclass, replace
 
@@ -22,9 +22,12 @@ TYPICAL_N = 20.0
 
 @dataclass(frozen=True)
 class Uneven:
-    """`of_hinge` (6,) scales what the effect does in each hinge; `per_condition` is the spread of its size from condition to condition;
-    `bent` stands for another shape: a floor of exponent 1.1, a gain with curvature, drag beside damping in the hinges; `stribeck_power` is
-    the exponent of the speed in friction that falls with it, None for that of the case's law.
+    """Deviation of an effect from the catalogue's law.
+
+    - `of_hinge` (6,): factors of the effect in each hinge.
+    - `per_condition`: relative standard deviation of its size between conditions.
+    - `bent`: another shape, which is a floor of exponent 1.1, a gain with curvature, or drag together with quadratic hinge damping.
+    - `stribeck_power`: exponent of the speed in friction that falls with it; None for that of the case's law.
     """
 
     effect: str
@@ -35,7 +38,8 @@ class Uneven:
 
 
 def drawn_uneven(i: int, random: np.random.Generator) -> Uneven:
-    """The effects in turn."""
+    """Draw the deviation of case `i`; the effects take turns."""
+    # The stride of 4 mixes hinge effects and others among the first few cases.
     every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
     effect = every[4 * i % len(every)]
     if effect in HINGE_EFFECTS:
@@ -47,11 +51,11 @@ def drawn_uneven(i: int, random: np.random.Generator) -> Uneven:
 
 
 def drawn_approximate(i: int, random: np.random.Generator) -> Uneven:
-    """The effects in turn, with laws that are wrong by 20 to 40 % of themselves."""
+    """Draw the deviation of case `i`, a law that is wrong by 20 to 40 %; the effects take turns."""
     every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
     effect, departure = every[4 * i % len(every)], float(random.uniform(0.2, 0.4))
     if effect in HINGE_EFFECTS:
-        # uniform factors whose standard deviation is the departure
+        # Uniform factors with the departure as their standard deviation: that of a uniform on -1 to 1 is 1 / sqrt(3).
         factors = 1.0 + np.sqrt(3.0) * departure * random.uniform(-1.0, 1.0, HINGES)
         return Uneven(effect, of_hinge=tuple(float(x) for x in factors), per_condition=0.5 * departure)
     if effect in VARYING_EFFECTS:
@@ -60,19 +64,21 @@ def drawn_approximate(i: int, random: np.random.Generator) -> Uneven:
 
 
 def made_uneven(world: World, uneven: Uneven, nominal_damping: tuple[float, ...]) -> World:
-    """The world whose effect is in it already, with its law spoilt."""
+    """The world, which has the effect already, with the effect's law changed; `nominal_damping` (6,) is not scaled."""
     world = scale_hinges(world, uneven.of_hinge, nominal_damping)
     if uneven.stribeck_power is not None:
         world = replace(world, floor=replace(world.floor, stribeck_power=uneven.stribeck_power))
-    return _bent(world, uneven.effect) if uneven.bent else world
+    return _change_shape(world, uneven.effect) if uneven.bent else world
 
 
-def _bent(world: World, effect: str) -> World:
+def _change_shape(world: World, effect: str) -> World:
     floor, sensing, hinges = world.floor, world.sensing, world.hinges
     if effect == "ground_compliance":
         depth = (TYPICAL_N / floor.stiffness) ** (1.0 / floor.exponent)
-        flatter = floor.stiffness * depth ** (floor.exponent - 1.1)  # the same force at that depth
+        # The same force at that depth.
+        flatter = floor.stiffness * depth ** (floor.exponent - 1.1)
         return replace(world, floor=replace(floor, exponent=1.1, stiffness=flatter))
+    # At 40 N the curvature changes the reading by as much as the gain error does.
     if effect == "sensor_gain":
         return replace(world, sensing=replace(sensing, curvature_per_N=(sensing.gain - 1.0) / 40.0))
     return replace(world, hinges=replace(hinges, quadratic_Nm_s2_per_rad2=(0.003,) * HINGES))

@@ -1,6 +1,6 @@
-"""The catalogue's effects as the exam's simulator knows them: each puts one piece of physics into a world.
+"""The catalogue's effects in the exam's simulator: each function adds one effect to a world.
 
-Ids and parameters are those of the catalogue; the laws are written anew, from what the catalogue says of each.
+Ids and parameters are those of the catalogue. The laws are independent implementations of the catalogue's descriptions.
 """
 
 import math
@@ -15,11 +15,12 @@ from rfca_rig.exam.world import World, everywhere
 Values = Mapping[str, float]
 
 STIFF_SHAFT_NM_PER_RAD = 2000.0
-SHAFT_RELAXATION_S = 1e-3  # inner damping of a twisted shaft over its stiffness: it does not ring
+# Internal damping of a twisted shaft over its stiffness, so large that the shaft does not ring.
+SHAFT_RELAXATION_S = 1e-3
 
 
 def with_effect(world: World, effect_id: str, values: Values) -> World:
-    """The world with one effect more. Raises BadInput for an id that the exam cannot conceal."""
+    """The world with one more effect. Raises BadInput for an id that the exam cannot simulate."""
     if effect_id not in EFFECTS:
         raise BadInput(f"the exam has no effect {effect_id!r}; it has {', '.join(EFFECTS)}")
     return EFFECTS[effect_id](world, values)
@@ -89,7 +90,7 @@ def ground_stribeck(world: World, values: Values) -> World:
 
 
 def ground_compliance(world: World, values: Values) -> World:
-    """Two Hertz contacts in series share a force; their depths add."""
+    """Two Hertz contacts in series: they carry the same force, and their depths add."""
     yields = sum(k ** (-1.0 / world.floor.exponent) for k in (world.floor.stiffness, values["stiffness_N_per_m1p5"]))
     return replace(world, floor=replace(world.floor, stiffness=yields**-world.floor.exponent))
 
@@ -154,6 +155,7 @@ def sensor_gain(world: World, values: Values) -> World:
 
 
 def hinge_quadratic_damping(world: World, values: Values) -> World:
+
     quadratic = everywhere(values["coefficient_Nm_s2_per_rad2"])
     return replace(world, hinges=replace(world.hinges, quadratic_Nm_s2_per_rad2=quadratic))
 
@@ -166,7 +168,7 @@ def heavier_link(world: World, values: Values) -> World:
 
 
 def ground_exponent(world: World, values: Values) -> World:
-    """The same force as before at the depth where that is 20 N."""
+    """Another exponent; the stiffness keeps the force at the depth where it is 20 N."""
     floor, exponent = world.floor, values["exponent"]
     depth_m = (20.0 / floor.stiffness) ** (1.0 / floor.exponent)
     return replace(world, floor=replace(floor, exponent=exponent, stiffness=20.0 / depth_m**exponent))
@@ -203,11 +205,13 @@ def shaft_play(world: World, values: Values) -> World:
 
 
 def motor_torque_limit(world: World, values: Values) -> World:
+    # A torque limit acts only in a controlled motor, so the drive gets a controller where the values name none.
     kp, ki = values.get("kp_Nm_s_per_rad", 50.0), values.get("ki_Nm_per_rad", 1000.0)
     return replace(world, drive=replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki, limit_Nm=values["limit_Nm"]))
 
 
 def motor_cogging(world: World, values: Values) -> World:
+    # Cogging moves the shaft only against a controller of finite stiffness.
     kp, ki = values.get("kp_Nm_s_per_rad", 15.0), values.get("ki_Nm_per_rad", 300.0)
     drive = replace(world.drive, kp_Nm_s_per_rad=kp, ki_Nm_per_rad=ki)
     return replace(world, drive=replace(drive, cogging_Nm=values["torque_Nm"], cogging_cycles=values["cycles_per_turn"]))
@@ -219,7 +223,7 @@ def ground_bump(world: World, values: Values) -> World:
 
 
 def stiffness_fading(world: World, values: Values) -> World:
-    """By the same share whenever the strokes made, this one among them, have become ten times as many."""
+    """The stiffness falls by the same share for each factor of ten in the number of strokes, this one included."""
     factor = 10.0 ** (math.log10(1.0 - values["loss_per_decade_relative"]) * math.log10(world.strokes_before + 1))
     k0 = tuple(factor * each for each in world.hinges.k0_Nm_per_rad)
     return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=k0))

@@ -1,4 +1,4 @@
-"""Campaigns whose own file, or whose columns, say something wrong."""
+"""Campaigns whose metadata or columns are wrong."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,7 +10,7 @@ from rfca_rig.exam.world import World
 
 Floats = NDArray[np.float64]
 
-# what is said wrongly, and the effects that are right names for the same thing
+# Wrong metadata, with the catalogue effects that describe the same thing and count as right.
 MISLABELLED: Mapping[str, tuple[str, ...]] = {
     "links longer than written": (),
     "masses written a fifth too low": (),
@@ -22,12 +22,12 @@ MISLABELLED: Mapping[str, tuple[str, ...]] = {
     "start angle written 4 degrees too small": (),
 }
 
-# of these the recorded shaft angle tells: who follows it has nothing to explain, and may say so
+# The recorded shaft angle reveals these: a diagnosis that uses it has nothing to explain, so "nothing missing" is right.
 TOLD_BY_ENCODER = ("speeds of two conditions swapped", "start angle written 4 degrees too small")
 
 
 def really(world: World, mislabelled: str | None) -> World:
-    """The world behind a campaign whose file describes another one."""
+    """The true world behind a campaign whose file describes another one."""
     links = world.links
     if mislabelled == "links longer than written":
         return replace(world, links=replace(links, length_m=tuple(1.05 * each for each in links.length_m)))
@@ -41,7 +41,7 @@ def really(world: World, mislabelled: str | None) -> World:
 
 
 def columns_as_written(columns: dict[str, Floats], mislabelled: str | None) -> dict[str, Floats]:
-    """The columns under the names and in the units that the faulty logger gave them."""
+    """The columns, (m,) each, under the names and in the units that the faulty logger gave them."""
     if mislabelled == "fy and fz swapped":
         return {**columns, "fy_N": columns["fz_N"], "fz_N": columns["fy_N"]}
     if mislabelled == "sign of fy":
@@ -52,7 +52,7 @@ def columns_as_written(columns: dict[str, Floats], mislabelled: str | None) -> d
 
 
 def speed_as_written(speed: float, speeds: tuple[float, ...], mislabelled: str | None) -> float:
-    """Lowest and highest speed change places where they were swapped."""
+    """The speed as the campaign's file states it: lowest and highest change places where they were swapped."""
     if mislabelled != "speeds of two conditions swapped":
         return speed
     low, high = min(speeds), max(speeds)

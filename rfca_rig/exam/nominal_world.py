@@ -1,4 +1,4 @@
-"""The rig as the exam's campaigns believe it to be, how well, and what the real one differs by."""
+"""The nominal rig of the exam's campaigns, its prior standard deviations, and the true rig's differences from it."""
 
 from dataclasses import dataclass, replace
 
@@ -11,14 +11,16 @@ MASSES_KG = (0.059586, *(0.043402,) * HINGES)
 START_RAD = 0.226893
 RAMP_S = 0.05
 BELOW_SHAFT_M = 0.045
-WITHIN_SIGMA = 2.0  # a measured value is never further off than this
+# A measured value is never off by more than this many standard deviations.
+WITHIN_SIGMA = 2.0
 
+# Prior standard deviations, as `[known_to]` in the campaign files states them.
 HEIGHT_MM, START_DEG, FRICTION, K0_SHARE, MASS_SHARE, DAMPING_SHARE, CONTACT_SHARE = 0.2, 0.3, 0.05, 0.03, 0.01, 0.5, 0.5
 
 
 @dataclass(frozen=True)
 class OffBy:
-    """By what the real rig differs from the nominal one: differences, and factors, all within what it is known to."""
+    """Differences and factors between the true rig and the nominal one, all drawn from the stated prior."""
 
     height_mm: float = 0.0
     start_angle_deg: float = 0.0
@@ -30,7 +32,7 @@ class OffBy:
 
 
 def nominal_world(height_m: float) -> World:
-    """The leg of the nominal model at one height, nothing left out."""
+    """The nominal leg at one height in m, without hidden effects."""
     return World(
         Links(LENGTHS_M, MASSES_KG, 0.003),
         Hinges(everywhere(11.0), everywhere(4.2), everywhere(0.05)),
@@ -41,7 +43,7 @@ def nominal_world(height_m: float) -> World:
 
 
 def drawn_off(random: np.random.Generator) -> OffBy:
-    """Every value off by a normal share of what it is known to; factors log-normal."""
+    """Draw the true rig's differences from the prior: normal, factors log-normal, both clipped at WITHIN_SIGMA."""
     x = np.clip(random.normal(size=7), -WITHIN_SIGMA, WITHIN_SIGMA)
     return OffBy(
         height_mm=float(HEIGHT_MM * x[0]),
@@ -55,7 +57,7 @@ def drawn_off(random: np.random.Generator) -> OffBy:
 
 
 def moved(world: World, off: OffBy) -> World:
-    """The world with the real values in place of the nominal ones."""
+    """The world with the true values in place of the nominal ones."""
     hinges, links, floor = world.hinges, world.links, world.floor
     return replace(
         world,

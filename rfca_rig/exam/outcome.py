@@ -1,4 +1,4 @@
-"""One case and what was said about it: what came of it, in one word."""
+"""The outcome of one case: truth and diagnosis compared, as one word."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,7 +6,8 @@ from typing import Any
 
 from rfca_rig.exam.answer import NOT_ENOUGH, NOTHING, REFUSED, Claim, Said
 
-DETECTABLE = 2.0  # shift of the signals that nominal values cannot explain, in units of a sample's noise
+# Shift of the signals that nominal values cannot explain, in units of a sample's noise, from which an effect can be found.
+DETECTABLE = 2.0
 
 RIGHT, CLASS, PARTIAL, EXTRA, WRONG, SILENT, CAUTIOUS = OUTCOMES = ("right", "class", "partial", "extra", "wrong", "silent", "cautious")
 """right: names exactly what is there, or nothing where nothing is, or says that it cannot explain what no name fits.
@@ -18,11 +19,14 @@ silent: nothing said, or "nothing missing", though something is. cautious: "unex
 
 @dataclass(frozen=True)
 class Truth:
-    """The part of a truth that is scored. `effects` with their parameters, `strangers` by name; `accepted` are further right names.
+    """The part of a truth that is scored.
 
-    `nameless` where something is wrong that no name fits, so that only "unexplained", or a refusal, is right; `left` is how far the forces
-    shift beyond what nominal values can explain, in units of the noise; `left_of_each` the same for each effect alone, and
-    `faintest_above` for the effect that shows least, in units of noise and usual model error.
+    - `effects` with their parameters, `strangers` (outside the catalogue) by name; `accepted` are further right names.
+    - `nameless`: something is wrong that no effect describes, so that only "unexplained", or a refusal, is right.
+    - `lawless`: the true law is not the catalogue's, so parameters are not compared.
+    - `poor`: too few conditions for a statement.
+    - `left`: shift of the forces beyond what nominal values can explain, in units of the noise; `left_of_each` for each effect alone.
+    - `faintest_above`: the smallest of these shifts, in units of noise and usual model error.
     """
 
     case: str
@@ -46,7 +50,8 @@ class Truth:
 
 
 def truth_in(truth: Mapping[str, Any]) -> Truth:
-    """A truth from the data under seal."""
+    """A truth from its sealed data."""
+    # null in the file stands for infinity.
     left = truth["size"]["left_over_noise"]
     return Truth(
         case=truth["case"],
@@ -75,28 +80,29 @@ def _least(of_each: Mapping[str, float]) -> float:
 
 
 def false_claims(truth: Truth, said: Said) -> tuple[Claim, ...]:
-    """Named effects in whose class nothing true lies."""
+    """Named effects whose indistinguishable set holds no true effect."""
     true = frozenset(truth.effects) | truth.accepted
     return tuple(claim for claim in said.named if not claim.members & true)
 
 
 def outcome(truth: Truth, said: Said) -> str:
-    """One of OUTCOMES."""
+    """The outcome of a case, one of OUTCOMES."""
     if said.named:
         return _of_names(truth, said)
     if truth.nameless:
         return SILENT if said.verdict == NOTHING and not truth.silence_is_right else RIGHT
     if said.verdict == NOTHING:
         return SILENT if truth.effects else RIGHT
+    # What remains is no statement: that is right only where the data do not allow one, or where no effect describes the deviation.
     if said.verdict in (NOT_ENOUGH, REFUSED):
         return RIGHT if truth.poor else CAUTIOUS
     return RIGHT if truth.lawless or (truth.model_error and not truth.effects) else CAUTIOUS
 
 
-def _of_names(truth: Truth, said: Said) -> str:
-    wrong = false_claims(truth, said)
-    ids = {claim.id for claim in said.named}
-    covered = frozenset().union(*(claim.members for claim in said.named))
+def _of_names(truth: Truth, answer: Said) -> str:
+    wrong = false_claims(truth, answer)
+    ids = {claim.id for claim in answer.named}
+    covered = frozenset().union(*(claim.members for claim in answer.named))
     if truth.nameless and not truth.effects:
         return WRONG if wrong or not truth.accepted else RIGHT
     missed = set(truth.effects) - covered

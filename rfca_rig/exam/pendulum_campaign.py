@@ -1,4 +1,4 @@
-"""A pendulum case written as a campaign folder, and the truth about it."""
+"""Writes a pendulum case as a campaign folder, and its truth."""
 
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -14,14 +14,18 @@ from rfca_rig.exam.truth import FORMAT
 Floats = NDArray[np.float64]
 
 RUN_S = 6.0
-TONES = 4  # of a commanded torque, from half to twice the frequency of the small swing
-DRIVE_SHARE = 0.2  # of the weight's greatest torque, most of each tone of the first joint
-WINDOW_S, WINDOWS = 0.5, 3  # of a run, in which is judged how much shows
-MODEL_ERROR = 0.01  # share of the torques
+# Sines in a commanded torque, from half to twice the frequency of the small oscillation.
+TONES = 4
+# Largest amplitude of each sine of the first joint, as a share of the weight's largest torque.
+DRIVE_SHARE = 0.2
+# Length of the windows in which visibility is judged, and their number per run.
+WINDOW_S, WINDOWS = 0.5, 3
+# Usual model error, as a share of the weight's largest torque.
+MODEL_ERROR = 0.01
 
 
 def write_pendulum_campaign(case: PendulumCase, folder: Path) -> None:
-    """Writes the case's campaign into `folder`, which is made; nothing in it says what is concealed."""
+    """Write the case's campaign into `folder`, which is created; nothing in it reveals the hidden effects."""
     (folder / "runs").mkdir(parents=True)
     joints, random = case.world.joints, np.random.default_rng(case.seed)
     names = [f"{quantity}{joint}" for quantity in ("angle", "speed", "torque") for joint in range(1, joints + 1)]
@@ -58,16 +62,17 @@ def _head(nominal: PendulumWorld) -> str:
 
 
 def run(case: PendulumCase, world: PendulumWorld, number: int) -> PendulumTrace:
-    """One run of a case, without the readings' noise. The same number, the same command and start."""
+    """Simulate one run of a case in `world`, without reading noise. The same `number` gives the same command and start."""
     random = np.random.default_rng([case.seed, 1, number])
     start = np.zeros(2 * world.joints)
+    # Released pendulums start from larger angles, since no torque moves them later.
     start[: world.joints] = random.uniform(-1.0, 1.0, world.joints) * (0.5 if case.driven[number - 1] else 2.0)
     t_s = np.arange(0.0, RUN_S, case.reading.sample_s)
     return swing(world, start, _command(case, number), t_s, case.driven[number - 1])
 
 
 def _command(case: PendulumCase, number: int) -> Tones:
-    """Torques of some tones each, that of the second joint weaker as it carries less."""
+    """Commanded torques, a sum of sines for each joint; those of the second joint are smaller because it carries less."""
     joints, random = case.world.joints, np.random.default_rng([case.seed, 2, number])
     omega = swing_rad_s(case.world) * np.exp(random.uniform(np.log(0.5), np.log(2.0), (TONES, joints)))
     phase = random.uniform(0.0, 2.0 * np.pi, (TONES, joints))
@@ -76,7 +81,7 @@ def _command(case: PendulumCase, number: int) -> Tones:
 
 
 def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
-    """The truth of a case as plain data, with the keys of a leg's."""
+    """The truth of a case as plain data, with the same keys as that of a leg (`truth.truth_of`)."""
     hidden = {**case.effects, **case.strangers}
     each = {name: _size_of(replace(case, effects={name: values}, strangers={})) for name, values in case.effects.items()}
     if not hidden:
@@ -107,13 +112,17 @@ def truth_of_pendulum(case: PendulumCase) -> dict[str, Any]:
 
 
 def _size_of(case: PendulumCase) -> tuple[float, float, float]:
-    """Root mean square of what is concealed changes in the channel that shows most, over short windows from the true state.
+    """Root mean square change by the hidden effects, in the channel that changes most, over short windows from the true state.
 
     Returns
     -------
-    float, float, float
-        In units of a sample's noise: as it is; beyond what nominal values and the window's start explain, linearly, each with a prior; the
-        same in units of noise and of what torques wrong by MODEL_ERROR do.
+    shift : float
+        In units of a sample's noise.
+    left : float
+        The same after nominal values, each with its prior, and the window's start, which is free, have explained what they can
+        (linearised).
+    above : float
+        As `left`, in units of noise and of the change by torques that are wrong by MODEL_ERROR.
     """
     plain = replace(case, effects={}, strangers={}).concealed
     traces = [run(case, case.concealed, number) for number in range(1, len(case.driven) + 1)]
@@ -121,7 +130,7 @@ def _size_of(case: PendulumCase) -> tuple[float, float, float]:
     noise = np.repeat([case.reading.angle_std_rad, case.reading.speed_std_rad_s], case.world.joints)
 
     def windows(world: PendulumWorld, start_off: Floats | None = None) -> Floats:
-        """All windows, (windows, samples, channels), in units of noise."""
+        """Simulated windows (windows, samples, channels) in units of noise, started at the true states plus `start_off` (2 n,)."""
         found = []
         for number, start_s in starts:
             trace = traces[number - 1]
@@ -134,16 +143,20 @@ def _size_of(case: PendulumCase) -> tuple[float, float, float]:
 
     base = windows(plain)
     shift = windows(case.concealed) - base
-    moves = [windows(moved) - base for moved in _moved(plain)]
+    moves = [windows(moved) - base for moved in _move_each(plain)]
+    # A difference of 3 sigma is small for the motion and well above the integrator's tolerance.
     states = [windows(plain, off) - base for off in np.diag(3.0 * noise)]
     torque = replace(plain, torque_offset_Nm=tuple(MODEL_ERROR * torque_scale_Nm(case.world) for _ in noise))
     error = np.abs(windows(torque) - base)
-    left = _left(shift, moves, states, np.ones_like(base))
-    return _rms(shift), left, _left(shift, moves, states, np.hypot(1.0, error))
+    left = _remainder(shift, moves, states, np.ones_like(base))
+    return _largest_rms(shift), left, _remainder(shift, moves, states, np.hypot(1.0, error))
 
 
-def _moved(world: PendulumWorld) -> list[PendulumWorld]:
-    """The rig with one nominal value after the other off by its standard deviation, in all links together."""
+def _move_each(world: PendulumWorld) -> list[PendulumWorld]:
+    """The rig with one nominal value after the other off by its standard deviation, in all links together.
+
+    The inertia follows the mass, and the centre of mass by the parallel axis theorem.
+    """
     mass, by = 1.0 + KNOWN_TO["mass_relative"], KNOWN_TO["centre_of_mass_m"]
     return [
         replace(world, mass_kg=tuple(mass * m for m in world.mass_kg), inertia_kg_m2=tuple(mass * m for m in world.inertia_kg_m2)),
@@ -160,20 +173,25 @@ def _moved(world: PendulumWorld) -> list[PendulumWorld]:
     ]
 
 
-def _left(shift: Floats, moves: list[Floats], states: list[Floats], units: Floats) -> float:
-    """What remains in these units when nominal values, with their priors, and each window's start, which is free, explain what they can."""
+def _remainder(shift: Floats, moves: list[Floats], states: list[Floats], units: Floats) -> float:
+    """Remaining `shift` (windows, samples, channels), in these units, after a linear fit of nominal values and window starts.
+
+    `moves` are the changes by one standard deviation of each nominal value, `states` those by each component of a window's start.
+    """
     windows = len(shift)
     rest, *columns = ((each / units).reshape(windows, -1) for each in (shift, *moves))
+    # The start of each window is free: its directions are projected out, window by window.
     starts = [np.linalg.qr(np.stack([(each / units)[w].ravel() for each in states], axis=1))[0] for w in range(windows)]
 
     def beyond_start(x: Floats) -> Floats:
         return np.stack([row - basis @ (basis.T @ row) for row, basis in zip(x, starts, strict=True)])
 
     rest, J = beyond_start(rest), np.stack([beyond_start(column).ravel() for column in columns], axis=1)
+    # The identity is the prior of the nominal values: their columns are changes by one standard deviation.
     z = np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ rest.ravel())
-    return _rms((rest.ravel() - J @ z).reshape(shift.shape))
+    return _largest_rms((rest.ravel() - J @ z).reshape(shift.shape))
 
 
-def _rms(x: Floats) -> float:
-    """The largest of the channels."""
+def _largest_rms(x: Floats) -> float:
+    """Root mean square of each channel of x (windows, samples, channels), the largest of them."""
     return float(np.sqrt((x**2).mean(axis=(0, 1))).max())

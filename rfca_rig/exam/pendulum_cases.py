@@ -1,7 +1,7 @@
-"""Cases of the exam on pendulums: a rig, its nominal values, and what is concealed, drawn from one seed.
+"""Cases of the exam on pendulums: a rig, its nominal values and its hidden effects, drawn from one seed.
 
-Sizes follow the rig: torques are shares of the weight's greatest torque, speeds those of its small swing. Strength 0 is hardly visible in
-angles read to a milliradian, 1 is gross.
+Sizes follow the rig: torques are shares of the weight's largest torque, speeds those of its small oscillation. Strength 0 is hardly
+visible in angles read to a milliradian, 1 is gross.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,9 +26,10 @@ KNOWN_TO: Mapping[str, float] = {
     "zero_offset_rad": 0.003,
     "torque_delay_s": 0.001,
 }
-DAMPING_SHARE, OFFSET_SHARE = 0.005, 0.01  # standard deviations of damping and torque offset, of the rig's own scales
+# Standard deviations of damping and torque offset, as shares of the rig's own scales.
+DAMPING_SHARE, OFFSET_SHARE = 0.005, 0.01
 
-# from faint to strong: shares of the rig's torque, damping, drag, inertia and mass, deviations of a factor from 1, seconds, radians
+# From faint to strong: shares of the rig's torque, damping, drag, inertia and mass, deviations of a factor from 1, seconds, radians.
 SPANS: Mapping[str, tuple[float, float]] = {
     "joint_friction": (0.01, 0.3),
     "joint_stribeck": (0.02, 0.25),
@@ -51,14 +52,14 @@ STRANGERS: Mapping[str, tuple[float, float]] = {
     "torque_saturation": (0.9, 0.35),
     "joint_friction_by_direction": (0.1, 0.3),
 }
-# what the data of a pendulum cannot separate; nor two kinds of dry friction
+# Pairs that the data of a pendulum cannot separate. Two kinds of dry friction cannot be separated either.
 NEVER_TOGETHER = ({"torque_delay", "torque_lag"}, {"speed_lag", "angle_lag"})
 DRY = ("joint_friction", "joint_stribeck", "joint_load_friction", "joint_friction_of_one")
 
 
 @dataclass(frozen=True)
 class SamplingErrors:
-    """How a rig is sampled: the period, noise of angles and speeds."""
+    """Sampling period and standard deviations of the noise of angles and speeds."""
 
     sample_s: float = 0.004
     angle_std_rad: float = 5e-4
@@ -67,7 +68,10 @@ class SamplingErrors:
 
 @dataclass(frozen=True)
 class PendulumCase:
-    """One campaign of a pendulum. `world` has nothing concealed, `nominal` is what is believed of it; effects and strangers by id."""
+    """One campaign of a pendulum. `world` is the rig without hidden effects, `nominal` its nominal values.
+
+    `effects` are of the catalogue, `strangers` are outside it; both by id, with their parameters.
+    """
 
     id: str
     kind: str
@@ -84,7 +88,7 @@ class PendulumCase:
 
     @property
     def concealed(self) -> PendulumWorld:
-        """The rig as it is."""
+        """The true rig, with all hidden effects."""
         world = replace(self.world, friction=self.friction, drag_power=self.drag_power)
         for name, values in (*self.effects.items(), *self.strangers.items()):
             world = _WITH[name](world, values)
@@ -92,19 +96,19 @@ class PendulumCase:
 
 
 def torque_scale_Nm(world: PendulumWorld) -> float:
-    """The greatest torque of the weight about the first joint."""
+    """The largest torque in N m of the weight about the first joint, with the links stretched out horizontally."""
     moments = np.multiply(world.mass_kg, world.centre_m)
     return float(G_M_S2 * (moments.sum() + sum(world.mass_kg[1:]) * world.length_m[0]))
 
 
 def swing_rad_s(world: PendulumWorld) -> float:
-    """The frequency of a small swing of the first link alone."""
+    """Angular frequency in rad/s of a small oscillation of the first link alone."""
     return float(np.sqrt(G_M_S2 * world.mass_kg[0] * world.centre_m[0] / world.inertia_kg_m2[0]))
 
 
 def drawn_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCase:
-    """Case i of a kind."""
-    nominal, world = (rig := _drawn_rig(random)), _as_it_is(rig, random)
+    """Draw case `i` of a kind; its id is left empty."""
+    nominal, world = (rig := _draw_rig(random)), _draw_true_rig(rig, random)
     reading = SamplingErrors(float(random.choice([0.002, 0.004, 0.005])), float(random.uniform(2e-4, 1e-3)))
     driven = (True, True, bool(random.random() < 0.6))
     case = PendulumCase("", kind, int(random.integers(2**31)), world, nominal, reading, driven)
@@ -122,8 +126,10 @@ def drawn_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCa
         return replace(case, strangers={name: _values(name, strength, world, random)}, strength=strength)
     possible = [name for name in SPANS if world.joints > 1 or name != "joint_friction_of_one"]
     if kind == PENDULUM_SINGLE:
+        # A stride through the effects, so that the first few cases are a mixture too; the five levels in turn.
         name, strength = possible[5 * i % len(possible)], (i % 5 + float(random.random())) / 5.0
         return replace(case, effects={name: _values(name, strength, world, random)}, strength=strength)
+    # Rejection: pairs that no data can separate would have no right answer.
     while True:
         names = [possible[j] for j in random.choice(len(possible), 2, replace=False)]
         if set(names) not in NEVER_TOGETHER and not set(names) <= set(DRY):
@@ -131,22 +137,23 @@ def drawn_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCa
             return replace(case, effects={name: _values(name, strength, world, random) for name in names}, strength=strength)
 
 
-def _drawn_rig(random: np.random.Generator) -> PendulumWorld:
+def _draw_rig(random: np.random.Generator) -> PendulumWorld:
     links = 1 if random.random() < 0.6 else 2
     length, mass = random.uniform(0.25, 0.6, links), random.uniform(0.2, 1.2, links)
     centre = length * random.uniform(0.55, 0.9, links)
+    # More than a point mass at the centre has, so that the inertia is possible.
     inertia = mass * centre**2 * (1.0 + random.uniform(0.05, 0.3, links))
     rig = PendulumWorld(tuple(length), tuple(mass), tuple(centre), tuple(inertia), (0.0,) * links)
     damping = 0.01 * torque_scale_Nm(rig) / swing_rad_s(rig)
     return replace(rig, damping_Nm_s_per_rad=(float(damping * random.uniform(0.2, 1.0)),) * links)
 
 
-def _as_it_is(nominal: PendulumWorld, random: np.random.Generator) -> PendulumWorld:
-    """The rig behind its nominal values: each off by a normal deviate of what is stated of it."""
+def _draw_true_rig(nominal: PendulumWorld, random: np.random.Generator) -> PendulumWorld:
+    """The rig behind its nominal values: each value differs by a normal deviate of its stated standard deviation."""
     off = random.standard_normal((6, nominal.joints))
     mass = np.multiply(nominal.mass_kg, 1.0 + KNOWN_TO["mass_relative"] * off[0])
     centre = np.add(nominal.centre_m, KNOWN_TO["centre_of_mass_m"] * off[2])
-    # the inertia about the centre of mass goes with the mass, and stays as it is where that centre is elsewhere
+    # The inertia about the centre of mass scales with the mass and does not depend on where that centre is.
     inertia = np.multiply(nominal.inertia_kg_m2, mass / nominal.mass_kg) + mass * (centre**2 - np.square(nominal.centre_m))
     damping = np.add(nominal.damping_Nm_s_per_rad, damping_std(nominal) * off[1])
     return replace(
@@ -162,20 +169,21 @@ def _as_it_is(nominal: PendulumWorld, random: np.random.Generator) -> PendulumWo
 
 
 def damping_std(world: PendulumWorld) -> float:
-    """To how much the damping of a joint is known, N m s / rad."""
+    """Standard deviation of the damping of a joint, N m s / rad."""
     return DAMPING_SHARE * torque_scale_Nm(world) / swing_rad_s(world)
 
 
 def offset_std(world: PendulumWorld) -> float:
-    """To how much the offset of a torque is known, N m."""
+    """Standard deviation of the offset of a torque, N m."""
     return OFFSET_SHARE * torque_scale_Nm(world)
 
 
 def _values(name: str, strength: float, world: PendulumWorld, random: np.random.Generator) -> Values:
-    """The values of an effect or stranger at a strength, in the catalogue's parameters."""
+    """Parameter values of an effect, in or outside the catalogue, at a strength from 0 to 1."""
     faint, strong = {**SPANS, **STRANGERS}[name]
     share, sign = float(faint * (strong / faint) ** strength), float(random.choice([-1.0, 1.0]))
     torque, speed = torque_scale_Nm(world), swing_rad_s(world)
+    # All entries draw their numbers, whichever is used: a case's random stream does not depend on its effect.
     values: Mapping[str, Values] = {
         "joint_friction": {"torque_Nm": share * torque},
         "joint_stribeck": {
@@ -203,8 +211,8 @@ def _values(name: str, strength: float, world: PendulumWorld, random: np.random.
     return values[name]
 
 
-def _dry(world: PendulumWorld, values: Values) -> PendulumWorld:
-    """More dry friction in every joint, or in one of them."""
+def _add_dry_friction(world: PendulumWorld, values: Values) -> PendulumWorld:
+    """Add dry friction in every joint, or in the one that `values` names (from 1)."""
     joint = int(values.get("joint", 0))
     more = [values["torque_Nm"] if joint in (0, number + 1) else 0.0 for number in range(world.joints)]
     dry = tuple(float(a + b) for a, b in zip(world.friction.dry_Nm, more, strict=False))
@@ -214,21 +222,21 @@ def _dry(world: PendulumWorld, values: Values) -> PendulumWorld:
     return replace(world, friction=friction)
 
 
-def _damped(world: PendulumWorld, values: Values) -> PendulumWorld:
+def _add_damping(world: PendulumWorld, values: Values) -> PendulumWorld:
     return replace(world, damping_Nm_s_per_rad=tuple(c + values["coefficient_Nm_s_per_rad"] for c in world.damping_Nm_s_per_rad))
 
 
-def _lossy(world: PendulumWorld, values: Values) -> PendulumWorld:
+def _add_load_friction(world: PendulumWorld, values: Values) -> PendulumWorld:
     return replace(world, friction=replace(world.friction, loss=values["loss_relative"], loss_at_Nm=0.3 * torque_scale_Nm(world)))
 
 
 _WITH: Mapping[str, Callable[[PendulumWorld, Values], PendulumWorld]] = {
-    "joint_friction": _dry,
-    "joint_friction_of_one": _dry,
-    "joint_stribeck": _dry,
-    "joint_friction_by_direction": _dry,
-    "joint_load_friction": _lossy,
-    "hinge_viscous_damping": _damped,
+    "joint_friction": _add_dry_friction,
+    "joint_friction_of_one": _add_dry_friction,
+    "joint_stribeck": _add_dry_friction,
+    "joint_friction_by_direction": _add_dry_friction,
+    "joint_load_friction": _add_load_friction,
+    "hinge_viscous_damping": _add_damping,
     "fluid_drag": lambda world, v: replace(world, drag_N_s2_per_m3=v["coefficient_N_s2_per_m3"]),
     "joint_inertia": lambda world, v: replace(world, rotor_kg_m2=v["inertia_kg_m2"]),
     "added_mass": lambda world, v: replace(world, tip_mass_kg=v["mass_kg"]),

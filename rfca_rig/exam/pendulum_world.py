@@ -1,7 +1,7 @@
-"""A pendulum of one or two links, simulated by SciPy from its Lagrangian: none of the package's model is in it.
+"""A pendulum of one or two links, simulated by SciPy from its Lagrangian, independent of the package's model.
 
 Angles count from the hanging position, the second from the direction of the first link. Dry friction is regularised: a joint at rest
-creeps, where the package's model sticks. All laws are wider than those of the catalogue: exponents and the form of the sign are free.
+creeps, where the package's model sticks. All laws are more general than the catalogue's: exponents and the form of the sign are free.
 """
 
 from dataclasses import dataclass, field
@@ -14,34 +14,36 @@ from scipy.signal import lfilter
 Floats = NDArray[np.float64]
 
 G_M_S2 = 9.81
-LONGEST_STEP_S = 0.05  # several steps within the shortest period of a command
+# Several steps within the shortest period of a command.
+MAX_STEP_S = 0.05
 
 
 @dataclass(frozen=True)
 class Tones:
-    """A torque for every joint, the sum of some tones: size in N m, angular frequency and phase, (tones, n) each."""
+    """A torque for every joint, as a sum of sines: `size` in N m, `omega` in rad/s and `phase` in rad, (tones, n) each."""
 
     size: Floats
     omega: Floats
     phase: Floats
 
     def at(self, t_s: float) -> Floats:
-        """The torques at a time, (n,)."""
+        """The torques (n,) in N m at a time."""
         return np.asarray((self.size * np.sin(self.omega * t_s + self.phase)).sum(axis=0))
 
     def later(self, delay_s: float, lag_s: float) -> "Tones":
-        """The same after a dead time and a lag of first order, long after it began."""
+        """The steady-state torques after a dead time and a first-order lag."""
+        # The gain of the lag, 1 / sqrt(1 + (omega lag)^2), is the cosine of its phase.
         turn = np.arctan(self.omega * lag_s)
         return Tones(self.size * np.cos(turn), self.omega, self.phase - self.omega * delay_s - turn)
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Torque against the motion of a joint, its size and its form.
+    """Friction of a joint: its size and its form.
 
-    `dry_Nm` is one per joint. `rise` and `rise_rad_s` let it fall with speed, with the exponent `rise_power`. `loss` is a share of the
-    motor's torque to the power `loss_power`, relative to `loss_at_Nm`. `backward` scales dry friction of negative speed. `sign_rad_s`
-    is the speed at which the regularised sign is about 1, `sign` its form.
+    `dry_Nm` is one value per joint. It is larger by `rise` at rest and falls over the speed `rise_rad_s`, with the exponent `rise_power`.
+    `loss` is a share of the motor's torque to the power `loss_power`, relative to `loss_at_Nm`. `backward` scales dry friction at
+    negative speed. `sign_rad_s` is the speed at which the regularised sign is about 1, `sign` its form.
     """
 
     dry_Nm: tuple[float, ...] = (0.0, 0.0)
@@ -56,7 +58,7 @@ class Friction:
     sign: str = "tanh"
 
     def torque_Nm(self, speed_rad_s: Floats, motor_Nm: Floats) -> Floats:
-        """The torque along positive speed, (n,)."""
+        """Friction torque (n,) in N m, of the sign of the speed (n,); `motor_Nm` (n,) is the motors' torque."""
         u, n = speed_rad_s / self.sign_rad_s, len(speed_rad_s)
         sign = np.tanh(u) if self.sign == "tanh" else u / np.hypot(1.0, u) if self.sign == "root" else 2.0 / np.pi * np.arctan(u)
         fall = 1.0 + self.rise * np.exp(-((np.abs(speed_rad_s) / self.rise_rad_s) ** self.rise_power))
@@ -66,12 +68,14 @@ class Friction:
 
 @dataclass(frozen=True)
 class PendulumWorld:
-    """The rig as it is. Tuples hold one value per link or joint.
+    """The true rig. Tuples hold one value per link or joint; n is their number.
 
-    `inertia_kg_m2` is about the joint, `rotor_kg_m2` in every joint. `drag_N_s2_per_m3` acts at the middle of each link across it, with
-    the exponent `drag_power` of the speed. The motors make `torque_scale` times the recorded torque plus `torque_offset_Nm`, later by
-    `torque_delay_s` and a lag; `saturates_at_Nm` and `cogging_Nm` with `cogging_cycles` per turn spoil it. `spring_Nm_per_rad` is a
-    cable at the first joint. Readings: zero, lags of angles and speeds together and of speeds alone.
+    - Inertia: `inertia_kg_m2` is about the joint, `rotor_kg_m2` in every joint.
+    - Drag: acts at the middle of each link, across it, with the exponent `drag_power` of the speed.
+    - Motors: give `torque_scale` times the sum of recorded torque and `torque_offset_Nm`, later by `torque_delay_s` and a lag. They
+      saturate smoothly at `saturates_at_Nm` and have cogging with `cogging_cycles` per turn.
+    - `spring_Nm_per_rad`: a cable at the first joint.
+    - Readings: zero offset, a lag of angles and speeds together, a lag of speeds alone.
     """
 
     length_m: tuple[float, ...]
@@ -102,7 +106,7 @@ class PendulumWorld:
         return len(self.length_m)
 
     def inertia_and_rest(self, angle: Floats, speed: Floats) -> tuple[Floats, Floats]:
-        """Mass matrix (n, n) and generalised torques without the joints' (n,), in absolute angles."""
+        """Mass matrix (n, n) and generalised torques without those of the joints (n,), in absolute angles (n,)."""
         masses = np.array([*self.mass_kg[:-1], self.mass_kg[-1] + self.tip_mass_kg])
         moments = np.multiply(self.mass_kg, self.centre_m)
         moments[-1] += self.tip_mass_kg * self.length_m[-1]
@@ -114,13 +118,14 @@ class PendulumWorld:
         between, coupling = angle[0] - angle[1], moments[1] * self.length_m[0]
         cross, rotor = coupling * np.cos(between), self.rotor_kg_m2
         matrix = np.array([[own[0] + masses[1] * self.length_m[0] ** 2, cross], [cross, own[1]]])
+        # The second rotor turns with the relative angle of the joint.
         matrix += rotor * np.array([[2.0, -1.0], [-1.0, 1.0]])
         turning = coupling * np.sin(between) * np.array([-(speed[1] ** 2), speed[0] ** 2])
         weight = -G_M_S2 * np.array([moments[0] + masses[1] * self.length_m[0], moments[1]]) * lean
         return matrix, turning + weight
 
     def drag_Nm(self, angle: Floats, speed: Floats) -> Floats:
-        """Generalised torques of the surroundings on absolute angles, (n,)."""
+        """Generalised drag torques (n,) in N m on the absolute angles (n,), at speeds (n,)."""
         half = 0.5 * self.length_m[-1]
         if self.joints == 1:
             return np.array([half * self._across(self.length_m[0], half * speed[0])])
@@ -135,7 +140,7 @@ class PendulumWorld:
 
 @dataclass(frozen=True)
 class PendulumTrace:
-    """Recorded columns: times (m,), joint angles and speeds as read and torques as recorded (m, n), and the true state (m, 2 n)."""
+    """Recorded columns: times (m,); joint angles and speeds as read and torques as recorded, (m, n) each; the true state (m, 2 n)."""
 
     t_s: Floats
     angle_rad: Floats
@@ -145,7 +150,10 @@ class PendulumTrace:
 
 
 def swing(world: PendulumWorld, start: Floats, command: Tones, t_s: Floats, driven: bool = True) -> PendulumTrace:
-    """The motion from joint angles and speeds `start` (2 n,) at t_s[0] under commanded torques, read without noise. LSODA, 1e-7."""
+    """Simulate the motion from joint angles and speeds `start` (2 n,) at t_s[0] under commanded torques, read without noise.
+
+    `t_s` (m,) is evenly spaced. The integrator is LSODA with a relative tolerance of 1e-7.
+    """
     n = world.joints
     to_absolute = np.tril(np.ones((n, n)))
     to_joint = np.linalg.inv(to_absolute)
@@ -164,19 +172,23 @@ def swing(world: PendulumWorld, start: Floats, command: Tones, t_s: Floats, driv
         acceleration = np.linalg.solve(matrix, rest + world.drag_Nm(absolute, turning) + to_joint.T @ joint)
         return np.concatenate([speed, to_joint @ acceleration])
 
-    state = solve_ivp(rates, (t_s[0], t_s[-1]), start, "LSODA", t_s, rtol=1e-7, atol=1e-9, max_step=LONGEST_STEP_S).y.T
+    state = solve_ivp(rates, (t_s[0], t_s[-1]), start, "LSODA", t_s, rtol=1e-7, atol=1e-9, max_step=MAX_STEP_S).y.T
     recorded = np.array([command.at(t) for t in t_s]) if driven else np.zeros((len(t_s), n))
     step_s = float(t_s[1] - t_s[0])
-    angle = _lagged(state[:, :n], world.angle_lag_s, step_s) + np.array(world.angle_zero_rad[:n])
-    speed = _lagged(_lagged(state[:, n:], world.angle_lag_s, step_s), world.speed_lag_s, step_s)
+    angle = _lag(state[:, :n], world.angle_lag_s, step_s) + np.array(world.angle_zero_rad[:n])
+    speed = _lag(_lag(state[:, n:], world.angle_lag_s, step_s), world.speed_lag_s, step_s)
     return PendulumTrace(t_s, angle, speed, recorded, state)
 
 
-def _lagged(x: Floats, lag_s: float, step_s: float) -> Floats:
-    """lag y' = x - y of columns that are straight between samples, as if x had grown steadily before the first."""
+def _lag(x: Floats, lag_s: float, step_s: float) -> Floats:
+    """First-order lag, lag y' = x - y, of columns (m, n) that are linear between samples; exact for such columns.
+
+    Before the first sample x is extended with its first slope.
+    """
     if lag_s <= 0.0:
         return x
     a = np.exp(-step_s / lag_s)
     new = 1.0 - lag_s * (1.0 - a) / step_s
+    # The steady response to a ramp stays behind it by lag times its slope.
     begin = x[0] - lag_s * (x[1] - x[0]) / step_s
     return np.asarray(lfilter([new, 1.0 - a - new], [1.0, -a], x - begin, axis=0, zi=np.atleast_2d(-new * (x[0] - begin)))[0] + begin)

@@ -1,4 +1,4 @@
-"""What an exam was begun with, kept in its folder so that it can be continued, and only that."""
+"""Seed and case numbers of an exam, kept in its folder, so that only the same exam can be continued there."""
 
 import json
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ FILE, FORMAT = "plan.json", "rfca-exam-plan/1"
 
 @dataclass(frozen=True)
 class ExamPlan:
-    """Seed and number of cases of each kind. Raises BadInput for a kind that there is not."""
+    """Seed and number of cases of each kind. Raises BadInput for an unknown kind."""
 
     seed: int
     numbers: Mapping[str, int]
@@ -33,10 +33,10 @@ class ExamPlan:
 
 
 def begin(folder: Path, plan: ExamPlan) -> None:
-    """Makes the folder and writes the plan, or finds the same plan there. Raises BadInput where `folder` holds anything else."""
+    """Create the folder with the plan, or check that it holds the same plan. Raises BadInput where `folder` holds anything else."""
     path = folder / FILE
     if path.is_file():
-        _same(plan, read_plan(folder), folder)
+        _check_same(plan, read_plan(folder), folder)
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BadInput(f"{folder}: is not empty, and holds no exam that could be continued; name a new folder")
@@ -60,7 +60,8 @@ def read_plan(folder: Path) -> ExamPlan:
         raise BadInput(f"{path}: is not the plan of an exam ({type(error).__name__}: {error}); name a new folder") from None
 
 
-def _same(asked: ExamPlan, begun: ExamPlan, folder: Path) -> None:
+def _check_same(asked: ExamPlan, begun: ExamPlan, folder: Path) -> None:
+    # A kind with zero cases is the same as a kind that is not listed.
     numbers = [{kind: number for kind, number in plan.numbers.items() if number} for plan in (asked, begun)]
     if asked.seed != begun.seed or numbers[0] != numbers[1]:
         raise BadInput(f"{folder}: holds an exam with {begun.words}, not {asked.words}; ask for the same again, or name a new folder")

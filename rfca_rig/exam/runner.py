@@ -1,4 +1,4 @@
-"""All cases of one kind of work, to their end: who fails keeps nobody else from it, and is named when the others are done."""
+"""Runs jobs to their end: one that fails does not stop the others and is reported after them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
@@ -21,9 +21,25 @@ def worked_off(
     told: Told,
     before: int = 0,
 ) -> dict[str, Result]:
-    """The results by name; `told` hears of `what` how many there are, with those that were there `before`.
+    """Run `work` on all `jobs` and return the results by name.
 
-    Raises RigError where one fails, when the others are done.
+    Parameters
+    ----------
+    executor : TaskExecutor
+        Does the work.
+    work, jobs : callable, sequence
+        The function and its arguments.
+    name_of : callable
+        Name of a job, the key of its result.
+    what, told : str, callable
+        `told` is called with `what`, the number done and the total.
+    before : int
+        Jobs that were done earlier; they count in the progress.
+
+    Raises
+    ------
+    RigError
+        Where a job fails, after the others are done.
     """
     results: dict[str, Result] = {}
     failed: dict[str, Failed] = {}

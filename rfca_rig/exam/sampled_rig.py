@@ -1,4 +1,4 @@
-"""The world behind one stroke of a case."""
+"""The true world of one stroke of a case: nominal rig, differences, scatter between repeats, effects and their laws."""
 
 from dataclasses import dataclass, replace
 
@@ -14,12 +14,13 @@ from rfca_rig.exam.structured import distorted
 from rfca_rig.exam.unknown_faults import with_stranger
 from rfca_rig.exam.world import World
 
+# Standard deviations between repeats.
 HEIGHT_M, FRICTION, START_RAD = 1e-4, 5e-3, float(np.radians(0.15))
 
 
 @dataclass(frozen=True)
 class ExamScatter:
-    """How one repeat differs from the others."""
+    """Differences of one repeat from the mean of all."""
 
     height_m: float = 0.0
     friction: float = 0.0
@@ -27,23 +28,25 @@ class ExamScatter:
 
 
 def drawn_scatter(random: np.random.Generator) -> ExamScatter:
-    """Rack, floor and clamp as they fall out each time: 0.1 mm, 0.005, 0.15 degrees."""
+    """Draw the differences of one repeat: rack height 0.1 mm, friction 0.005, start angle 0.15 degrees (standard deviations)."""
     x = random.normal(size=3)
     return ExamScatter(float(HEIGHT_M * x[0]), float(FRICTION * x[1]), float(START_RAD * x[2]))
 
 
 def world_of(case: Case, height_m: float, scatter: ExamScatter, repeat: int, stronger: float = 1.0, strokes_before: int = 0) -> World:
-    """The real rig of a case in one repeat (from 1), after `strokes_before` in the campaign; effects that vary between conditions are
-    `stronger` times as strong here.
+    """The true rig of a case in one repeat (from 1), after `strokes_before` strokes of the campaign.
+
+    Effects that vary between conditions are multiplied by `stronger`.
     """
     world = replace(moved(nominal_world(height_m), case.off), strokes_before=strokes_before)
     if case.structured is not None:
         world = distorted(world, case.structured)
     world = replace(world, drive=replace(world.drive, late_s=case.late_s))
-    world = really(_scattered(world, scatter), case.mislabelled)
+    world = really(_scatter(world, scatter), case.mislabelled)
+    # Laws scale only the damping that an effect adds, so the damping before the effects is kept.
     damping = world.hinges.damping_Nm_s_per_rad
     for effect, values in case.effects.items():
-        world = with_effect(world, effect, {name: _varied(name, value, stronger) for name, value in values.items()})
+        world = with_effect(world, effect, {name: _vary(name, value, stronger) for name, value in values.items()})
     if case.law is not None:
         world = shape_laws(world, case.law, damping)
     if case.uneven is not None:
@@ -53,12 +56,12 @@ def world_of(case: Case, height_m: float, scatter: ExamScatter, repeat: int, str
     return world
 
 
-def _varied(name: str, value: float, stronger: float) -> float:
-    """Only sizes vary, not the scales of speed or of angle that go with them."""
+def _vary(name: str, value: float, stronger: float) -> float:
+    """Sizes vary between conditions; the speed and angle scales of a law do not."""
     return value if name in ("speed_m_s", "cycles_per_turn") else value * stronger
 
 
-def _scattered(world: World, scatter: ExamScatter) -> World:
+def _scatter(world: World, scatter: ExamScatter) -> World:
     return replace(
         world,
         floor=replace(world.floor, mu=world.floor.mu + scatter.friction),

@@ -1,4 +1,4 @@
-"""The marks of the exam, from opened truths and what a diagnosis said of each case."""
+"""Scores of the exam, from opened truths and the diagnosis of each case."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -15,14 +15,15 @@ from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PENDULUM_NOTHING
 from rfca_rig.exam.statements import StatementScores, has_right_family, score_statements
 from rfca_rig.exam.worst_cases import Miss, worst
 
-POWER_AT = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # multiples of DETECTABLE
+# Bin edges of `power`, in multiples of DETECTABLE.
+POWER_AT = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 _NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR)
 
 
 @dataclass(frozen=True)
 class Share:
-    """`hits` of `of` cases; the bounds hold at 95 % (Clopper and Pearson)."""
+    """`hits` of `of` cases; the bounds are one-sided, at 95 % confidence (Clopper and Pearson)."""
 
     hits: int
     of: int
@@ -33,14 +34,14 @@ class Share:
 
     @property
     def lower(self) -> float:
-        """With 95 % confidence the true share is above it."""
+        """Lower bound of the true share, at 95 % confidence."""
         from scipy.stats import beta  # noqa: PLC0415  (slow to import, and used in reports only)
 
         return float(beta.ppf(0.05, self.hits, self.of - self.hits + 1)) if self.hits else 0.0
 
     @property
     def upper(self) -> float:
-        """With 95 % confidence the true share is below it."""
+        """Upper bound of the true share, at 95 % confidence."""
         from scipy.stats import beta  # noqa: PLC0415
 
         return float(beta.ppf(0.95, self.hits + 1, self.of - self.hits)) if self.hits < self.of else 1.0
@@ -48,15 +49,18 @@ class Share:
 
 @dataclass(frozen=True)
 class Marks:
-    """All marks, of legs but for names, alarms and `pendulums`, the scores of statements about these. "Detectable" means shifted by
-    more than DETECTABLE beyond what nominal values explain; "above" by as much in units of noise and usual model error.
+    """All scores. They are of the leg cases, except names, alarms and `pendulums`, the scores of statements about pendulums.
 
-    `outcomes` counts outcomes per kind; `confusion` counts (true effect, what was said) over cases with one effect;
-    `power` counts single effects that are stated, or their family, and nothing wrong, by how much shows: below, between and above POWER_AT.
-    `false_alarms`, `missed`, `detection_errors` and `classification_errors`
-    are those of the DXC competitions: missed of what is detectable, errors over all cases, wrong and missing names summed.
-    `gap_closed` is the median over right names of (before - after) / (before - floor) of fz on held-out conditions, `gap_worse` how
-    many of them got worse.
+    "Detectable" means shifted by more than DETECTABLE beyond what nominal values explain; "above" means as much in units of noise and
+    usual model error.
+
+    - `outcomes`: counts of outcomes per kind.
+    - `confusion`: counts of (true effect, named effects or verdict) over cases with one effect.
+    - `power`: single effects that are stated, or their family, with nothing wrong, by size: below, between and above POWER_AT.
+    - `false_alarms`, `missed`, `detection_errors`, `classification_errors`: as in the DXC competitions. Missed are of the detectable
+      cases, detection errors of all cases; classification errors are the sum of wrong and missing names.
+    - `gap_closed`: median over right answers of (before - after) / (before - floor) of fz on held-out conditions; `gap_worse` counts
+      those that became worse.
     """
 
     outcomes: Mapping[str, Mapping[str, int]]
@@ -95,22 +99,23 @@ class Marks:
 
 
 def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) -> Marks:
-    """The marks of `diagnoses` by case. A case without one counts as refused."""
+    """Score `diagnoses`, by case. A case without one counts as refused."""
     everything = [(truth, diagnoses.get(truth.case, Said("refused"))) for truth in map(truth_in, truths)]
     by_kind = {kind: [pair for pair in everything if pair[0].kind == kind] for kind in cases.KINDS}
     judged = [pair for kind in cases.LEG_KINDS for pair in by_kind[kind]]
     single, pairs, strangers = by_kind[cases.SINGLE], by_kind[cases.PAIR], by_kind[cases.STRANGER]
-    detectable = [(truth, said) for truth, said in single if truth.left >= DETECTABLE]
+    detectable = [(truth, answer) for truth, answer in single if truth.left >= DETECTABLE]
     null = [pair for kind in _NULL_KINDS for pair in by_kind[kind]]
     all_null = [*null, *by_kind[PENDULUM_NOTHING]]
-    right = [(truth, said) for truth, said in (*single, *pairs) if outcome(truth, said) == RIGHT]
-    named = [(truth, said) for truth, said in judged if said.named]
+    # Parameters and held-out errors are scored where the effects are right: elsewhere they describe something else.
+    right = [(truth, answer) for truth, answer in (*single, *pairs) if outcome(truth, answer) == RIGHT]
+    named = [(truth, answer) for truth, answer in judged if answer.named]
     return Marks(
         outcomes={kind: dict(Counter(outcome(*pair) for pair in group)) for kind, group in by_kind.items() if group},
         confusion=confusion(single),
-        null_false_claims=Share(sum(bool(said.named) for _, said in null), len(null)),
+        null_false_claims=Share(sum(bool(answer.named) for _, answer in null), len(null)),
         false_discoveries=Share(
-            sum(len(false_claims(*pair)) for pair in everything if pair[1].named), sum(len(said.named) for _, said in everything)
+            sum(len(false_claims(*pair)) for pair in everything if pair[1].named), sum(len(answer.named) for _, answer in everything)
         ),
         single_right=_share(single, RIGHT),
         single_right_detectable=_share(detectable, RIGHT),
@@ -123,17 +128,17 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) ->
         pairs_without_wrong=Share(sum(not false_claims(*pair) for pair in pairs), len(pairs)),
         stranger_unexplained=_share(strangers, RIGHT),
         stranger_wrong=_share(strangers, WRONG),
-        stranger_confident_wrong=Share(sum(_confident(said) for _, said in strangers), len(strangers)),
+        stranger_confident_wrong=Share(sum(_is_confident(answer) for _, answer in strangers), len(strangers)),
         stranger_silent_detectable=_share([pair for pair in strangers if pair[0].left >= DETECTABLE], SILENT),
         wrong_law_acceptable=_share(by_kind[cases.WRONG_LAW], RIGHT, CLASS),
         mislabelled_wrong=_share(by_kind[cases.MISLABEL], WRONG),
         poor_data_wrong=_share(by_kind[cases.POOR_DATA], WRONG, EXTRA),
         truth_in_class=_truth_in_class(named),
         mean_class_size=_class_size(named),
-        false_alarms=Share(sum(_alarmed(said) for _, said in all_null), len(all_null)),
-        missed=_missed(everything),
-        detection_errors=Share(sum(_alarmed(said) != _faulty(truth) for truth, said in everything), len(everything)),
-        classification_errors=sum(len({claim.id for claim in said.named} ^ set(truth.effects)) for truth, said in everything),
+        false_alarms=Share(sum(_is_alarm(answer) for _, answer in all_null), len(all_null)),
+        missed=_missed_share(everything),
+        detection_errors=Share(sum(_is_alarm(answer) != _is_faulty(truth) for truth, answer in everything), len(everything)),
+        classification_errors=sum(len({claim.id for claim in answer.named} ^ set(truth.effects)) for truth, answer in everything),
         calibration=calibration(judged),
         values=values([*single, *pairs]),
         gap_closed=_gap(right),
@@ -145,13 +150,16 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) ->
 
 
 def confusion(single: Judged) -> dict[tuple[str, str], int]:
-    """How often each true effect was called what; several names are joined, and no name is the verdict."""
-    called = [("+".join(sorted(truth.effects)), "+".join(sorted(c.id for c in said.named)) or said.verdict) for truth, said in single]
+    """Counts of (true effect, named effects) over cases with one effect. Several names are joined; without a name the verdict counts."""
+    called = [("+".join(sorted(truth.effects)), "+".join(sorted(c.id for c in answer.named)) or answer.verdict) for truth, answer in single]
     return dict(Counter(called))
 
 
 def power(single: Judged) -> tuple[Share, ...]:
-    """Share stated right at any grade, or its family, between the multiples POWER_AT of DETECTABLE, in noise and usual model error."""
+    """Share of single effects that are stated rightly, or their family, at any grade, for each bin of POWER_AT.
+
+    Sizes are in multiples of DETECTABLE, in units of noise and usual model error.
+    """
     level = np.searchsorted(POWER_AT, [truth.faintest_above / DETECTABLE for truth, _ in single], side="right")
     by_level = ([pair for pair, each in zip(single, level, strict=True) if each == k] for k in range(len(POWER_AT) + 1))
     return tuple(Share(sum(has_right_family(*pair) for pair in group), len(group)) for group in by_level)
@@ -161,37 +169,41 @@ def _share(judged: Judged, *outcomes: str) -> Share:
     return Share(sum(outcome(*pair) in outcomes for pair in judged), len(judged))
 
 
-def _confident(said: Said) -> bool:
-    return any(claim.probability >= CONFIDENT for claim in said.named)
+def _is_confident(answer: Said) -> bool:
+    return any(claim.probability >= CONFIDENT for claim in answer.named)
 
 
-def _faulty(truth: Truth) -> bool:
+def _is_faulty(truth: Truth) -> bool:
     return bool(truth.effects) or truth.nameless
 
 
-def _alarmed(said: Said) -> bool:
-    """Whether it says that something is wrong; doubt about the data is no alarm."""
-    return said.verdict in (NAMED, "unexplained")
+def _is_alarm(answer: Said) -> bool:
+    """Whether the answer says that something is missing; doubt about the data is no alarm."""
+    return answer.verdict in (NAMED, "unexplained")
 
 
-def _missed(judged: Judged) -> Share:
-    faulty = [said for truth, said in judged if _faulty(truth) and truth.left >= DETECTABLE and not truth.silence_is_right]
-    return Share(sum(said.verdict == NOTHING for said in faulty), len(faulty))
+def _missed_share(judged: Judged) -> Share:
+    faulty = [answer for truth, answer in judged if _is_faulty(truth) and truth.left >= DETECTABLE and not truth.silence_is_right]
+    return Share(sum(answer.verdict == NOTHING for answer in faulty), len(faulty))
 
 
 def _truth_in_class(named: Judged) -> Share:
-    """Of cases with true effects and names: how often all of the true ones lie in the classes given."""
+    """Share of cases with true effects and names in which all true effects lie in the indistinguishable sets given."""
     whole = [outcome(*pair) for pair in named if pair[0].effects]
+    # An answer that names only some of the effects says nothing about its sets, so it does not count.
     return Share(sum(each in (RIGHT, CLASS, EXTRA) for each in whole), len([each for each in whole if each != PARTIAL]))
 
 
 def _class_size(named: Judged) -> float:
-    sizes = [len(claim.members) for _, said in named for claim in said.named]
+    sizes = [len(claim.members) for _, answer in named for claim in answer.named]
     return float(np.mean(sizes)) if sizes else np.nan
 
 
 def gap_closed(said: Said) -> float | None:
-    """How much of what can be closed between model and recordings a diagnosis closes on held-out conditions, of fz; None if not told."""
+    """Share of the closable gap in fz, between model and held-out recordings, that a diagnosis closes; None where it is not stated.
+
+    The gap that can be closed is the one above the noise floor.
+    """
     if said.held_out_fz_N is None:
         return None
     before, after, floor = said.held_out_fz_N
@@ -199,7 +211,7 @@ def gap_closed(said: Said) -> float | None:
 
 
 def _gaps(right: Judged) -> list[float]:
-    return [gap for _, said in right if (gap := gap_closed(said)) is not None]
+    return [gap for _, answer in right if (gap := gap_closed(answer)) is not None]
 
 
 def _gap(right: Judged) -> float:

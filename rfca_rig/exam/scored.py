@@ -1,4 +1,4 @@
-"""A finished exam: its marks, and each case with what is in it, what was said and what came of it."""
+"""A finished exam: its scores, and for each case the hidden effects, the diagnosis and the outcome."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from rfca_rig.exam.sealing import open_all
 
 @dataclass(frozen=True)
 class Deviation:
-    """One parameter of a true name: its relative error, see `parameter_errors`, and whether the 90 % interval holds the truth.
+    """One parameter of a rightly named effect: its relative error (see `parameter_errors`), and whether its 90 % interval holds the truth.
 
     `covered` is None for whole numbers, which have no interval.
     """
@@ -33,10 +33,12 @@ class Deviation:
 
 @dataclass(frozen=True)
 class MarkedCase:
-    """One case. `concealed` names what is in it: effects, strangers, or what its file says wrongly; empty where nothing is.
+    """One scored case.
 
-    `named` are the effects that the diagnosis stands by, with their probabilities; `left` is how far the forces shift beyond what
-    nominal values explain, in units of the noise; `seconds` how long the diagnosis took; None where not known.
+    - `concealed`: its hidden effects, in or outside the catalogue, or the error of its file; empty where there is none.
+    - `named`: the effects that the diagnosis names, with their `probabilities`.
+    - `left`: shift of the forces beyond what nominal values explain, in units of the noise.
+    - `seconds`: duration of the diagnosis; None where it is not known.
     """
 
     id: str
@@ -55,9 +57,7 @@ class MarkedCase:
 
 @dataclass(frozen=True)
 class Examined:
-    """The whole exam; `ways` tells what follow-ups of open cases came to, `taken_out` what was said of effects that the catalogue did not
-    hold, where that was done.
-    """
+    """The whole exam; `ways` are the results of follow-ups, `taken_out` those of the ablation, where these were done."""
 
     plan: ExamPlan
     marks: Marks
@@ -73,28 +73,29 @@ class Examined:
 
 
 def examined(folder: Path) -> Examined:
-    """Opens the truths of the exam in `folder` and marks it. Raises BadInput where it is not whole."""
-    return Examined(read_plan(folder), *_marks_of(folder, open_all(folder)), ways(folder), taken_out(folder))
+    """Open the truths of the exam in `folder` and score it. Raises BadInput where it is not complete."""
+    return Examined(read_plan(folder), *_score_all(folder, open_all(folder)), ways(folder), taken_out(folder))
 
 
 def examined_so_far(folder: Path) -> Examined:
-    """The marks of what is diagnosed already; all other truths stay sealed. Raises BadInput where nothing is diagnosed yet."""
+    """Score the cases that are diagnosed already; all other truths stay sealed. Raises BadInput where nothing is diagnosed yet."""
     plan, answers = read_plan(folder), folder / DIAGNOSES
     answered = {path.name for path in answers.iterdir() if path.is_dir()} if answers.is_dir() else set()
+    # Only these are opened: a truth that is known before its diagnosis would spoil the rest of the exam.
     truths = open_all(folder, answered)
     if not truths:
         raise BadInput(f"{folder}: nothing is diagnosed yet; leave out --so-far to go on with it")
-    return Examined(plan, *_marks_of(folder, truths))
+    return Examined(plan, *_score_all(folder, truths))
 
 
-def _marks_of(folder: Path, truths: Sequence[Mapping[str, Any]]) -> tuple[Marks, tuple[MarkedCase, ...]]:
+def _score_all(folder: Path, truths: Sequence[Mapping[str, Any]]) -> tuple[Marks, tuple[MarkedCase, ...]]:
     answers = folder / DIAGNOSES
-    said = {truth["case"]: read_said(answers / truth["case"] / DIAGNOSIS) for truth in truths}
-    marked = tuple(_marked(truth, said[truth["case"]], answers / truth["case"] / SECONDS) for truth in truths)
-    return score(truths, said), marked
+    answer_of = {truth["case"]: read_said(answers / truth["case"] / DIAGNOSIS) for truth in truths}
+    marked = tuple(_score_case(truth, answer_of[truth["case"]], answers / truth["case"] / SECONDS) for truth in truths)
+    return score(truths, answer_of), marked
 
 
-def _marked(truth: Mapping[str, Any], said: Said, seconds: Path) -> MarkedCase:
+def _score_case(truth: Mapping[str, Any], answer: Said, seconds: Path) -> MarkedCase:
     true = truth_in(truth)
     return MarkedCase(
         id=true.case,
@@ -102,20 +103,20 @@ def _marked(truth: Mapping[str, Any], said: Said, seconds: Path) -> MarkedCase:
         concealed=(*truth["effects"], *truth["strangers"], *([truth["mislabelled"]] if truth["mislabelled"] else [])),
         strength=true.strength,
         left=true.left,
-        verdict=said.verdict,
-        named=tuple(claim.id for claim in said.named),
-        probabilities=tuple(claim.probability for claim in said.named),
-        outcome=outcome(true, said),
-        deviations=_deviations(true, said),
-        gap_closed=gap_closed(said),
+        verdict=answer.verdict,
+        named=tuple(claim.id for claim in answer.named),
+        probabilities=tuple(claim.probability for claim in answer.named),
+        outcome=outcome(true, answer),
+        deviations=_deviations(true, answer),
+        gap_closed=gap_closed(answer),
         seconds=float(seconds.read_text(encoding="utf-8")) if seconds.is_file() else None,
     )
 
 
-def _deviations(truth: Truth, said: Said) -> tuple[Deviation, ...]:
-    """None where the law is another than the catalogue's, whose parameters mean nothing then."""
+def _deviations(truth: Truth, answer: Said) -> tuple[Deviation, ...]:
+    """Deviations of all parameters of true effects; empty where the true law is not the catalogue's, whose parameters mean nothing then."""
     if truth.lawless:
         return ()
-    named = [(claim, name) for claim in said.named for name in claim.parameters if name in truth.effects.get(claim.id, {})]
-    errors = [each for claim in said.named for each in parameter_errors(truth, claim)]
+    named = [(claim, name) for claim in answer.named for name in claim.parameters if name in truth.effects.get(claim.id, {})]
+    errors = [each for claim in answer.named for each in parameter_errors(truth, claim)]
     return tuple(Deviation(claim.id, name, error, covered) for (claim, name), (error, covered) in zip(named, errors, strict=True))

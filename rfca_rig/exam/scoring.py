@@ -1,4 +1,4 @@
-"""Marks a folder of diagnoses: python -m rfca_rig.exam.scoring --cases DIR --diagnoses DIR."""
+"""Scores a folder of diagnoses: python -m rfca_rig.exam.scoring --cases DIR --diagnoses DIR."""
 
 import argparse
 import sys
@@ -18,13 +18,13 @@ DIAGNOSIS = "diagnosis.json"
 
 
 def mark(cases: Path, diagnoses: Path) -> Marks:
-    """Opens the truths under `cases` and marks `diagnoses`/case-NNNN/diagnosis.json; one that is not there counts as refused."""
+    """Open the truths under `cases` and score `diagnoses`/case-NNNN/diagnosis.json; a missing one counts as refused."""
     truths = open_all(cases)
     return score(truths, {truth["case"]: read_said(diagnoses / truth["case"] / DIAGNOSIS) for truth in truths})
 
 
 def wording(marks: Marks) -> Iterator[str]:
-    """The marks as lines of text."""
+    """The scores as lines of text."""
     wide = max(map(len, ("kind", *marks.outcomes)))
     yield f"{'kind':{wide}}" + "".join(f" {word}" for word in OUTCOMES)
     for kind, counted in marks.outcomes.items():
@@ -46,19 +46,19 @@ def wording(marks: Marks) -> Iterator[str]:
     )
     if marks.null_false_claims.of:
         yield f"false names where nothing is missing: below {marks.null_false_claims.upper:.1%} with 95 % confidence"
-    yield from _confused(marks)
+    yield from _confusion_lines(marks)
     yield from (f"{miss.case} ({miss.kind}): {miss.reason}" for miss in marks.worst)
 
 
 def _lines(bar: Bar) -> Iterator[str]:
-    asked = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
-    said = {True: "passed", False: "FAILED", None: "-"}[bar.passed]
+    goal = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
+    result = {True: "passed", False: "FAILED", None: "-"}[bar.passed]
     value = f"{bar.value:.3f}" if np.isfinite(bar.value) else "-"
-    yield f"{said:7s} {bar.name:60s} {value:>6s}"
-    yield f"{'':7s} {asked}; {bar.counted}"
+    yield f"{result:7s} {bar.name:60s} {value:>6s}"
+    yield f"{'':7s} {goal}; {bar.counted}"
 
 
-def _confused(marks: Marks) -> Iterator[str]:
+def _confusion_lines(marks: Marks) -> Iterator[str]:
     for (true, called), count in sorted(marks.confusion.items()):
         if true != called:
             yield f"{count} x {true} called {called}"
@@ -69,9 +69,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Opens the truths and marks what was diagnosed.")
     parser.add_argument("--cases", type=Path, required=True, help="the folder that the cases were written into")
     parser.add_argument("--diagnoses", type=Path, required=True, help="holds case-NNNN/diagnosis.json")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     try:
-        print("\n".join(wording(mark(asked.cases, asked.diagnoses))))
+        print("\n".join(wording(mark(arguments.cases, arguments.diagnoses))))
     except RigError as error:
         print(error, file=sys.stderr)
         return error.exit_code

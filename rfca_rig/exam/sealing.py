@@ -1,4 +1,4 @@
-"""Truths under seal: hashes first, contents where no diagnosis reads, opened only against the hash."""
+"""Sealed truths: hashes are written first, contents where no diagnosis reads them, and opening checks the hash."""
 
 import base64
 import binascii
@@ -17,20 +17,21 @@ SEALS, FOLDER, ENDING = "seals.txt", "sealed", ".sealed"
 
 
 def seal_all(truths: Sequence[Truth], out: Path) -> None:
-    """Writes the hash of every truth into `seals.txt`, then each truth, not readable at a glance, into a folder of its own.
+    """Write the hash of every truth into `seals.txt`, then each truth, not readable at a glance, into a separate folder.
 
-    Done before the first campaign is written, so that nothing can be fitted to what a diagnosis said. A truth holds its case's name.
+    Do this before the first campaign is written, so that no truth can be adapted to a diagnosis. A truth holds its case's name.
     """
     contents = {truth["case"]: _content(truth) for truth in truths}
     lines = [f"{hashlib.sha256(content).hexdigest()}  {case}\n" for case, content in contents.items()]
     (out / FOLDER).mkdir(parents=True, exist_ok=True)
+    # The folder exists before the hashes: `is_sealed` then means that an interrupted sealing can be completed.
     write_atomically(out / SEALS, "".join(lines).encode())
     for case, content in contents.items():
         write_atomically(_path(out, case), base64.encodebytes(content))
 
 
 def is_sealed(out: Path) -> bool:
-    """Whether the hashes are there, which are never written again."""
+    """Whether the hashes exist; they are never written again."""
     return (out / SEALS).is_file()
 
 
@@ -40,20 +41,21 @@ def unwritten(out: Path) -> list[str]:
 
 
 def complete(truths: Sequence[Truth], out: Path) -> None:
-    """Writes truths that are missing, to be checked against their hashes when they are opened."""
+    """Write missing truths. They are checked against their hashes when they are opened."""
     for truth in truths:
         write_atomically(_path(out, truth["case"]), base64.encodebytes(_content(truth)))
 
 
 def open_all(out: Path, only: Collection[str] | None = None) -> list[dict[str, Any]]:
-    """The truths of all cases under `out`, or `only` of these, in the order of their seals.
+    """Open the truths of all cases under `out`, or `only` of these, in the order of their seals.
 
     Raises BadInput where one is missing or was changed.
     """
-    return [_opened(out, seal, case) for seal, case in _seals(out) if only is None or case in only]
+    return [_open(out, seal, case) for seal, case in _seals(out) if only is None or case in only]
 
 
 def _content(truth: Truth) -> bytes:
+    # Sorted keys: the same truth always has the same bytes, and so the same hash.
     return json.dumps(truth, indent=1, sort_keys=True).encode()
 
 
@@ -70,12 +72,13 @@ def _seals(out: Path) -> list[tuple[str, str]]:
     return [(seal, case) for seal, case in lines]
 
 
-def _opened(out: Path, seal: str, case: str) -> dict[str, Any]:
+def _open(out: Path, seal: str, case: str) -> dict[str, Any]:
     path = _path(out, case)
     if not path.is_file():
         raise BadInput(f"{path}: not there, though {SEALS} names it; write the cases anew")
     try:
         content = base64.decodebytes(path.read_bytes())
+    # Empty content fails the comparison of hashes below, whose message also fits a damaged file.
     except binascii.Error:
         content = b""
     if hashlib.sha256(content).hexdigest() != seal:

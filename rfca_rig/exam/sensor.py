@@ -1,4 +1,4 @@
-"""From the forces of a simulated stroke to what the sensor reports: its faults, and its noise."""
+"""Sensor model of the exam: from the true forces of a simulated stroke to recorded columns, with sensor faults and noise."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,18 @@ from rfca_rig.exam.world import World
 
 Floats = NDArray[np.float64]
 
-COUNT_N, COUNT_NM = 0.005, 5e-5  # last digit of force and torque
+# Resolution of a recorded force and torque.
+COUNT_N, COUNT_NM = 0.005, 5e-5
 ENCODER_RAD = 2.0 * np.pi / 2**16
-PIECES = 20  # of a sample's time in which a ringing sensor is stepped; 40 change a force by 1e-5 of itself
+# Steps per sample for a ringing sensor; 40 instead change a force by 1e-5 of itself.
+PIECES = 20
 NOISE_FX_N, NOISE_TY_NM = 0.1, 0.006
 NOISE_ANGLE_RAD, NOISE_SPEED_RAD_S, NOISE_MOTOR_NM = 1e-4, 0.01, 0.05
 
 
 @dataclass(frozen=True)
 class Noise:
-    """One standard deviation of a sample."""
+    """Standard deviations of one sample."""
 
     fy_N: float = 0.10
     fz_N: float = 0.15
@@ -28,9 +30,13 @@ class Noise:
 
 
 def felt(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
-    """(fy, fz, tx) as a sensor without noise reports them. fz points down: the leg's weight is positive."""
+    """(fy, fz, tx), each (m,) in N and N m, as a sensor without noise reports them.
+
+    fz points down: the leg's weight is positive. The faults act in the order that `Sensing` lists.
+    """
     sensing, t = world.sensing, traces.t_s
     fy, fz = traces.force_y_N, -traces.force_d_N
+    # The sensor's origin is below the shaft, so fy adds its moment.
     tx = traces.leg_torque_Nm + world.mount.below_shaft_m * fy
     turned = traces.motor_angle_rad - world.drive.start_angle_rad
     fz = fz + sensing.cogging_N * np.sin(sensing.cogging_cycles * turned)
@@ -38,6 +44,7 @@ def felt(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
     fz = followed(fz, sensing.play_N)
     fz = fz + sensing.creep_share * lagged(t, fz, sensing.creep_s) if sensing.creep_share != 0.0 else fz
     fy, fz, tx = fy + sensing.fy_per_fz * fz, fz + sensing.fz_per_fy * fy, tx + sensing.tx_per_fy_m * fy + sensing.tx_per_fz_m * fz
+    # The torque tx rings with the direction y, in which it has its lever.
     across_Hz = sensing.ringing_Hz * sensing.y_frequency_ratio
     fy, fz, tx = (
         filter_second_order(t, x, frequency_Hz, sensing.ringing_ratio)
@@ -51,7 +58,7 @@ def felt(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
 
 
 def lagged(t_s: Floats, x: Floats, tau_s: float) -> Floats:
-    """First-order low-pass, bilinear: tau y' = x - y, settled at the first sample."""
+    """First-order low-pass tau y' = x - y of x (m,) at times (m,), bilinear (second order); settled at the first sample."""
     if tau_s <= 0.0:
         return x
     y = x.copy()
@@ -62,12 +69,12 @@ def lagged(t_s: Floats, x: Floats, tau_s: float) -> Floats:
 
 
 def delayed(t_s: Floats, x: Floats, offset_s: float | Floats) -> Floats:
-    """x as it was `offset_s` before; the ends are held."""
+    """x (m,) at times (m,) as it was `offset_s` before, linear between samples; `offset_s` is one number or (m,). The ends are held."""
     return np.interp(t_s - offset_s, t_s, x) if np.any(offset_s) else x
 
 
 def filter_second_order(t_s: Floats, x: Floats, frequency_Hz: float, ratio: float) -> Floats:
-    """x through a mass on a spring, in short steps of kick and drift; at rest at the first sample."""
+    """x (m,) filtered by a mass on a spring with damping ratio `ratio`, in short drift-kick-drift steps; at rest at the first sample."""
     if frequency_Hz <= 0.0:
         return x
     y = x.copy()
@@ -77,7 +84,10 @@ def filter_second_order(t_s: Floats, x: Floats, frequency_Hz: float, ratio: floa
 
 @compiled
 def swing_on(t_s: Floats, x: Floats, rate: float, ratio: float, y: Floats) -> None:
-    """y'' = w^2 (x - y) - 2 d w y' with x straight between samples, PIECES steps for each; half a drift, a kick, half a drift."""
+    """Integrate y'' = w^2 (x - y) - 2 d w y' into y (m,), with x (m,) linear between samples at t_s (m,) and PIECES steps for each.
+
+    w is `rate` in rad/s, d is `ratio`. Second order: half a drift, a kick with half-implicit damping, half a drift.
+    """
     place, speed = x[0], 0.0
     for i in range(1, x.size):
         h = (t_s[i] - t_s[i - 1]) / PIECES
@@ -90,7 +100,7 @@ def swing_on(t_s: Floats, x: Floats, rate: float, ratio: float, y: Floats) -> No
 
 
 def followed(x: Floats, half_width: float) -> Floats:
-    """x as one end of a play follows it: it stays until it is dragged."""
+    """x (m,) behind a play of this half width: the output stays until it is dragged."""
     if half_width == 0.0:
         return x
     y = x.copy()
@@ -100,7 +110,7 @@ def followed(x: Floats, half_width: float) -> Floats:
 
 
 def recorded(world: World, traces: Traces, noise: Noise, random: np.random.Generator) -> dict[str, Floats]:
-    """The columns of a dynamic recording, noise and last digits included."""
+    """Columns (m,) of a dynamic recording, with noise and finite resolution."""
     m = len(traces.t_s)
     fy, fz, tx = felt(world, traces)
 
@@ -108,6 +118,7 @@ def recorded(world: World, traces: Traces, noise: Noise, random: np.random.Gener
         return np.asarray(np.round((x + random.normal(0.0, std, m)) / digit) * digit)
 
     return {
+        # The order of the columns is the order of the random draws: another one would change every recording of a seed.
         "t_s": traces.t_s,
         "shaft_angle_rad": noisy(traces.motor_angle_rad, NOISE_ANGLE_RAD, ENCODER_RAD),
         "shaft_speed_rad_s": noisy(traces.motor_speed_rad_s, NOISE_SPEED_RAD_S, 1e-4),

@@ -1,4 +1,4 @@
-"""A case written as a campaign folder, as a lab would hand it in."""
+"""Writes a case as a campaign folder, as a lab would provide it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,9 +20,12 @@ Floats = NDArray[np.float64]
 DIGITS = {"t_s": 4, "shaft_angle_rad": 5, "shaft_speed_rad_s": 4, "motor_torque_Nm": 3, "fx_N": 3, "fy_N": 3, "fz_N": 3}
 TORQUE_DIGITS = 4
 DYNAMIC = 'experiment = "dynamic"'
+# From the end of the move to the middle of the reading.
 HELD_S = HOLD_S - 0.5 * READ_S
-STATIC_RAMPS_S = (0.005, 0.012)  # how fast the shaft stops at a static stage is not written anywhere
+# Range of the shaft's stopping time at a static stage. The campaign file does not state it, so it is drawn.
+STATIC_RAMPS_S = (0.005, 0.012)
 
+# The values are those of `nominal_world`; `[known_to]` are its prior standard deviations.
 HEAD = """format = "rfca-campaign/1"
 title = "A campaign"
 
@@ -64,7 +67,7 @@ contact_stiffness_relative = 0.5
 
 
 def write_campaign(case: Case, folder: Path) -> None:
-    """Writes the case's campaign into `folder`, which is made; nothing in it says what is concealed."""
+    """Write the case's campaign into `folder`, which is created; nothing in it reveals the hidden effects."""
     random = np.random.default_rng(case.seed)
     (folder / "runs").mkdir(parents=True)
     strokes = _strokes(case, folder, random)
@@ -73,13 +76,15 @@ def write_campaign(case: Case, folder: Path) -> None:
 
 
 def add_experiment(case: Case, folder: Path, proposal: Mapping[str, Any], number: int) -> None:
-    """Does one more experiment on the case's rig, as a diagnosis proposes it: a height with a speed and repeats, or with stages.
+    """Add one more experiment on the case's rig to its campaign folder, as a diagnosis proposes it.
 
-    `number` from 1 tells experiments on one rig apart, by name and in what differs from time to time.
+    `proposal` is a height with a speed and repeats, or with stages. `number`, from 1, distinguishes the experiments on one rig: it is
+    part of their names and seeds their scatter.
     """
     random = np.random.default_rng([case.seed, number])
     path = folder / "campaign.toml"
     written = path.read_text(encoding="utf-8")
+    # Effects that grow with the number of strokes continue where the campaign ended.
     before = written.count(DYNAMIC)
     height_mm, name = float(proposal["height_mm"]), f"next-{number:02d}"
     if "speed_rad_s" in proposal:
@@ -93,8 +98,9 @@ def add_experiment(case: Case, folder: Path, proposal: Mapping[str, Any], number
 
 
 def _strokes(case: Case, folder: Path, random: np.random.Generator, name: str = "dynamic", before: int = 0) -> list[str]:
-    """Writes the strokes, made after those `before`; returns their entries. The effect's size varies between conditions where the case
-    says so.
+    """Write the recordings of all strokes and return their entries in the campaign file.
+
+    `before` is the number of earlier strokes. The effect's size varies between conditions where the case says so.
     """
     entries: list[str] = []
     speeds = tuple(speed for _, speed in case.design.conditions)
@@ -111,6 +117,7 @@ def _strokes(case: Case, folder: Path, random: np.random.Generator, name: str = 
 
 
 def _stronger(case: Case, random: np.random.Generator) -> float:
+    # Drawn also where the spread is zero: the random stream is then the same for all cases. Bounded, so that no effect changes its sign.
     spread = case.uneven.per_condition if case.uneven is not None else 0.0
     return float(max(1.0 + spread * random.normal(), 0.2))
 
@@ -123,7 +130,7 @@ def _static(
     wanted: Sequence[tuple[float, str]] = STAGES,
     before: int = 0,
 ) -> list[str]:
-    """Writes the static table, if there is one, read after the strokes `before`; returns its entry."""
+    """Write the static table, if the design has one, measured after the strokes `before`; returns its entry."""
     stages: list[ExamStage] = []
     ramp_s = float(random.uniform(*STATIC_RAMPS_S))
     for height_mm in case.design.static_heights_mm:
@@ -153,6 +160,6 @@ def _static_csv(stages: list[ExamStage], mislabelled: str | None) -> str:
     lines = [header]
     for i, stage in enumerate(stages):
         hinges = ",".join(f"{angle:.4f}" for angle in stage.hinge_deg)
-        felt = ",".join(f"{written[name][i]:.4f}" for name in ("fy_N", "fz_N", "tx_Nm"))
-        lines.append(f"{stage.height_mm:g},{stage.stage},{stage.direction},{stage.shaft_angle_rad:.4f},{hinges},{felt}")
+        columns = ",".join(f"{written[name][i]:.4f}" for name in ("fy_N", "fz_N", "tx_Nm"))
+        lines.append(f"{stage.height_mm:g},{stage.stage},{stage.direction},{stage.shaft_angle_rad:.4f},{hinges},{columns}")
     return "\n".join(lines) + "\n"

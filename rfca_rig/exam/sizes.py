@@ -1,8 +1,8 @@
-"""How large a concealed effect is: from hardly visible to gross, over the noise of one sample.
+"""Sizes of hidden effects: from hardly visible to gross, relative to the noise of one sample.
 
-The spans were chosen so that the trace of fz before the valley shifts by about twice to fifty times the noise of a sample, 0.15 N, at
-215 mm and 2.4 rad/s, and stay within what is plausible on a leg of 0.3 kg and 0.3 m. Strength 0 is the first value, 1 the second;
-geometric in between where both have one sign. `EITHER` draws a sign, `AROUND` adds or takes the amount from a nominal value.
+The ranges shift the trace of fz before the valley by about 2 to 50 times the noise of a sample, 0.15 N, at 215 mm and 2.4 rad/s. They stay
+within what is plausible on a leg of 0.3 kg and 0.3 m. Strength 0 is the first value, 1 the second, geometric in between. `either_sign`
+draws a sign; `around` is a nominal value to which the amount is added.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from rfca_rig.exam.world import HINGES
 
 @dataclass(frozen=True)
 class SizeRange:
-    """One parameter from `faint` to `strong`. `free` ones do not follow the strength, but are drawn between the two."""
+    """One parameter from `faint` to `strong`. A `free` one does not follow the strength but is drawn between the two."""
 
     faint: float
     strong: float
@@ -28,6 +28,7 @@ class SizeRange:
         share = random.random() if self.free else strength
         size = float(self.faint * (self.strong / self.faint) ** share)
         sign = random.choice([-1.0, 1.0]) if self.either_sign else 1.0
+        # Four digits, so that the truth states exactly the value that was simulated.
         return float(f"{self.around + sign * size:.4g}")
 
 
@@ -122,10 +123,11 @@ def values_of(effect_id: str, strength: float, random: np.random.Generator) -> d
     if effect_id == "heavier_link":
         values["link"] = float(random.integers(2, HINGES + 1))
     if effect_id in ("damaged_hinge", "hinge_rest_angle_of_one"):
-        values["hinge"] = float(random.integers(2, HINGES + 1))  # the last one bends too little to tell
+        # Not the last hinge: it bends too little to be distinguished.
+        values["hinge"] = float(random.integers(2, HINGES + 1))
     return values
 
 
 def stranger_values(name: str, strength: float, random: np.random.Generator) -> dict[str, float]:
-    """Parameters of a stranger at a strength from 0 to 1."""
+    """Parameters of an effect outside the catalogue at a strength from 0 to 1."""
     return {key: span.at(strength, random) for key, span in STRANGER_SPANS[name].items()}

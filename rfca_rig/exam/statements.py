@@ -1,8 +1,8 @@
 """Scores of graded answers: whether each statement is true, whether sizes lie in their intervals, whether a place is right.
 
 A statement is an effect that is stated as identified or as most of what is missing, or a family where no effect is stated. An effect is
-true if the case conceals it, or one of those that it cannot be told from. A family is true if the case conceals a member, or an effect
-outside the catalogue that belongs to it.
+true if the case hides it, or an effect of its indistinguishable set. A family is true if the case hides a member, or an effect outside
+the catalogue that belongs to it.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -17,8 +17,10 @@ from rfca_rig.exam.outcome import DETECTABLE, Truth
 from rfca_rig.exam.pendulum_cases import PENDULUM_NOTHING, PENDULUM_SINGLE
 from rfca_rig.model.families import families_of, members_of
 
-SURE = 0.8  # stated probability from which a wrong statement counts
-LEAST = 0.3  # probabilities below are of no statement; their calibration is not asked for
+# Stated probability from which a wrong statement counts.
+SURE = 0.8
+# Lower probabilities lead to no statement, so their calibration is not scored.
+MIN_PROBABILITY = 0.3
 BINS = 7
 
 NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR, PENDULUM_NOTHING)
@@ -54,14 +56,14 @@ STRANGERS: Mapping[str, tuple[str, str]] = {
 class StatementScores:
     """Counts as (hits, of).
 
-    `singles`: single effects that can be seen of which the effect, or its family, is stated and nothing wrong.
-    `claims_on_nothing`: cases with nothing missing in which an effect or family is stated.
-    `wrong`: wrong ones of all statements at SURE or more.
-    `family`: approximate laws whose family, or effect, is stated and nothing wrong.
-    `sizes`: parameters of true effects inside their 90 % intervals, `family_sizes` the same where the law is approximate.
-    `triples`: cases of three effects in which two or more are stated and nothing wrong.
-    `place`: effects outside the catalogue that are unexplained and located rightly, of those with a place.
-    `calibration_error`: expected calibration error of all probabilities of LEAST or more, NaN where there are none.
+    - `singles`: detectable single effects of which the effect, or its family, is stated and nothing wrong.
+    - `claims_on_nothing`: cases with nothing missing in which an effect or family is stated.
+    - `wrong`: wrong ones of all statements at SURE or more.
+    - `family`: approximate laws whose family, or effect, is stated and nothing wrong.
+    - `sizes`: parameters of true effects inside their 90 % intervals; `family_sizes`: the same where the law is approximate.
+    - `triples`: cases of three effects in which two or more are stated and nothing wrong.
+    - `place`: effects outside the catalogue that are unexplained and located rightly, of those with a place.
+    - `calibration_error`: expected calibration error of the `probabilities` of MIN_PROBABILITY or more, NaN where there are none.
     """
 
     singles: tuple[int, int]
@@ -77,50 +79,50 @@ class StatementScores:
 
 
 def score_statements(judged: Judged) -> StatementScores:
-    """The scores of these cases."""
-    null = [said for truth, said in judged if truth.kind in NULL_KINDS]
-    sure = [right for truth, said in judged for probability, right in statements(truth, said) if probability >= SURE]
+    """Score the statements of these cases."""
+    null = [answer for truth, answer in judged if truth.kind in NULL_KINDS]
+    sure = [right for truth, answer in judged for probability, right in statements(truth, answer) if probability >= SURE]
     approximate = [pair for pair in judged if pair[0].kind == cases.APPROXIMATE]
     triples = [pair for pair in judged if pair[0].kind == cases.TRIPLE]
     singles = [pair for pair in judged if pair[0].kind in SINGLE_KINDS and pair[0].left >= DETECTABLE]
     lawful = [pair for pair in judged if not pair[0].lawless]
     placed = [
-        said.place == STRANGERS[name][1]
-        for truth, said in judged
+        answer.place == STRANGERS[name][1]
+        for truth, answer in judged
         for name in truth.strangers
-        if said.grade == "unexplained" and said.place and name in STRANGERS
+        if answer.grade == "unexplained" and answer.place and name in STRANGERS
     ]
     probability, true = _probabilities(judged)
     return StatementScores(
         singles=(sum(has_right_family(*pair) for pair in singles), len(singles)),
-        claims_on_nothing=(sum(bool(said.stated or _family_alone(said)) for said in null), len(null)),
+        claims_on_nothing=(sum(bool(answer.stated or _family_alone(answer)) for answer in null), len(null)),
         wrong=(sum(not right for right in sure), len(sure)),
         family=(sum(has_right_family(*pair) for pair in approximate), len(approximate)),
-        sizes=_covered(lawful),
-        family_sizes=_covered(approximate),
+        sizes=_count_covered(lawful),
+        family_sizes=_count_covered(approximate),
         triples=(sum(_states_two(*pair) for pair in triples), len(triples)),
         place=(sum(placed), len(placed)),
-        calibration_error=calibration_error(np.array(probability), np.array(true), LEAST, BINS) if true else float("nan"),
+        calibration_error=calibration_error(np.array(probability), np.array(true), MIN_PROBABILITY, BINS) if true else float("nan"),
         probabilities=len(probability),
     )
 
 
 def statements(truth: Truth, said: Said) -> Iterator[tuple[float, bool]]:
-    """The stated probability of each statement of a case, and whether it is true."""
+    """Stated probability of each statement of a case, and whether the statement is true."""
     for claim in said.stated:
         yield claim.probability, is_true("effect", claim.members, truth)
     if not said.stated and _family_alone(said):
         yield said.probability, is_true("family", {said.family}, truth)
 
 
-def _family_alone(said: Said) -> bool:
-    return said.grade == "family" and bool(said.family)
+def _family_alone(answer: Said) -> bool:
+    return answer.grade == "family" and bool(answer.family)
 
 
 def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
-    """Whether one of these effects, or a member of one of these families, is there.
+    """Whether the case hides one of these effects, or a member of one of these families.
 
-    An effect outside the catalogue counts for its family.
+    `kind` is "effect" or "family". An effect outside the catalogue counts for its family.
     """
     there = truth.effects.keys() | truth.accepted
     if kind == "effect":
@@ -130,7 +132,7 @@ def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
 
 
 def has_right_family(truth: Truth, said: Said) -> bool:
-    """Whether an effect of a true one's families, or its family, is stated, and nothing that is of no such family."""
+    """Whether an effect or a family is stated, and all statements belong to families of true effects."""
     right = {family.id for effect in truth.effects for family in families_of(effect)}
     stated = [{family.id for member in claim.members for family in families_of(member)} for claim in said.stated]
     if not stated and _family_alone(said):
@@ -138,23 +140,27 @@ def has_right_family(truth: Truth, said: Said) -> bool:
     return bool(stated) and all(each & right for each in stated)
 
 
-def _states_two(truth: Truth, said: Said) -> bool:
-    found = [bool(claim.members & truth.effects.keys()) for claim in said.stated]
+def _states_two(truth: Truth, answer: Said) -> bool:
+    found = [bool(claim.members & truth.effects.keys()) for claim in answer.stated]
     return len(found) >= 2 and all(found)
 
 
-def _covered(judged: Judged) -> tuple[int, int]:
+def _count_covered(judged: Judged) -> tuple[int, int]:
     inside = [
-        covered for truth, said in judged for claim in said.stated for _, covered in parameter_errors(truth, claim) if covered is not None
+        covered
+        for truth, answer in judged
+        for claim in answer.stated
+        for _, covered in parameter_errors(truth, claim)
+        if covered is not None
     ]
     return sum(inside), len(inside)
 
 
 def _probabilities(judged: Judged) -> tuple[list[float], list[bool]]:
-    """Of every effect and family of the best explanation, stated or not."""
+    """Probabilities, and whether each is right, of every effect and family of the best explanation, stated or not."""
     found = []
-    for truth, said in judged:
-        for kind, names, probability in said.support:
-            if probability >= LEAST:
+    for truth, answer in judged:
+        for kind, names, probability in answer.support:
+            if probability >= MIN_PROBABILITY:
                 found.append((probability, is_true(kind, names, truth)))
     return [probability for probability, _ in found], [right for _, right in found]

@@ -1,4 +1,4 @@
-"""Errors that every model has: links and hinges not alike, a contact law of another shape. No effect of the catalogue, and small."""
+"""Usual model errors: links and hinges that are not identical, a contact law of another shape. Small, and no effect of the catalogue."""
 
 from dataclasses import dataclass, replace
 
@@ -7,7 +7,8 @@ import numpy as np
 from rfca_rig.exam.engine_floor import TYPICAL_DEPTH_M
 from rfca_rig.exam.world import HINGES, LINKS, Floor, World
 
-MOST_POWER = 1.25  # of the depth, in how much higher friction acts; and one over it at least
+# Largest power of the depth in the reduction of friction's lever; the smallest is one over it.
+MAX_LEVER_POWER = 1.25
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Structured:
 
 
 def drawn_structured(share: float, random: np.random.Generator) -> Structured:
-    """Relative errors of one standard deviation `share`, damping five times as much; the lengths keep their sum."""
+    """Draw relative errors with standard deviation `share`, five times as much for damping; the lengths keep their sum."""
     length = 1.0 + 0.5 * share * random.normal(size=LINKS)
     return Structured(
         length=tuple(length / length.mean()),
@@ -37,12 +38,12 @@ def drawn_structured(share: float, random: np.random.Generator) -> Structured:
         two_sided=bool(random.random() < 0.3),
         presliding_factor=float(2.0 ** random.uniform(-1.0, 1.0)),
         lever_share=float(random.choice([0.0, 0.5, 1.0])),
-        lever_power=float(MOST_POWER ** random.spawn(1)[0].uniform(-1.0, 1.0)),
+        lever_power=float(MAX_LEVER_POWER ** random.spawn(1)[0].uniform(-1.0, 1.0)),
     )
 
 
 def distorted(world: World, error: Structured) -> World:
-    """The world with these errors in it."""
+    """The world with these errors."""
     links, hinges = world.links, world.hinges
     return replace(
         world,
@@ -52,11 +53,12 @@ def distorted(world: World, error: Structured) -> World:
             k0_Nm_per_rad=_each(hinges.k0_Nm_per_rad, error.k0),
             damping_Nm_s_per_rad=_each(hinges.damping_Nm_s_per_rad, error.damping),
         ),
-        floor=_reshaped(world.floor, error),
+        floor=_reshape(world.floor, error),
     )
 
 
-def _reshaped(floor: Floor, error: Structured) -> Floor:
+def _reshape(floor: Floor, error: Structured) -> Floor:
+    # The stiffness keeps the force at a typical depth: only the shape of the law changes.
     return replace(
         floor,
         stiffness=floor.stiffness * TYPICAL_DEPTH_M ** (floor.exponent - error.exponent),

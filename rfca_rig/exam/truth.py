@@ -1,4 +1,4 @@
-"""What is written under seal about a case."""
+"""The truth of a case, as it is sealed."""
 
 import math
 from dataclasses import asdict, replace
@@ -14,13 +14,15 @@ FORMAT = "rfca-exam-truth/1"
 def truth_of(case: Case) -> dict[str, Any]:
     """The truth of a case as plain data.
 
-    `effects` holds what a diagnosis should name, `strangers` what it cannot; `also_right` are names that say the same; with
-    `silence_is_right` "nothing missing" is right too. `size` tells how far the concealed physics shifts the forces, in units of
-    a sample's noise; `left_of_each` the same for each effect alone, as far as nominal values cannot explain it; `above_of_each` in units
-    of noise and of the usual model error.
+    - `effects`: the effects that a diagnosis should identify; `strangers`: those outside the catalogue.
+    - `also_right`: other effects that describe the same thing.
+    - `silence_is_right`: "nothing missing" is right too.
+    - `size`: shift of the forces by the hidden effects, in units of a sample's noise.
+    - `left_of_each`: the same for each effect alone, as far as nominal values cannot explain it.
+    - `above_of_each`: as `left_of_each`, in units of noise and of the usual model error.
     """
     size = size_of(case) if case.effects or case.strangers or case.mislabelled else Size(0.0, 0.0, 0.0)
-    each = _alone(case, size)
+    each = _sizes_alone(case, size)
     return {
         "format": FORMAT,
         "case": case.id,
@@ -32,12 +34,12 @@ def truth_of(case: Case) -> dict[str, Any]:
         "silence_is_right": case.mislabelled in TOLD_BY_ENCODER,
         "strength": case.strength,
         "size": {
-            "shift_over_noise": _rounded(size.shift),
-            "left_over_noise": _rounded(size.left),
-            "left_over_model_error": _rounded(size.above),
+            "shift_over_noise": _round(size.shift),
+            "left_over_noise": _round(size.left),
+            "left_over_model_error": _round(size.above),
         },
-        "left_of_each": {effect: _rounded(alone.left) for effect, alone in each.items()},
-        "above_of_each": {effect: _rounded(alone.above) for effect, alone in each.items()},
+        "left_of_each": {effect: _round(alone.left) for effect, alone in each.items()},
+        "above_of_each": {effect: _round(alone.above) for effect, alone in each.items()},
         "believed_off_by": asdict(case.off),
         "late_s": case.late_s,
         "model_error": case.model_error,
@@ -49,12 +51,13 @@ def truth_of(case: Case) -> dict[str, Any]:
     }
 
 
-def _alone(case: Case, whole: Size) -> dict[str, Size]:
-    """An effect in a pair may be invisible; then nobody can be asked to name it."""
+def _sizes_alone(case: Case, whole: Size) -> dict[str, Size]:
+    """Size of each effect alone: one effect of a pair may be invisible, and then no diagnosis can be expected to identify it."""
     if len(case.effects) < 2:
         return dict.fromkeys(case.effects, whole)
     return {effect: size_of(replace(case, effects={effect: values})) for effect, values in case.effects.items()}
 
 
-def _rounded(size: float) -> float | None:
+def _round(size: float) -> float | None:
+    # JSON has no infinity: null stands for it, see `outcome.truth_in`.
     return float(f"{size:.3g}") if math.isfinite(size) else None

@@ -1,4 +1,4 @@
-"""Physics that is in no catalogue. The right answer to them is that something is unexplained, never a name."""
+"""Effects outside the catalogue. The right answer to them is "unexplained", never a named effect."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -9,25 +9,25 @@ Values = Mapping[str, float]
 
 
 def with_stranger(world: World, name: str, values: Values, repeat: int) -> World:
-    """The world with one stranger in it, as it is in this repeat (from 1)."""
+    """The world with one effect from outside the catalogue, as it is in this repeat (from 1)."""
     if name == "stiffness_falls_with_repeats":
-        return _softened(world, (1.0 - values["share_per_repeat"]) ** (repeat - 1))
+        return _soften(world, (1.0 - values["share_per_repeat"]) ** (repeat - 1))
     return STRANGERS[name](world, values)
 
 
-def _softened(world: World, factor: float) -> World:
+def _soften(world: World, factor: float) -> World:
     k0 = tuple(factor * each for each in world.hinges.k0_Nm_per_rad)
     return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=k0))
 
 
 def force_cogging(world: World, values: Values) -> World:
-    """A ripple over the shaft angle that only fz shows."""
+    """A ripple of fz over the shaft angle, in no other channel."""
     sensing = replace(world.sensing, cogging_N=values["force_N"], cogging_cycles=values["cycles_per_turn"])
     return replace(world, sensing=sensing)
 
 
 def hinge_asymmetry(world: World, values: Values) -> World:
-    """Hinges stiffer one way than the other."""
+    """Hinges that are stiffer in one direction than in the other."""
     return replace(world, hinges=replace(world.hinges, asymmetry=everywhere(values["share"])))
 
 
@@ -37,7 +37,7 @@ def floor_magnet(world: World, values: Values) -> World:
 
 
 def friction_by_direction(world: World, values: Values) -> World:
-    """A floor rougher against one direction of sliding."""
+    """A floor with more friction in one direction of sliding."""
     return replace(world, floor=replace(world.floor, mu_backward_share=values["backward_share"]))
 
 
@@ -52,12 +52,12 @@ def sensor_play(world: World, values: Values) -> World:
 
 
 def sensor_creep(world: World, values: Values) -> World:
-    """A reading of fz that creeps on after the force has come."""
+    """A reading of fz that continues to creep after the force is constant."""
     return replace(world, sensing=replace(world.sensing, creep_share=values["share"], creep_s=values["time_s"]))
 
 
 def mains_hum(world: World, values: Values) -> World:
-    """Pick-up of the mains, or of its double, in fz."""
+    """Interference of the mains frequency, or of twice that, in fz."""
     return replace(world, sensing=replace(world.sensing, hum_N=values["amplitude_N"], hum_Hz=values["frequency_Hz"]))
 
 
@@ -78,7 +78,7 @@ def hinge_detents(world: World, values: Values) -> World:
 
 
 def tendon(world: World, values: Values) -> World:
-    """An elastic cord along all hinges: each is pulled by the bend of all."""
+    """An elastic cord along all hinges: its torque on each is proportional to the sum of all hinge angles."""
     return replace(world, hinges=replace(world.hinges, tendon_Nm_per_rad=everywhere(values["stiffness_Nm_per_rad"])))
 
 

@@ -1,4 +1,4 @@
-"""How much of what a case conceals the forces show, and how much of that remains when the nominal values may move."""
+"""Visibility of a case's hidden effects in the forces, as they are and after the nominal values have been fitted."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -27,16 +27,21 @@ from rfca_rig.exam.world import World
 
 Floats = NDArray[np.float64]
 
+# Usual model error, as a share of the force.
 MODEL_ERROR = 0.01
 
-FARTHEST = 4.0  # sigmas that a nominal value may move
-NEAR, SHORT = 0.3, 0.3  # sigmas within which moves stay as they are, and over which they are found anew
+# Limit of each nominal value's change, in its prior standard deviations.
+MAX_SIGMAS = 4.0
+# Step in sigmas below which the fit has converged, and step of the finite differences.
+CONVERGED_SIGMAS, DIFFERENCE_SIGMAS = 0.3, 0.3
+# Gauss-Newton steps.
 STEPS = 4
-BELIEVED = 7
+# Number of nominal values that are fitted.
+NOMINAL_VALUES = 7
 
 
 def sigmas_off(sigmas: Floats) -> OffBy:
-    """The nominal values that many standard deviations further, (7,)."""
+    """Differences from the nominal values by `sigmas` (7,) prior standard deviations each."""
     return OffBy(
         height_mm=HEIGHT_MM * sigmas[0],
         start_angle_deg=START_DEG * sigmas[1],
@@ -50,11 +55,12 @@ def sigmas_off(sigmas: Floats) -> OffBy:
 
 @dataclass(frozen=True)
 class Size:
-    """Root mean square of the change of fy, fz and tx, whichever is largest, in units of a sample's noise.
+    """Root mean square change of fy, fz and tx, the largest of the three, in units of a sample's noise.
 
-    `shift` as it is; `left` after the nominal values have moved within what they are known to, to explain it as well as they can.
-    `above` is what is left in units of noise and of the error that any model may have, MODEL_ERROR of the force: nobody can name what
-    hides below that.
+    - `shift`: the change itself.
+    - `left`: the remaining change after the nominal values have been fitted to it within their priors.
+    - `above`: as `left`, in units of noise and of the usual model error, MODEL_ERROR of the force. Effects below that cannot be
+      identified.
     """
 
     shift: float
@@ -63,33 +69,39 @@ class Size:
 
 
 def size_of(case: Case) -> Size:
-    """The size at the first and the last condition of the case, from the command to the valley of the leg without the effect.
+    """Size at the first and the last condition of the case, from the command to the valley of the leg without the effect.
 
-    Infinite where nothing but the labels of the columns or of the conditions is wrong.
+    It is infinite where only the labels of columns or conditions are wrong: these change no force.
     """
     if case.mislabelled and really(nominal_world(1.0), case.mislabelled) == nominal_world(1.0):
         return Size(np.inf, np.inf, np.inf)
     first, last = 0, len(case.design.conditions) - 1
-    seen = [_seen(case, number) for number in sorted({first, last})]
-    shift, moves, forces = (np.concatenate(parts, axis=1) for parts in zip(*((s.shift, s.moves, s.forces) for s in seen), strict=True))
+    conditions = [_simulate_condition(case, number) for number in sorted({first, last})]
+    shift, moves, forces = (
+        np.concatenate(parts, axis=1) for parts in zip(*((s.shift, s.moves, s.forces) for s in conditions), strict=True)
+    )
     noise, both = np.ones_like(forces), np.hypot(1.0, MODEL_ERROR * forces)
-    return Size(_largest(shift), _left(seen, shift, moves, noise), _left(seen, shift, moves, both))
+    return Size(_largest_rms(shift), _remainder(conditions, shift, moves, noise), _remainder(conditions, shift, moves, both))
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """One condition in units of a sample's noise: what the concealed physics does, (3, m), what one sigma of each nominal value does,
-    (3, m, p), the plain `forces` (3, m), and how they change where the nominal values have moved by so many sigmas each.
+class _Condition:
+    """One condition, in units of a sample's noise.
+
+    - `shift` (3, m): change by the hidden effects.
+    - `moves` (3, m, p): change by one sigma of each nominal value.
+    - `forces` (3, m): forces without the hidden effects.
+    - `change_by`: change (3, m) as a function of the nominal values' shifts (p,) in sigmas.
     """
 
     shift: Floats
     moves: Floats
     forces: Floats
-    moved_by: Callable[[Floats], Floats]
+    change_by: Callable[[Floats], Floats]
 
 
-def _seen(case: Case, number: int) -> _Seen:
-    """Of the last repeat of a condition."""
+def _simulate_condition(case: Case, number: int) -> _Condition:
+    """Simulate the last repeat of a condition, in which effects that grow with the repeats are largest."""
     (height_mm, speed), repeats = case.design.conditions[number], case.design.repeats
     before = (number + 1) * repeats - 1
     plain = replace(case, effects={}, strangers={}, uneven=None, mislabelled=None)
@@ -97,50 +109,58 @@ def _seen(case: Case, number: int) -> _Seen:
     base, until = _forces(world, speed, None)
     concealed, _ = _forces(world_of(case, 1e-3 * height_mm, ExamScatter(), repeats, strokes_before=before), speed, until)
 
-    def moved_by(sigmas: Floats) -> Floats:
+    def change_by(sigmas: Floats) -> Floats:
         return _forces(moved(world, sigmas_off(sigmas)), speed, until)[0] - base
 
-    moves = np.stack([moved_by(one) for one in np.eye(BELIEVED)], axis=-1)
-    return _Seen(concealed - base, moves, base, moved_by)
+    moves = np.stack([change_by(one) for one in np.eye(NOMINAL_VALUES)], axis=-1)
+    return _Condition(concealed - base, moves, base, change_by)
 
 
-def _left(seen: Sequence[_Seen], shift: Floats, moves: Floats, units: Floats) -> float:
-    """What the nominal values leave of the shift after some steps of Gauss and Newton, the prior of each one observation.
+def _remainder(conditions: Sequence[_Condition], shift: Floats, moves: Floats, units: Floats) -> float:
+    """Remaining shift, in these units, after a Gauss-Newton fit of the nominal values with their priors.
 
-    Far from where they are believed their moves are another, as the swing of a leg under much more damping.
+    `shift` and `units` are (3, m), `moves` (3, m, p). The Jacobian is computed again after each large step, because far from the
+    prior means the model is not linear.
     """
-    there, rest, least = np.zeros(BELIEVED), shift, np.inf
+    there, rest, least = np.zeros(NOMINAL_VALUES), shift, np.inf
     for _ in range(STEPS):
-        step = _step(rest / units, moves / units[..., None], there)
-        least = min(least, _largest((rest - moves @ step) / units))
-        if np.abs(step).max() < NEAR:
+        # Gauss-Newton steps need not descend, so the smallest value of all steps counts.
+        step = _gauss_newton_step(rest / units, moves / units[..., None], there)
+        least = min(least, _largest_rms((rest - moves @ step) / units))
+        if np.abs(step).max() < CONVERGED_SIGMAS:
             break
-        there = np.clip(there + step, -FARTHEST, FARTHEST)
-        moved_there = _moved_by(seen, there)
+        there = np.clip(there + step, -MAX_SIGMAS, MAX_SIGMAS)
+        moved_there = _change_by(conditions, there)
         rest = shift - moved_there
-        moves = np.stack([(_moved_by(seen, there + SHORT * one) - moved_there) / SHORT for one in np.eye(BELIEVED)], axis=-1)
-    return min(least, _largest(rest / units))
+        moves = np.stack(
+            [(_change_by(conditions, there + DIFFERENCE_SIGMAS * one) - moved_there) / DIFFERENCE_SIGMAS for one in np.eye(NOMINAL_VALUES)],
+            axis=-1,
+        )
+    return min(least, _largest_rms(rest / units))
 
 
-def _step(rest: Floats, moves: Floats, there: Floats) -> Floats:
-    J = moves.reshape(-1, BELIEVED)
-    return np.asarray(np.linalg.solve(J.T @ J + np.eye(BELIEVED), J.T @ rest.ravel() - there))
+def _gauss_newton_step(rest: Floats, moves: Floats, there: Floats) -> Floats:
+    # The identity is the prior: the unknowns are in units of their prior standard deviations.
+    J = moves.reshape(-1, NOMINAL_VALUES)
+    return np.asarray(np.linalg.solve(J.T @ J + np.eye(NOMINAL_VALUES), J.T @ rest.ravel() - there))
 
 
-def _moved_by(seen: Sequence[_Seen], sigmas: Floats) -> Floats:
-    return np.concatenate([one.moved_by(sigmas) for one in seen], axis=1)
+def _change_by(conditions: Sequence[_Condition], sigmas: Floats) -> Floats:
+    return np.concatenate([one.change_by(sigmas) for one in conditions], axis=1)
 
 
-def _largest(x: Floats) -> float:
+def _largest_rms(x: Floats) -> float:
     return float(np.sqrt((x**2).mean(axis=1)).max())
 
 
 def _forces(world: World, speed: float, until: int | None) -> tuple[Floats, int]:
-    """fy, fz and tx (3, m) in units of their noise up to sample `until`, the valley where that is not given."""
+    """fy, fz and tx (3, m) in units of their noise, up to sample `until`; by default the valley."""
+    # Coarser than for recordings: the size of an effect needs less accuracy than its data.
     traces = stroke_traces(world, speed, step_s=2e-4)
     noise = Noise()
     fy, fz, tx = felt(world, traces)
     first = int(np.searchsorted(traces.t_s, 0.0))
+    # Not before 0.3 s, so that the start of the motion is not taken for the valley.
     if until is None:
         until = int(np.argmin(np.where(traces.t_s > 0.3, fz, 0.0)))
     return np.array([fy / noise.fy_N, fz / noise.fz_N, tx / noise.tx_Nm])[:, first:until], until

@@ -1,4 +1,4 @@
-"""The physics of one stroke as the exam's simulator knows it: everything that a concealed effect can change. SI units, radians."""
+"""Parameters of the exam's simulator for one stroke: everything that a hidden effect can change. SI units, radians."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ HINGES = LINKS - 1
 
 
 def everywhere(value: float, count: int = HINGES) -> tuple[float, ...]:
-    """The same value at each hinge, or at each of `count` places."""
+    """The same value for each hinge, as a tuple of `count`."""
     return (value,) * count
 
 
 @dataclass(frozen=True)
 class Links:
-    """Rods from the shaft outwards: lengths and masses (7,); a point mass rides on the far end of the last."""
+    """Rods from the shaft outwards: lengths and masses (7,); a point mass sits on the far end of the last."""
 
     length_m: tuple[float, ...]
     mass_kg: tuple[float, ...]
@@ -26,12 +26,18 @@ class Links:
 
 @dataclass(frozen=True)
 class Hinges:
-    """What resists the turn phi of each hinge, from the shaft outwards; every field (6,), zero where there is none of it.
+    """Laws that resist the turn phi of each hinge, from the shaft outwards; every field is (6,), zero where the law is absent.
 
-    The spring k0 x (1 + k2 x^2) engages at x = phi - preset, less the play `gap` on either side; `asymmetry` makes it harder by
-    that share for x > 0 and softer for x < 0. Beside it: damping linear and quadratic in the rate, a stop, dry friction of the pin,
-    which is full after `pin_creep` of turn, a rate-independent loop (torque and angle at which it saturates), a spring in series with a
-    dashpot. Detents pull the hinge to even angles. A tendon along the leg pulls at every hinge in proportion to the whole bend.
+    The spring torque is k0 x (1 + k2 x^2) with x = phi - preset, less the play `gap` on either side. `asymmetry` makes it stiffer by
+    that share for x > 0 and softer for x < 0. Further laws:
+
+    - damping, linear and quadratic in the rate;
+    - a stop at `stop_rad`;
+    - dry friction of the pin, which is full after `pin_creep` of turn;
+    - a rate-independent hysteresis `loop`, with the torque and the angle at which it saturates;
+    - an `arm`: a spring in series with a dashpot, by its stiffness and time constant;
+    - detents, which pull the hinge to evenly spaced angles;
+    - a tendon along the leg, which pulls at every hinge in proportion to the sum of all hinge angles.
     """
 
     k0_Nm_per_rad: tuple[float, ...]
@@ -41,6 +47,7 @@ class Hinges:
     preset_rad: tuple[float, ...] = everywhere(0.0)
     asymmetry: tuple[float, ...] = everywhere(0.0)
     quadratic_Nm_s2_per_rad2: tuple[float, ...] = everywhere(0.0)
+    # Beyond any possible angle.
     stop_rad: tuple[float, ...] = everywhere(10.0)
     stop_Nm_per_rad: tuple[float, ...] = everywhere(0.0)
     pin_Nm: tuple[float, ...] = everywhere(0.0)
@@ -58,13 +65,15 @@ class Hinges:
 class Floor:
     """The floor under the circles at the link ends.
 
-    Normal force stiffness depth^exponent (1 + damping * rate), the rate of separation counts too unless not `two_sided`.
-    Friction mu N at the limit, reached over `presliding`; a viscous share beside it. `mu_backward_share` times mu for slip to -y.
-    The floor rises by `slope`, and by a bump of Gaussian shape. `adhesion` pulls while touching, fully from about
-    `adhesion_hold` of depth on; `magnet` pulls the tip from afar,
-    half as strong at `magnet_reach / 2.41`, a quarter at `magnet_reach`. `lever_share` of the depth is taken off the lever of friction at
-    a typical depth; `lever_power` says how that grows with the depth. On a patch from `patch_at` on, friction and stiffness are other by
-    these factors. The floor shakes up and down by `shake` at `shake_Hz`.
+    - Normal force: stiffness depth^exponent (1 + damping * rate). Damping acts during separation too if `two_sided`.
+    - Friction: at most mu N, reached over `presliding`, and a viscous share beside it. For slip to -y, mu is multiplied by
+      `mu_backward_share`. `stribeck_rise` is how much more it is at rest, relative to mu; the rise decays over the speed `stribeck_m_s`.
+    - Lever: `lever_share` of the depth is taken off friction's lever at a typical depth; `lever_power` is its power of the depth.
+    - Shape: a `slope`, and a bump of Gaussian shape.
+    - Attraction: `adhesion` pulls while touching, fully from about `adhesion_hold` of depth on. `magnet` pulls the tip from afar, half as
+      strong at 0.41 `magnet_reach`, a quarter at `magnet_reach`.
+    - Patch: from `patch_at` on, over `patch_width`, friction and stiffness are multiplied by these factors.
+    - Shaking: up and down by `shake` at `shake_Hz`.
     """
 
     stiffness: float
@@ -98,11 +107,11 @@ class Floor:
 
 @dataclass(frozen=True)
 class DriveOf:
-    """What turns the leg. Stiff unless said otherwise; `kp` > 0 puts a rotor under PI control of its speed, whose torque
-    stays within `limit`; beside it the motor cogs.
+    """The drive of the shaft. It follows its command exactly unless these fields say otherwise.
 
-    `shaft_Nm_per_rad` > 0 is a twist between motor and leg, with play `shaft_gap` on either side, whose ends lose energy. `cable_Nm` drags
-    against the turn, and a hose turns the leg back to its start like a spring.
+    `kp` > 0 puts a rotor under PI control of its speed, with a torque within `limit`; beside it the motor has cogging.
+    `shaft_Nm_per_rad` > 0 is a torsion spring between motor and leg, with play `shaft_gap` on either side, whose ends lose energy.
+    `cable_Nm` drags against the turn, and a hose turns the leg back to its start like a spring.
     `ramp_s` is how long the command takes to reach its speed, and `late_s` how long it takes to reach the drive.
     """
 
@@ -118,6 +127,7 @@ class DriveOf:
     ripple_share: float = 0.0
     ripple_cycles: float = 1.0
     ripple_phase_rad: float = 0.0
+    # Practically no limit.
     limit_Nm: float = 1e9
     cogging_Nm: float = 0.0
     cogging_cycles: float = 1.0
@@ -128,9 +138,9 @@ class DriveOf:
 
 @dataclass(frozen=True)
 class Mount:
-    """Where the shaft is. Gravity leans towards +y by `lean_rad`.
+    """Position of the shaft. Gravity leans towards +y by `lean_rad`.
 
-    `frame_kg` > 0 lets it yield along a line that leans from down towards +y; the sensor feels a share of this mass.
+    `frame_kg` > 0 lets the shaft yield along a line that leans from down towards +y; the sensor feels a share of this mass.
     """
 
     height_m: float
@@ -145,8 +155,8 @@ class Mount:
 
 @dataclass(frozen=True)
 class Sensing:
-    """What the sensor makes of the force, in this order: cogging, gain and curvature, play, creep, crosstalk, ringing, lag, clock, drift,
-    hum, clipping, dead band and last digit.
+    """Faults of the force sensor. They act in this order: cogging, gain and curvature, play, creep, crosstalk, ringing, lag, clock,
+    drift, hum, clipping, dead band and resolution.
 
     `curvature_per_N` makes fz read fz (1 + curvature |fz|); `cogging` is a ripple of fz over the shaft angle; `play_N` is half the width
     of a loop of fz, as of a loose mount; fz creeps on by `creep_share` of itself within about `creep_s`; `hum` comes from the mains;
@@ -180,7 +190,7 @@ class Sensing:
 
 @dataclass(frozen=True)
 class World:
-    """One rig, as it really is during one stroke; `strokes_before` it in the campaign."""
+    """The true rig during one stroke; `strokes_before` is how many strokes of the campaign were made before it."""
 
     links: Links
     hinges: Hinges

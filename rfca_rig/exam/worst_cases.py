@@ -1,4 +1,4 @@
-"""The twenty worst answers, with what is wrong about them: what to look at first."""
+"""The twenty worst answers, each with the reason: the first ones to look at."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,15 @@ from rfca_rig.exam.outcome import EXTRA, PARTIAL, SILENT, WRONG, Truth, false_cl
 from rfca_rig.exam.statements import SURE, statements
 
 LISTED = 20
-VALUE_OFF = 0.5  # relative error of a parameter from which a right name counts among the worst
+# Relative error of a parameter from which a right name counts among the worst.
+MIN_VALUE_ERROR = 0.5
 
 
 @dataclass(frozen=True)
 class Miss:
-    """One bad answer; `badness` is 3 and more for a false name, above 2 for another false statement, 1 to 2 for a true one missed,
-    below 1 for a value that is off.
+    """One bad answer.
+
+    `badness` is 3 or more for a false name, 2 to 3 for another false statement, 1 to 2 for a missed effect, below 1 for a wrong value.
     """
 
     case: str
@@ -24,41 +26,42 @@ class Miss:
 
 
 def worst(judged: Judged) -> tuple[Miss, ...]:
-    """The worst first."""
+    """The LISTED worst answers, the worst first."""
     misses = [miss for pair in judged if (miss := _miss(*pair)) is not None]
     return tuple(sorted(misses, key=lambda miss: (-miss.badness, miss.case))[:LISTED])
 
 
-def _miss(truth: Truth, said: Said) -> Miss | None:
-    wrong = [probability for probability, right in statements(truth, said) if probability >= SURE and not right]
-    if wrong and not said.named:
-        stated = " and ".join(claim.id for claim in said.stated) or said.family
+def _miss(truth: Truth, answer: Said) -> Miss | None:
+    wrong = [probability for probability, right in statements(truth, answer) if probability >= SURE and not right]
+    if wrong and not answer.named:
+        stated = " and ".join(claim.id for claim in answer.stated) or answer.family
         there = " and ".join((*truth.effects, *truth.strangers)) or "nothing"
-        return Miss(truth.case, truth.kind, 2.0 + max(wrong), f"stated {stated} as {said.grade} at {max(wrong):.0%}, there is {there}")
-    came = outcome(truth, said)
+        return Miss(truth.case, truth.kind, 2.0 + max(wrong), f"stated {stated} as {answer.grade} at {max(wrong):.0%}, there is {there}")
+    result = outcome(truth, answer)
     there = " and ".join(truth.effects) or ("something that no name fits" if truth.nameless else "nothing")
-    if came in (WRONG, EXTRA):
-        false = max(false_claims(truth, said) or said.named, key=lambda claim: claim.probability)
-        level = 4.0 if came == WRONG else 3.0
-        reason = f"named {false.id} at {false.probability:.0%}, {'which is not there' if came == EXTRA else f'there is {there}'}"
+    if result in (WRONG, EXTRA):
+        false = max(false_claims(truth, answer) or answer.named, key=lambda claim: claim.probability)
+        level = 4.0 if result == WRONG else 3.0
+        reason = f"named {false.id} at {false.probability:.0%}, {'which is not there' if result == EXTRA else f'there is {there}'}"
         return Miss(truth.case, truth.kind, level + false.probability, reason)
-    if came == SILENT:
-        return _missed(truth, there, truth.left)
-    if came == PARTIAL:
-        missed = sorted(set(truth.effects).difference(*(claim.members for claim in said.named)))
-        return _missed(truth, " and ".join(missed), max(truth.left_of_each[effect] for effect in missed))
-    return _value_off(truth, said)
+    if result == SILENT:
+        return _missed_effect(truth, there, truth.left)
+    if result == PARTIAL:
+        missed = sorted(set(truth.effects).difference(*(claim.members for claim in answer.named)))
+        return _missed_effect(truth, " and ".join(missed), max(truth.left_of_each[effect] for effect in missed))
+    return _value_off(truth, answer)
 
 
-def _missed(truth: Truth, what: str, left: float) -> Miss:
-    """`left` is how far that shifts the forces beyond what nominal values can explain, in units of the noise."""
-    seen = min(left / 100.0, 1.0)
-    return Miss(truth.case, truth.kind, 1.0 + seen, f"missed {what}, which shifts the forces by {left:.1f} times the noise")
+def _missed_effect(truth: Truth, what: str, left: float) -> Miss:
+    """A missed effect; `left` is its shift of the forces beyond what nominal values can explain, in units of the noise."""
+    # Larger shifts are worse to miss, up to a hundred times the noise; badness stays between 1 and 2.
+    severity = min(left / 100.0, 1.0)
+    return Miss(truth.case, truth.kind, 1.0 + severity, f"missed {what}, which shifts the forces by {left:.1f} times the noise")
 
 
-def _value_off(truth: Truth, said: Said) -> Miss | None:
-    errors = [(error, claim.id) for claim in said.named for error, _ in parameter_errors(truth, claim)]
-    if truth.lawless or not errors or max(errors)[0] < VALUE_OFF:
+def _value_off(truth: Truth, answer: Said) -> Miss | None:
+    errors = [(error, claim.id) for claim in answer.named for error, _ in parameter_errors(truth, claim)]
+    if truth.lawless or not errors or max(errors)[0] < MIN_VALUE_ERROR:
         return None
     error, effect = max(errors)
     return Miss(truth.case, truth.kind, min(error / 10.0, 0.99), f"a parameter of {effect} is off by {error:.0%}")

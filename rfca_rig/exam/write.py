@@ -1,4 +1,4 @@
-"""Writes cases of the exam: python -m rfca_rig.exam.write --out DIR --seed 1 --cases 40."""
+"""Writes cases of the exam and seals their truths: python -m rfca_rig.exam.write --out DIR --seed 1 --cases 40."""
 
 import argparse
 import sys
@@ -25,10 +25,10 @@ CAMPAIGNS = "campaigns"
 
 
 def write_cases(folder: Path, seed: int, numbers: Mapping[str, int], workers: int = 0) -> list[Path]:
-    """Writes as many cases of each kind as `numbers` says; returns the campaign folders, `folder`/campaigns/case-NNNN.
+    """Write `numbers` of cases of each kind; returns the campaign folders, `folder`/campaigns/case-NNNN.
 
-    The truths are sealed before the first campaign is written. `workers` processes share the work, see `executors.local`. What is there
-    already from the same plan stays as it is. Raises BadInput where `folder` holds something else, or where a kind is unknown.
+    The truths are sealed before the first campaign is written. `workers` processes share the work, see `executors.local`. Cases that
+    exist already from the same plan are kept. Raises BadInput where `folder` holds something else, or where a kind is unknown.
     """
     plan = ExamPlan(seed, numbers)
     with process_executor(workers) as executor:
@@ -36,7 +36,7 @@ def write_cases(folder: Path, seed: int, numbers: Mapping[str, int], workers: in
 
 
 def write_all(folder: Path, plan: ExamPlan, executor: TaskExecutor, told: Told = silent) -> list[Path]:
-    """The same, by `executor`; `told` hears how far it is."""
+    """As `write_cases`, with an executor; `told` is called with the progress."""
     begin(folder, plan)
     cases = drawn_cases(plan.seed, plan.numbers)
     _seal(cases, folder, executor, told)
@@ -49,7 +49,8 @@ def write_all(folder: Path, plan: ExamPlan, executor: TaskExecutor, told: Told =
 
 
 def _seal(cases: Sequence[Case | PendulumCase], folder: Path, executor: TaskExecutor, told: Told) -> None:
-    """Seals all truths, or completes what was sealed."""
+    """Seal all truths, or complete an interrupted sealing."""
+    # Hashes are written once. After an interruption only contents are added, which must match their hashes when they are opened.
     sealed = is_sealed(folder)
     missing = set(unwritten(folder)) if sealed else {case.id for case in cases}
     to_seal = [case for case in cases if case.id in missing]
@@ -66,7 +67,7 @@ def _truth_of(case: Case | PendulumCase) -> dict[str, Any]:
 
 
 def _write_whole(campaigns: Path, case: Case | PendulumCase) -> None:
-    """A campaign that is there is whole."""
+    """Write one campaign folder atomically: a folder that exists is complete."""
     with whole(campaigns / case.id) as into:
         if isinstance(case, PendulumCase):
             write_pendulum_campaign(case, into)
@@ -82,14 +83,14 @@ def main() -> int:
     parser.add_argument("--cases", type=int, default=40, help="how many, kinds in the proportions of the whole exam")
     parser.add_argument("--workers", type=int, default=1, help="processes that share the work")
     parser.add_argument("--kind", choices=KINDS, help="cases of this kind only")
-    asked = parser.parse_args()
-    numbers = {asked.kind: asked.cases} if asked.kind else shared_out(asked.cases)
+    arguments = parser.parse_args()
+    numbers = {arguments.kind: arguments.cases} if arguments.kind else shared_out(arguments.cases)
     try:
-        folders = write_cases(asked.out, asked.seed, numbers, asked.workers)
+        folders = write_cases(arguments.out, arguments.seed, numbers, arguments.workers)
     except RigError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    print(f"{len(folders)} campaigns in {asked.out / CAMPAIGNS}")
+    print(f"{len(folders)} campaigns in {arguments.out / CAMPAIGNS}")
     return 0
 
 

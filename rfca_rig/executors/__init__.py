@@ -1,4 +1,4 @@
-"""Who carries out many simulations: this process, processes of this machine, a cluster. Entry point: `mapping.map_unordered`.
+"""Parallel execution of many simulations: in this process, in local processes, or on a cluster. Entry point: `mapping.map_unordered`.
 
-`base` defines an executor; `local`, `cluster` (Dask) and `slurm` are the kinds. `environment` makes sure that workers compute the same.
+`base` defines an executor; `local`, `cluster` (Dask) and `slurm` implement it. `environment` checks that all workers compute the same.
 """

@@ -1,4 +1,4 @@
-"""What hands work out sees of whoever does it: an executor that knows how many hands it has."""
+"""Abstract executor that knows its number of workers, and the in-process one."""
 
 from abc import abstractmethod
 from collections.abc import Callable
@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class WorkerLost(Exception):
-    """The process that had the work was ended from outside, or ended itself; `times` it, and others before it."""
+    """The worker process of a task was killed, or ended itself. `times` counts this worker and earlier ones lost over the same task."""
 
     def __init__(self, words: str, times: int = 1) -> None:
         super().__init__(words)
@@ -18,10 +18,10 @@ class WorkerLost(Exception):
 
 
 class TaskExecutor(Executor):
-    """An executor whose futures end in WorkerLost where a worker was lost; the others do not notice.
+    """Executor whose futures fail with WorkerLost if their worker was lost; other futures are not affected.
 
-    Functions must be importable by name where the work is done, arguments and results picklable. Lost work is not handed out again before
-    `calm_after_loss_s` have passed: where workers end together, it must not be blamed for the next one as well.
+    Functions must be importable by name on the workers, arguments and results picklable. A lost task is not submitted again before
+    `calm_after_loss_s` has passed. If several workers end together, the task must not be blamed for the next one as well.
     """
 
     calm_after_loss_s = 0.0
@@ -29,19 +29,19 @@ class TaskExecutor(Executor):
     @property
     @abstractmethod
     def workers(self) -> int:
-        """How many there are now, at least 1; more may come, and some may leave."""
+        """Present number of workers, at least 1; it may change at any time."""
 
     @property
     def at_once(self) -> int:
-        """How much work to hand out before the first comes back: what they do, and a piece for each to go on with."""
+        """Number of tasks to submit before the first returns: one running and one waiting for each worker."""
         return 2 * self.workers
 
     def look(self) -> None:
-        """Asked now and then while nothing comes back. Raises RigError where nothing will come any more."""
+        """Called at intervals while no result arrives. Raises RigError if none can arrive any more."""
 
 
 class InProcessExecutor(TaskExecutor):
-    """Does the work at once, in this process."""
+    """Executes each task at once, in this process."""
 
     @property
     def workers(self) -> int:

@@ -1,4 +1,7 @@
-"""Workers elsewhere, known to a Dask scheduler: dask.distributed carries work and results, finds lost workers, and knows who is idle."""
+"""Executor on the workers of a Dask scheduler.
+
+dask.distributed transports tasks and results, detects lost workers, and knows which ones are idle.
+"""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -22,14 +25,17 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 CONNECT_S = 10.0
+# The scheduler is asked for its workers at most every so many seconds.
 COUNT_EVERY_S = 2.0
-FIRST_WORKER_S = 2.5  # between two looks for the first worker
+# Interval in s between two checks for the first worker.
+FIRST_WORKER_S = 2.5
 
 
 @dataclass(frozen=True)
 class WorkerStartup:
-    """What is known of workers to come: how many are expected, whom to tell how many there are, and `still_coming`, asked where there are
-    none: it raises RigError where there will be none.
+    """Start-up of the workers: the number expected, and a progress callback for the number present.
+
+    `still_coming` is called while there are no workers; it raises RigError if none will come.
     """
 
     expected: int
@@ -38,12 +44,14 @@ class WorkerStartup:
 
 
 class DaskExecutor(TaskExecutor):
-    """The workers of a scheduler, each of one thread."""
+    """Executor on the workers of a scheduler, each with one thread."""
 
-    calm_after_loss_s = 5.0  # a job array whose time is over ends within it
+    # The jobs of an array whose time limit is reached end within this time.
+    calm_after_loss_s = 5.0
 
     def __init__(self, client: Any, terms: EnvironmentCheck, facts: Callable[[], Facts], hiring: WorkerStartup, clock: Clock) -> None:
         self._client, self._terms, self._facts, self._hiring, self._clock = client, terms, facts, hiring, clock
+        # Not pure: Dask would otherwise return one result for two tasks with equal arguments.
         self._executor = client.get_executor(pure=False)
         self._counted_s, self._count = -inf, 0
 
@@ -53,11 +61,11 @@ class DaskExecutor(TaskExecutor):
 
     @property
     def at_once(self) -> int:
-        """One piece each: one that waits at a worker would be blamed as well for what that worker dies of."""
+        """One task per worker: a waiting one would be blamed as well if its worker is lost."""
         return self.workers
 
     def count(self) -> int:
-        """How many workers there are now, or were a moment ago."""
+        """Number of workers, at most two seconds old."""
         if self._clock.now_s() - self._counted_s > COUNT_EVERY_S:
             self._counted_s = self._clock.now_s()
             self._count = len(self._threads())
@@ -71,46 +79,53 @@ class DaskExecutor(TaskExecutor):
             self._hiring.still_coming()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        there = self._executor.submit(partial(_as_agreed, self._terms, self._facts, fn), *args, **kwargs)
-        here: Future[T] = Future()
-        here.add_done_callback(partial(_cancel_too, ref(there)))
-        there.add_done_callback(partial(self._hand_over, here))
-        return here
+        remote = self._executor.submit(partial(_check_and_run, self._terms, self._facts, fn), *args, **kwargs)
+        future: Future[T] = Future()
+        future.add_done_callback(partial(_cancel_too, ref(remote)))
+        remote.add_done_callback(partial(self._hand_over, future))
+        return future
 
-    def _hand_over(self, here: Future[T], there: Future[T]) -> None:
-        """The outcome there becomes the outcome here."""
-        if there.cancelled():
-            here.cancel()
-            here.set_running_or_notify_cancel()
-        elif here.set_running_or_notify_cancel():
-            error = there.exception()
+    def _hand_over(self, future: Future[T], remote: Future[T]) -> None:
+        """Copies the outcome of the Dask future to the local one."""
+        if remote.cancelled():
+            future.cancel()
+            future.set_running_or_notify_cancel()
+        elif future.set_running_or_notify_cancel():
+            error = remote.exception()
             if isinstance(error, distributed().KilledWorker):
-                self._counted_s = -inf  # the next piece must not go where two would meet
-                here.set_exception(WorkerLost("its process was ended from outside, perhaps for want of memory", error.allowed_failures + 1))
+                # Count the workers again at once, so that no worker gets two tasks.
+                self._counted_s = -inf
+                future.set_exception(
+                    WorkerLost("its process was ended from outside, perhaps for want of memory", error.allowed_failures + 1)
+                )
             elif error is not None:
-                here.set_exception(error)
+                future.set_exception(error)
             else:
-                here.set_result(there.result())
+                future.set_result(remote.result())
 
     def check(self, notice: Callable[[str], None]) -> None:
-        """All workers of now are held against the terms. Raises BadInput for the first that is otherwise; tells of unlike processors."""
+        """Checks the environment of all present workers.
+
+        Raises BadInput for the first that differs. `notice` is called if the processors differ.
+        """
         for address, threads in self._threads().items():
             if threads != 1:
                 raise BadInput(
                     f"the worker at {address} has {threads} threads; start workers with --nthreads 1, as many as there are cores"
                 )
         try:
-            kinds = self._client.run(_checked, self._terms, self._facts)
+            kinds = self._client.run(_check_worker, self._terms, self._facts)
         except RigError:
             raise
-        except Exception as error:  # whatever keeps a worker from answering, as another Python or no rfca_rig at all
+        # Anything that keeps a worker from answering, such as another Python or a missing rfca_rig.
+        except Exception as error:
             raise BadInput(f"a worker cannot run this rfca-rig: {type(error).__name__}: {error}; install the same one there") from None
         unlike = sorted({*kinds.values(), processor()})
         if len(unlike) > 1:
             notice(f"processors differ ({', '.join(unlike)}): results may depend on the worker in their last digits")
 
     def wait_for_first(self) -> None:
-        """Until there is one; the others join the work as they come."""
+        """Waits for the first worker; others join the work as they come."""
         while self.count() == 0:
             self._hiring.still_coming()
             with suppress(TimeoutError):
@@ -118,34 +133,37 @@ class DaskExecutor(TaskExecutor):
                 self._counted_s = -inf
 
     def _threads(self) -> dict[str, int]:
-        """Threads of each worker by its address."""
+        """Number of threads of each worker, by its address."""
         try:
             return dict(self._client.nthreads())
         except OSError:
             raise RigError("the scheduler is gone; the same command goes on where it stood") from None
 
 
-def _as_agreed(terms: EnvironmentCheck, facts: Callable[[], Facts], fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-    """In the worker: one that came late is looked at before its first work too."""
+def _check_and_run(terms: EnvironmentCheck, facts: Callable[[], Facts], fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
+    """Runs in the worker: checks its environment before the first task, as workers may join late."""
     ready(terms, facts)
     return fn(*args, **kwargs)
 
 
-def _checked(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> str:
-    """In the worker."""
+def _check_worker(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> str:
+    """Runs in the worker: checks its environment; returns the processor type."""
     ready(terms, facts)
     return processor()
 
 
-def _cancel_too(there: "ref[Future[T]]", here: Future[T]) -> None:
-    """Held loosely: while anything holds the future there, its result is kept by its worker, and computed again where that is lost."""
-    if here.cancelled() and (running := there()) is not None:
+def _cancel_too(remote: "ref[Future[T]]", future: Future[T]) -> None:
+    """Cancels the Dask future with the local one.
+
+    The reference is weak: as long as a Dask future is referenced, its worker keeps the result, and a lost result is computed again.
+    """
+    if future.cancelled() and (running := remote()) is not None:
         running.cancel()
 
 
 @contextmanager
 def workers_of(scheduler: Any, folder: Path | None, facts: Callable[[], Facts], hiring: WorkerStartup) -> Iterator[DaskExecutor]:
-    """A client of `scheduler`, an address or a cluster; `folder`, where work leaves files, must be seen by workers as well."""
+    """Connects to `scheduler`, an address or a cluster. `folder`, where tasks write files, must be visible to the workers too."""
     try:
         client = distributed().Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -159,7 +177,7 @@ def workers_of(scheduler: Any, folder: Path | None, facts: Callable[[], Facts], 
 def connected(
     address: str, folder: Path | None, facts: Callable[[], Facts], told: Told, notice: Callable[[str], None]
 ) -> Iterator[DaskExecutor]:
-    """The workers of a scheduler that runs already; they stay as they are. Raises BadInput where it does not answer."""
+    """Uses the workers of a running scheduler, and leaves them running. Raises BadInput if it does not answer."""
     with workers_of(address, folder, facts, WorkerStartup(1, told, lambda: None)) as executor:
         if executor.count() == 0:
             notice(f"{address} has no workers yet; waiting for the first")
@@ -170,7 +188,7 @@ def connected(
 
 @contextmanager
 def _token_in(folder: Path | None) -> Iterator[str]:
-    """A file by which workers know the folder, where there is one."""
+    """Creates a file by which workers verify that they see the same folder; none if `folder` is None."""
     token = f".seen-{token_hex(8)}"
     if folder is None:
         yield token

@@ -1,4 +1,4 @@
-"""How many cores one process may use for its own threads. A worker of an executor uses one: the others are taken by its mates."""
+"""Number of cores that a process may use for its threads. A worker uses one, as the other workers need the rest."""
 
 import os
 from collections.abc import Iterator
@@ -12,21 +12,21 @@ ONE_THREAD = {VARIABLE: "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"
 
 
 def cores() -> int:
-    """The cores that this process may run on, or as many as RFCA_RIG_THREADS says."""
-    said = os.environ.get(VARIABLE, "")
-    return int(said) if said.isdecimal() and int(said) else machine_cores()
+    """Number of cores that this process may use, or RFCA_RIG_THREADS if it is set."""
+    setting = os.environ.get(VARIABLE, "")
+    return int(setting) if setting.isdecimal() and int(setting) else machine_cores()
 
 
 def machine_cores() -> int:
-    """The cores that this process and its children may run on: of a batch job only its own."""
+    """Number of cores that this process and its children may use; in a batch job only those of the job."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
 def algebra_on_one_thread() -> Iterator[None]:
-    """Linear algebra keeps to the thread that asks for it, in the whole process, and its last digits to no number of cores.
+    """Limits linear algebra to one thread, in the whole process; the last digits of results then do not depend on the number of cores.
 
-    Its threads wait for each other by spinning: beside threads of one's own, or another program, they cost many times what they save.
+    BLAS threads wait for each other by spinning. Beside other threads, or another program, they cost many times what they save.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         yield

@@ -1,4 +1,4 @@
-"""What a worker elsewhere must have in common with the process that hands it work, or its results would be others."""
+"""Environment check of workers: what they must have in common with this process to compute the same results."""
 
 import hashlib
 import os
@@ -21,25 +21,28 @@ Facts = Mapping[str, str]
 
 @dataclass(frozen=True)
 class EnvironmentCheck:
-    """`facts` as they are here; `token` is the name of a file in the folder, which workers must see, where one is named."""
+    """Expected `facts` of a worker. If `folder` is given, the worker must see the file `token` in it."""
 
     facts: Facts
     folder: str | None = None
     token: str = ""
 
     def unmet(self, facts: Facts) -> str | None:
-        """What is otherwise in a process with these facts, in words for a line."""
-        there = {name: facts.get(name, "missing") for name in self.facts}
-        differing = [f"{name} is {there[name]} there, {here} here" for name, here in self.facts.items() if there[name] != here]
+        """Differences of a process with these facts, as one line; None if there are none."""
+        actual = {name: facts.get(name, "missing") for name in self.facts}
+        differing = [
+            f"{name} is {actual[name]} there, {expected} here" for name, expected in self.facts.items() if actual[name] != expected
+        ]
         if differing:
             return "; ".join(differing)
+        # A folder may have the same path on two computers and still be two folders.
         if self.folder is not None and not Path(self.folder, self.token).exists():
             return f"{self.folder} is not the same folder there; results must go where all computers see them"
         return None
 
 
 def facts_here() -> Facts:
-    """Versions, and the very source of this package."""
+    """Versions of Python and packages, and a hash of this package's source."""
     return {
         "Python": platform.python_version(),
         "rfca_rig": rfca_rig.__version__,
@@ -49,16 +52,20 @@ def facts_here() -> Facts:
 
 
 def source_hash(folder: Path) -> str:
-    """Of all Python files below: two checkouts of one git revision may differ, and an installed package has no revision."""
-    found = hashlib.sha256()
+    """Hash of all Python files below `folder`.
+
+    A git revision is not enough: two checkouts of it may differ, and an installed package has none.
+    """
+    digest = hashlib.sha256()
     for file in sorted(folder.rglob("*.py")):
-        found.update(f"{file.relative_to(folder)}\0".encode())
-        found.update(file.read_bytes())
-    return found.hexdigest()[:12]
+        # The name is part of the hash, so that a renamed file counts as a change.
+        digest.update(f"{file.relative_to(folder)}\0".encode())
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def processor() -> str:
-    """The kind of processor, for which compiled code and linear algebra are chosen."""
+    """Processor type, for which compiled code and linear algebra kernels are chosen."""
     from llvmlite.binding import get_host_cpu_name  # noqa: PLC0415 - of no use to processes that hand nothing out
 
     return str(get_host_cpu_name())
@@ -72,16 +79,18 @@ def _version(name: str) -> str:
 
 
 def ready(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> None:
-    """In a worker, before its first work. Raises BadInput, which names the worker's computer."""
+    """Checks a worker before its first task. Raises BadInput, which names the worker's computer."""
     unmet = _unmet(terms.folder, terms.token, tuple(terms.facts.items()), facts)
     if unmet is not None:
         raise BadInput(f"the worker on {platform.node()} is not as this process: {unmet}")
+    # For child processes and for libraries that are loaded later.
     os.environ.update(ONE_THREAD)
 
 
 @cache
 def _unmet(folder: str | None, token: str, facts: tuple[tuple[str, str], ...], facts_there: Callable[[], Facts]) -> str | None:
-    """Looked at once in a process."""
+    """Result of the check, computed once per process."""
+    # OpenBLAS reads its thread count when it is loaded, so it cannot be set here any more.
     if os.environ.get(LINEAR_ALGEBRA) != "1":
         return f"linear algebra may use many threads there; start it with {LINEAR_ALGEBRA}=1"
     return EnvironmentCheck(dict(facts), folder, token).unmet(facts_there())

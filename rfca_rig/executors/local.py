@@ -1,6 +1,6 @@
-"""Processes of this machine that share the work, each with one thread.
+"""Executor on local processes, each with one thread.
 
-Each stands in an executor of its own, so that the end of one breaks no other, and it is known which work it had.
+Each process has its own `ProcessPoolExecutor`. The loss of one then breaks no other, and it is known which task it had.
 """
 
 import os
@@ -23,10 +23,10 @@ T = TypeVar("T")
 
 @contextmanager
 def process_executor(workers: int) -> Iterator[TaskExecutor]:
-    """`workers` processes; with 0 of them the work is done here.
+    """Executor on `workers` processes; with 0 the tasks run in this process.
 
-    What is handed to a process must be importable by name. Processes end with the block, in the middle of their work where the block
-    ends with an exception, and when this process dies. One that is lost is replaced.
+    Functions must be importable by name. The processes end with the block, during a task if the block ends with an exception, and when
+    this process dies. A lost process is replaced.
     """
     if workers == 0:
         yield InProcessExecutor()
@@ -38,6 +38,7 @@ def process_executor(workers: int) -> Iterator[TaskExecutor]:
             yield processes
         except BaseException:
             processes.stop_hiring()
+            # Only processes started here, not other children of this process.
             _end(set(active_children()) - others)
             raise
         finally:
@@ -45,14 +46,14 @@ def process_executor(workers: int) -> Iterator[TaskExecutor]:
 
 
 class ProcessExecutor(TaskExecutor):
-    """A thread for each process hands it its work and waits for it."""
+    """One thread per process passes it its tasks and waits for the results."""
 
     def __init__(self, workers: int) -> None:
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix="hand")
         self._workers = workers
         self._of_thread = local()
         self._pools: list[ProcessPoolExecutor] = []
-        self._hiring = Lock()
+        self._start_lock = Lock()
         self._is_over = False
 
     @property
@@ -60,15 +61,17 @@ class ProcessExecutor(TaskExecutor):
         return self._workers
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        return self._threads.submit(self._done, fn, args, kwargs)
+        return self._threads.submit(self._run_in_process, fn, args, kwargs)
 
-    def _done(self, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
-        """In the thread: the process of this thread does it."""
+    def _run_in_process(self, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
+        """Runs in a thread: executes the task in this thread's process."""
         try:
-            with self._hiring:
+            # The lock keeps a process from being started after `stop_hiring`.
+            with self._start_lock:
                 future = self._own_pool().submit(fn, *args, **kwargs)
             return future.result()
         except BrokenProcessPool:
+            # A broken pool cannot be used again; the next task of this thread starts a new one.
             self._of_thread.pool = None
             raise WorkerLost("its process was ended from outside, perhaps for want of memory") from None
 
@@ -77,13 +80,14 @@ class ProcessExecutor(TaskExecutor):
             raise WorkerLost("the work was stopped")
         pool: ProcessPoolExecutor | None = getattr(self._of_thread, "pool", None)
         if pool is None:
-            pool = self._of_thread.pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
+            # Spawn, as a forked copy of a process with threads may deadlock.
+            pool = self._of_thread.pool = ProcessPoolExecutor(1, get_context("spawn"), _initialise)
             self._pools.append(pool)
         return pool
 
     def stop_hiring(self) -> None:
-        """After this no process is begun."""
-        with self._hiring:
+        """From now on no process is started."""
+        with self._start_lock:
             self._is_over = True
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -94,7 +98,7 @@ class ProcessExecutor(TaskExecutor):
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Linear algebra counts its threads when it is loaded: what a new process inherits must say it."""
+    """Sets the thread limits that new processes inherit, as linear algebra reads them when it is loaded."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     try:
@@ -106,14 +110,14 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _begin() -> None:
-    """In each process before anything else. ^C reaches all processes of a terminal, and only the first should answer it."""
+def _initialise() -> None:
+    """Initialises each process. ^C reaches all processes of a terminal, but only the main one should react."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=_leave_with_parent, daemon=True).start()
+    Thread(target=_exit_with_parent, daemon=True).start()
 
 
-def _leave_with_parent() -> None:
-    """A process whose parent was killed would wait for work for ever."""
+def _exit_with_parent() -> None:
+    """Ends this process when its parent ends; it would otherwise wait for tasks for ever."""
     parent: Any = parent_process()
     parent.join()
     os._exit(1)

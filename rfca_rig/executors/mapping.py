@@ -1,8 +1,8 @@
-"""Many pieces of work handed to an executor, and their results as they come.
+"""Unordered parallel map with batching and retry.
 
-Short ones travel in batches of about a second, of more where workers are many, so that the way there and back costs little beside the
-work; a result that came is never computed again. A worker that is lost costs what it had in hands, which is handed out once more, piece
-by piece. A piece that ends its worker twice, or raises, is told as failed.
+Short tasks are sent in batches of about one second, longer with many workers, so that transport costs little beside the work. A result
+that has arrived is never computed again. If a worker is lost, its tasks are submitted once more, one by one. A task that ends its worker
+twice, or raises, is reported as failed.
 """
 
 import traceback
@@ -22,15 +22,19 @@ from rfca_rig.executors.base import TaskExecutor, WorkerLost
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-BATCH_S = 1.0  # what a batch takes at least,
-BATCH_PER_WORKER_S = 0.01  # and for each worker: to hand a batch out takes some milliseconds of one core
-LOOK_EVERY_S = 2.0  # how often the executor is looked at while nothing comes
-LOST_TOO_OFTEN = 2  # workers that a piece of work may end
+# Least duration of a batch in s.
+BATCH_S = 1.0
+# Further duration per worker: submitting a batch takes some milliseconds of one core.
+BATCH_PER_WORKER_S = 0.01
+# Interval in s at which the executor is checked while no result arrives.
+LOOK_EVERY_S = 2.0
+# Number of lost workers from which a task counts as failed.
+LOST_TOO_OFTEN = 2
 
 
 @dataclass(frozen=True)
 class Failed:
-    """Why there is no result, in a line, and the trace of it where there is one."""
+    """A task without result: the reason in one line, and the traceback if there is one."""
 
     reason: str
     trace: str = ""
@@ -38,7 +42,7 @@ class Failed:
 
 @dataclass(frozen=True)
 class _Back(Generic[Result]):
-    """What a batch brings back, in its order, and what it took."""
+    """Results of a batch, in its order, and its duration."""
 
     results: list[Result | Failed]
     seconds: float
@@ -51,33 +55,54 @@ def map_unordered(
     clocks: Callable[[], Clock] = WallClock,
     batch_s: float = BATCH_S,
 ) -> Iterator[tuple[Item, Result | Failed]]:
-    """Each item with what `work` made of it, in order of completion.
+    """Applies `work` to all items in parallel.
 
-    `work` is importable by name, or a `partial` of such; what it returns may depend on its item only, seeds included: then the results
-    depend neither on the number of workers nor on where they are. `clocks` times the batches, of `batch_s` or more; 0 for none. Raises
-    RigError where the executor is no more.
+    Parameters
+    ----------
+    executor : TaskExecutor
+        Where the tasks run.
+    work : callable
+        Importable by name, or a `partial` of such a function. Its result may depend on the item only, seeds included. The results then
+        do not depend on the number or place of the workers.
+    items : sequence
+        The arguments, one per task.
+    clocks : callable
+        Creates the clocks that time the batches.
+    batch_s : float
+        Least duration of a batch in s; 0 for batches of one item.
+
+    Yields
+    ------
+    item, result
+        In order of completion; `Failed` in place of the result of a failed task.
+
+    Raises
+    ------
+    RigError
+        If the executor has failed.
     """
     clock = clocks()
-    rest = _Rest(len(items), batch_s, executor.calm_after_loss_s)
+    pending = _PendingTasks(len(items), batch_s, executor.calm_after_loss_s)
     running: dict[Future[_Back[Result]], Sequence[int]] = {}
     finished: SimpleQueue[Future[_Back[Result]]] = SimpleQueue()
     try:
-        while running or rest:
-            while rest.has_ready(clock.now_s()) and len(running) < executor.at_once:
-                numbers = rest.batch(clock.now_s(), executor.workers)
-                future = executor.submit(partial(_together, work, clocks), [items[number] for number in numbers])
+        while running or pending:
+            while pending.has_ready(clock.now_s()) and len(running) < executor.at_once:
+                numbers = pending.batch(clock.now_s(), executor.workers)
+                future = executor.submit(partial(_run_batch, work, clocks), [items[number] for number in numbers])
                 running[future] = numbers
                 future.add_done_callback(finished.put)
-            if (back := _next(finished, executor)) is not None:
-                numbers = running.pop(back)
-                yield from ((items[number], result) for number, result in rest.outcome(clock.now_s(), numbers, back))
+            if (batch := _next(finished, executor)) is not None:
+                numbers = running.pop(batch)
+                yield from ((items[number], result) for number, result in pending.outcome(clock.now_s(), numbers, batch))
+    # The consumer may stop early; tasks that have not started are then cancelled.
     finally:
         for future in running:
             future.cancel()
 
 
 def _next(finished: "SimpleQueue[Future[_Back[Result]]]", executor: TaskExecutor) -> Future[_Back[Result]] | None:
-    """None where nothing came for a while."""
+    """The next finished batch; None if none finished for a while."""
     try:
         return finished.get(timeout=LOOK_EVERY_S)
     except Empty:
@@ -85,13 +110,14 @@ def _next(finished: "SimpleQueue[Future[_Back[Result]]]", executor: TaskExecutor
         return None
 
 
-class _Rest:
-    """What is still to hand out, by number: pieces that nobody has had, and those that were lost, to be done alone."""
+class _PendingTasks:
+    """Tasks still to submit, by number: fresh ones, and lost ones that are submitted alone."""
 
     def __init__(self, count: int, batch_s: float, calm_s: float) -> None:
         self._batch_s, self._calm_s = batch_s, calm_s
         self._fresh = deque(range(count))
-        self._alone: deque[tuple[float, int]] = deque()  # and when they may be handed out again
+        # Time from which a lost task may be submitted again, and its number.
+        self._alone: deque[tuple[float, int]] = deque()
         self._lost: Counter[int] = Counter()
         self._seconds_each = max(batch_s, 1e-6)
 
@@ -99,31 +125,34 @@ class _Rest:
         return bool(self._fresh or self._alone)
 
     def has_ready(self, now_s: float) -> bool:
-        """Whether anything can be handed out now."""
+        """Whether any task can be submitted now."""
         return bool(self._fresh) or self._is_calm(now_s)
 
     def _is_calm(self, now_s: float) -> bool:
         return bool(self._alone) and self._alone[0][0] <= now_s
 
     def batch(self, now_s: float, workers: int) -> Sequence[int]:
-        """The next to hand out: as much as takes the time of a batch, fewer where the others would be left with none."""
+        """The next batch: as many tasks as fill its duration, fewer near the end so that all workers get some."""
         if self._is_calm(now_s):
             return [self._alone.popleft()[1]]
         seconds = self._batch_s and max(self._batch_s, BATCH_PER_WORKER_S * workers)
+        # A quarter of an equal share at most, so that the workers finish at about the same time.
         size = min(round(seconds / self._seconds_each), ceil(len(self._fresh) / (4 * workers)))
         return [self._fresh.popleft() for _ in range(max(1, size))]
 
     def outcome(self, now_s: float, numbers: Sequence[int], future: "Future[_Back[Result]]") -> Iterator[tuple[int, Result | Failed]]:
-        """What has come back for good; what was lost waits for another turn."""
+        """Final results of a batch; lost tasks are queued again."""
         try:
             back = future.result()
         except CancelledError:
             raise RigError("the work was cancelled from outside; the same command goes on where it stood") from None
         except WorkerLost as lost:
             yield from self._after_loss(now_s, numbers, lost)
-        except RigError:  # the executor's own: what the work raises has come back as text
+        # Raised by the executor itself: exceptions of the work arrive as text.
+        except RigError:
             raise
-        except Exception as error:  # a result that cannot travel: whose it is shows when they are done one by one
+        # A result that cannot be pickled. Which task it belongs to shows when they run one by one.
+        except Exception as error:
             if len(numbers) == 1:
                 yield numbers[0], failure(error)
             else:
@@ -133,7 +162,7 @@ class _Rest:
             yield from zip(numbers, back.results, strict=True)
 
     def _after_loss(self, now_s: float, numbers: Sequence[int], lost: WorkerLost) -> Iterator[tuple[int, Failed]]:
-        """In a batch nobody knows whose fault it was."""
+        """Queues lost tasks again. Only a task that ran alone is counted, as in a batch the cause is unknown."""
         if len(numbers) == 1:
             self._lost[numbers[0]] += lost.times
         for number in numbers:
@@ -143,13 +172,13 @@ class _Rest:
                 yield number, Failed(f"{self._lost[number]} workers were lost over it: {lost}")
 
 
-def _together(work: Callable[[Item], Result], clocks: Callable[[], Clock], items: Sequence[Item]) -> _Back[Result]:
-    """Where the work is done."""
+def _run_batch(work: Callable[[Item], Result], clocks: Callable[[], Clock], items: Sequence[Item]) -> _Back[Result]:
+    """Runs in the worker: executes a batch."""
     clock = clocks()
-    return _Back([_tried(work, item) for item in items], clock.now_s())
+    return _Back([_try_task(work, item) for item in items], clock.now_s())
 
 
-def _tried(work: Callable[[Item], Result], item: Item) -> Result | Failed:
+def _try_task(work: Callable[[Item], Result], item: Item) -> Result | Failed:
     try:
         return work(item)
     except Exception as error:
@@ -157,5 +186,5 @@ def _tried(work: Callable[[Item], Result], item: Item) -> Result | Failed:
 
 
 def failure(error: BaseException) -> Failed:
-    """As text: not every exception survives the way from one process to another."""
+    """Converts an exception to text, as not every exception can be pickled."""
     return Failed(" ".join("".join(traceback.format_exception_only(error)).split()), "".join(traceback.format_exception(error)))

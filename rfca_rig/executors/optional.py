@@ -1,4 +1,4 @@
-"""dask.distributed, which is an extra: loaded where a cluster is asked for, and told of in a line where it is not installed."""
+"""Optional import of dask.distributed, loaded only if a cluster is used."""
 
 import importlib
 import logging
@@ -10,9 +10,9 @@ from rfca_rig.errors import BadInput
 
 @cache
 def distributed() -> Any:
-    """The package. Raises BadInput where it is not there.
+    """The package `distributed`. Raises BadInput if it is not installed.
 
-    What it logs of lost workers and late heartbeats is told in the words of the work instead.
+    Its log messages on lost workers and late heartbeats are suppressed, as the executor reports them itself.
     """
     try:
         package = importlib.import_module("distributed")

@@ -1,6 +1,6 @@
-"""Workers as a job array of SLURM, of a scheduler that lives in this process and goes with it.
+"""Workers in a SLURM job array, with a Dask scheduler inside this process.
 
-Workers that lose their scheduler, because this process was killed, end by themselves within DEATH_TIMEOUT_S.
+Workers that lose their scheduler, because this process was killed, end by themselves within DEATH_TIMEOUT_S seconds.
 """
 
 import os
@@ -27,16 +27,17 @@ from rfca_rig.executors.optional import distributed
 from rfca_rig.progress import Told
 
 DEATH_TIMEOUT_S = 60
-BESIDE_WORKERS_MB = 500  # what the process that watches over the workers of a job takes
+# Memory of the process that supervises the workers of a job.
+BESIDE_WORKERS_MB = 500
 SCRIPT, KEYS = "workers.sbatch", "keys.pem"
 
 
 @dataclass(frozen=True)
 class JobArray:
-    """`jobs` like ones, each of so many workers of one thread, a core and `memory_per_worker_MB` for each of them.
+    """`jobs` equal jobs with `workers_per_job` single-threaded workers each; a core and `memory_per_worker_MB` per worker.
 
-    `time` as sbatch has it; `setup` are lines of the shell before the workers are started, `options` further ones of sbatch's, as
-    --qos=long; `interface` names the network over which workers reach this computer, where it has several.
+    `time` is in the format of sbatch. `setup` are shell lines before the workers start, `options` further options of sbatch, for
+    example --qos=long. `interface` names the network over which workers reach this computer, if it has several.
     """
 
     jobs: int
@@ -52,12 +53,12 @@ class JobArray:
 
     @property
     def workers(self) -> int:
-        """In all jobs."""
+        """Number of workers in all jobs."""
         return self.jobs * self.workers_per_job
 
     def script(self, address: str, folder: Path) -> str:
-        """What sbatch is given; `folder` holds the keys and receives what the jobs print."""
-        asked = {
+        """The batch script. `folder` holds the keys and receives the output of the jobs."""
+        values = {
             "job-name": "rfca-rig",
             "array": f"0-{self.jobs - 1}",
             "ntasks": "1",
@@ -68,12 +69,13 @@ class JobArray:
             "account": self.account,
             "output": f"{folder}/%A_%a.log",
         }
-        options = [f"--{name}={value}" for name, value in asked.items() if value is not None]
+        options = [f"--{name}={value}" for name, value in values.items() if value is not None]
         lines = [
             "#!/bin/bash",
             *(f"#SBATCH {option}" for option in (*options, *self.options)),
             *(f"export {name}={value}" for name, value in ONE_THREAD.items()),
-            'export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-${SLURM_TMPDIR:-${TMPDIR:-/tmp}}/rfca-rig-$(id -u)}"',  # a node's own disk
+            # Compiled code is cached on the node's own disk.
+            'export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-${SLURM_TMPDIR:-${TMPDIR:-/tmp}}/rfca-rig-$(id -u)}"',
             *self.setup,
             shlex.join(self._worker(address, folder / KEYS)),
         ]
@@ -92,9 +94,9 @@ class JobArray:
 def slurm_workers(
     array: JobArray, shared: Path, folder: Path | None, facts: Callable[[], Facts], told: Told, notice: Callable[[str], None]
 ) -> Iterator[DaskExecutor]:
-    """The workers of a job array, which is cancelled when the block ends, however it ends.
+    """Executor on the workers of a job array, which is cancelled whenever the block ends.
 
-    Its script, its keys and what its jobs print stand in a new folder in `shared`, which is left where the block ends with an error.
+    Script, keys and output of the jobs are in a new folder in `shared`, which is kept if the block ends with an error.
     """
     distributed()
     if which("sbatch") is None:
@@ -103,9 +105,9 @@ def slurm_workers(
     with _scheduler(array.interface, own / KEYS) as scheduler:
         (own / SCRIPT).write_text(array.script(scheduler.scheduler_address, own), encoding="utf-8")
         with (
-            _ended_in_order(),
-            _submitted(own / SCRIPT) as job,
-            workers_of(scheduler, folder, facts, WorkerStartup(array.workers, told, partial(_there_may_be_some, job, own))) as executor,
+            _handle_termination(),
+            _submit(own / SCRIPT) as job,
+            workers_of(scheduler, folder, facts, WorkerStartup(array.workers, told, partial(_check_job_alive, job, own))) as executor,
         ):
             notice(f"SLURM has job {job}, {array.jobs} times {array.workers_per_job} workers")
             executor.wait_for_first()
@@ -115,8 +117,9 @@ def slurm_workers(
 
 
 @contextmanager
-def _ended_in_order() -> Iterator[None]:
-    """A closed terminal, and whoever asks this process to end, are answered as ^C is: jobs would outlive it."""
+def _handle_termination() -> Iterator[None]:
+    """Treats SIGTERM and a closed terminal like ^C: otherwise the jobs would outlive this process."""
+    # Python allows signal handlers in the main thread only.
     if current_thread() is not main_thread():
         yield
         return
@@ -130,9 +133,10 @@ def _ended_in_order() -> Iterator[None]:
 
 @contextmanager
 def _scheduler(interface: str | None, keys: Path) -> Iterator[Any]:
-    """A scheduler in this process, with keys of its own: who is not given them can neither hand out work nor see it."""
+    """Starts a scheduler in this process, with its own TLS keys: other users can neither submit nor see tasks."""
     _allow_many_connections()
     security = distributed().Security.temporary()
+    # The permissions are set before the key is written.
     keys.touch(mode=0o600)
     keys.write_text(f"{security.tls_client_key}{security.tls_client_cert}", encoding="utf-8")
     try:
@@ -144,6 +148,7 @@ def _scheduler(interface: str | None, keys: Path) -> Iterator[Any]:
             protocol="tls://",
             security=security,
             dashboard_address="127.0.0.1:0",
+            # A lost worker fails its task at once; `map_unordered` decides about a retry.
             scheduler_kwargs={"allowed_failures": 0},
         )
     except (OSError, ValueError, RuntimeError) as error:
@@ -153,7 +158,7 @@ def _scheduler(interface: str | None, keys: Path) -> Iterator[Any]:
 
 
 def _allow_many_connections() -> None:
-    """Each worker takes some; what is usual for a process is too few for a thousand workers."""
+    """Raises the limit of open files: the usual one is too low for the connections of a thousand workers."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
@@ -163,39 +168,40 @@ def _own_address() -> str:
 
 
 @contextmanager
-def _submitted(script: Path) -> Iterator[str]:
-    """The number of the array's job."""
-    said = _asked("sbatch", "--parsable", str(script))
-    if said.returncode:
-        raise BadInput(f"sbatch refused {script}: {_first_line(said.stderr)}")
-    job = said.stdout.strip().split(";")[0]
+def _submit(script: Path) -> Iterator[str]:
+    """Submits the job array and cancels it in the end; yields its job number."""
+    sbatch = _run_command("sbatch", "--parsable", str(script))
+    if sbatch.returncode:
+        raise BadInput(f"sbatch refused {script}: {_first_line(sbatch.stderr)}")
+    job = sbatch.stdout.strip().split(";")[0]
     try:
         yield job
     finally:
-        _asked("scancel", job)
+        _run_command("scancel", job)
 
 
-def _there_may_be_some(job: str, folder: Path) -> None:
-    """Raises RigError where all jobs of the array have ended."""
-    said = _asked("squeue", "--noheader", "--format=%i", f"--jobs={job}")
-    is_forgotten = "Invalid job id" in said.stderr
-    if is_forgotten or (said.returncode == 0 and not said.stdout.strip()):
-        raise RigError(f"all jobs of SLURM's job {job} have ended, {_last_words(folder)}; the same command goes on where it stood")
+def _check_job_alive(job: str, folder: Path) -> None:
+    """Raises RigError if all jobs of the array have ended."""
+    squeue = _run_command("squeue", "--noheader", "--format=%i", f"--jobs={job}")
+    # SLURM forgets a job some time after its end.
+    is_forgotten = "Invalid job id" in squeue.stderr
+    if is_forgotten or (squeue.returncode == 0 and not squeue.stdout.strip()):
+        raise RigError(f"all jobs of SLURM's job {job} have ended, {_last_error(folder)}; the same command goes on where it stood")
 
 
-def _last_words(folder: Path) -> str:
-    """What a job printed last that says why, and where the rest stands."""
+def _last_error(folder: Path) -> str:
+    """The last line with an error that a job printed, and the folder of the logs."""
     lines = [line for log in sorted(folder.glob("*.log")) for line in log.read_text(encoding="utf-8", errors="replace").splitlines()]
-    told = [line for line in lines if "rror" in line] or lines
-    return f"as {told[-1].strip()!r} in {folder}" if told else f"without a word in {folder}"
+    errors = [line for line in lines if "rror" in line] or lines
+    return f"as {errors[-1].strip()!r} in {folder}" if errors else f"without a word in {folder}"
 
 
-def _asked(*words: str) -> "subprocess.CompletedProcess[str]":
+def _run_command(*words: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(words, capture_output=True, text=True, check=False, env=_environment())
 
 
 def _environment() -> dict[str, str]:
-    """Without what SLURM tells the job that this command itself may run in: its workers are jobs of their own."""
+    """Environment without the SLURM variables of a job that this process may run in: the workers are separate jobs."""
     return {name: value for name, value in os.environ.items() if not name.startswith("SLURM_") or name == "SLURM_CONF"}
 
 

@@ -1,4 +1,4 @@
-"""A recording as CSV files for spreadsheets and scripts, every number as it was recorded, nothing resampled.
+"""Export of a recording as CSV files for spreadsheets and scripts. Numbers keep all recorded digits; nothing is resampled.
 
 stages.csv              a row per file: which stage, which device, height, speed, repeat
 stages/001-force.csv    a row per record; each device keeps its own times
@@ -24,51 +24,70 @@ INDEX = ("file", "stage", "device", "records", "height_mm", "speed_rad_s", "repe
 
 @dataclass(frozen=True)
 class ExportedCsv:
-    """What went into the folder."""
+    """Summary of an export: number of CSV files, and of records in them."""
 
     files: int
     records: int
 
 
 def export_csv(run: Path, out: Path, told: Watcher) -> ExportedCsv:
-    """Writes the folder `out`, whole or not at all, in little memory. Raises BadInput where it is there already or `run` is no recording,
-    RigError when the disk refuses.
+    """Writes the folder `out`, completely or not at all. Samples are read block by block, so memory does not grow with the recording.
+
+    Parameters
+    ----------
+    run
+        A run's folder, a recording file or a campaign.
+    out
+        The folder to make; it must not exist.
+    told
+        Progress callback: number of stages done, number of stages.
+
+    Raises
+    ------
+    BadInput
+        Where `out` exists, or `run` is not a recording.
+    RigError
+        Where the folder cannot be written.
     """
+    # An existing folder may hold files that the user edited: never overwritten.
     if out.exists():
         raise BadInput(f"{out}: is there already; name a folder that does not exist yet, or take this one away")
-    written: list[dict[str, Any]] = []
+    stage_rows: list[dict[str, Any]] = []
     stored = stored_at(run)
     with refusals(out, "cannot be written"):
-        make_folder_atomically(out, lambda folder: written.extend(_written(stored, folder, told)))
-    return ExportedCsv(len(written), sum(row["records"] for row in written))
+        make_folder_atomically(out, lambda folder: stage_rows.extend(_write_folder(stored, folder, told)))
+    return ExportedCsv(len(stage_rows), sum(row["records"] for row in stage_rows))
 
 
-def _written(stored: Stored, folder: Path, told: Watcher) -> list[dict[str, Any]]:
+def _write_folder(stored: Stored, folder: Path, told: Watcher) -> list[dict[str, Any]]:
     (folder / "stages").mkdir()
-    rows = list(_stages(stored, folder, told))
-    _write(folder / "stages.csv", INDEX, ([row.get(name, "") for name in INDEX] for row in rows))
+    rows = list(_write_stages(stored, folder, told))
+    _write_csv(folder / "stages.csv", INDEX, ([row.get(name, "") for name in INDEX] for row in rows))
     if stored.static:
-        table = [static_row(held) for held in stored.static]
-        _write(folder / "static.csv", list(table[0]), (list(row.values()) for row in table))
+        table = [static_row(means) for means in stored.static]
+        _write_csv(folder / "static.csv", list(table[0]), (list(row.values()) for row in table))
     return rows
 
 
-def _stages(stored: Stored, folder: Path, told: Watcher) -> Iterator[dict[str, Any]]:
+def _write_stages(stored: Stored, folder: Path, told: Watcher) -> Iterator[dict[str, Any]]:
     for number, stage in enumerate(counted((*stored.strokes, *stored.raw), told), start=1):
+        # A file per device: devices sample at different times, and joining them would need resampling.
         with stage.samples.opened() as streams:
             for stream in streams:
                 name = f"stages/{number:03d}-{stream.name}.csv"
-                _write(folder / name, [TIME, *stream.columns], _records(stream))
+                _write_csv(folder / name, [TIME, *stream.columns], _records(stream))
                 yield {"file": name, "stage": stage.label, "device": stream.name, "records": len(stream.t_s), **stage.about}
 
 
 def _records(stream: StoredStream) -> Iterator[Sequence[Any]]:
     for rows in stream.blocks():
+        # Python numbers: `csv` then writes the shortest text that reads back as the same 64-bit float.
         columns = [column.values(rows).tolist() for column in stream.columns.values()]
         yield from zip(stream.t_s[rows].tolist(), *columns, strict=True)
 
 
-def _write(path: Path, heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+def _write_csv(path: Path, heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    # newline="": the csv module writes its own line ends, and Windows would add another.
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(heads)

@@ -1,4 +1,4 @@
-"""The few messages that are no samples, as JSON with the schemas that Foxglove knows by name: a log, pictures, what is going on."""
+"""JSON messages for everything except samples: log, pictures, stages. Log and pictures use the schema names that Foxglove knows."""
 
 import base64
 import json
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 NS = 1_000_000_000
+# Values of the enumeration in Foxglove's Log schema: 1 debug, 2 info, 3 warning, 4 error, 5 fatal.
 LEVELS = {"info": 2, "warning": 3, "error": 4}
 FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg"}
 
@@ -43,22 +44,23 @@ STATIC = _schema(
 
 
 def log(ns: int, message: str, level: str = "info") -> bytes:
-    """One line, as Foxglove's Log panel shows it."""
+    """A foxglove.Log message of one line at `ns` nanoseconds of UTC; `level` is a key of LEVELS."""
     return _json(timestamp=_time(ns), level=LEVELS[level], message=message, name="rfca-rig", file="", line=0)
 
 
 def image(ns: int, path: Path) -> bytes:
-    """A picture's own bytes. Raises OSError where it cannot be read."""
+    """A foxglove.CompressedImage message with the bytes of the file, base64 as JSON needs. Raises OSError where it cannot be read."""
     data = base64.b64encode(path.read_bytes()).decode()
     return _json(timestamp=_time(ns), frame_id="camera", data=data, format=FORMATS[path.suffix.lower()])
 
 
-def values(**said: Any) -> bytes:
-    """Plain values by name; what is no number in JSON is null."""
-    return _json(**{name: None if isinstance(value, float) and isnan(value) else value for name, value in said.items()})
+def values(**named: Any) -> bytes:
+    """A message of plain values by name. JSON has no NaN: it becomes null."""
+    return _json(**{name: None if isinstance(value, float) and isnan(value) else value for name, value in named.items()})
 
 
 def _json(**content: Any) -> bytes:
+    # allow_nan=False: Python would write the bare word NaN, which other JSON parsers reject.
     return json.dumps(content, ensure_ascii=False, allow_nan=False).encode()
 
 

@@ -1,4 +1,7 @@
-"""When things happened in UTC. A host clock counts seconds from its start, anew where a run was resumed; the run's events tell both."""
+"""Conversion of host time to UTC.
+
+The host clock counts seconds from its start, and starts again from zero where a run was resumed. The run's events carry both times.
+"""
 
 import json
 from bisect import bisect_right
@@ -16,29 +19,34 @@ from rfca_rig.recording.rows import HOST_TIME
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 NS = 1_000_000_000
-APART_S = 1.0  # stages of which nobody knows when they were
+# Gap between stages, or parts of a run, whose true distance in time is unknown.
+APART_S = 1.0
 
 Event = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class HostClock:
-    """Pairs of both clocks of one part of a run, ascending; between two the time runs on from the one before. Without any, from 1970."""
+    """Pairs of host time and UTC of one part of a run, ascending. Between two pairs, time runs on from the earlier one.
+
+    Without any pair, host time counts from 1970.
+    """
 
     at_s: tuple[float, ...] = ()
     utc_ns: tuple[int, ...] = ()
 
     def ns(self, host_s: float) -> int:
-        """Nanoseconds of UTC since 1970."""
+        """UTC of a host time, in nanoseconds since 1970."""
         if not self.at_s:
             return round(host_s * NS)
+        # Times before the first pair are extrapolated back from it.
         pair = max(bisect_right(self.at_s, host_s) - 1, 0)
         return self.utc_ns[pair] + round((host_s - self.at_s[pair]) * NS)
 
 
 @dataclass(frozen=True)
 class StageBeginning:
-    """A stage that began, by the clock of its part of the run."""
+    """Start of a stage: host time in seconds, and the clock of that part of the run."""
 
     label: str
     at_s: float
@@ -46,12 +54,12 @@ class StageBeginning:
 
 
 def events_in(provenance: Mapping[str, str]) -> list[dict[str, Any]]:
-    """The run's events in their order; none of a campaign from elsewhere."""
+    """The run's events in order; none for an imported campaign."""
     return [json.loads(line) for line in provenance.get("events", "").splitlines()]
 
 
 def event_times(events: Iterable[Event]) -> Iterator[tuple[int, Event]]:
-    """Each with its UTC in ns; one without has that of the one before."""
+    """Each event with its UTC in ns; an event without a time gets that of the previous one."""
     ns = 0
     for part in _parts(events):
         for event in part.events:
@@ -60,33 +68,37 @@ def event_times(events: Iterable[Event]) -> Iterator[tuple[int, Event]]:
 
 
 def placed(stages: Iterable[StoredStage], events: Iterable[Event]) -> list[tuple[int, StoredStage]]:
-    """Each stage with the UTC of its zero in ns, in the order of time. Where no host time was recorded, stages follow a second apart."""
-    begun = list(_begun(events))
-    found: list[tuple[int, StoredStage]] = []
+    """Each stage with the UTC of its t_s = 0 in ns, sorted by time. Where no host time was recorded, stages follow a second apart."""
+    beginnings = list(_stage_beginnings(events))
+    timed_stages: list[tuple[int, StoredStage]] = []
     free_ns = 0
     for stage in stages:
         zero_s = zero_of(stage)
         first_s, last_s = stage.samples.span_s
-        zero_ns = free_ns - round(first_s * NS) if zero_s is None else _clock_of(stage, zero_s + first_s, begun).ns(zero_s)
-        found.append((zero_ns, stage))
+        zero_ns = free_ns - round(first_s * NS) if zero_s is None else _clock_of(stage, zero_s + first_s, beginnings).ns(zero_s)
+        timed_stages.append((zero_ns, stage))
         free_ns = zero_ns + round((last_s + APART_S) * NS)
-    return sorted(found, key=lambda pair: pair[0])
+    return sorted(timed_stages, key=lambda pair: pair[0])
 
 
 def zero_of(stage: StoredStage) -> float | None:
-    """The host time of t_s = 0: no record comes before it was taken, and some hardly later."""
+    """Host time of t_s = 0 in seconds, None where no host time was recorded.
+
+    It is the smallest difference of host time and t_s over all records: a record never arrives before it was sampled.
+    """
     with stage.samples.opened() as streams:
         least = [_least_delay(stream) for stream in streams if HOST_TIME in stream.columns and len(stream.t_s)]
     return min(least, default=None)
 
 
-def _clock_of(stage: StoredStage, first_s: float, begun: list[StageBeginning]) -> HostClock:
-    """That of the part of the run in which a stage of this name began about when the first sample came."""
-    named = [one for one in begun if one.label == stage.label] or begun
-    return min(named, key=lambda one: abs(one.at_s - first_s)).clock if named else HostClock()
+def _clock_of(stage: StoredStage, first_s: float, beginnings: list[StageBeginning]) -> HostClock:
+    """Clock of that part of the run in which a stage of this label began closest to the first sample."""
+    # A stage that was cut short and repeated has two beginnings of one label, perhaps in different parts of the run.
+    same_label = [one for one in beginnings if one.label == stage.label] or beginnings
+    return min(same_label, key=lambda one: abs(one.at_s - first_s)).clock if same_label else HostClock()
 
 
-def _begun(events: Iterable[Event]) -> Iterator[StageBeginning]:
+def _stage_beginnings(events: Iterable[Event]) -> Iterator[StageBeginning]:
     for part in _parts(events):
         timed = [event for event in part.events if "t_s" in event and "utc" in event]
         pairs = sorted((float(event["t_s"]), part.ns(event)) for event in timed)
@@ -96,7 +108,7 @@ def _begun(events: Iterable[Event]) -> Iterator[StageBeginning]:
 
 @dataclass(frozen=True)
 class _Part:
-    """What happened from start or resumption to stop, and by how much later than its clock says it counts."""
+    """Events from a start or resumption to the next stop. `later_ns` is added to their UTC, so that parts do not overlap."""
 
     events: list[Event]
     later_ns: int
@@ -106,7 +118,10 @@ class _Part:
 
 
 def _parts(events: Iterable[Event]) -> Iterator[_Part]:
-    """A run that was resumed has several. Those of a twin all begin in 2000: a part counts from when the one before has ended."""
+    """Parts of a run; a resumed run has several.
+
+    Each part of a simulated run begins in the year 2000 again. A part is therefore shifted to begin after the previous one.
+    """
     free_ns = 0
     for part in _split(events):
         times = [_utc_ns(event) for event in part if "utc" in event]
@@ -126,10 +141,11 @@ def _split(events: Iterable[Event]) -> Iterator[list[Event]]:
 
 
 def _utc_ns(event: Event) -> int:
-    """Exact, where a float of seconds would lose the last hundred nanoseconds."""
+    """UTC of an event in ns. Integer arithmetic: a float of seconds since 1970 resolves only some 200 ns."""
     return (datetime.fromisoformat(str(event["utc"])) - EPOCH) // timedelta(microseconds=1) * 1000
 
 
 def _least_delay(stream: StoredStream) -> float:
     host = stream.columns[HOST_TIME].raw
+    # Block by block: a stream in a file may be larger than memory.
     return min(float(np.min(host[rows] - stream.t_s[rows])) for rows in stream.blocks())

@@ -1,7 +1,7 @@
-"""A leg's strokes as an experiment on a mechanism: the leg as MJCF, experiment.toml, and a CSV file per stroke.
+"""Export of a leg's strokes as an experiment on a mechanism: the leg as MJCF, experiment.toml, and a CSV file per stroke.
 
-The rack's height and the shaft's motion are prescribed. Where the drive tracks its command, that is the commanded motion from the measured
-start, and else the mean of the measured motions, as in the diagnosis of the leg.
+The rack's height and the shaft's motion are prescribed. Where the drive tracks its command, the motion is the commanded one from the
+measured start. Otherwise it is the mean of the measured motions, as in the diagnosis of the leg.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,19 +31,20 @@ Floats = NDArray[np.float64]
 
 MODEL = "leg.xml"
 SENSORS = {"fy_N": (f"{SENSOR}_force_y", "N"), "fz_N": (f"{SENSOR}_force_z", "N"), "tx_Nm": (f"{SENSOR}_torque_x", "N m")}
-SELDOM_MEASURED = 0.5  # as for the leg: a floor's damping, presliding and drag, which nobody states, as a share
+# Prior standard deviation, as a share, of the floor's damping, presliding and drag, which rig files do not state. The same as for the leg.
+SELDOM_MEASURED = 0.5
 
 
 @dataclass(frozen=True)
 class ExportedLeg:
-    """How many recordings went into the folder, and in words what did not."""
+    """Number of recordings in the folder, and in words what the export could not represent."""
 
     recordings: int
     left_out: tuple[str, ...]
 
 
 def export_leg(run: Path, out: Path) -> ExportedLeg:
-    """Writes the folder `out`, whole or not at all.
+    """Writes the folder `out`, completely or not at all.
 
     Parameters
     ----------
@@ -68,11 +69,11 @@ def export_leg(run: Path, out: Path) -> ExportedLeg:
     files = _Files(prepared, recordings)
     with refusals(out, "cannot be written"):
         make_folder_atomically(out, files.write)
-    return ExportedLeg(len(files.strokes), tuple(_left_out(prepared.rig, recordings, prepared)))
+    return ExportedLeg(len(files.strokes), tuple(_describe_left_out(prepared.rig, recordings, prepared)))
 
 
 class _Files:
-    """What goes into the folder."""
+    """Content of the exported folder."""
 
     def __init__(self, prepared: PreparedData, recordings: Sequence[Recording]) -> None:
         flaps = {flap.label: flap for flap in prepared.flaps}
@@ -85,6 +86,7 @@ class _Files:
             for stroke in condition.strokes
             if _shows_valley(stroke)
         ]
+        # One list of signals for all recordings: a channel that a single condition lacks is exported for none.
         self.signals = tuple(name for name in SENSORS if all(name in flap.signals for flap in prepared.flaps))
 
     def write(self, folder: Path) -> None:
@@ -94,6 +96,7 @@ class _Files:
             name = f"stroke-{number:02d}.csv"
             (folder / name).write_text(self._csv(flap, stroke), encoding="utf-8")
             repeats[flap.label] += 1
+            # The file holds the whole stroke; from_s and to_s mark the stretch that the diagnosis of the leg compares.
             begin_s, end_s = float(flap.t_s[0]), float(flap.t_s[-1])
             entries += f"\n[[recordings]]\nfile = {written(name)}\ncondition = {written(flap.label)}\nrepeat = {repeats[flap.label]}\n"
             entries += f"from_s = {written(begin_s)}\nto_s = {written(end_s)}\n"
@@ -102,6 +105,7 @@ class _Files:
     def _csv(self, flap: FlapCondition, stroke: Stroke) -> str:
         at_s = np.asarray(stroke.channel("fz_N")[0])  # type: ignore[index]
         motion = flap.turn.motion(self.prepared.coordinates.supposed(np.zeros(self.prepared.coordinates.size)), float(at_s[-1]))
+        # The motion is defined between its first and last break only: outside, the shaft stands at the end.
         angle_rad = motion.angle_rad(np.clip(at_s, motion.breaks_s[0], motion.breaks_s[-1]))
         forces = [np.interp(at_s, *stroke.channel(name)) for name in self.signals]  # type: ignore[misc]
         rows = np.column_stack([at_s, np.full(len(at_s), 1e3 * flap.height_m), angle_rad, *forces])
@@ -116,10 +120,12 @@ class _Files:
         text += '\n[time]\ncolumn = "t_s"\nunit = "s"\n\n[start]\nstate = "at rest"\n\n[windows]\nbin_s = 0.02\n'
         for name in self.signals:
             sensor, unit = SENSORS[name]
+            # sign = -1: the leg's force sensor counts the other way round than MuJoCo's.
             text += f"\n[[signals]]\nsensor = {written(sensor)}\ncolumn = {written(name)}\nunit = {written(unit)}\nsign = -1\n"
             if noise := prepared.noise_std.get(name):
                 text += f"noise_std = {written(noise)}\n"
         text += f'\n[[prescribed]]\njoint = "{RACK}"\ncolumn = "height_mm"\nunit = "mm"\nscatter_std = {USUAL["height"]}\n'
+        # smoothed_s = 0: the motion is computed, not measured, and carries no noise.
         text += f'\n[[prescribed]]\njoint = "{SHAFT}"\ncolumn = "shaft_rad"\nunit = "rad"\nsmoothed_s = 0.0\n'
         law = {
             "spheres": end_names(leg), "plane": FLOOR, "stiffness_N_per_m1p5": ground.stiffness_N_per_m1p5,
@@ -133,33 +139,34 @@ class _Files:
 
 
 def _priors(rig: RigModel, known_to: Mapping[str, float]) -> dict[str, float]:
-    """[known_to] of the leg in the keys of a mechanism."""
+    """Prior standard deviations ([known_to]) of the leg under the names that a mechanism has for them."""
     leg, ground = rig.leg, rig.ground
     keys = {
         "height_mm": ("zero_offset_m", 1e-3),
         "start_angle_deg": ("zero_offset_rad", float(np.radians(1.0))),
+        # Absolute in a leg's file, relative in a mechanism's; the bound avoids a division by zero without friction.
         "friction_coefficient": ("contact_friction_relative", 1.0 / max(ground.friction_coefficient, 1e-9)),
         "k0_relative": ("joint_stiffness_relative", 1.0),
         "mass_relative": ("mass_relative", 1.0),
         "hinge_damping_relative": ("joint_damping_Nm_s_per_rad", leg.hinge_damping_Nm_s_per_rad),
         "contact_stiffness_relative": ("contact_stiffness_relative", 1.0),
     }
-    found = {name: factor * known_to[key] for key, (name, factor) in keys.items() if known_to.get(key)}
+    priors = {name: factor * known_to[key] for key, (name, factor) in keys.items() if known_to.get(key)}
     seldom = ("contact_damping_relative", "contact_presliding_relative", "contact_drag_relative")
-    return {**found, **dict.fromkeys(seldom, SELDOM_MEASURED), "start_swing_relative": SAGS, "start_swing_rate_per_s": SAGS_PER_S}
+    return {**priors, **dict.fromkeys(seldom, SELDOM_MEASURED), "start_swing_relative": SAGS, "start_swing_rate_per_s": SAGS_PER_S}
 
 
-def _left_out(rig: RigModel, recordings: Sequence[Recording], prepared: PreparedData) -> list[str]:
+def _describe_left_out(rig: RigModel, recordings: Sequence[Recording], prepared: PreparedData) -> list[str]:
     ground = rig.ground
-    said = [f"the effect {present.id} of the nominal model" for present in rig.effects]
+    items = [f"the effect {present.id} of the nominal model" for present in rig.effects]
     if any(recording.static for recording in recordings):
-        said.append("static stages: a mechanism is diagnosed from its motion")
+        items.append("static stages: a mechanism is diagnosed from its motion")
     if ground.friction_lever_m not in (None, rig.leg.link_radius_m) or ground.friction_rise_share:
-        said.append("the lever of friction: it acts at the lowest point of each end")
+        items.append("the lever of friction: it acts at the lowest point of each end")
     if ground.leaving_damping_share != 1.0:
-        said.append("the other damping of an end that leaves")
-    said += [f"{key} of [known_to]" for key in ("k2_relative", "rest_angle_deg") if prepared.known_to.get(key)]
-    return [*said, *prepared.remarks]
+        items.append("the other damping of an end that leaves")
+    items += [f"{key} of [known_to]" for key in ("k2_relative", "rest_angle_deg") if prepared.known_to.get(key)]
+    return [*items, *prepared.remarks]
 
 
 def _shows_valley(stroke: Stroke) -> bool:

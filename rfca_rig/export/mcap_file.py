@@ -1,4 +1,4 @@
-"""A recording as MCAP, which Foxglove, Lichtblick and PlotJuggler open without plugins.
+"""Export of a recording as MCAP, which Foxglove, Lichtblick and PlotJuggler open without plugins.
 
 /shaft /force /table /cycles  a message per record, with the columns' names and `t_s`, times by the host's clock
 /stage            where a stage begins: height, speed, repeat
@@ -32,9 +32,11 @@ from rfca_rig.progress import Watcher, counted
 from rfca_rig.recording.atomic import refusals, remove
 from rfca_rig.recording.model import StaticStage
 
+# The writer buffers one chunk, compresses it and writes it: memory stays at about this size.
 CHUNK_BYTES = 1 << 20
 LIBRARY = "rfca-rig"
-LONGEST_METADATA = 20_000  # a reader shows it in one piece
+# Characters. Viewers show a metadata entry in one piece, so longer texts are left out.
+LONGEST_METADATA = 20_000
 PICTURES = {"photo": "/photo", "overlay": "/overlay"}
 
 Message = tuple[int, int, bytes]
@@ -43,7 +45,7 @@ Message = tuple[int, int, bytes]
 
 @dataclass(frozen=True)
 class Exported:
-    """What went into the file."""
+    """Summary of an export: messages and pictures in the file, and names of pictures that could not be read."""
 
     messages: int
     pictures: int
@@ -51,8 +53,23 @@ class Exported:
 
 
 def export_mcap(run: Path, out: Path, told: Watcher) -> Exported:
-    """Writes the recording at `run` to `out`, whole or not at all, in little memory however long it is; `told` hears how many stages of how
-    many are done. Raises BadInput for what is no recording, RigError when the disk refuses.
+    """Writes the recording at `run` to `out`, completely or not at all. Memory does not grow with the recording.
+
+    Parameters
+    ----------
+    run
+        A run's folder, a recording file or a campaign.
+    out
+        The file to write; an existing one is replaced.
+    told
+        Progress callback: number of stages done, number of stages.
+
+    Raises
+    ------
+    BadInput
+        Where `run` is not a recording.
+    RigError
+        Where the file cannot be written.
     """
     partial = out.with_name(out.name + ".writing")
     stored = stored_at(run)
@@ -61,6 +78,7 @@ def export_mcap(run: Path, out: Path, told: Watcher) -> Exported:
         try:
             with partial.open("wb") as file:
                 exported = _McapFile(file, stored).write(told)
+            # A rename within one folder is atomic: no reader finds half a file.
             partial.replace(out)
         finally:
             remove(partial)
@@ -69,7 +87,7 @@ def export_mcap(run: Path, out: Path, told: Watcher) -> Exported:
 
 @dataclass
 class _Channels:
-    """Registered as they are needed."""
+    """Channels of the file by topic, registered at first use: a recording without photos gets no photo channel."""
 
     writer: Writer
     source: str
@@ -83,7 +101,10 @@ class _Channels:
         return self.ids[topic]
 
     def samples(self, stream: StoredStream) -> tuple[int, Layout]:
-        """A stream of other columns than the one of that name before gets a channel of its own."""
+        """Channel id and layout for a stream.
+
+        A channel has one schema. A later stream of the same name with other columns gets a topic of its own, with "_" appended.
+        """
         layout = layout_of(stream)
         topic = f"/{stream.name}"
         while topic in self.layouts and self.layouts[topic] != layout:
@@ -110,23 +131,26 @@ class _McapFile:
     def write(self, told: Watcher) -> Exported:
         self._writer.start(library=LIBRARY)
         self._describe()
-        for ns, channel, content in merge(self._logged(), self._recorded(told), key=itemgetter(0)):
+        # Events and samples are each in order of time. Viewers play a file from front to back, so the two are merged.
+        for ns, channel, content in merge(self._log_messages(), self._stage_messages_in_order(told), key=itemgetter(0)):
+            # MCAP's sequence number has 32 bits; it wraps in recordings of more than 4e9 messages.
             self._writer.add_message(channel, ns, content, ns, self._messages & 0xFFFFFFFF)
             self._messages += 1
         self._writer.finish()  # type: ignore[no-untyped-call]
         return Exported(self._messages, self._pictures, tuple(self._missing))
 
     def _describe(self) -> None:
-        """Where the recording comes from, as metadata."""
+        """Writes title, source, nominal model, provenance and units as metadata."""
         stored = self._stored
         self._writer.add_metadata(
             "recording", {"title": stored.title, "source": stored.source, "believed": json.dumps(dict(stored.nominal))}
         )
+        # Events are left out here because they are messages on /log.
         texts = {name: text for name, text in stored.provenance.items() if name != "events" and len(text) <= LONGEST_METADATA}
         self._writer.add_metadata("provenance", texts)
         self._writer.add_metadata("units", dict(UNITS))
 
-    def _logged(self) -> Iterator[Message]:
+    def _log_messages(self) -> Iterator[Message]:
         channel = self._channels.plain("/log", foxglove.LOG)
         events = list(event_times(self._events))
         begin_ns = events[0][0] if events else 0
@@ -134,41 +158,43 @@ class _McapFile:
         for ns, event in events:
             yield ns, channel, foxglove.log(ns, event_text(event), "error" if TRIP in str(event.get("why", "")) else "info")
 
-    def _recorded(self, told: Watcher) -> Iterator[Message]:
-        """Stage after stage; static stages of which only the means are known follow a second apart."""
+    def _stage_messages_in_order(self, told: Watcher) -> Iterator[Message]:
+        """Messages of all stages in order. Static stages of which only means are known come last, a second apart."""
         stages = placed((*self._stored.strokes, *self._stored.raw), self._events)
         holds = held_behind(self._stored.static, [stage for _, stage in stages])
         ns = 0
         for zero_ns, stage in counted(stages, told):
             with stage.samples.opened() as streams:
+                # Each device's messages ascend by themselves: a lazy merge orders them without holding the stage in memory.
                 for message in merge(*self._stage_messages(zero_ns, stage, streams, holds.get(id(stage))), key=itemgetter(0)):
                     ns = max(ns, message[0])
                     yield message
-        for held in self._stored.static if not holds else ():
+        for means in self._stored.static if not holds else ():
             ns += NS
-            yield from self._held_messages(ns, held)
+            yield from self._static_messages(ns, means)
 
     def _stage_messages(
-        self, zero_ns: int, stage: StoredStage, streams: Iterable[StoredStream], held: StaticStage | None
+        self, zero_ns: int, stage: StoredStage, streams: Iterable[StoredStream], means: StaticStage | None
     ) -> Iterator[Iterable[Message]]:
-        """One ascending row of messages per channel."""
+        """One iterator of messages in ascending time for each channel of the stage."""
         begin_ns = zero_ns + round(stage.samples.span_s[0] * NS)
         channel = self._channels.plain("/stage", foxglove.STAGE)
         yield [(begin_ns, channel, foxglove.values(label=stage.label, **stage.about))]
-        if held is not None:
-            yield list(self._held_messages(begin_ns, held))
+        if means is not None:
+            yield list(self._static_messages(begin_ns, means))
         for stream in streams:
             if len(stream.t_s):
                 yield _samples(stream, *self._channels.samples(stream), zero_ns)
 
-    def _held_messages(self, ns: int, held: StaticStage) -> Iterator[Message]:
-        yield ns, self._channels.plain("/static", foxglove.STATIC), foxglove.values(**static_row(held))
+    def _static_messages(self, ns: int, means: StaticStage) -> Iterator[Message]:
+        yield ns, self._channels.plain("/static", foxglove.STATIC), foxglove.values(**static_row(means))
         for kind, topic in PICTURES.items():
-            name = getattr(held, kind)
+            name = getattr(means, kind)
             if not name:
                 continue
             try:
                 picture = foxglove.image(ns, self._stored.folder / name)
+            # A photo that was moved, or in a format that Foxglove does not show (KeyError of FORMATS), is reported, not fatal.
             except (OSError, KeyError):
                 self._missing.append(name)
                 continue
@@ -185,13 +211,16 @@ def _samples(stream: StoredStream, channel: int, layout: Layout, zero_ns: int) -
 
 
 def held_behind(static: Sequence[StaticStage], stages: Sequence[StoredStage]) -> Mapping[int, StaticStage]:
-    """The static stage behind whose means the samples of a stage are, by the stage's id; none where their numbers differ."""
+    """Static stages (means) by the `id` of the stored stage that holds their samples.
+
+    Empty where the two numbers differ: then it is not known which samples belong to which means.
+    """
     whole = [stage for stage in stages if not stage.cut_short and stage.label.startswith("hold")]
-    return {id(stage): held for stage, held in zip(whole, static, strict=True)} if len(whole) == len(static) else {}
+    return {id(stage): means for stage, means in zip(whole, static, strict=True)} if len(whole) == len(static) else {}
 
 
 def event_text(event: Mapping[str, Any]) -> str:
-    """An event in one line: what, then its values."""
-    said = {name: value for name, value in event.items() if name not in ("event", "t_s", "utc", "sha256")}
-    values = ", ".join(f"{name} {value}" for name, value in said.items())
+    """An event in one line: its name, then its values."""
+    shown = {name: value for name, value in event.items() if name not in ("event", "t_s", "utc", "sha256")}
+    values = ", ".join(f"{name} {value}" for name, value in shown.items())
     return f"{event.get('event', 'event')}: {values}" if values else str(event.get("event", "event"))

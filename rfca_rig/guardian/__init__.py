@@ -1,1 +1,1 @@
-"""Holds the CAN bus of a drive that has no watchdog, and takes its torque away where commands stop coming."""
+"""Guardian process: holds the CAN bus of a drive without a watchdog, and disables the motor when commands stop coming."""

@@ -1,4 +1,4 @@
-"""A CAN bus that a guardian holds: stands where python-can's own would, on the side of the process that commands."""
+"""CAN bus held by a guardian: a `can.BusABC` for the process that sends the commands."""
 
 import os
 import socket
@@ -18,7 +18,9 @@ from rfca_rig.guardian.records import GuardianRecord, RecordKind, frame_of, of_f
 from rfca_rig.guardian.starting import started
 from rfca_rig.guardian.torque_off import EVERY_S, LEAST_TIMES
 
+# A new interpreter has to start and open the bus.
 STARTED_WITHIN_S = 30.0
+# Time in s for a confirmation. HUNG_S is the silence after which the guardian counts as hung; it reports every 20 ms.
 CONFIRMED_WITHIN_S = 0.25
 ENDED_WITHIN_S = 1.0
 HUNG_S = 0.25
@@ -26,10 +28,11 @@ MOST_ARRIVED = 1 << 16
 
 
 def taken_over(settings: CanBusSettings, last_word: LastWord, clock: Clock) -> can.BusABC:
-    """The bus, opened here, after the last word was spoken on it a few times. Raises can.CanError where that cannot be done."""
+    """Opens the bus in this process and sends the torque-off frames a few times. Raises can.CanError if that fails."""
     try:
         bus = settings.open()
-    except Exception as error:  # python-can's interfaces raise all sorts
+    # Interfaces of python-can raise exceptions of many types.
+    except Exception as error:
         raise can.CanInitializationError(f"the bus cannot be opened here: {error or type(error).__name__}") from error
     try:
         for _ in range(LEAST_TIMES):
@@ -43,41 +46,42 @@ def taken_over(settings: CanBusSettings, last_word: LastWord, clock: Clock) -> c
 
 
 class GuardedBus(can.BusABC):
-    """Implements `drivers.guard.Guard` too. Neither sending nor receiving waits, but for the frames that let the drive go.
+    """CAN bus behind a guardian; also implements `drivers.guard.Guard`. Only sending torque-off frames waits.
 
-    Those pass at any time, and `send` returns once the guardian has put them on the bus. Others pass after `arm`, as long as no
-    two are further apart than `silence_s`; where they are, the guardian lets the drive go, the next call raises LetGo, and every
-    later frame that could move the drive does, until `arm`. What the real bus refuses, or fails to read, is raised by the next
-    call. Where the guardian itself ends or hangs, this process opens the bus and lets the drive go; the next call says so.
+    Torque-off frames pass at any time, and `send` returns once the guardian has put them on the bus. Other frames pass after `arm`,
+    as long as no two are further apart than `silence_s`. After a longer gap the guardian disables the motor; the next call raises
+    LetGo, and so does every later frame that could move the drive, until `arm`. Errors of the real bus are raised by the next call.
+    If the guardian itself ends or hangs, this process opens the bus and disables the motor; the next call reports it.
     """
 
     def __init__(self, settings: CanBusSettings, last_word: LastWord, silence_s: float, clock: WallClock) -> None:
-        """Raises can.CanInitializationError where the bus cannot be opened, or no guardian started."""
+        """Starts the guardian. Raises can.CanInitializationError if it does not start, or cannot open the bus."""
         self._settings, self._last_word, self._silence_s, self._clock = settings, last_word, silence_s, clock
         self._always = {signature(message) for message in last_word.frames()}
         self._closing = signature(last_word.frames()[-1])
-        self._process, self._link, info = _started(GuardianAssignment(settings, last_word, silence_s, clock))
+        self._process, self._link, info = _start_guardian(GuardianAssignment(settings, last_word, silence_s, clock))
         self.channel_info = f"{info}, held by a guardian"
         self._arrived: deque[can.Message] = deque(maxlen=MOST_ARRIVED)
         self._arming = self._confirmed = self._asked = 0
-        self._refusal = ""  # of the last frame to be confirmed
+        # Why the last frame to be confirmed was refused.
+        self._refusal = ""
         self._is_armed = self._is_off = False
-        self._untold: can.CanError | None = None
+        self._pending_error: can.CanError | None = None
         self._let_go = ""
         self._silenced: Silenced | None = None
-        self._alone: can.BusABC | None = None
+        self._own_bus: can.BusABC | None = None
         self._fault = ""
         self._heard_s = self._looked_s = clock.now_s()
         super().__init__(channel=settings.channel)
 
     @property
     def process_id(self) -> int:
-        """Of the guardian."""
+        """Process id of the guardian."""
         return self._process.pid
 
     @property
     def state(self) -> can.BusState:
-        """As the guardian last said it of the real bus."""
+        """State of the real bus, as last reported by the guardian."""
         return can.BusState.ERROR if self._is_off else can.BusState.ACTIVE
 
     @state.setter
@@ -87,25 +91,30 @@ class GuardedBus(can.BusABC):
     def describe(self) -> str:
         return f"lets go after {1e3 * self._silence_s:g} ms of silence"
 
-    # -- commanding ----------------------------------------------------------------------------------------------------------
+    # -- sending -------------------------------------------------------------------------------------------------------------
 
     def arm(self) -> None:
-        """Forgets an earlier letting go. Raises can.CanError for what was not told yet, and where there is no guardian left."""
-        self._look()
+        """Arms the guardian and forgets an earlier torque-off.
+
+        Raises can.CanError for an error that was not reported yet, and if the guardian has ended.
+        """
+        self._update()
         self._raise_fault()
-        self._raise_untold()
+        self._raise_pending_error()
+        # The number separates reports about this arming from late ones about an earlier one.
         self._arming += 1
         self._is_armed, self._let_go, self._silenced = True, "", None
         self._link.put(GuardianRecord(RecordKind.ARM, self._clock.now_s(), number=self._arming))
         self._link.flush()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 (the guardian's end is never waited for)
-        self._look()
+        self._update()
+        # Torque-off frames are exempt from all checks below.
         if signature(msg) in self._always:
             self._send_and_wait(msg)
             return
         self._raise_fault()
-        self._raise_untold()
+        self._raise_pending_error()
         if not self._is_armed:
             raise LetGo(self._let_go or "guardian lets nothing pass that could move a drive which is not enabled")
         if not self._link.put(of_frame(msg, self._clock.now_s()), may_be_dropped=True):
@@ -118,10 +127,11 @@ class GuardedBus(can.BusABC):
             self._link.put(of_frame(msg, self._clock.now_s(), RecordKind.FRAME_TO_CONFIRM, self._asked))
             self._link.flush()
             self._await_confirmed()
-        if self._alone is not None:
-            self._alone.send(msg, timeout=0.0)
+        if self._own_bus is not None:
+            self._own_bus.send(msg, timeout=0.0)
         elif self._fault or self._refusal:
             raise can.CanOperationError(self._fault or self._refusal)
+        # The last torque-off frame ends the session; until `arm` nothing else passes.
         self._is_armed = self._is_armed and signature(msg) != self._closing
 
     def _await_confirmed(self) -> None:
@@ -132,42 +142,44 @@ class GuardedBus(can.BusABC):
                 self._take_over(f"guardian does not answer within {CONFIRMED_WITHIN_S:g} s")
                 return
             self._link.wait(left_s)
-            self._look()
+            self._update()
 
-    # -- hearing -------------------------------------------------------------------------------------------------------------
+    # -- receiving -----------------------------------------------------------------------------------------------------------
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._arrived:
-            self._look()
-        self._raise_untold()
-        if not self._arrived and self._alone is not None:
-            return self._alone.recv(timeout), False
+            self._update()
+        self._raise_pending_error()
+        if not self._arrived and self._own_bus is not None:
+            return self._own_bus.recv(timeout), False
         self._raise_fault()
         if not self._arrived and timeout != 0:
             self._link.wait(HUNG_S if timeout is None else min(timeout, HUNG_S))
-            self._look()
-            self._raise_untold()
+            self._update()
+            self._raise_pending_error()
         return (self._arrived.popleft() if self._arrived else None), False
 
     def await_let_go(self, limit_s: float) -> Silenced | None:
-        """What the guardian did since the last `arm`; the frames that came meanwhile are there to be received."""
+        """Waits for a torque-off by the guardian since the last `arm`; frames that arrive meanwhile can be received afterwards."""
         until_s = self._clock.now_s() + limit_s
         while self._silenced is None and (left_s := until_s - self._clock.now_s()) > 0.0:
             self._link.wait(min(left_s, HUNG_S))
-            self._look()
+            self._update()
             self._raise_fault()
-        if isinstance(self._untold, LetGo):
-            self._untold = None
-        self._raise_untold()
+        # This torque-off was expected, so it is not raised as an error.
+        if isinstance(self._pending_error, LetGo):
+            self._pending_error = None
+        self._raise_pending_error()
         return self._silenced
 
-    def _look(self) -> None:
-        """Takes in what the guardian said, and whether it is there."""
+    def _update(self) -> None:
+        """Reads the guardian's messages, and checks that it is alive."""
         if self._fault:
             return
         now_s = self._clock.now_s()
         if now_s - self._looked_s > 0.5 * HUNG_S:
-            self._heard_s = max(self._heard_s, now_s)  # what it said while nobody listened may be lost
+            # This process itself was late: alive messages may have been dropped, so the silence restarts.
+            self._heard_s = max(self._heard_s, now_s)
         self._looked_s = now_s
         for record in self._link.take():
             self._take(record)
@@ -186,16 +198,16 @@ class GuardedBus(can.BusABC):
             case RecordKind.CONFIRMED:
                 self._confirmed, self._refusal = record.number, record.text
             case RecordKind.BUS_ERROR:
-                self._untold = can.CanOperationError(record.text)
+                self._pending_error = can.CanOperationError(record.text)
             case RecordKind.LET_GO if record.number == self._arming:
                 self._is_armed, self._let_go = False, record.text
-                self._untold = self._untold or LetGo(record.text)
+                self._pending_error = self._pending_error or LetGo(record.text)
             case RecordKind.SILENCED if record.number == self._arming:
                 self._silenced = silenced_of(record)
 
-    def _raise_untold(self) -> None:
-        """Once: stopping a rig needs to hear what the drive says afterwards."""
-        untold, self._untold = self._untold, None
+    def _raise_pending_error(self) -> None:
+        """Raises a pending error once: to stop a rig, later reports of the drive must still be readable."""
+        untold, self._pending_error = self._pending_error, None
         if untold is not None:
             raise untold
 
@@ -203,23 +215,23 @@ class GuardedBus(can.BusABC):
         if self._fault:
             raise can.CanOperationError(self._fault)
 
-    # -- without a guardian --------------------------------------------------------------------------------------------------
+    # -- after the guardian has failed ---------------------------------------------------------------------------------------
 
     def _take_over(self, why: str) -> None:
-        """Whoever is left tells the drive to let go. A guardian that hangs is ended, lest it speak later."""
+        """Disables the motor from this process. A hung guardian is killed first, so that it cannot send anything later."""
         why = f"{self._let_go}; {why}" if self._let_go else why
         self._process.kill()
         self._process.wait()
         self._is_armed = False
         try:
-            self._alone = taken_over(self._settings, self._last_word, self._clock)
+            self._own_bus = taken_over(self._settings, self._last_word, self._clock)
             self._fault = f"{why}; the drive was told to let go from here"
         except can.CanError as error:
             self._fault = f"{why}, and {error}; press the emergency stop"
-        self._untold = can.CanOperationError(self._fault)
+        self._pending_error = can.CanOperationError(self._fault)
 
     def shutdown(self) -> None:
-        """Ends the guardian, which lets go of a drive that was not let go before. Raises can.CanError where that is in doubt."""
+        """Ends the guardian, which disables a motor that is still on. Raises can.CanError if it does not confirm that."""
         if self._is_shutdown:
             return
         super().shutdown()
@@ -227,23 +239,23 @@ class GuardedBus(can.BusABC):
             self._close()
         finally:
             self._link.close()
-            if self._alone is not None:
-                self._alone.shutdown()
+            if self._own_bus is not None:
+                self._own_bus.shutdown()
 
     def _close(self) -> None:
         if self._fault:
             return
         self._link.put(GuardianRecord(RecordKind.CLOSE, self._clock.now_s()))
         self._link.flush()
-        has_to_let_go = self._is_armed or (self._let_go and self._silenced is None)
+        must_disable = self._is_armed or (self._let_go and self._silenced is None)
         until_s = self._clock.now_s() + ENDED_WITHIN_S
         while not self._link.is_cut and (left_s := until_s - self._clock.now_s()) > 0.0:
             self._link.wait(left_s)
             for record in self._link.take():
                 self._take(record)
-        if has_to_let_go and self._silenced is None:
-            said = self._untold or "it does not say that it did"
-            raise can.CanOperationError(f"the guardian, left to let go of the drive: {said}; press the emergency stop")
+        if must_disable and self._silenced is None:
+            reason = self._pending_error or "it does not say that it did"
+            raise can.CanOperationError(f"the guardian, left to let go of the drive: {reason}; press the emergency stop")
         self._end_process()
 
     def _end_process(self) -> None:
@@ -253,25 +265,26 @@ class GuardedBus(can.BusABC):
         self._process.wait()
 
 
-def _started(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], GuardianLink, str]:
+def _start_guardian(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], GuardianLink, str]:
     try:
         process, child = started(assignment)
     except OSError as error:
         raise can.CanInitializationError(f"no guardian can be started: {error}") from error
     with child:
-        what, said = _first_words(child)
-        if what != READY:
+        state, message = _read_first_message(child)
+        if state != READY:
             process.kill()
             process.wait()
-            raise can.CanInitializationError(said)
-        return process, GuardianLink(socket.socket(fileno=os.dup(child.fileno()))), said
+            raise can.CanInitializationError(message)
+        # The descriptor is duplicated, as the connection closes its own at the end of the block.
+        return process, GuardianLink(socket.socket(fileno=os.dup(child.fileno()))), message
 
 
-def _first_words(child: Connection) -> tuple[str, str]:
+def _read_first_message(child: Connection) -> tuple[str, str]:
     try:
         if child.poll(STARTED_WITHIN_S):
-            what, said = child.recv()
-            return what, said
+            state, message = child.recv()
+            return state, message
     except EOFError:
         return FAILED, "the guardian ended before it began"
     return FAILED, f"the guardian did not start within {STARTED_WITHIN_S:g} s"

@@ -1,16 +1,17 @@
-"""One end of the way between a guardian and the process it guards. Neither can make the other wait."""
+"""One end of the connection between the guardian and its parent. Neither side can block the other."""
 
 import select
 import socket
 
 from rfca_rig.guardian.records import GuardianRecord, encode, split
 
-MOST_WAITING_BYTES = 1 << 18  # some 8000 frames
+# Limit of the send queue, about 8000 frames.
+MOST_WAITING_BYTES = 1 << 18
 READ_BYTES = 1 << 16
 
 
 class GuardianLink:
-    """`flush` sends what the other side has room for, and keeps the rest; `take` gives what has come."""
+    """Non-blocking record stream. `flush` sends what the socket accepts and keeps the rest; `take` returns what has arrived."""
 
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
@@ -23,7 +24,7 @@ class GuardianLink:
         return self._end.fileno()
 
     def put(self, record: GuardianRecord, may_be_dropped: bool = False) -> bool:
-        """Goes out with the next `flush`. False where it was dropped, because too much waits already."""
+        """Queues a record for the next `flush`. Returns False if it was dropped, because the queue is full."""
         if may_be_dropped and len(self._waiting) > MOST_WAITING_BYTES:
             self.flush()
             if len(self._waiting) > MOST_WAITING_BYTES:
@@ -38,11 +39,12 @@ class GuardianLink:
         except BlockingIOError:
             return
         except OSError:
-            self.is_cut = True  # what the other side said before can still be taken
+            # What the other side sent before can still be received.
+            self.is_cut = True
             self._waiting.clear()
 
     def take(self) -> list[GuardianRecord]:
-        """Everything that came, in order; `is_cut` is true afterwards where nothing more can come."""
+        """All records that have arrived, in order. Sets `is_cut` if no more can arrive."""
         try:
             while received := self._end.recv(READ_BYTES):
                 self._received += received
@@ -56,7 +58,7 @@ class GuardianLink:
         return records
 
     def wait(self, timeout_s: float) -> None:
-        """Until something came or can be sent, for so long at most."""
+        """Waits until data has arrived or can be sent, for `timeout_s` at most."""
         select.select([self._end], [self._end] if self._waiting else [], [], max(timeout_s, 0.0))
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The process that holds the bus. Whatever becomes of the one that commands, the last word to the drive is spoken here."""
+"""Main function of the guardian process. It holds the CAN bus, and disables the motor whatever happens to its parent."""
 
 import os
 import select
@@ -20,17 +20,22 @@ from rfca_rig.guardian.records import GuardianRecord, RecordKind, frame_of, of_f
 from rfca_rig.guardian.silence import Silence
 from rfca_rig.guardian.torque_off import LettingGo
 
+# Interval of the alive messages in s.
 ALIVE_S = 0.02
-POLL_S = 1e-3  # for buses that cannot be waited for
-DEAF_S = 0.02  # between two looks at a bus that fails
+# Poll interval in s for buses without a file descriptor to wait on.
+POLL_S = 1e-3
+# Pause in s after a failed read, so that a broken bus does not take all computing time.
+DEAF_S = 0.02
+# Scheduling priority; a late guardian is a late torque-off.
 NICENESS = -11
-MOST_FRAMES = 256  # in one round: a flooded bus must not hide a silence
+# Frames read in one cycle: a flooded bus must not hide a silence.
+MOST_FRAMES = 256
 READY, FAILED = "ready", "failed"
 
 
 @dataclass(frozen=True)
 class GuardianAssignment:
-    """What to hold, and when to let go of it. `clock` is the parent's: both tell the same time, as the clock behind it is the machine's."""
+    """The bus to hold, the torque-off frames, and the timeout. `clock` is the parent's; its time is the same in both processes."""
 
     bus: CanBusSettings
     last_word: LastWord
@@ -39,9 +44,9 @@ class GuardianAssignment:
 
 
 def guard(parent: Connection) -> None:
-    """Takes its assignment from the parent, says whether the bus is open, and holds it until the parent is done, or gone.
+    """Receives its assignment from the parent, reports whether the bus is open, and holds it until the parent is done, or gone.
 
-    SIGTERM, SIGHUP and SIGINT end it, after the drive was let go. It is of a session of its own: ^C in the terminal is the parent's.
+    SIGTERM, SIGHUP and SIGINT end it, after it has disabled the motor. It has its own session, so ^C in the terminal goes to the parent.
     """
     _ask_for_priority()
     orders = Orders()
@@ -50,7 +55,8 @@ def guard(parent: Connection) -> None:
     assignment: GuardianAssignment = parent.recv()
     try:
         bus = assignment.bus.open()
-    except Exception as error:  # python-can's interfaces raise all sorts, NameError and ImportError where the vendor's library is missing
+    # Interfaces of python-can raise exceptions of many types, even NameError and ImportError if a vendor library is missing.
+    except Exception as error:
         parent.send((FAILED, str(error) or type(error).__name__))
         return
     parent.send((READY, str(bus.channel_info)))
@@ -63,14 +69,14 @@ def guard(parent: Connection) -> None:
 
 
 def _ask_for_priority() -> None:
-    """Before everything that has no deadline; a system that does not grant it leaves the guardian as any other process."""
+    """Raises the priority above processes without a deadline. If the system refuses, the guardian runs at normal priority."""
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
 
 
 @dataclass
 class Orders:
-    """Which signal told this process to end; empty while none did."""
+    """Names of the signals that asked this process to end; empty while there were none."""
 
     names: list[str] = field(default_factory=list)
 
@@ -82,7 +88,7 @@ class Orders:
 
 
 class Guardian:
-    """From the link to the bus and back. Only what lets the drive go passes at any time, the rest while commands keep coming."""
+    """Forwards frames between parent and bus. Torque-off frames always pass, all others only while commands keep coming."""
 
     def __init__(self, bus: can.BusABC, link: GuardianLink, last_word: LastWord, silence_s: float, clock: Clock) -> None:
         self._bus = bus
@@ -93,7 +99,7 @@ class Guardian:
         self._silence = Silence(silence_s)
         self._clock = clock
         self._arming = 0
-        self._letting_go: LettingGo | None = None
+        self._torque_off: LettingGo | None = None
         self._bus_fileno = _fileno(bus)
         self._listen_s = 0.0
         self._alive_s = 0.0
@@ -101,23 +107,24 @@ class Guardian:
         self._is_done = False
 
     def run(self, told_to_end: Callable[[], str]) -> None:
-        """Until the parent closes or is gone, or `told_to_end` names a signal; then lets go of a drive that is armed, and returns."""
+        """Runs until the parent closes or is gone, or `told_to_end` names a signal; then disables an armed drive and returns."""
         try:
             while not (self._is_done or self._link.is_cut or told_to_end()):
                 self._wait()
                 self.round(self._clock.now_s())
+        # A bug in the guardian must not leave the motor running.
         except Exception as mistake:
             self._end(f"because of a mistake of its own ({mistake!r})")
             raise
         self._end(f"because it was told to end by {told_to_end()}" if told_to_end() else "because the program that it guards ended")
 
     def round(self, now_s: float) -> None:
-        """One look at everything. What came is looked at first, so that a guardian who was late finds no silence where there was none."""
+        """One cycle. Arrived commands are handled first, so that a delayed guardian sees no silence that did not exist."""
         self._obey(now_s)
-        self._hear(now_s)
+        self._receive(now_s)
         if self._silence.is_too_long(now_s):
             self._let_go(now_s, f"after {1e3 * self._silence.lasted_s(now_s):.0f} ms of silence")
-        self._carry_on(now_s)
+        self._continue_torque_off(now_s)
         self._show_life(now_s)
         self._link.flush()
 
@@ -125,22 +132,24 @@ class Guardian:
         now_s = self._clock.now_s()
         if self._silence.is_armed:
             self._let_go(now_s, why)
-        while self._letting_go is not None:
-            self._carry_on(now_s)
+        # The process ends only after the torque-off sequence is over.
+        while self._torque_off is not None:
+            self._continue_torque_off(now_s)
             self._clock.wait_until(now_s + POLL_S)
             now_s = self._clock.now_s()
-            self._hear(now_s)
+            self._receive(now_s)
             self._link.flush()
         self._link.flush()
 
     def _wait(self) -> None:
         now_s = self._clock.now_s()
         until_s = min(self._silence.left_s(now_s), self._alive_s + ALIVE_S - now_s)
-        if self._letting_go is not None:
-            until_s = min(until_s, self._letting_go.left_s(now_s))
+        if self._torque_off is not None:
+            until_s = min(until_s, self._torque_off.left_s(now_s))
         listening = now_s >= self._listen_s
         if self._bus_fileno is None or not listening:
             until_s = min(until_s, POLL_S)
+        # A bus that just failed is not waited on: it would wake the loop at once.
         watched = [self._link.fileno(), *([self._bus_fileno] if self._bus_fileno is not None and listening else [])]
         select.select(watched, [], [], max(until_s, 0.0))
 
@@ -154,37 +163,39 @@ class Guardian:
                 case RecordKind.FRAME_TO_CONFIRM:
                     self._forward_and_confirm(record)
                 case RecordKind.ARM:
-                    self._arming, self._letting_go = record.number, None
+                    self._arming, self._torque_off = record.number, None
                     self._silence.arm(record.t_s)
                 case RecordKind.CLOSE:
                     self._is_done = True
 
     def _forward(self, record: GuardianRecord, now_s: float) -> None:
-        """Refuses what comes too late, without a word: that there was a silence is told when it is found."""
+        """Forwards a command in time, and silently drops a late one: the silence itself is reported when it is detected."""
         if self._silence.may_pass(record.t_s, now_s):
-            failure = self._sent(record)
+            failure = self._send(record)
             if failure:
-                self._tell(of_text(RecordKind.BUS_ERROR, now_s, failure))
+                self._report(of_text(RecordKind.BUS_ERROR, now_s, failure))
 
     def _forward_and_confirm(self, record: GuardianRecord) -> None:
-        """What lets the drive go, and nothing else, is sent this way."""
+        """Sends a torque-off frame and confirms it. No other frame is accepted this way."""
         message = frame_of(record)
-        failure = self._sent(record) if signature(message) in self._always else "no frame that lets the drive go"
+        failure = self._send(record) if signature(message) in self._always else "no frame that lets the drive go"
+        # The last torque-off frame ends the driver's session, so no further commands are expected.
         if not failure and signature(message) == self._closing:
             self._silence.disarm()
-        self._tell(of_text(RecordKind.CONFIRMED, record.t_s, failure, record.number))
+        self._report(of_text(RecordKind.CONFIRMED, record.t_s, failure, record.number))
 
-    def _sent(self, record: GuardianRecord) -> str:
-        """Why the bus did not take it; empty where it did."""
+    def _send(self, record: GuardianRecord) -> str:
+        """Sends a frame; returns the reason why the bus did not accept it, else an empty text."""
         try:
             self._bus.send(frame_of(record), timeout=0.0)
-        except Exception as error:  # as above; the parent hears of it
+        # Exceptions of any type, see `guard`; the error is reported to the parent.
+        except Exception as error:
             return str(error) or type(error).__name__
         return ""
 
     # -- from the bus --------------------------------------------------------------------------------------------------------
 
-    def _hear(self, now_s: float) -> None:
+    def _receive(self, now_s: float) -> None:
         if now_s < self._listen_s:
             return
         try:
@@ -192,61 +203,63 @@ class Guardian:
                 message = self._bus.recv(timeout=0) if self._may_hold_a_frame(now_s) else None
                 if message is None:
                     break
-                self._hand_on(message, now_s)
+                # Each frame is passed on at once, since the parent may be waiting for it.
+                self._forward_to_parent(message, now_s)
             self._is_off = self._bus.state is can.BusState.ERROR
-        except Exception as error:  # as above; the parent hears of it
+        # Exceptions of any type, see `guard`; the error is reported to the parent.
+        except Exception as error:
             self._listen_s = now_s + DEAF_S
             self._link.put(of_text(RecordKind.BUS_ERROR, now_s, str(error) or type(error).__name__), may_be_dropped=True)
 
     def _may_hold_a_frame(self, now_s: float) -> bool:
-        """`recv` of some adapters waits a millisecond where nothing is there, in spite of its timeout. Now and then it is asked anyway."""
+        """Whether to call `recv`: with some adapters it waits 1 ms despite a timeout of 0. At intervals it is called anyway."""
         if self._bus_fileno is None or now_s - self._alive_s >= ALIVE_S:
             return True
         return bool(select.select([self._bus_fileno], [], [], 0.0)[0])
 
-    def _hand_on(self, message: can.Message, now_s: float) -> None:
+    def _forward_to_parent(self, message: can.Message, now_s: float) -> None:
         self._link.put(of_frame(message, message.timestamp), may_be_dropped=True)
         self._link.flush()
-        if self._letting_go is not None and not message.is_error_frame and not message.is_remote_frame:
-            self._letting_go.hear(message, now_s)
+        if self._torque_off is not None and not message.is_error_frame and not message.is_remote_frame:
+            self._torque_off.hear(message, now_s)
 
-    # -- letting go ----------------------------------------------------------------------------------------------------------
+    # -- torque off ----------------------------------------------------------------------------------------------------------
 
     def _let_go(self, now_s: float, why: str) -> None:
         silent_s = self._silence.lasted_s(now_s)
         self._silence.disarm()
-        self._letting_go = LettingGo(self._bus, self._last_word, now_s, silent_s)
-        self._carry_on(now_s)
-        self._tell(of_text(RecordKind.LET_GO, now_s, f"guardian let go {why}", self._arming))
+        self._torque_off = LettingGo(self._bus, self._last_word, now_s, silent_s)
+        self._continue_torque_off(now_s)
+        self._report(of_text(RecordKind.LET_GO, now_s, f"guardian let go {why}", self._arming))
 
-    def _carry_on(self, now_s: float) -> None:
-        if self._letting_go is None:
+    def _continue_torque_off(self, now_s: float) -> None:
+        if self._torque_off is None:
             return
-        failed_before = self._letting_go.failure
-        self._letting_go.step(now_s)
-        failure = self._letting_go.failure
+        failed_before = self._torque_off.failure
+        self._torque_off.step(now_s)
+        failure = self._torque_off.failure
         if failure and failure != failed_before:
-            self._tell(of_text(RecordKind.BUS_ERROR, now_s, f"the guardian's last word was not taken: {failure}"))
-        if self._letting_go.is_over:
-            self._tell(of_silenced(self._letting_go.did(), now_s, self._arming))
-            self._letting_go = None
+            self._report(of_text(RecordKind.BUS_ERROR, now_s, f"the guardian's last word was not taken: {failure}"))
+        if self._torque_off.is_over:
+            self._report(of_silenced(self._torque_off.did(), now_s, self._arming))
+            self._torque_off = None
 
     def _show_life(self, now_s: float) -> None:
         if now_s - self._alive_s >= ALIVE_S:
             self._alive_s = now_s
             self._link.put(GuardianRecord(RecordKind.ALIVE, now_s, number=int(self._is_off)), may_be_dropped=True)
 
-    def _tell(self, record: GuardianRecord) -> None:
+    def _report(self, record: GuardianRecord) -> None:
         self._link.put(record)
 
 
 def signature(message: can.Message) -> tuple[int, bool, bytes]:
-    """What a drive tells frames apart by."""
+    """What identifies a frame: arbitration id, id format and data."""
     return message.arbitration_id, message.is_extended_id, bytes(message.data)
 
 
 def _fileno(bus: can.BusABC) -> int | None:
-    """What can be waited for; None where the bus has no such thing."""
+    """File descriptor of the bus to wait on; None if it has none."""
     try:
         number = bus.fileno()
     except NotImplementedError:

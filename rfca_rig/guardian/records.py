@@ -1,4 +1,4 @@
-"""What passes between a guardian and the process it guards: small records of bytes, frames among them."""
+"""Messages between the guardian and its parent process: small binary records, CAN frames among them."""
 
 import struct
 from dataclasses import dataclass
@@ -8,12 +8,14 @@ import can
 
 from rfca_rig.drivers.guard import Silenced
 
-HEAD = struct.Struct("<BBBxHxxIId")  # kind, flags, dlc, payload bytes, number, arbitration id, time
+# Fields: kind, flags, dlc, payload length, number, arbitration id, time.
+HEAD = struct.Struct("<BBBxHxxIId")
+# Fields: silence, duration, reports, torque; see `Silenced`.
 _SILENCED = struct.Struct("<ddqd")
 
 
 class RecordKind(IntEnum):
-    """Both ways: FRAME. To the guardian: FRAME_TO_CONFIRM, ARM, CLOSE. From it: the rest."""
+    """FRAME goes both ways; FRAME_TO_CONFIRM, ARM and CLOSE go to the guardian; the rest come from it."""
 
     FRAME = 1
     FRAME_TO_CONFIRM = 2
@@ -27,7 +29,7 @@ class RecordKind(IntEnum):
 
 
 class Form(IntFlag):
-    """What kind of frame it is."""
+    """Flags of a CAN frame."""
 
     EXTENDED = 1
     REMOTE = 2
@@ -39,9 +41,9 @@ class Form(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class GuardianRecord:
-    """`t_s` is the time of the machine's clock that both share; of a frame from the bus, its own time stamp.
+    """One message. `t_s` is the time of the clock that both processes share; for a frame from the bus, the frame's own time stamp.
 
-    `number` says which arming, or which frame to be confirmed; `flags`, `dlc` and `arbitration_id` belong to frames.
+    `number` identifies the arming, or the frame to be confirmed. `flags`, `dlc` and `arbitration_id` belong to frames.
     """
 
     kind: RecordKind
@@ -63,11 +65,12 @@ def encode(record: GuardianRecord) -> bytes:
 
 
 def split(received: bytes | bytearray) -> tuple[list[GuardianRecord], int]:
-    """Every whole record, and how many bytes they took."""
+    """Decodes all complete records; returns them and the number of bytes that they took."""
     records, at = [], 0
     while at + HEAD.size <= len(received):
         kind, flags, dlc, size, number, arbitration_id, t_s = HEAD.unpack_from(received, at)
         end = at + HEAD.size + size
+        # The rest of this record has not arrived yet.
         if end > len(received):
             break
         records.append(GuardianRecord(RecordKind(kind), t_s, number, bytes(received[at + HEAD.size : end]), flags, dlc, arbitration_id))
@@ -88,7 +91,7 @@ def of_frame(message: can.Message, t_s: float, kind: RecordKind = RecordKind.FRA
 
 
 def frame_of(record: GuardianRecord) -> can.Message:
-    """With `t_s` as its time stamp."""
+    """The CAN frame of a record, with `t_s` as its time stamp."""
     flags = record.flags
     return can.Message(
         timestamp=record.t_s,
@@ -105,6 +108,7 @@ def frame_of(record: GuardianRecord) -> can.Message:
 
 
 def of_text(kind: RecordKind, t_s: float, text: str, number: int = 0) -> GuardianRecord:
+    # The length field has 16 bits; error texts of adapters may be long.
     return GuardianRecord(kind, t_s, number, text.encode()[:2000])
 
 

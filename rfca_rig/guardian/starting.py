@@ -1,4 +1,4 @@
-"""How the guardian comes to be."""
+"""Start of the guardian process; also its main module."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ MODULE = "rfca_rig.guardian.starting"
 
 
 def started(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
-    """The process, and the way to talk to it."""
+    """Starts the guardian process; returns it and a connection to it."""
     return subprocesses.started(MODULE, assignment)
 
 

@@ -1,1 +1,1 @@
-"""What has been recorded: every run below a folder, how it ended, and what its diagnosis said."""
+"""The logbook: every run below a folder, how it ended, and the result of its diagnosis."""

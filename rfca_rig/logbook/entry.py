@@ -11,7 +11,7 @@ SOURCES = ("SIM", "REAL", "IMPORT")
 
 @dataclass(frozen=True)
 class LoggedCondition:
-    """Where something was recorded: height of the shaft and, of strokes and cycles, its speed."""
+    """A condition that was recorded: height of the shaft and, of strokes and cycles, its speed."""
 
     height_mm: float
     speed_rad_s: float | None = None
@@ -19,7 +19,7 @@ class LoggedCondition:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a diagnosis said of it: the verdict, the effects it names, how sure the surest is, and its file."""
+    """Result of a diagnosis: the verdict, the identified effects, the probability of the most certain one, and its file."""
 
     words: str
     effects: tuple[str, ...] = ()
@@ -29,12 +29,11 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Entry:
-    """`folder` is the path from the folder of all runs. `began_s` is in seconds since 1970.
+    """One run. `folder` is the path from the folder of all runs. `began_s` is in seconds since 1970.
 
-    `ended` is one of ENDINGS, "" where nobody can know, as of an imported recording; `code` that of a trip. `why` are the words of the end,
-    or of the damage. "interrupted" is one that was cut off and recovered, "unfinished" one that goes on, or was cut off. `swings` counts
-    the recordings of a pendulum, `motions` those of a mechanism;
-    `named_conditions` are its conditions, and `seconds` is how long they last in all.
+    `ended` is one of ENDINGS, or "" where it is unknown, as of an imported recording; `code` is that of a trip. `why` is the reason of the
+    end, or the damage. "interrupted" means cut off and recovered, "unfinished" going on or cut off. `swings` counts the recordings of a
+    pendulum, `motions` those of a mechanism; `named_conditions` are its conditions, and `seconds` their duration in all.
     """
 
     folder: str
@@ -59,7 +58,7 @@ class Entry:
     seconds: float | None = None
 
     def plain(self) -> dict[str, Any]:
-        """In JSON's own types."""
+        """As types that JSON has."""
         return asdict(self)
 
     def with_verdict(self, verdict: Verdict | None) -> "Entry":
@@ -67,7 +66,7 @@ class Entry:
 
 
 def entry_of(said: Mapping[str, Any]) -> Entry:
-    """The entry of which `plain` gave that, without a verdict. Raises TypeError or LookupError for anything else."""
+    """The entry from the data of `plain`, without a verdict. Raises TypeError or LookupError for anything else."""
     conditions = tuple(LoggedCondition(**one) for one in said["conditions"])
     named = tuple(said["named_conditions"])
     return Entry(**{**said, "conditions": conditions, "named_conditions": named, "verdict": None})

@@ -1,4 +1,4 @@
-"""Finds the folders of runs, and says cheaply whether one is as it was."""
+"""Finds the folders of runs, and detects cheaply whether one has changed."""
 
 import os
 from collections.abc import Iterator
@@ -8,14 +8,15 @@ from pathlib import Path
 from rfca_rig.recording.layout import DIAGNOSIS, ENDING, EVENTS, EXPERIMENT, HEADER, PENDULUM, RECORDING
 
 TELLING = (HEADER, ENDING, EVENTS, RECORDING, PENDULUM, EXPERIMENT)
-DEEPEST = 6  # folders of folders of runs
+# Levels of folders that are searched below the folder of all runs.
+MAX_DEPTH = 6
 
 
 @dataclass(frozen=True)
 class FoundRun:
-    """A run's folder, as a path from the folder of all runs, and what changes whenever one of its files does.
+    """A run's folder, as a path from the folder of all runs, and a stamp that changes whenever one of its files does.
 
-    `diagnoses` are the files in it that a diagnosis may be in.
+    `diagnoses` are paths in it where a diagnosis may be.
     """
 
     folder: str
@@ -24,8 +25,8 @@ class FoundRun:
 
 
 def runs_below(runs: Path) -> Iterator[FoundRun]:
-    """Every folder that holds a run, however deep; what lies within a run is not looked at."""
-    yield from _below(str(runs), "", DEEPEST)
+    """Every folder with a run, at any depth up to MAX_DEPTH; folders inside a run are not searched."""
+    yield from _below(str(runs), "", MAX_DEPTH)
 
 
 def _below(runs: str, folder: str, deeper: int) -> Iterator[FoundRun]:
@@ -34,6 +35,7 @@ def _below(runs: str, folder: str, deeper: int) -> Iterator[FoundRun]:
             inside = list(listing)
     except OSError:  # taken away meanwhile, or not ours to read
         return
+    # One listing per folder serves both questions: is it a run, and has it changed.
     files = {one.name: one for one in inside if one.name in TELLING}
     if {HEADER, RECORDING, PENDULUM, EXPERIMENT} & set(files):
         telling = [files[name] for name in TELLING if name in files]
@@ -47,7 +49,7 @@ def _below(runs: str, folder: str, deeper: int) -> Iterator[FoundRun]:
 
 
 def _leads_back(one: "os.DirEntry[str]") -> bool:
-    """A link to a folder that it lies in would show every run again and again."""
+    """Whether it is a link to a folder that contains it: following it would list every run again and again."""
     return one.is_symlink() and Path(one.path).parent.resolve().is_relative_to(Path(one.path).resolve())
 
 
@@ -60,9 +62,9 @@ def _diagnoses(inside: "list[os.DirEntry[str]]") -> Iterator[str]:
 
 
 def _stamp(file: "os.DirEntry[str]") -> str:
-    """A file that was put in another's place has another inode, be it as old and as large."""
+    """Name, time, size and inode: a file that replaced another has another inode, even with the same age and size."""
     try:
-        seen = file.stat()
+        status = file.stat()
     except OSError:
         return f"{file.name}:gone"
-    return f"{file.name}:{seen.st_mtime_ns}:{seen.st_size}:{seen.st_ino}"
+    return f"{file.name}:{status.st_mtime_ns}:{status.st_size}:{status.st_ino}"

@@ -1,4 +1,4 @@
-"""The logbook of a folder: every run below it, newest first, from the index where that still holds."""
+"""The logbook of a folder: every run below it, newest first, from the index where it is still valid."""
 
 import json
 import os
@@ -19,18 +19,20 @@ OF_DIAGNOSIS = "diagnosis:"
 
 
 def diagnoses_near(runs: Path, found: Iterable[FoundRun]) -> Iterator[tuple[Path, os.stat_result]]:
-    """The files of diagnoses beside the folder of all runs, where the user stands, and in the folders of runs; each once."""
-    seen: set[Path] = set()
-    around = (file for place in (runs.absolute().parent, Path.cwd()) for way in (DIAGNOSIS, f"*/{DIAGNOSIS}") for file in place.glob(way))
-    within = (Path(file).absolute() for one in found for file in one.diagnoses)
+    """Files of diagnoses beside the folder of all runs, in the working directory and in the folders of runs; each once."""
+    listed: set[Path] = set()
+    around = (
+        file for place in (runs.absolute().parent, Path.cwd()) for pattern in (DIAGNOSIS, f"*/{DIAGNOSIS}") for file in place.glob(pattern)
+    )
+    within = (Path(file).absolute() for run in found for file in run.diagnoses)
     for file in (*around, *within):
-        if file not in seen and (stat := _stat(file)) is not None:
-            seen.add(file)
+        if file not in listed and (stat := _stat(file)) is not None:
+            listed.add(file)
             yield file, stat
 
 
 def _stat(file: Path) -> os.stat_result | None:
-    """None for what is no file, or not any more."""
+    """None where it is no file, or has been removed."""
     try:
         stat = file.stat()
     except OSError:
@@ -39,41 +41,49 @@ def _stat(file: Path) -> os.stat_result | None:
 
 
 def stamp_of(stat: os.stat_result) -> str:
-    """Changes whenever the file does."""
+    """A text that changes whenever the file does."""
     return f"{stat.st_mtime_ns}:{stat.st_size}:{stat.st_ino}"
 
 
-GRADED = ("mostly", "family")  # grades that the words of rfca-diagnosis/1 do not tell from "unexplained"
+# Grades that the verdicts of rfca-diagnosis/1 do not distinguish from "unexplained".
+GRADED = ("mostly", "family")
 
 
 def verdict_in(file: Path) -> dict[str, Any]:
-    """What the file says, as plain data: its verdict, and the identities of its recordings; none where it is no diagnosis."""
+    """A diagnosis file as plain data: its verdict and the identities of its recordings; no identities where it is no diagnosis."""
     try:
-        said = json.loads(file.read_bytes())
-        named = [one["identity"] for one in said.get("recordings", [])]
-        effects = [str(effect["id"]) for effect in said["effects"]]
-        sure = [effect["probability"] for effect in said["effects"] if effect["probability"] is not None]
-        words = said["grade"] if said.get("grade") in GRADED else said["verdict"]
-        return {"identities": named, "words": str(words), "effects": effects, "probability": max(sure, default=None)}
+        content = json.loads(file.read_bytes())
+        identities = [one["identity"] for one in content.get("recordings", [])]
+        effects = [str(effect["id"]) for effect in content["effects"]]
+        probabilities = [effect["probability"] for effect in content["effects"] if effect["probability"] is not None]
+        words = content["grade"] if content.get("grade") in GRADED else content["verdict"]
+        return {"identities": identities, "words": str(words), "effects": effects, "probability": max(probabilities, default=None)}
+    # Any JSON file of that name may lie about; a foreign one is no error of the listing.
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return {"identities": []}
 
 
-def by_identity(said: Iterable[tuple[str, float, Mapping[str, Any]]]) -> dict[str, Verdict]:
-    """The newest verdict on each recording, from (file, when it was written, what `verdict_in` gave)."""
+def by_identity(verdicts_of_files: Iterable[tuple[str, float, Mapping[str, Any]]]) -> dict[str, Verdict]:
+    """The newest verdict on each recording, from triples (file, time of writing, data of `verdict_in`)."""
     verdicts: dict[str, Verdict] = {}
-    for file, _, one in sorted(said, key=lambda each: each[1]):
-        for identity in one["identities"]:
-            verdicts[identity] = Verdict(one["words"], tuple(one["effects"]), one["probability"], file)
+    for file, _, verdict in sorted(verdicts_of_files, key=lambda each: each[1]):
+        for identity in verdict["identities"]:
+            # In order of time, so that the newest verdict replaces older ones.
+            verdicts[identity] = Verdict(verdict["words"], tuple(verdict["effects"]), verdict["probability"], file)
     return verdicts
 
 
 def list_runs(runs: Path, told: Watcher = unwatched, measure_s: Callable[[Path], float | None] = lambda _: None) -> list[Entry]:
-    """Newest first. `told` hears how many of those that are not in the index have been read, of how many.
+    """All runs below a folder, newest first. Raises BadInput where there is no such folder.
 
-    `measure_s` reads how long the recordings in a folder with experiment.toml last, None where they cannot be read.
-
-    Raises BadInput where there is no such folder.
+    Parameters
+    ----------
+    runs : Path
+        The folder of all runs.
+    told : callable
+        Called with the number of runs read so far that were not in the index, and their total.
+    measure_s : callable
+        Returns how long the recordings in a folder with experiment.toml last, None where they cannot be read.
     """
     if not runs.is_dir():
         raise BadInput(f"{runs}: is no folder; name the one that your runs are in with --runs, or record one: rfca-rig dynamic run")
@@ -82,6 +92,7 @@ def list_runs(runs: Path, told: Watcher = unwatched, measure_s: Callable[[Path],
     rows = _rows(runs, found, known, told, measure_s)
     verdicts, diagnoses = _verdicts(runs, found, known)
     rows |= diagnoses
+    # Nothing is added to a run's own folder, whose files are covered by its checksums.
     if rows != known and not is_run(found):
         write_index(runs, rows)
     entries = [_entry(rows[one.folder], verdicts) for one in found]
@@ -89,14 +100,15 @@ def list_runs(runs: Path, told: Watcher = unwatched, measure_s: Callable[[Path],
 
 
 def is_run(found: list[FoundRun]) -> bool:
-    """Whether the folder is itself a run's, which nothing is added to."""
+    """Whether the folder is itself a run's."""
     return [one.folder for one in found] == ["."]
 
 
 def _rows(
     runs: Path, found: list[FoundRun], known: dict[str, IndexRow], told: Watcher, measure_s: Callable[[Path], float | None]
 ) -> dict[str, IndexRow]:
-    """Of every run, read anew where its folder is not as it was."""
+    """A row of every run, read again where its folder has changed."""
+    # Rows of folders that no longer exist are dropped with this.
     rows = {one.folder: known[one.folder] for one in found if one.folder in known and known[one.folder].stamp == one.stamp}
     new = [one for one in found if one.folder not in rows]
     for one in counted(new, told):
@@ -105,18 +117,18 @@ def _rows(
 
 
 def _verdicts(runs: Path, found: list[FoundRun], known: dict[str, IndexRow]) -> tuple[dict[str, Verdict], dict[str, IndexRow]]:
-    """The verdict on each recording, and the rows of the diagnoses that say so."""
-    rows, said = {}, []
+    """The verdict on each recording, and the rows of the diagnoses that they come from."""
+    rows, verdicts_of_files = {}, []
     for file, stat in diagnoses_near(runs, found):
         stamp, path = stamp_of(stat), f"{OF_DIAGNOSIS}{file}"
         row = known[path] if path in known and known[path].stamp == stamp else IndexRow(stamp, verdict_in(file))
         rows[path] = row
-        said.append((_shown(file), stat.st_mtime, row.said))
-    return by_identity(said), rows
+        verdicts_of_files.append((_display_path(file), stat.st_mtime, row.said))
+    return by_identity(verdicts_of_files), rows
 
 
-def _shown(file: Path) -> str:
-    """From where the user stands, if it lies below."""
+def _display_path(file: Path) -> str:
+    """Relative to the working directory, if it lies below."""
     return str(file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file)
 
 

@@ -1,4 +1,4 @@
-"""What somebody looks for in the logbook."""
+"""Queries of the logbook."""
 
 import math
 import re
@@ -16,7 +16,7 @@ VERDICTS = ("named", "mostly", "family", "nothing missing", "unexplained", "not 
 
 @dataclass(frozen=True)
 class Span:
-    """From `low` to `high`, both among it."""
+    """The closed interval from `low` to `high`."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -27,7 +27,7 @@ class Span:
 
 @dataclass(frozen=True)
 class RunQuery:
-    """None and "" want nothing in particular. `words` must all occur in title or folder; height and speed hold for one condition."""
+    """Criteria; None and "" match everything. All `words` must occur in title or folder. Height and speed must hold for one condition."""
 
     height_mm: Span | None = None
     speed_rad_s: Span | None = None
@@ -56,6 +56,7 @@ class RunQuery:
     def _has_verdict(self, entry: Entry) -> bool:
         if not self.verdict:
             return True
+        # A run without a diagnosis only matches the query for that.
         if entry.verdict is None:
             return self.verdict == "none"
         return self.verdict in (entry.verdict.words, *entry.verdict.effects)
@@ -63,6 +64,7 @@ class RunQuery:
     def _has_condition(self, conditions: Iterable[LoggedCondition]) -> bool:
         if self.height_mm is None and self.speed_rad_s is None:
             return True
+        # Both for the same condition: 215 mm at one speed and 230 mm at another do not make 215 mm at the other.
         return any(_at(self.height_mm, one.height_mm) and _at(self.speed_rad_s, one.speed_rad_s) for one in conditions)
 
 
@@ -75,10 +77,11 @@ def _at(span: Span | None, value: float | None) -> bool:
 
 
 def span_of(text: str, option: str) -> Span:
-    """`215` is what rounds to it, `2.4..2.5` a range, `..220` and `230..` half of one. Raises BadInput for anything else."""
+    """`215` matches what rounds to it, `2.4..2.5` is a range, `..220` and `230..` are half-open. Raises BadInput for anything else."""
     low, dots, high = text.partition("..")
     if not dots:
         value = _number(text, option, text)
+        # Half a unit of the last digit that was typed.
         half = 0.5 * 10.0 ** -len(text.strip().partition(".")[2])
         return Span(value - half, value + half)
     span = Span(_number(low, option, text) if low else -math.inf, _number(high, option, text) if high else math.inf)
@@ -88,17 +91,19 @@ def span_of(text: str, option: str) -> Span:
 
 
 def _number(text: str, option: str, whole: str) -> float:
+    # Stricter than float(), which would also take nan, inf and 1e3.
     if not re.fullmatch(r"\s*-?\d+(\.\d*)?\s*", text):
         raise BadInput(f"{option} {whole}: should be a number or a range, such as 215 or 2.4..2.5, ..220, 230..")
     return float(text)
 
 
 def since_until(since: str, until: str) -> Span:
-    """Days as 2026-11-01, or moments as 2026-11-01T14:30, in this computer's zone. The day of `until` is among it."""
+    """From days as 2026-11-01, or moments as 2026-11-01T14:30, in local time. The day of `until` is included."""
     low = _moment(since, "--since").timestamp() if since else -math.inf
     if not until:
         return Span(low)
     end = _moment(until, "--until")
+    # A day ends just before the next one begins, at the last floating-point number before it.
     is_day = len(until) <= len("2026-11-01")
     return Span(low, math.nextafter((end + timedelta(days=1)).timestamp(), 0.0) if is_day else end.timestamp())
 
@@ -111,7 +116,7 @@ def _moment(text: str, option: str) -> datetime:
 
 
 def one_of(text: str, known: Iterable[str], option: str) -> str:
-    """The one of `known` that was meant, whatever its case. Raises BadInput with what there is and what may have been meant."""
+    """The one of `known` that was meant, ignoring case. Raises BadInput with the known ones and a suggestion."""
     listed = list(known)
     for one in listed:
         if text.casefold() in (one.casefold(), one.casefold().replace(" ", "-")):
@@ -128,12 +133,13 @@ def source_of(text: str) -> str:
 
 
 def ending_of(text: str) -> str:
-    """How a run ended, or the code of what tripped it."""
+    """How a run ended, or a trip code."""
+    # Codes first: no ending looks like one.
     if text.upper() in {code.value for code in Trip}:
         return text.upper()
     return one_of(text, ENDINGS, "--ended") if text else ""
 
 
 def verdict_of(text: str, effects: Iterable[str]) -> str:
-    """A verdict, or the name of an effect."""
+    """A verdict, or the id of an effect."""
     return one_of(text, (*VERDICTS, *effects), "--verdict") if text else ""

@@ -1,4 +1,4 @@
-"""Reads a run's folder into its line of the logbook: from three small text files, or from run.h5 where that is all there is."""
+"""Reads a run's folder into its logbook entry: from three small text files, or from run.h5 where that is all there is."""
 
 import json
 import tomllib
@@ -20,7 +20,7 @@ WITH_SPEED = ("Flap", "Cycles")
 
 
 def entry_in(runs: Path, folder: str, measure_s: Callable[[Path], float | None] = lambda _: None) -> Entry:
-    """The entry of a run's folder; of one whose files cannot be read it says so. `measure_s` reads how long an experiment lasts."""
+    """The entry of a run's folder; where its files cannot be read, the entry says so. `measure_s` returns an experiment's duration."""
     path = runs / folder
     try:
         if (path / HEADER).is_file():
@@ -28,9 +28,10 @@ def entry_in(runs: Path, folder: str, measure_s: Callable[[Path], float | None] 
         if (path / RECORDING).is_file():
             return _of_recording(path, folder)
         return _of_pendulum(path, folder) if (path / PENDULUM).is_file() else _of_experiment(path, folder, measure_s(path))
+    # One damaged run must not keep the others from being listed.
     except (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         why = str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}"
-        return Entry(folder, path.name, "", "", _changed_s(path), ended="damaged", why=why)
+        return Entry(folder, path.name, "", "", _modified_s(path), ended="damaged", why=why)
 
 
 def _of_run(path: Path, folder: str) -> Entry:
@@ -38,8 +39,10 @@ def _of_run(path: Path, folder: str) -> Entry:
     events_text = _whole_lines(path / EVENTS)
     ending = json.loads((path / ENDING).read_bytes())["provenance"] if (path / ENDING).is_file() else None
     known: Mapping[str, str] = header["provenance"]
-    done = _told(events_text.splitlines(), json.loads(known["plan"]))
-    whole = {**known, "events": events_text, **(ending or {})}
+    done = _count_recorded(events_text.splitlines(), json.loads(known["plan"]))
+    # The same texts, in the same shape, as `run.h5` has: the identity must agree with that of the recording.
+    provenance = {**known, "events": events_text, **(ending or {})}
+    # Without `end.json` the two cases look the same from outside.
     ended, code, why = ("unfinished", "", "it goes on, or was cut off") if ending is None else _end(ending)
     return Entry(
         folder,
@@ -56,18 +59,19 @@ def _of_run(path: Path, folder: str) -> Entry:
         ended,
         code,
         why,
-        identity_of(header["title"], header["source"], whole),
+        identity_of(header["title"], header["source"], provenance),
     )
 
 
 def _whole_lines(path: Path) -> str:
     content = path.read_bytes() if path.is_file() else b""
+    # A crash may have left part of a line.
     return content[: content.rfind(b"\n") + 1].decode(errors="replace")
 
 
 @dataclass
 class _Done:
-    """What the events say was recorded; conditions of stages that were cut short are among them."""
+    """Recorded stages by the events; conditions include those of stages that were cut short."""
 
     conditions: dict[LoggedCondition, None] = field(default_factory=dict)
     strokes: int = 0
@@ -80,8 +84,9 @@ class _Done:
         self.cycles += samples.get("cycles", 0)
 
 
-def _told(lines: Iterable[str], plan: Sequence[Mapping[str, Any]]) -> _Done:
-    """Stages are acknowledged in the order in which they began; one that was waited for when the run was cut off is not any more."""
+def _count_recorded(lines: Iterable[str], plan: Sequence[Mapping[str, Any]]) -> _Done:
+    """Stages are acknowledged in the order in which they began. Stages still open when a run was cut off are never acknowledged."""
+    # Events name stages by label only; the plan has the rest.
     by_label = {stage["label"]: stage for stage in plan}
     done, begun = _Done(), deque[Mapping[str, Any]]()
     for line in lines:
@@ -96,6 +101,7 @@ def _told(lines: Iterable[str], plan: Sequence[Mapping[str, Any]]) -> _Done:
                 done.add(begun.popleft(), event["samples"])
             case "stage cut short" if begun:
                 begun.popleft()
+            # Stages still open then were interrupted; they are repeated under the same labels.
             case "run resumed":
                 begun.clear()
     return done
@@ -111,19 +117,21 @@ def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
     reason = ending.get("reason", "")
     if why.startswith(TRIP):
         return "tripped", reason, why
+    # `recover` wrote this end, so the run itself had no time to.
     if "interrupted" in ending and not why:
         return "interrupted", "", ending["interrupted"]
     return REASONS.get(reason, "done" if why == "done" else "failed"), "", why
 
 
 def _of_recording(path: Path, folder: str) -> Entry:
-    """A run that is nothing but run.h5: imported, made of photos taken by hand, or of an older version."""
+    """A run that is only a run.h5: imported, made of photos taken by hand, or of an older version."""
     from rfca_rig.recording.outline import outline_of  # noqa: PLC0415  (takes longer to load than a thousand runs to list)
 
     outline = outline_of(path / RECORDING)
     known = outline.provenance
     conditions = [LoggedCondition(height, speed) for height, speed, _repeat in outline.strokes]
     conditions += [LoggedCondition(round(1e3 * stage.height_m, 6)) for stage in outline.static]
+    # Imported recordings have neither text: how they ended is unknown.
     ended, code, why = _end(known) if {"ended", "interrupted"} & set(known) else ("", "", "")
     guessed = "static" if outline.static and not outline.strokes else "dynamic"
     return Entry(
@@ -146,24 +154,24 @@ def _of_recording(path: Path, folder: str) -> Entry:
 
 
 def _of_pendulum(path: Path, folder: str) -> Entry:
-    """Recordings of a pendulum; whether its tables can be used is for the commands that read them."""
-    described = tomllib.loads((path / PENDULUM).read_text(encoding="utf-8"))
-    title = str(described["title"])
+    """Recordings of a pendulum; whether their tables are usable is for the commands that read them."""
+    description = tomllib.loads((path / PENDULUM).read_text(encoding="utf-8"))
+    title = str(description["title"])
     return Entry(
         folder,
         title,
         "IMPORT",
         "imported",
         (path / PENDULUM).stat().st_mtime,
-        swings=len(described["runs"]),
+        swings=len(description["runs"]),
         identity=identity_of_tables(title, path),
     )
 
 
 def _of_experiment(path: Path, folder: str, seconds: float | None) -> Entry:
-    """Recordings of a mechanism; whether they can be used is for the commands that read them."""
-    described = tomllib.loads((path / EXPERIMENT).read_text(encoding="utf-8"))
-    title, recordings = str(described["title"]), described["recordings"]
+    """Recordings of a mechanism; whether they are usable is for the commands that read them."""
+    description = tomllib.loads((path / EXPERIMENT).read_text(encoding="utf-8"))
+    title, recordings = str(description["title"]), description["recordings"]
     return Entry(
         folder,
         title,
@@ -178,13 +186,13 @@ def _of_experiment(path: Path, folder: str, seconds: float | None) -> Entry:
 
 
 def _began_s(file: Path, source: str, known: Mapping[str, str]) -> float:
-    """A twin's clock begins every run at the same moment; what tells when it was run is when its first file was written."""
+    """A twin's clock begins every run at the same moment, so for a twin the time of its first file counts."""
     if source == "REAL" and "started_at" in known:
         return datetime.fromisoformat(known["started_at"]).timestamp()
     return file.stat().st_mtime
 
 
-def _changed_s(path: Path) -> float:
+def _modified_s(path: Path) -> float:
     try:
         return path.stat().st_mtime
     except OSError:

@@ -1,4 +1,4 @@
-"""The model file of a mechanism with what a diagnosis found, for the user's own tools."""
+"""Writes the model file of a mechanism with the result of a diagnosis, for the user's own tools."""
 
 import os
 from pathlib import Path
@@ -18,27 +18,30 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     plant
         The mechanism with nuisance parameters and effects.
     path
-        Where the file goes; all or nothing.
+        Of the file, which is written atomically.
 
     Returns
     -------
     tuple of str
-        What MJCF does not hold, in words.
+        Laws that MJCF cannot express, in words.
     """
     spec, model = read_spec(plant.mechanism.path), plant.model
-    spec.compile()  # gives every geom its place
+    # Compiling gives every geom its index.
+    spec.compile()
     for place, joint in enumerate(spec.joints):
-        # a prescribed joint of the plant is too heavy to be moved by the others
+        # A prescribed joint of the plant has an armature that no load can move; the file gets the original one.
         heavy = place in plant.mechanism.prescribed
         joint.frictionloss = plant.friction[place]
         joint.armature = (plant.mechanism.model if heavy else model).dof_armature[place]
         joint.damping = [model.dof_damping[place], *model.dof_dampingpoly[place]]
+        # A stop that was found. MJCF states angles in the unit of its compiler, the compiled model in rad.
         if model.jnt_limited[place] and not plant.mechanism.model.jnt_limited[place]:
             in_degrees = spec.compiler.degree and not plant.mechanism.is_slide[place]
             joint.limited, joint.range = 1, np.degrees(model.jnt_range[place]) if in_degrees else model.jnt_range[place]
         joint.stiffness = [model.jnt_stiffness[place], *model.jnt_stiffnesspoly[place]]
     for place, body in enumerate(spec.bodies):
         if place > 0 and model.body_mass[place] > 0.0:
+            # Inertia along principal axes; NaN marks the full tensor as not given.
             body.explicitinertial = True
             body.mass, body.ipos, body.iquat = model.body_mass[place], model.body_ipos[place], model.body_iquat[place]
             body.inertia, body.fullinertia = model.body_inertia[place], np.full(6, np.nan)
@@ -50,7 +53,7 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
         pair.solref, pair.friction = model.pair_solref[pair.id], model.pair_friction[pair.id]
     spec.option.gravity = model.opt.gravity
     spec.compile()
-    # the file may stand in another folder than the meshes that it names
+    # The file may be in another folder than the meshes that it names.
     for kind, has_files in (("meshdir", bool(spec.meshes or spec.hfields or spec.skins)), ("texturedir", bool(spec.textures))):
         if has_files:
             assets = plant.mechanism.path.parent / getattr(spec, kind)

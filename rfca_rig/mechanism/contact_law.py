@@ -1,7 +1,7 @@
-"""A contact of a sphere with a plane whose stiffness is the rig's own: Hertz with damping, and Coulomb friction with stick.
+"""Contact law of a sphere on a plane: Hertz with damping, and Coulomb friction with stick.
 
-MuJoCo's contacts are soft constraints: their force grows with the mass of what touches. This law's force depends on depth and speed alone.
-It takes the place of MuJoCo's contact between the two geoms.
+MuJoCo's contacts are soft constraints: their force grows with the mass of the bodies. The force of this law depends on depth and speed
+alone. It replaces MuJoCo's contact between the two geoms.
 
 References
 ----------
@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
 
 STIFFNESS, DAMPING, FRICTION, PRESLIDING, DRAG, USUAL_DEPTH, MORE_POWER = range(7)  # columns of `ContactArrays.law`
+# Drag grows in proportion to the normal force up to this value, as in `rfca_rig.model.contact`.
 FULL_DRAG_N = 1.0
 
 
@@ -42,9 +43,9 @@ class SphereOnPlane:
     friction
         Coulomb's coefficient.
     presliding_m
-        How far a sticking point yields, in proportion to the force, before it slides.
+        Displacement of a sticking point, in proportion to the force, at which it begins to slide.
     drag_N_s_per_m
-        A force against the sliding speed beside friction, in full from a normal force of 1 N on.
+        A viscous force against the sliding speed in addition to friction, in full from a normal force of 1 N on.
     """
 
     sphere: str
@@ -79,11 +80,11 @@ def check_contacts(model: Any, contacts: Sequence[SphereOnPlane], where: str) ->
 
 
 class ContactArrays(NamedTuple):
-    """What the compiled loop needs of c contacts.
+    """Arrays of c contacts for the compiled loop.
 
-    `law` (c, 7), `radius` (c,), geoms (c,) of sphere and plane, their bodies (c,), and the `root` of each body. `stretch` (c, 3) says how
-    far the lowest point was carried from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, and `touch_s`
-    (c,) when each first touched; `work` is (3, 3). The others are MuJoCo's own arrays.
+    `law` (c, 7), `radius` (c,), geoms (c,) of sphere and plane, their bodies (c,), and the `root` of each body. `stretch` (c, 3) is the
+    displacement of the lowest point from where it sticks, `normal` (c,) the force in the last step, `clock` (1,) the time, and `touch_s`
+    (c,) the time of each first contact; `work` is (3, 3). The others are MuJoCo's own arrays.
     """
 
     law: Floats
@@ -108,7 +109,8 @@ class ContactArrays(NamedTuple):
 
 @internal
 def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) -> None:
-    """Writes the velocity (3,) of a point that moves with a body."""
+    """Writes the velocity of a point (3,) that moves with a body into `out` (3,)."""
+    # MuJoCo gives each body's velocity, first rotational then linear, at the centre of mass of its kinematic tree.
     twist, origin = arrays.cvel[body], arrays.subtree_com[arrays.root[body]]
     x, y, z = point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]
     out[0] = twist[3] + twist[1] * z - twist[2] * y
@@ -118,7 +120,8 @@ def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) ->
 
 @internal
 def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) -> None:
-    """Adds a force at a point to what acts on a body from outside."""
+    """Adds a force (3,) at a point (3,) to the external wrench on a body."""
+    # MuJoCo applies `xfrc_applied`, first force then torque, at the body's centre of mass.
     wrench, centre = arrays.xfrc_applied[body], arrays.xipos[body]
     x, y, z = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
     for i in range(3):
@@ -130,7 +133,8 @@ def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) ->
 
 @compiled
 def push(arrays: ContactArrays, h: float) -> None:
-    """Writes the forces of all contacts as MuJoCo's outer forces, and carries the sticking points on by a step of `h` [s]."""
+    """Writes the forces of all contacts as MuJoCo's external forces, and updates the sticking points over a step of `h` [s]."""
+    # Several contacts may share a body, so all wrenches are cleared first.
     point, normal, slip = arrays.work[0], arrays.work[1], arrays.work[2]
     for c in range(arrays.radius.size):
         arrays.xfrc_applied[arrays.body[c], :] = 0.0
@@ -139,6 +143,7 @@ def push(arrays: ContactArrays, h: float) -> None:
         sphere, plane = arrays.sphere[c], arrays.plane[c]
         height = 0.0
         for i in range(3):
+            # The plane's normal is the third column of its rotation matrix.
             normal[i] = arrays.geom_xmat[plane, 3 * i + 2]
             height += normal[i] * (arrays.geom_xpos[sphere, i] - arrays.geom_xpos[plane, i])
         depth, before_N = arrays.radius[c] - height, arrays.normal[c]
@@ -157,13 +162,15 @@ def push(arrays: ContactArrays, h: float) -> None:
         if law[MORE_POWER] != 0.0:
             N *= (depth / law[USUAL_DEPTH]) ** law[MORE_POWER]
         arrays.normal[c], arrays.touch_s[c] = N, min(arrays.touch_s[c], arrays.clock[0])
-        kept = min(1.0, before_N / N) if N > 0.0 else 1.0  # under a growing N a tie keeps its force; it would give energy otherwise
+        # Under a growing N a tie keeps its force, so its stretch shrinks; otherwise it would create energy.
+        kept = min(1.0, before_N / N) if N > 0.0 else 1.0
         length = 0.0
         for i in range(3):
             slip[i] += rate * normal[i]
             arrays.stretch[c, i] = kept * arrays.stretch[c, i] + 0.5 * (1.0 + kept) * h * slip[i]
             length += arrays.stretch[c, i] ** 2
         drag = law[DRAG] * min(1.0, N / FULL_DRAG_N)
+        # A stretch beyond the presliding has slipped: the sticking point follows.
         reach = law[PRESLIDING] / np.sqrt(length) if length > law[PRESLIDING] ** 2 else 1.0
         for i in range(3):
             arrays.stretch[c, i] *= reach

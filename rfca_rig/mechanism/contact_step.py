@@ -1,8 +1,8 @@
-"""One step of a mechanism, with or without contacts that have a law of their own.
+"""One time step of a mechanism, with or without contacts that have a law of their own.
 
-MuJoCo's integrators take outer forces as constant over a step, which is of first order. Where it integrates explicitly, the classical
-Runge-Kutta scheme stands here in its place, and evaluates the contact law in each of the four stages. The error is of fourth order where
-no contact begins or ends and no friction changes its sign, and of second order there.
+MuJoCo's integrators take external forces as constant over a step, which is of first order. Where it would integrate explicitly, the
+classical Runge-Kutta scheme here replaces it, and evaluates the contact law in each of the four stages. The error is of fourth order
+where no contact begins or ends and no friction changes its sign, and of second order there.
 """
 
 from typing import NamedTuple
@@ -30,9 +30,10 @@ Floats = NDArray[np.float64]
 
 
 class StageArrays(NamedTuple):
-    """State at a step's beginning, (n,) and (c, ...), the mean of the stages' rates, (2, n), and MuJoCo's accelerations, (n,).
+    """State at a step's beginning, the weighted mean of the stages' rates, and MuJoCo's accelerations.
 
-    The first ones are empty where MuJoCo integrates.
+    `q`, `w` (n,), `stretch` (c, 3) and `normal` (c,) at the beginning, `total` (2, n) the mean rates, `qacc` and `qacc_warmstart` (n,).
+    All but the last two are empty where MuJoCo integrates.
     """
 
     q: Floats
@@ -68,7 +69,7 @@ def _take_stages(
     for i in range(q.size):
         stages.q[i], stages.w[i], stages.total[0, i], stages.total[1, i] = q[i], w[i], 0.0, 0.0
     _copy_sticking(contacts.stretch, contacts.normal, stages.stretch, stages.normal)
-    begun_s = contacts.clock[0]
+    begin_s = contacts.clock[0]
     for stage in range(4):
         ahead = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
         if stage == 0:
@@ -81,19 +82,23 @@ def _take_stages(
             _copy_sticking(stages.stretch, stages.normal, contacts.stretch, contacts.normal)
             call_mujoco(addresses[POSITION], model, data)
             call_mujoco(addresses[VELOCITY], model, data)
-        contacts.clock[0] = begun_s
+        # Each stage advances the sticking points from the step's beginning, so clock and stretch are put back before it.
+        contacts.clock[0] = begin_s
         push(contacts, ahead)
         call_mujoco(addresses[ACTUATION], model, data)
         call_mujoco(addresses[ACCELERATION], model, data)
         call_mujoco(addresses[CONSTRAINT], model, data)
         if stage == 0:
             if noted.size > 0:
-                call_mujoco(addresses[INNER_FORCES], model, data)  # the sensors take them from the last call
+                # Force sensors read the joint reactions, which MuJoCo computes in a call of its own.
+                call_mujoco(addresses[INNER_FORCES], model, data)
                 call_mujoco(addresses[SENSORS], model, data)
             for i in range(noted.size):
                 noted[i] = sensordata[i]
             for i in range(q.size):
+                # The constraint solver of the next stages begins from the accelerations of the first one.
                 stages.qacc_warmstart[i] = stages.qacc[i]
+        # Weights 1, 2, 2, 1 over 6 of the classical scheme.
         share = (1.0 if stage in (0, 3) else 2.0) / 6.0
         for i in range(q.size):
             stages.total[0, i] += share * w[i]
@@ -101,7 +106,7 @@ def _take_stages(
     for i in range(q.size):
         q[i] = stages.q[i] + h * stages.total[0, i]
         w[i] = stages.w[i] + h * stages.total[1, i]
-    contacts.clock[0] = begun_s + h
+    contacts.clock[0] = begin_s + h
 
 
 @internal
@@ -117,7 +122,7 @@ def take_step(
     sensordata: Floats,
     noted: Floats,
 ) -> None:
-    """Carries positions and speeds (n,) on by `h` [s], and notes the sensors (d,) or (0,) of the step's beginning."""
+    """Advances positions and speeds (n,) by `h` [s], and stores the sensors (d,) or (0,) of the step's beginning in `noted`."""
     if stages.q.size > 0:
         _take_stages(addresses, model, data, q, w, h, stages, contacts, sensordata, noted)
         return

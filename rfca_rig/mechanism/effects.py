@@ -1,7 +1,7 @@
 """The effects that the model of a mechanism may lack, for its joints, actuators and bodies.
 
-MJCF holds most of these laws. `Plant` has those that it does not: friction that depends on speed or load, and what happens to commands and
-readings. A law that may act in one joint alone comes as two effects: in all joints, each with a size of its own, and in one.
+MJCF can express most of these laws. `Plant` has the others: friction that depends on speed or load, and changes of commands and
+readings. A law that may act in a single joint makes two effects: one in all joints, each with its own size, and one in one joint.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,29 +31,37 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 Floats = NDArray[np.float64]
 
 MOST_DEFLECTION = 0.3  # of a gear, as a share of the usual travel: with more, a controller would hardly be stable
-# Share of the usual inertia that a rotor has at least, which crosses the play of its gear. With 0.005 and 0.02 rotors of 0.06, 0.02 and
-# 0.004 kg m2 are followed alike; with 0.1 the error doubles in the joint of the lightest one, for a play of 0.03 rad.
+# Least inertia, as a share of the usual one, of a rotor that crosses the play of its gear. With 0.005 and 0.02 the results for rotors of
+# 0.06, 0.02 and 0.004 kg m2 are equal; with 0.1 the error doubles in the joint of the lightest one, for a play of 0.03 rad.
 LEAST_ROTOR = 0.02
-FALLS_BY = 0.02  # least share of the largest command that is lost at usual speed: less limits next to no recorded command
-MOST_OFFSET = 0.05  # of a prescribed joint, in rad, or as a share of the mechanism's size: 3 deg, or 20 mm of a leg that is 0.4 m long
+# Least share of the largest command that is lost at usual speed: less limits hardly any recorded command.
+FALLS_BY = 0.02
+# Of a prescribed joint, in rad, or as a share of the mechanism's size: 3 degrees, or 20 mm of a leg that is 0.4 m long.
+MOST_OFFSET = 0.05
 FAR = 1e6  # rad or m: the end of a range that has none
 
 
 def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
-    """The effects that can act on this mechanism and would show in such recordings.
+    """Lists the effects that can act on this mechanism and would be visible in such recordings.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     usual
-        What the recordings show; it sets the plausible sizes.
+        Usual magnitudes in the recordings; they set the plausible sizes.
     """
-    found: list[Effect] = []
+    effects: list[Effect] = []
     for law in _laws(mechanism, usual):
-        found += expand_law(law)
-    found += [*_stribeck(mechanism, usual), *_hysteresis(mechanism, usual), *_stop(mechanism, usual)]
-    return [*found, *_of_commands(mechanism, usual), *list_sensor_effects(mechanism, usual), *_of_contacts(mechanism), *_of_rig(mechanism)]
+        effects += expand_law(law)
+    effects += [*_stribeck(mechanism, usual), *_hysteresis(mechanism, usual), *_stop(mechanism, usual)]
+    return [
+        *effects,
+        *_of_commands(mechanism, usual),
+        *list_sensor_effects(mechanism, usual),
+        *_of_contacts(mechanism),
+        *_of_rig(mechanism),
+    ]
 
 
 def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
@@ -84,6 +92,7 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
         yield per_joint("joint_spring_play", "play before the springs of the joints engage",
                         "the spring's torque at q - q_0 less half the gap, 0 within the gap", "half_gap", ("rad", "m"), usual.travel,
                         _add_play, source="dead zone", places=sprung)  # fmt: skip
+    # Without recorded commands there is no torque for a gear to lose, and no command whose scale may be wrong.
     driven = tuple(joint for joint in moving if mechanism.driven[joint])
     if usual.is_driven and driven:
         ones = np.ones(len(driven))
@@ -99,7 +108,7 @@ def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
 
 
 def _laws_of_gears(mechanism: Mechanism, usual: UsualMotion, driven: tuple[int, ...]) -> Iterator[PlaceLaw]:
-    """What yields between encoders on the motors' side and the joints; their smallest deflection is a share of the usual travel."""
+    """Compliance and play between encoders on the motors' side and the joints; sizes are shares of the usual travel."""
     joints, at = tuple(mechanism.joints[joint] for joint in driven), list(driven)
     travel, torque = usual.travel[at], usual.torque[at]
 
@@ -137,12 +146,12 @@ def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[tuple[Parameter, 
     """A torque of each joint, or of all of one make, and the joints' places."""
     moving, units = mechanism.simulated, joint_units(mechanism, "Nm", "N")
     groups = group_places(mechanism, tuple(mechanism.joints[place] for place in moving))
-    found = []
+    parameters = []
     for group, members in groups:
         places = [moving[member] for member in members]
         name, torque = join_name(group if len(groups) > 1 else "", "torque", units[places[0]]), usual.torque[places]
-        found.append((Parameter(name, SMALLEST * float(torque.min()), LARGEST * float(torque.max()), may_be_zero=False), places))
-    return found
+        parameters.append((Parameter(name, SMALLEST * float(torque.min()), LARGEST * float(torque.max()), may_be_zero=False), places))
+    return parameters
 
 
 def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
@@ -165,7 +174,7 @@ def _stribeck(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     """Friction that builds up over an angle, in all joints: a torque each, and one angle, as a share of the usual travel.
 
-    Dry friction is its limit, as it is Stribeck's: none of these laws is a rival that speaks against another.
+    Dry friction is a limit of this law and of Stribeck's, so none of them counts as evidence against another.
     """
     torques = _torques(mechanism, usual)
 
@@ -183,7 +192,7 @@ def _hysteresis(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
 
 def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """A stop within the range that one joint travels; MuJoCo's limit, with its default stiffness."""
+    """A stop within the recorded range of one joint; MuJoCo's limit, with its default stiffness."""
     middle, half = usual.middle, usual.half_range
 
     def apply(plant: Plant, values: Values) -> Plant:
@@ -193,6 +202,7 @@ def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
         plant.model.jnt_range[joint] = (-FAR, at) if share > 0.0 else (at, FAR)
         return plant
 
+    # A model with limits states its stops already.
     if not mechanism.model.jnt_limited.any():
         counted = Parameter("joint", 1.0, float(len(mechanism.simulated)), may_be_zero=False, whole=True)
         share = Parameter("position_relative", -0.98, 0.98)
@@ -243,6 +253,7 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
         yield Effect("torque_dead_band", "commands", "the actuators ignore small commands",
                      "u = sgn(u_r) max(|u_r| - band, 0), the band a share of the largest recorded command u_r", "dead band of a drive",
                      (Parameter("band_relative", 0.005, 0.3, may_be_zero=False),), ignore_small)  # fmt: skip
+        # Only a command that is a torque has a line of torque over speed; position servos are excluded.
         motors = [place for place in torque_motors(mechanism) if usual.command[place] > 0.0]
         joints = mechanism.model.actuator_trnid[motors, 0]
         if motors:
@@ -258,7 +269,7 @@ def _of_commands(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
 
 
 def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
-    def scaled_by(scale: Callable[[Plant, float], None]) -> Callable[[Plant, Values], Plant]:
+    def make_apply(scale: Callable[[Plant, float], None]) -> Callable[[Plant, Values], Plant]:
         def apply(plant: Plant, values: Values) -> Plant:
             scale(plant, values["factor"])
             return plant
@@ -273,7 +284,7 @@ def _of_contacts(mechanism: Mechanism) -> Iterator[Effect]:
         ):
             factor = Parameter("factor", low, high, may_be_zero=False)
             yield Effect(name, "ground", words, "the model's value times the factor", "MuJoCo, solver parameters", (factor,),
-                         scaled_by(change), same_as=f"{name}_relative")  # fmt: skip
+                         make_apply(change), same_as=f"{name}_relative")  # fmt: skip
 
     def harden(plant: Plant, values: Values) -> Plant:
         add_contact_power(plant, values["more_power"])
@@ -300,6 +311,7 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
     def tilt(plant: Plant, values: Values) -> Plant:
         x, y, z = plant.model.opt.gravity
         about_x, about_y = values["about_x_rad"], values["about_y_rad"]
+        # Rotation about the world's x axis, then about its y axis.
         y, z = y * np.cos(about_x) - z * np.sin(about_x), y * np.sin(about_x) + z * np.cos(about_x)
         x, z = x * np.cos(about_y) + z * np.sin(about_y), z * np.cos(about_y) - x * np.sin(about_y)
         plant.model.opt.gravity[:] = x, y, z
@@ -308,11 +320,13 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
     if np.any(model.opt.gravity != 0.0):
         angles = (Parameter("about_x_rad", -0.2, 0.2), Parameter("about_y_rad", -0.2, 0.2))
         yield Effect("gravity_tilt", "rig", "rig not plumb", "gravity turned about the world's x and y axis", "-", angles, tilt)
+    # Bodies that have a mass only because MuJoCo requires one, or that are fixed to the world, are no candidates.
     least_kg = PLACEHOLDER * float(model.body_mass.sum())
     heavy = [place for place in range(1, model.nbody) if model.body_mass[place] > least_kg and model.body_weldid[place] != 0]
 
     def load(plant: Plant, values: Values) -> Plant:
         body = heavy[int(values["body"]) - 1]
+        # The mass is added where the body's mass is already, so the inertia grows in proportion.
         plant.model.body_inertia[body] *= 1.0 + values["mass_kg"] / plant.model.body_mass[body]
         plant.model.body_mass[body] += values["mass_kg"]
         return plant
@@ -334,6 +348,7 @@ def _of_rig(mechanism: Mechanism) -> Iterator[Effect]:
         (False, "prescribed_angle_offset", "a prescribed hinge stands elsewhere than it reads", "rad", MOST_OFFSET),
     ):
         of_kind = [joint for joint in mechanism.prescribed if mechanism.is_slide[joint] == slides]
+        # The effect has one offset, so it exists only where exactly one joint of this kind is prescribed.
         if len(of_kind) == 1:
             (joint,), offset = of_kind, Parameter(f"offset_{unit}", -most, most)
             yield Effect(name, "rig", words, "q_read = q + offset, in all recordings alike", "-", (offset,), _shift_reading(joint, offset),

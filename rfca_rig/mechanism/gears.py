@@ -1,13 +1,14 @@
-"""Gears that yield: what an encoder on the motor's side reads beyond the position of its joint.
+"""Elastic gears and gears with play: the difference between an encoder on the motor's side and the position of its joint.
 
     q_read = q + c tau + z,    I z'' = tau within the play, abs(z) <= b / 2
 
-`tau` is the torque that the gear transmits: that of the actuator less what accelerates the rotor, which is the joint's `armature`. Friction
-acts on the joint's side. The joint moves as with a rigid gear of the compliance `c` and the play `b`, both small beside the travel.
+`tau` is the torque that the gear transmits: that of the actuator less the part that accelerates the rotor, the joint's `armature`.
+Friction acts on the joint's side. The joint moves as with a rigid gear; the compliance `c` and the play `b` only change the reading, and
+must be small beside the travel.
 
-The elastic part is quasi-static: it leaves out the rotor's motion against the joint, a share of about (f / f_r)^2 of the deflection at the
+The elastic part is quasi-static: it neglects the rotor's motion against the joint, a share of about (f / f_r)^2 of the deflection at the
 frequency f, with the rotor's resonance f_r = 1 / (2 pi sqrt(I c)). Play is not quasi-static: a rotor of 0.06 kg m2 takes 80 ms to cross
-0.03 rad where a controller turns its torque round. So its inertia `I` carries it across, and its teeth do not bounce.
+0.03 rad when a controller reverses its torque. So its inertia `I` carries it across, and its teeth do not bounce.
 
 References
 ----------
@@ -26,17 +27,16 @@ from rfca_rig.model.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# To either side of a start over which its state is smoothed, and the degree of the polynomial: as the diagnosis estimates recorded states.
+# Half of the span over which a start is smoothed, and the degree of the polynomial: the diagnosis estimates recorded states in this way.
 SMOOTHED_S, DEGREE = 0.06, 5
-PARTS = 12  # of that time in which commands count by their means: twice as many as the polynomial has coefficients
+# The span is divided into parts with mean commands: twice as many as the polynomial has coefficients.
+PARTS = 12
 FINER = 5  # steps of a rotor within a part
 
 
 @dataclass(frozen=True)
 class GearStart:
-    """How far the motors are ahead at a start and how fast that grows, as smoothed readings show it, and both of the rotors in their play;
-    each (n,).
-    """
+    """Lead of the motors over the joints at a start and its rate, from smoothed readings; both for the rotors in their play. All (n,)."""
 
     ahead: Floats
     rate: Floats
@@ -51,6 +51,7 @@ def cross_play(torque: Floats, play: Floats, inertia: Floats, h: float, lead: Fl
         for i in range(torque.shape[1]):
             rate[i] += h * torque[k, i] / inertia[i]
             lead[i] += h * rate[i]
+            # The tooth meets the flank and stays there: a plastic impact.
             if abs(lead[i]) >= 0.5 * play[i]:
                 lead[i] = 0.5 * play[i] if lead[i] > 0.0 else -0.5 * play[i]
                 rate[i] = 0.0
@@ -65,16 +66,17 @@ def _cross(plant: Plant, torque: Floats, h: float, lead: Floats, rate: Floats) -
 
 
 def add_deflection(plant: Plant, start: GearStart, by_actuators: Floats, path_q: Floats, path_w: Floats, sample_s: float) -> None:
-    """Turns positions and speeds of the joints (k + 1, n), before each step and after the last, into those of the motors.
+    """Converts positions and speeds of the joints (k + 1, n), before each step and after the last, to those of the motors, in place.
 
-    `by_actuators` (k, n) are the actuators' torques in the steps. Recorded commands are steps of a sample, so speeds are differences over a
-    sample at least.
+    `by_actuators` (k, n) are the actuators' torques in the steps. Recorded commands are constant over a sample, so speeds are differences
+    over a sample at least.
     """
     h = plant.step_s
     torque = by_actuators - plant.model.dof_armature * np.diff(path_w, axis=0) / h
     bend = plant.gear_compliance * torque
     ahead = np.vstack([start.lead, _cross(plant, torque, h, start.lead.copy(), start.lead_rate.copy())])
-    around = np.pad(bend, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")  # goes on straight
+    # Odd reflection continues the deflection with its slope at both ends.
+    around = np.pad(bend, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     ahead += 0.5 * (around[1:] + around[:-1])
     over = min(max(1, round(0.5 * sample_s / h)), len(bend))
     beyond = np.pad(ahead, ((over, over), (0, 0)), mode="reflect", reflect_type="odd")
@@ -83,12 +85,12 @@ def add_deflection(plant: Plant, start: GearStart, by_actuators: Floats, path_q:
 
 
 def estimate_gear_start(plant: Plant, data: Any, commands: Floats) -> GearStart:
-    """The gears at the start of a motion.
+    """Estimates the deflection of the gears at the start of a motion.
 
     Parameters
     ----------
     plant
-        What moves.
+        The mechanism.
     data
         MuJoCo's data, at the start as it was read.
     commands
@@ -99,12 +101,14 @@ def estimate_gear_start(plant: Plant, data: Any, commands: Floats) -> GearStart:
     position, speed, acceleration = data.qpos.copy(), data.qvel.copy(), data.qacc.copy()
     times = ((np.arange(PARTS) + 0.5) / PARTS * 2.0 - 1.0) * SMOOTHED_S
     torque = np.empty((PARTS, len(position)))
+    # The motion near the start is a parabola through its state; only the torque along it is needed.
     for part, t in enumerate(times):
         data.qpos[:] = position + speed * t + 0.5 * acceleration * t**2
         data.qvel[:], data.ctrl[:] = speed + acceleration * t, commands[part]
         mujoco.mj_forward(plant.model, data)
         torque[part] = data.qfrc_actuator - plant.model.dof_armature * data.qacc
     data.qpos[:], data.qvel[:] = position, speed
+    # At the beginning of the span each rotor is assumed at the flank that its torque presses on.
     lead, rate = 0.5 * plant.gear_play[0] * np.sign(torque[0]), np.zeros(len(position))
     fine, h = np.repeat(torque, FINER, axis=0), 2.0 * SMOOTHED_S / PARTS / FINER
     before = _cross(plant, fine[: len(fine) // 2], h, lead, rate)

@@ -1,4 +1,4 @@
-"""Inverse dynamics: the torques that recorded states take beside those of the actuators, and the commands that carry a given motion.
+"""Inverse dynamics: torque balance of recorded states, and the commands for a given motion.
 
 References
 ----------
@@ -28,17 +28,17 @@ class States:
 
 @dataclass(frozen=True)
 class TorqueBalance:
-    """Torques in the joints, or forces in slides, that a model gives for recorded states.
+    """Torques in the joints, or forces in slides, that a model computes for recorded states.
 
     Parameters
     ----------
     inertial
-        (k, n) what accelerates the joints.
+        (k, n) torques that accelerate the joints.
     other
-        (k, n) weight, gyroscopic torques, springs, dampers, friction and contacts, as what holds against them; less what the actuators
-        make of a command of 0.
+        (k, n) torques that balance weight, gyroscopic torques, springs, dampers, friction and contacts; less those of the actuators at
+        a command of 0.
     by_actuator
-        (k, u, n) what each command adds.
+        (k, u, n) torque of each command.
     """
 
     inertial: Floats
@@ -47,18 +47,19 @@ class TorqueBalance:
 
     @property
     def remainder(self) -> Floats:
-        """(k, n) what acts in the motion beyond what the model has, as friction against the speed; all zero for a perfect model."""
+        """(k, n) torques in the motion that the model lacks, with the sign of friction against the speed; zero for a perfect model."""
         return np.asarray(self.inertial + self.other - self.by_actuator.sum(axis=1))
 
     @property
     def imbalance(self) -> Floats:
-        """(n,) rms of the remainder over that of all parts together: 0 for a perfect model, 1 where they have nothing in common."""
+        """(n,) rms of the remainder over that of all parts together: 0 for a perfect model, 1 where the parts are uncorrelated."""
         parts = np.mean(self.inertial**2 + self.other**2 + self.by_actuator.sum(axis=1) ** 2, axis=0)
         return np.asarray(np.sqrt(np.mean(self.remainder**2, axis=0) / np.maximum(parts, 1e-300)))
 
     def gain(self, actuator: int) -> tuple[float, float]:
-        """The factor on the command of an actuator that balances best, and the correlation with what the motion takes of it; NaN where the
-        command is 0.
+        """Best factor on the command of an actuator, by least squares, and the correlation of its torque with the required one.
+
+        NaN where the command is 0.
         """
         own = self.by_actuator[:, actuator]
         needed = self.remainder + own
@@ -71,7 +72,7 @@ class TorqueBalance:
 
 
 def balance_torques(mechanism: Mechanism, states: States) -> TorqueBalance:
-    """The torques of the nominal model in recorded states.
+    """Computes the torques of the nominal model in recorded states.
 
     Parameters
     ----------
@@ -87,12 +88,14 @@ def balance_torques(mechanism: Mechanism, states: States) -> TorqueBalance:
     inertial, other, by_actuator = np.empty(shape), np.empty(shape), np.empty((shape[0], model.nu, shape[1]))
     for k in range(shape[0]):
         data.qpos[:], data.qvel[:], data.qacc[:], data.ctrl[:] = states.position[k], states.speed[k], 0.0, 0.0
+        # Without acceleration the inverse dynamics give all torques but the inertial ones; the difference is the inertial part.
         mujoco.mj_inverse(model, data)
         still = data.qfrc_inverse.copy()
         data.qacc[:] = states.acceleration[k]
         mujoco.mj_inverse(model, data)
         inertial[k] = data.qfrc_inverse - still
         mujoco.mj_fwdActuation(model, data)
+        # A position servo has a torque at a command of 0, too.
         idle = data.qfrc_actuator.copy()
         other[k] = still - idle
         for actuator in range(model.nu):
@@ -104,7 +107,7 @@ def balance_torques(mechanism: Mechanism, states: States) -> TorqueBalance:
 
 
 def torque_motors(mechanism: Mechanism) -> list[int]:
-    """The places of the actuators that act on a joint with a torque proportional to their command."""
+    """Indices of the actuators that act on a joint with a torque proportional to their command."""
     import mujoco  # noqa: PLC0415  (optional)
 
     model = mechanism.model
@@ -120,12 +123,12 @@ def has_torque_motors(mechanism: Mechanism) -> bool:
 
 
 def compute_feed_forward(plant: Plant, position: Floats, speed: Floats, acceleration: Floats) -> Floats:
-    """The commands (k, u) that a motion takes, of a mechanism that `has_torque_motors`.
+    """Commands (k, u) for a motion of a mechanism that `has_torque_motors`.
 
     Parameters
     ----------
     plant
-        What moves. Friction that depends on speed or load counts with its value at high speed.
+        The mechanism. Friction that depends on speed counts with its value at high speed.
     position, speed, acceleration
         (k, n) of the joints.
     """
@@ -140,6 +143,7 @@ def compute_feed_forward(plant: Plant, position: Floats, speed: Floats, accelera
         data.qpos[:], data.qvel[:], data.qacc[:] = position[k] - plant.zero_offset, speed[k], acceleration[k]
         mujoco.mj_inverse(model, data)
         torque = data.qfrc_inverse + dry * np.sign(speed[k]) - plant.torque_offset
+        # Friction that grows with the load takes its share of the torque without friction.
         torque = torque + plant.load_loss * np.abs(torque) * np.sign(speed[k])
         commands[k] = torque[joints] / per_command
     return commands

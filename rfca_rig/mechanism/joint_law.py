@@ -1,6 +1,6 @@
-"""The torque of one joint as a table over its speed or its position: a law without a formula.
+"""Torque of one joint as a table over its speed or its position: a law without a formula.
 
-Between its knots it is straight, beyond them constant. A positive value resists a positive speed, or a positive position.
+It is linear between its knots and constant beyond them. A positive value resists a positive speed, or a positive position.
 """
 
 from dataclasses import dataclass
@@ -24,20 +24,20 @@ QUANTITIES = ("speed", "position")
 
 @dataclass(frozen=True, eq=False)
 class JointLaw:
-    """A table as a plant has it.
+    """A table in the form of a plant.
 
     Parameters
     ----------
     joint
-        Its place.
+        Index of the joint.
     by_speed
         Whether the torque depends on the speed, instead of the position.
     knots, values
         (k,) ascending speeds or positions, and the torques [N m or N].
     branches
-        (k,) what is added to the values while the argument rises, and taken off while it falls.
+        (k,) added to the values while the argument rises, and subtracted while it falls.
     turning
-        The rate of the argument below which its direction fades, so that rest has none.
+        Rate of the argument below which its direction is smoothed, so that there is none at rest.
     """
 
     joint: int
@@ -49,7 +49,7 @@ class JointLaw:
 
 
 def name_argument(mechanism: Mechanism, joint: int, quantity: str) -> str:
-    """What a table of this joint over its "speed" or "position" calls its argument, with the unit."""
+    """Name of the argument of a table of this joint over its "speed" or "position", with the unit."""
     unit = "m" if mechanism.is_slide[joint] else "rad"
     return f"{quantity}_{unit}_s" if quantity == "speed" else f"{quantity}_{unit}"
 
@@ -68,28 +68,29 @@ def make_tabulated_effect(mechanism: Mechanism, table: LawTable) -> Effect:
 
 
 def compute_own_law(plant: "Plant", joint: int, by_speed: bool, u: Floats) -> Floats | None:
-    """What a plant has already in a joint: (k,) torques at speeds or positions `u` (k,), with all else at the model's reference.
+    """Computes the torques (k,) that a plant has already in a joint at speeds or positions `u` (k,), with all else at the reference.
 
-    Friction that depends on the load is no function of the speed and not in it. None where the plant has nothing there.
+    Friction that depends on the load is no function of the speed and is not included. None where the plant has no torque there.
     """
     import mujoco  # noqa: PLC0415  (optional)
 
     data = mujoco.MjData(plant.model)
-    found = np.empty(len(u))
+    torque = np.empty(len(u))
     state = data.qvel if by_speed else data.qpos
     for place, value in enumerate(u):
         state[joint] = value
         mujoco.mj_forward(plant.model, data)
-        found[place] = -(data.qfrc_damper if by_speed else data.qfrc_spring)[joint]
+        # MuJoCo's passive forces act on the joint; a table holds their resistance.
+        torque[place] = -(data.qfrc_damper if by_speed else data.qfrc_spring)[joint]
     if by_speed:
         steady, rise, falls = plant.stribeck[:, joint]
         dry = plant.friction[joint] + steady * (1.0 + rise * np.exp(-np.abs(u) / falls)) + plant.hysteresis[0, joint]
-        found = found + dry * np.sign(u)
-    return found if found.any() else None
+        torque = torque + dry * np.sign(u)
+    return torque if torque.any() else None
 
 
 def pack_laws(laws: tuple[JointLaw, ...]) -> tuple[Floats, Floats]:
-    """The laws as the compiled loop reads them: (m, 4) joint, by speed, number of knots, turning; (m, 3, k) knots, values, branches."""
+    """Laws in the form of the compiled loop: (m, 4) joint, by speed, number of knots, turning; (m, 3, k) knots, values, branches."""
     rows = np.zeros((len(laws), 3, max((len(law.knots) for law in laws), default=0)))
     for place, law in enumerate(laws):
         rows[place, :, : len(law.knots)] = law.knots, law.values, law.branches

@@ -1,4 +1,4 @@
-"""A law that may act in each joint, actuator or sensor: as an effect in all of them, each with a size of its own, and in one."""
+"""Makes effects of a law that may act in each joint, actuator or sensor: one in all of them, each with its own size, and one in one."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 Floats = NDArray[np.float64]
 
 JOINTS = "joints"
-# Shares of what is usual on the rig. Below the first an effect is lost in the usual model error of 1 %; with more than the second the joint
+# Shares of the usual magnitude on the rig. A smaller effect is lost in the usual model error of 1 %; with a larger one the joint
 # would hardly move. With a tenth and ten times these bounds the log evidence of friction of a pendulum changes by less than 1.
 SMALLEST, LARGEST = 0.002, 0.8
 
@@ -42,27 +42,27 @@ class PlaceLaw:
 
 
 def joint_units(mechanism: Mechanism, of_hinge: str, of_slide: str) -> tuple[str, ...]:
-    """What ends the name of a size of each joint."""
+    """Unit at the end of the parameter's name, for each joint."""
     return tuple(of_slide if slides else of_hinge for slides in mechanism.is_slide)
 
 
 def join_name(*parts: str) -> str:
-    """The name of a size, of the parts that are not empty."""
+    """Name of a parameter from the parts that are not empty."""
     return "_".join(part for part in parts if part)
 
 
 def group_places(mechanism: Mechanism, names: tuple[str, ...]) -> tuple[tuple[str, tuple[int, ...]], ...]:
-    """The places of those of one make, by the name of their group, or of the only one."""
-    found = {
+    """Indices of objects of the same type by the name of their group, and of each other one by its own name."""
+    groups = {
         name: members for name, of_make in mechanism.alike.items() if (members := tuple(names.index(n) for n in of_make if n in names))
     }
-    grouped = {member for members in found.values() for member in members}
+    grouped = {member for members in groups.values() for member in members}
     single = {name: (place,) for place, name in enumerate(names) if place not in grouped}
-    return tuple({**single, **found}.items())
+    return tuple({**single, **groups}.items())
 
 
 def expand_law(law: PlaceLaw) -> Iterator[Effect]:
-    """The law in all its joints, and where there are several in one of them."""
+    """The effect of the law in all its joints; with several joints, the effect in one of them, too."""
     places, many = law.places, len(law.places) > 1
     groups = law.groups or tuple((one, (place,)) for place, one in enumerate(law.objects))
     names = [join_name(one if len(groups) > 1 else "", law.quantity, law.units[members[0]]) for one, members in groups]
@@ -86,6 +86,7 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
         counted = Parameter(law.noun, 1.0, float(len(places)), may_be_zero=False, whole=True)
         sized = Parameter(size, float(law.low.min()), float(law.high.max()), may_be_zero=False)
         words = f"{law.left_out}, of one {law.noun}"
-        if places != tuple(range(len(places))):  # numbers are not those of the model
+        # The numbers are not those of the model, so the text lists them.
+        if places != tuple(range(len(places))):
             words += f" ({', '.join(f'{number} is {name}' for number, name in enumerate(law.objects, start=1))})"
         yield Effect(f"{law.id}_of_one", JOINTS, words, law.law, law.source, (counted, sized), in_one, variant_of=law.variant_of or law.id)

@@ -1,6 +1,6 @@
-"""`laws.py`: what a plant has and MJCF does not, as plain Python functions for the user's own MuJoCo loop.
+"""Writes `laws.py`: the laws of a plant that MJCF cannot express, as plain Python functions for the user's own MuJoCo loop.
 
-The file needs numpy alone. It holds the same formulas as `rollout`, with the values of one plant.
+The file needs only numpy. It has the same formulas as `rollout`, with the values of one plant.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,30 +15,32 @@ from rfca_rig.recording.atomic import write_atomically
 
 Floats = NDArray[np.float64]
 
+# Significant digits of the numbers in the file: short to read, and far below any uncertainty of a fitted value.
 DIGITS = 9
 
 
 def write_laws(plant: Plant, beyond: Sequence[str], path: Path, stated: Sequence[str], model_file: str) -> bool:
-    """Writes the file, or removes that of an earlier time where MJCF holds everything.
+    """Writes the file, or removes one of an earlier diagnosis where MJCF can express everything.
 
     Parameters
     ----------
     plant
         The mechanism with nuisance parameters and effects.
     beyond
-        What MJCF does not hold, as `write_amended_model` lists it.
+        Laws that MJCF cannot express, as `write_amended_model` lists them.
     path
-        Where the file goes; all or nothing.
+        Of the file, which is written atomically.
     stated
-        What was found, in lines, for the head of the file.
+        Result of the diagnosis, in lines, for the head of the file.
     model_file
-        Name of the model file beside it.
+        Name of the model file in the same folder.
 
     Returns
     -------
     bool
         Whether there is a file.
     """
+    # A file of an earlier diagnosis beside a new model would state wrong laws.
     if not beyond:
         path.unlink(missing_ok=True)
         return False
@@ -47,6 +49,7 @@ def write_laws(plant: Plant, beyond: Sequence[str], path: Path, stated: Sequence
 
 
 def _text(plant: Plant, beyond: Sequence[str], stated: Sequence[str], model_file: str, module: str) -> str:
+    # Several entries may need the same function; `dict.fromkeys` keeps the first of each, in order.
     parts = [make(plant) for make in dict.fromkeys(PARTS[words] for words in beyond if words in PARTS)]
     missing = [words for words in beyond if words not in PARTS]
     acts = [line for part in parts for line in part.act.strip("\n").splitlines()]
@@ -67,7 +70,7 @@ def _text(plant: Plant, beyond: Sequence[str], stated: Sequence[str], model_file
 
 @dataclass(frozen=True)
 class _Part:
-    """The code of one function, the lines that it has in `act`, and whether it changes commands."""
+    """Code of one function, its lines in `act`, and whether it changes commands."""
 
     code: str
     act: str = ""
@@ -116,7 +119,7 @@ def act(model, data, state):
 
 
 def _numbers(values: Floats) -> str:
-    """As Python reads them."""
+    """Numbers as a Python list."""
 
     def write(x: float) -> str:
         return f"{x:.{DIGITS}g}"
@@ -125,6 +128,7 @@ def _numbers(values: Floats) -> str:
 
 
 def _array(values: Floats) -> str:
+    # An unlimited command has the limit inf, which is no name of Python.
     return f"np.array({_numbers(values)})".replace("inf", "np.inf")
 
 
@@ -228,6 +232,7 @@ def {name}({quantity}):
     values = {_array(law.values)}
     return np.interp({quantity}, knots, values)
 '''.strip("\n"))  # fmt: skip
+        # The same treatment as in `rollout.act_tables`.
         j = law.joint
         if law.by_speed:
             act += [
@@ -315,7 +320,7 @@ def read_sensors(sensordata, step_s, since_s=0.0):
 ''')  # fmt: skip
 
 
-# By the words of `write_amended_model`. Several words may be one function, which then stands in the file once.
+# Keys are the texts of `write_amended_model`. Several texts may share one function, which is written once.
 PARTS: dict[str, Callable[[Plant], _Part]] = {
     "friction that falls with speed": _stribeck,
     "friction that grows with load": _load,

@@ -1,4 +1,4 @@
-"""The flexible leg as an MJCF file: on a rack that slides to its height, with a shaft that turns as told and hinges with springs.
+"""The flexible leg as an MJCF file: on a rack that slides to its height, with a prescribed shaft and hinges with springs.
 
 Plane of motion y-z, angles positive downwards from +y. The force sensor stands between world and rack, `below_shaft` under the shaft, with
 its z axis down.
@@ -29,6 +29,7 @@ def end_names(leg: Leg) -> tuple[str, ...]:
 def write_leg_mjcf(rig: RigModel) -> str:
     """The model in MJCF. The rack's joint is the height of the shaft above the floor, 0 on it."""
     links = ""
+    # From the last link inwards, as each body contains the text of those beyond it.
     for i in reversed(range(len(rig.leg.link_lengths_m))):
         links = _link(rig, i, links)
     pairs = "".join(_pair(rig, name) for name in end_names(rig.leg))
@@ -50,7 +51,7 @@ def write_leg_mjcf(rig: RigModel) -> str:
 
 
 def _link(rig: RigModel, i: int, further: str) -> str:
-    """Link i, a thin uniform rod along its own y; a thousandth of its inertia about y, which planar motion never feels."""
+    """Link i, a thin uniform rod along its own y. Its inertia about y, which planar motion does not involve, is a thousandth."""
     leg, length, mass = rig.leg, rig.leg.link_lengths_m[i], rig.leg.link_masses_kg[i]
     inertia = mass * length**2 / 12.0
     name = SHAFT if i == 0 else hinge_names(leg)[i - 1]
@@ -69,7 +70,7 @@ def _link(rig: RigModel, i: int, further: str) -> str:
 
 
 def _pair(rig: RigModel, name: str) -> str:
-    """MuJoCo's own contact, for viewers: about as stiff under the leg's weight; a diagnosis puts the floor's law in its place."""
+    """MuJoCo's own contact, for viewers: about as stiff under the leg's weight; a diagnosis replaces it by the floor's law."""
     mu = rig.ground.friction_coefficient
     return f"""
   <pair geom1="{FLOOR}" geom2="{name}" condim="3" friction="{mu!r} {mu!r} 0 0 0"/>"""

@@ -16,7 +16,7 @@ from rfca_rig.mechanism.contact_law import SphereOnPlane
 
 Floats = NDArray[np.float64]
 
-# SI unit of each kind of MuJoCo's sensors that a recording may hold
+# SI unit of each kind of MuJoCo's sensors that a recording may contain
 SENSOR_UNITS = {
     **dict.fromkeys(("TOUCH", "FORCE"), "N"),
     "TORQUE": "N m",
@@ -25,7 +25,8 @@ SENSOR_UNITS = {
     **dict.fromkeys(("GYRO", "FRAMEANGVEL"), "rad/s"),
     **dict.fromkeys(("FRAMEPOS", "RANGEFINDER", "SUBTREECOM"), "m"),
 }
-ARENA_BYTES = 1 << 20  # of a simulation's memory; the default of 15 MB takes longer to allocate than a window to simulate
+# Memory of a simulation; the default of 15 MB takes longer to allocate than a window to simulate.
+ARENA_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Mechanism:
     Parameters
     ----------
     path
-        Where it stands.
+        Of the file.
     model
         MuJoCo's model, not to be changed; a `Plant` has a copy.
     joints, actuators, bodies
@@ -62,7 +63,7 @@ class Mechanism:
     prescribed, unmeasured
         Places of joints that follow a given motion, and of joints that have no position signal.
     alike
-        Names of joints, bodies or actuators of one make, by the name of the group: they share values and effects.
+        Names of joints, bodies or actuators of the same type, by the name of the group: they share values and effects.
     contacts
         Contacts that have a law of their own, in place of MuJoCo's.
     """
@@ -85,12 +86,13 @@ class Mechanism:
 
     @contextmanager
     def borrow_data(self, model: Any) -> Iterator[Any]:
-        """MuJoCo's data in the state of a new one, for a copy of this model.
+        """Lends an MjData in its initial state, for a copy of this model.
 
-        A new one takes 0.26 ms, a window of an arm 0.9 ms. Threads may borrow at once; each gets its own.
+        To make one takes 0.26 ms, a window of an arm 0.9 ms. Threads may borrow at the same time; each gets its own.
         """
         import mujoco  # noqa: PLC0415  (optional)
 
+        # `deque.pop` is atomic, so no lock is needed; an exception instead of a check leaves no gap between the two.
         try:
             data = self._spare_data.pop()
         except IndexError:
@@ -141,11 +143,11 @@ def _place(name: str, names: tuple[str, ...], kind: str, where: str) -> int:
 
 
 def _ignore(text: str) -> None:
-    """Takes MuJoCo's warnings."""
+    """Discards MuJoCo's warnings."""
 
 
 def load_mechanism(path: Path) -> Mechanism:
-    """The mechanism that a model file describes.
+    """Loads and checks the mechanism that a model file describes.
 
     Parameters
     ----------
@@ -161,7 +163,8 @@ def load_mechanism(path: Path) -> Mechanism:
         raise BadInput("MuJoCo is not installed, which simulates mechanisms; pip install 'rfca-rig[mechanism]'")
     import mujoco  # noqa: PLC0415  (optional)
 
-    mujoco.set_mju_user_warning(_ignore)  # it would write a log file where the user stands; `roll` finds what diverges
+    # By default MuJoCo writes warnings to a log file in the working directory; `roll` detects a simulation that diverges.
+    mujoco.set_mju_user_warning(_ignore)
     if not path.is_file():
         raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
     try:
@@ -199,10 +202,10 @@ def load_mechanism(path: Path) -> Mechanism:
 
 
 def read_spec(path: Path) -> Any:
-    """The file as MuJoCo has it, still to be compiled.
+    """Reads the file as MuJoCo's specification, not yet compiled.
 
-    URDF has no actuators: every joint gets a motor of its name, whose command is its torque or force. Visual meshes that are not there
-    are left out: nothing depends on them where a body has its mass from an inertial.
+    URDF has no actuators: every joint gets a motor of its name, whose command is its torque or force. Visual meshes that are missing
+    are omitted: nothing depends on them where a body has its mass from an inertial.
 
     Raises
     ------
@@ -213,6 +216,7 @@ def read_spec(path: Path) -> Any:
     """
     import mujoco  # noqa: PLC0415  (optional)
 
+    # MuJoCo refuses to compile a model whose meshes are missing, even where nothing depends on them.
     spec = mujoco.MjSpec.from_file(str(path))
     missing = {mesh.name: mesh.file for mesh in spec.meshes if mesh.file and not _is_there(spec, path, mesh.file)}
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
@@ -237,7 +241,7 @@ def _is_there(spec: Any, path: Path, file: str) -> bool:
 
 
 def _list_sensors(model: Any) -> dict[str, Sensor]:
-    """The sensors that have a name and a unit, by name."""
+    """Sensors that have a name and a unit, by name; others cannot be a signal."""
     import mujoco  # noqa: PLC0415  (optional)
 
     kinds = {int(getattr(mujoco.mjtSensor, f"mjSENS_{kind}")): unit for kind, unit in SENSOR_UNITS.items()}

@@ -1,4 +1,4 @@
-"""MuJoCo's own functions, called by their addresses from compiled code with the interpreter lock released."""
+"""Calls MuJoCo's C functions by their addresses from compiled code, with the interpreter lock released."""
 
 import ctypes
 from collections.abc import Callable
@@ -21,10 +21,11 @@ STEP, STEP_1, STEP_2, POSITION, VELOCITY, ACTUATION, ACCELERATION, CONSTRAINT, I
 
 @cache
 def list_addresses() -> NDArray[np.int64]:
-    """Where the functions of `NAMES` are, (f,)."""
+    """Addresses (f,) of the functions of `NAMES`."""
     import mujoco  # noqa: PLC0415  (optional)
 
     folder = Path(mujoco.__file__).parent
+    # The shared library is in the Python package, with another name on each platform.
     library = next(path for name in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll") for path in folder.glob(name))
     functions = ctypes.CDLL(str(library))
     return np.array([ctypes.cast(getattr(functions, name), ctypes.c_void_p).value for name in NAMES])

@@ -1,4 +1,4 @@
-"""The nominal values of a mechanism that may be a little off, and how each changes a plant."""
+"""Nuisance parameters of a mechanism: the nominal values that may be slightly wrong, and how each changes a plant."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ from rfca_rig.mechanism.plant import (
     shift_centre,
 )
 
-PLACEHOLDER = 1e-5  # of all mass: a lighter body stands in the file because MuJoCo wants a mass
+# Share of the total mass. A lighter body has a mass only because MuJoCo requires one.
+PLACEHOLDER = 1e-5
 SENSORS = {"force sensors": "N", "torque sensors": "N m"}  # and their unit
 
 
@@ -29,10 +30,10 @@ class NuisanceKind:
     unit
         Of the value and of its standard uncertainty.
     objects
-        What it is a value of: "bodies", "hinges", "slides" (joints whose position was recorded), "moving hinges", "moving slides" (joints
-        that are not prescribed), "hinge motors", "slide motors" (of these, joints with an actuator), "springs" (joints with one),
-        "actuators", "force sensors", "torque sensors", or one value for all "contacts", "contact laws" (those that have one of their
-        own), "starts" of motions from rest, or the whole "rig".
+        Kind of object that has the value: "bodies", "hinges", "slides" (joints whose position was recorded), "moving hinges",
+        "moving slides" (joints that are not prescribed), "hinge motors", "slide motors" (of these, joints with an actuator), "springs"
+        (joints with one), "actuators", "force sensors", "torque sensors", or one value for all "contacts", "contact laws" (those that have
+        a law of their own), "starts" of motions from rest, or the whole "rig".
     shift
         Changes a plant: object by place, value.
     nominal
@@ -46,7 +47,7 @@ class NuisanceKind:
 
 
 def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
-    """Names and places of the objects that a kind of nuisance parameter belongs to."""
+    """Names and indices of the objects that a kind of nuisance parameter belongs to."""
     of_all = {"rig": True, "starts": True, "contacts": mechanism.has_contacts, "contact laws": bool(mechanism.contacts)}
     if objects in of_all:
         return {"": 0} if of_all[objects] else {}
@@ -60,6 +61,7 @@ def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
     names = mechanism.joints
     if objects == "springs":
         return {names[place]: place for place in mechanism.simulated if mechanism.has_spring(place)}
+    # The remaining kinds are joints: "hinges", "moving slides", "hinge motors" and so on.
     slides, driven = "slide" in objects, objects.endswith("motors")
     read = [place for place in range(len(names)) if place not in mechanism.unmeasured]
     joints = read if objects in ("hinges", "slides") else mechanism.simulated
@@ -67,14 +69,15 @@ def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
 
 
 def groups_of(mechanism: Mechanism, objects: str) -> dict[str, tuple[int, ...]]:
-    """The same, with those of one make together under the name of their group."""
-    single, found = places_of(mechanism, objects), {}
+    """The same, with objects of the same type together under the name of their group."""
+    single, groups = places_of(mechanism, objects), {}
     for name, members in mechanism.alike.items():
         if places := tuple(single.pop(member) for member in members if member in single):
-            found[name] = places
-    return {**{name: (place,) for name, place in single.items()}, **found}
+            groups[name] = places
+    return {**{name: (place,) for name, place in single.items()}, **groups}
 
 
+# Bodies are counted without the world here, which is body 0 of MuJoCo: hence `place + 1`.
 def _mass(plant: Plant, place: int, share: float) -> None:
     plant.model.body_mass[place + 1] *= 1.0 + share
     _inertia(plant, place, share)
@@ -90,8 +93,9 @@ def _stiffness(plant: Plant, place: int, share: float) -> None:
 
 
 def _law(column: int) -> Change:
-    """A change of one number of all contacts that have a law of their own, of which a twentieth remains at least."""
+    """A relative change of one number of all contacts that have a law of their own; at least a twentieth of it remains."""
 
+    # A fit may try shares below -1, and a stiffness of zero or less cannot be simulated.
     def change(plant: Plant, place: int, share: float) -> None:  # noqa: ARG001
         plant.contact_law[:, column] *= max(0.05, 1.0 + share)
 
@@ -119,7 +123,7 @@ def _sensor_offset(plant: Plant, place: int, by: float) -> None:
 
 
 def _of_contacts(scale: Callable[[Plant, float], None]) -> Change:
-    """A change of all contacts by a share, of which a twentieth remains at least."""
+    """A relative change of all contacts; at least a twentieth of the value remains, as in `_law`."""
 
     def change(plant: Plant, place: int, share: float) -> None:  # noqa: ARG001
         scale(plant, max(0.05, 1.0 + share))
@@ -173,4 +177,5 @@ NUISANCES: Mapping[str, NuisanceKind] = {
     "contact_drag_relative": NuisanceKind("", "contact laws", _law(DRAG)),
 }
 OF_RESTS = ("start_swing_relative", "start_swing_rate_per_s")  # of motions that start at rest
-OF_COMMANDS = ("torque_offset_Nm", "force_offset_N", "command_gain_relative", "command_delay_s")  # without commands they change nothing
+# Without recorded commands these change nothing.
+OF_COMMANDS = ("torque_offset_Nm", "force_offset_N", "command_gain_relative", "command_delay_s")

@@ -1,4 +1,4 @@
-"""One version of a mechanism: MuJoCo's model, and beside it what such a model cannot hold."""
+"""One version of a mechanism: MuJoCo's model, and parameters that such a model does not have."""
 
 import copy
 from collections.abc import Callable
@@ -15,7 +15,8 @@ from rfca_rig.mechanism.prescribed import ARMATURE
 
 Floats = NDArray[np.float64]
 
-NEVER_M = -1e3  # the margin of a pair that MuJoCo leaves alone: they would have to overlap by that much
+# Margin of a pair that MuJoCo must ignore: the geoms would have to overlap by 1 km.
+NEVER_M = -1e3
 
 
 @dataclass(eq=False)
@@ -39,21 +40,21 @@ class Plant:
     hysteresis
         (2, n) Dahl's friction of each joint: its torque, and the angle over which it builds up.
     gear_compliance
-        (n,) what the gear of each joint yields per torque that it transmits [rad/(N m) or m/N]; 0 is rigid.
+        (n,) deflection of each joint's gear per torque that it transmits [rad/(N m) or m/N]; 0 is rigid.
     gear_play
         (2, n) play of each gear [rad or m], and the least inertia of the rotor that crosses it.
     torque_offset, zero_offset
-        (n,) steady torque in each joint, and what each position is read too large.
+        (n,) constant torque in each joint, and the amount by which each position reading is too large.
     command_gain, command_limit, command_dead_band
         (u,) factor on the recorded commands, their largest magnitude, and the magnitude that has no effect.
     torque_speed
-        (2, u) the largest command at rest, and the share of it that each rad/s (or m/s) of the joint takes away.
+        (2, u) the largest command at rest, and its relative decrease per rad/s (or m/s) of the joint.
     command_delay_s, command_lag_s, command_clock_rate
-        How much later than recorded they act: dead time, time constant of a low-pass, and share of the time since the recording began.
+        Delay of the commands against the recording: dead time, time constant of a low-pass, share of the time since the recording began.
     speed_lag_s
         Time constant of a low-pass over the readings of speed.
     sensor_gain, sensor_offset, sensor_drift_per_s
-        (d,) factor on each value of the sensors, and what is added to it: at the beginning of the recording, and per second since.
+        (d,) factor on each value of the sensors, its offset at the beginning of the recording, and the change of the offset per second.
     sensor_crosstalk
         (d, d) share of another value that each value of the sensors reads, before its factor.
     sensor_lag_s, sensor_delay_s
@@ -65,8 +66,8 @@ class Plant:
     spring_half_gap
         (n,) play to either side of each joint's rest position, within which its spring does nothing.
     start_swing, start_swing_rate_per_s
-        How far a start at rest is from equilibrium, as a share of the way to the pose in which the springs are free, and how fast it moves
-        that way.
+        Distance of a start at rest from equilibrium, as a share of the way to the pose in which the springs are free, and the speed in that
+        direction.
     """
 
     mechanism: Mechanism
@@ -102,7 +103,7 @@ class Plant:
 
     @property
     def has_yielding_gears(self) -> bool:
-        """Whether the motors' encoders read anything else than the joints' positions."""
+        """Whether the readings of the motors' encoders differ from the joints' positions."""
         return bool(self.gear_compliance.any() or self.gear_play[0].any())
 
     @property
@@ -119,6 +120,7 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
 
     model = copy.copy(mechanism.model)
     model.opt.timestep = step_s
+    # Explicit models use RK4, the scheme of `contact_step`; stiff dampers need the implicit integrator that the file chose.
     if not mechanism.is_implicit:
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     model.dof_armature[list(mechanism.prescribed)] = ARMATURE
@@ -127,12 +129,15 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
         if frozenset((model.geom(model.pair_geom1[pair]).name, model.geom(model.pair_geom2[pair]).name)) in replaced:
             model.pair_margin[pair] = NEVER_M
     if replaced and len(replaced) == model.npair and not np.any(model.geom_contype & model.geom_conaffinity[:, None]):
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT  # no contact is left to be looked for
+        # No contact is left for MuJoCo, so its collision detection is switched off.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    # A simulation that diverges must not be reset silently; `rollout.roll` raises an error instead.
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if not reads_sensors:
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SENSOR
     zeros = np.zeros(model.nv)
-    weight_N = float(model.body_mass.sum()) * max(1.0, float(np.linalg.norm(model.opt.gravity)))  # sets no more than a usual depth
+    # Sets only the usual depth of the contact laws.
+    weight_N = float(model.body_mass.sum()) * max(1.0, float(np.linalg.norm(model.opt.gravity)))
     return Plant(
         mechanism=mechanism,
         model=model,
@@ -159,7 +164,7 @@ def make_plant(mechanism: Mechanism, step_s: float, reads_sensors: bool = False)
 
 
 def update_constants(plant: Plant) -> None:
-    """Has MuJoCo derive what it keeps of masses and joints, after they were changed."""
+    """Recomputes the constants that MuJoCo derives from masses and joints, after these have changed."""
     import mujoco  # noqa: PLC0415  (optional)
 
     with plant.mechanism.borrow_data(plant.model) as data:
@@ -171,7 +176,7 @@ Change = Callable[[Plant, int, float], None]
 
 
 def add_to(field: str, least: float = -np.inf) -> Change:
-    """Adds to an array of MuJoCo's model, to the first column of one with several; the sum is not below `least`."""
+    """Makes a change that adds to an array of MuJoCo's model, to the first column of one with several; the sum is not below `least`."""
 
     def change(plant: Plant, place: int, by: float) -> None:
         array = getattr(plant.model, field)
@@ -207,6 +212,7 @@ def scale_contact_stiffness(plant: Plant, factor: float) -> None:
     """
     for solref in (plant.model.geom_solref, plant.model.pair_solref):
         is_direct = solref[:, 0] < 0.0
+        # Stiffness ~ 1 / (t r)^2 at constant damping ~ 1 / t: only the ratio r changes.
         solref[is_direct, 0] *= factor
         solref[~is_direct, 1] /= np.sqrt(factor)
     plant.contact_law[:, STIFFNESS] *= factor
@@ -217,6 +223,7 @@ def scale_contact_damping(plant: Plant, factor: float) -> None:
     for solref in (plant.model.geom_solref, plant.model.pair_solref):
         is_direct = solref[:, 0] < 0.0
         solref[is_direct, 1] *= factor
+        # Damping ~ 1 / t grows by the factor, and the product t r, which sets the stiffness, stays.
         solref[~is_direct, 0] /= factor
         solref[~is_direct, 1] *= factor
     plant.contact_law[:, DAMPING] *= factor

@@ -1,7 +1,7 @@
-"""Joints whose motion is given: they follow a recorded or commanded trajectory, whatever the load, and are not simulated.
+"""Prescribed joints: they follow a recorded or commanded trajectory, whatever the load, and are not simulated.
 
-Such a joint gets an armature beside which every load is nothing, and a force that accelerates it as the trajectory does. At the beginning
-of each step its state is set to the trajectory, so that nothing accumulates.
+Such a joint gets an armature beside which every load is negligible, and a force that accelerates it along the trajectory. At the beginning
+of each step its state is set to the trajectory, so that no error accumulates.
 """
 
 from collections.abc import Sequence
@@ -27,11 +27,11 @@ class PrescribedMotion:
     cubic: Any
 
     def since(self, start_s: float) -> "PrescribedMotion":
-        """The same, with times from `start_s` on."""
+        """The same trajectories, with times counted from `start_s`."""
         return PrescribedMotion(PPoly(self.cubic.c, self.cubic.x - start_s))
 
     def sample(self, t_s: Floats) -> tuple[Floats, Floats]:
-        """Positions and speeds (k, p) at times (k,); before its first and after its last time the speed there goes on."""
+        """Positions and speeds (k, p) at times (k,); before the first and after the last time they continue at constant speed."""
         inside = np.clip(t_s, self.cubic.x[0], self.cubic.x[-1])
         speed = np.asarray(self.cubic(inside, 1))
         return np.asarray(self.cubic(inside) + (t_s - inside)[:, None] * speed), speed
@@ -58,6 +58,7 @@ def fit_trajectory(t_s: Floats, position: Floats, smoothed_s: Sequence[float]) -
             knots = np.concatenate([np.full(4, t_s[0]), inner, np.full(4, t_s[-1])])
             fitted = make_lsq_spline(t_s, column, knots, k=3)
             column = fitted(t_s)  # noqa: PLW2901  (its readings without their noise)
+            # A Hermite spline on the same breaks as the others, so that all joints fit in one piecewise polynomial.
             slope = fitted.derivative()(t_s)
             pieces.append(CubicHermiteSpline(t_s, column, slope).c)
         else:
@@ -66,7 +67,7 @@ def fit_trajectory(t_s: Floats, position: Floats, smoothed_s: Sequence[float]) -
 
 
 class PrescribedArrays(NamedTuple):
-    """What the compiled loop needs: the joints' places (p,), and positions and speeds (k + 1, p) at the ends of the steps."""
+    """Arrays for the compiled loop: the joints' indices (p,), and positions and speeds (k + 1, p) at the ends of the steps."""
 
     joints: Places
     position: Floats
@@ -75,7 +76,8 @@ class PrescribedArrays(NamedTuple):
 
 @internal
 def prescribe(arrays: PrescribedArrays, k: int, h: float, q: Floats, w: Floats, applied: Floats) -> None:
-    """Sets the joints to the beginning of step k, and applies what carries them to its end."""
+    """Sets the prescribed joints in `q`, `w` (n,) to the beginning of step k, and writes the force to its end into `applied` (n,)."""
+    # After the last step there is no next speed, and no force is needed.
     for i in range(arrays.joints.size):
         joint = arrays.joints[i]
         q[joint], w[joint] = arrays.position[k, i], arrays.speed[k, i]

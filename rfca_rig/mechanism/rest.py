@@ -1,4 +1,4 @@
-"""The rest of a mechanism: the pose in which nothing accelerates, with its commands and effects acting."""
+"""Finds the rest pose of a mechanism, in which no joint accelerates under its commands and effects."""
 
 from typing import Any
 
@@ -16,20 +16,20 @@ UNBALANCED = 1e-7  # share of the largest torque that may remain, of weight or s
 
 
 def hang(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, contacts: ContactArrays, play: PlayArrays) -> None:
-    """Puts the simulated joints at rest in static equilibrium, where `data` has the others and the commands.
+    """Puts the simulated joints into static equilibrium; `data` has the positions of the others and the commands.
 
-    Dry friction holds nothing in that pose: the mechanism came to rest without it.
+    Dry friction is neglected: its force at rest would depend on how the mechanism came to rest.
 
     Parameters
     ----------
     model, data
         MuJoCo's own; `data` holds the pose from which the equilibrium is sought.
     simulated
-        (s,) places of the joints that move.
+        (s,) indices of the joints that move.
     steady
-        (n,) steady torques that act.
+        (n,) constant torques.
     contacts, play
-        The laws beside MuJoCo's.
+        The laws that MuJoCo does not have.
 
     Raises
     ------
@@ -41,7 +41,8 @@ def hang(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, con
     data.qvel[:] = 0.0
     try:
         _balance(model, data, simulated, steady, contacts, play._replace(half_gap=np.zeros_like(play.half_gap)))
-        if play.half_gap.any():  # within its gap a spring does not say where to: seek from where it engages
+        # Within its gap a spring gives no direction, so the search begins where it engages, on the side of the first solution.
+        if play.half_gap.any():
             data.qpos[simulated] += (np.sign(data.qpos - play.rest) * play.half_gap)[simulated]
             _balance(model, data, simulated, steady, contacts, play)
     finally:
@@ -54,12 +55,13 @@ def _balance(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats,
 
     largest = 0.0
 
-    def unbalanced(pose: Floats) -> Floats:
+    def compute_imbalance(pose: Floats) -> Floats:
         nonlocal largest
         data.qpos[simulated] = pose
         data.qfrc_applied[:] = steady
         close_gaps(play, data.qpos, data.qvel, data.qfrc_applied)
         mujoco.mj_forward(model, data)
+        # The contact law needs positions and velocities, and MuJoCo the forces of the law: two passes.
         if contacts.radius.size:
             contacts.stretch[:] = 0.0
             push(contacts, 0.0)
@@ -67,7 +69,8 @@ def _balance(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats,
         largest = max(largest, float(np.abs(data.qfrc_bias).max()))
         return np.array((data.qfrc_smooth + data.qfrc_constraint)[simulated])
 
-    found = root(unbalanced, data.qpos[simulated].copy(), tol=1e-12)
-    left = float(np.abs(unbalanced(found.x)).max())
-    if not left <= UNBALANCED * max(largest, 1e-3):
-        raise SimulationFailed(f"no rest pose found: {left:.2g} N m or N stay unbalanced; start it estimated, or check the model")
+    solution = root(compute_imbalance, data.qpos[simulated].copy(), tol=1e-12)
+    # The residual decides, not the solver's own status; `not <=` also catches NaN. The call leaves `data` in the pose found.
+    residual = float(np.abs(compute_imbalance(solution.x)).max())
+    if not residual <= UNBALANCED * max(largest, 1e-3):
+        raise SimulationFailed(f"no rest pose found: {residual:.2g} N m or N stay unbalanced; start it estimated, or check the model")

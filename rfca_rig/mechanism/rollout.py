@@ -1,7 +1,7 @@
-"""The compiled loop that carries a plant through a recording: MuJoCo's own step, and laws that its models do not have.
+"""Simulates a plant over a recording: a compiled loop around MuJoCo's step, with laws that MuJoCo's models do not have.
 
-`mujoco.rollout` takes forces as functions of time alone. Friction that depends on speed or load must be known at each step, so the loop
-calls MuJoCo's step by its address, with the interpreter lock released.
+`mujoco.rollout` accepts forces as functions of time only. Friction that depends on speed or load must be computed at each step, so the
+loop calls MuJoCo's step by its address, with the interpreter lock released.
 """
 
 from dataclasses import dataclass, replace
@@ -29,23 +29,23 @@ Places = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class CommandTrace:
-    """What the actuators were told: times `t_s` (k,) ascending, `command` (k, u) in the actuators' units, straight between them."""
+    """Commands of the actuators: times `t_s` (k,) ascending, `command` (k, u) in the actuators' units, linear between them."""
 
     t_s: Floats
     command: Floats
 
     @cached_property
     def total(self) -> Floats:
-        """Its integral from the first time on, (k, u)."""
+        """Integral of the commands from the first time on, (k, u); exact for straight lines."""
         spans = 0.5 * np.diff(self.t_s)[:, None] * (self.command[1:] + self.command[:-1])
         return np.vstack([np.zeros(self.command.shape[1]), np.cumsum(spans, axis=0)])
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What would be read, (k, ...): positions and speeds of the joints in rad and rad/s or m and m/s, and the sensors in SI units.
+    """Simulated readings: `position`, `speed` (k, n) of the joints in rad and rad/s or m and m/s, and `sensors` (k, d) in SI units.
 
-    `touch_s` (c,) is when each contact that has a law of its own first touched, inf where it never did.
+    `touch_s` (c,) is the time at which each contact that has a law of its own first touched, inf where it never did.
     """
 
     position: Floats
@@ -56,7 +56,7 @@ class Motion:
 
 @internal
 def look_up(row: Floats, which: int, count: int, u: float) -> float:
-    """The value at `u` of row `which` of a table (3, k) with its knots in row 0: straight between knots, constant beyond them."""
+    """The value at `u` of row `which` of a table (3, k) with its knots in row 0: linear between knots, constant beyond them."""
     if u <= row[0, 0]:
         return float(row[which, 0])
     if u >= row[0, count - 1]:
@@ -73,20 +73,23 @@ def act_tables(
 ) -> None:
     """Adds the torques of `pack_laws` to MuJoCo's own arrays; `before` (n,) are the speeds a step earlier.
 
-    What brakes becomes dry friction, which cannot turn the motion around within a step: as an explicit torque, a steep law would need
-    steps that are shorter than inertia over slope.
+    A braking torque becomes dry friction, which cannot reverse the motion within a step. As an explicit torque, a steep law would need
+    steps shorter than inertia over slope.
     """
     for m in range(numbers.shape[0]):
         i, by_speed, count = int(numbers[m, 0]), numbers[m, 1] > 0.0, int(numbers[m, 2])
-        u = w[i] if by_speed else q[i] + 0.5 * h * w[i]  # the middle of the step, or a spring would gain energy
+        # Positions are taken in the middle of the step, or a spring would gain energy.
+        u = w[i] if by_speed else q[i] + 0.5 * h * w[i]
         value = look_up(tables[m], 1, count, u)
         if by_speed:
             towards = 1.0 if u > 0.0 else -1.0
             brakes = frictionloss[i] + value * towards
+            # A negative friction loss is impossible: the part that drives the motion is applied as a torque.
             frictionloss[i] = max(brakes, 0.0)
             applied[i] -= min(brakes, 0.0) * towards
         else:
             applied[i] -= value
+        # Rate of the argument: its sign selects the branch of a hysteresis, smoothly about zero.
         rate = (w[i] - before[i]) / h if by_speed else w[i]
         applied[i] -= look_up(tables[m], 2, count, u) * np.tanh(rate / numbers[m, 3])
 
@@ -121,16 +124,16 @@ def carry(
     stages: StageArrays,
     play: PlayArrays,
 ) -> None:
-    """Steps through `command` (k, u) and notes positions and speeds before each step and after the last, (k + 1, n).
+    """Steps through `command` (k, u) and stores positions and speeds before each step and after the last, (k + 1, n).
 
-    Sensors are noted before each step, (k, d): MuJoCo computes them at a step's beginning.
+    Sensors are stored before each step, (k, d): MuJoCo computes them at a step's beginning.
 
     `friction` (7, n): dry friction, Stribeck friction, its rise and its speed, the share of the load that is lost, Dahl's friction and the
-    angle over which it builds up. `offset` (n,) are steady torques, `bristle` (n,) the state of Dahl's friction, `law_numbers` and
+    angle over which it builds up. `offset` (n,) are constant torques, `bristle` (n,) the state of Dahl's friction, `law_numbers` and
     `law_tables` come from `pack_laws`. The arrays from `q` to `frictionloss` are MuJoCo's own.
 
-    `torque_speed` (2, u) or (2, 0): the largest command at rest, and the share of it that each unit of speed of the actuator's joint,
-    `joints` (u,), takes away; the second is negative where the gear turns the other way round. `path_torque` (k, n) or (k, 0): the torques
+    `torque_speed` (2, u) or (2, 0): the largest command at rest, and its relative decrease per unit of speed of the actuator's joint,
+    `joints` (u,); the second is negative where the gear reverses the direction. `path_torque` (k, n) or (k, 0): the torques
     of the actuators in each step.
     """
     for k in range(command.shape[0]):
@@ -141,9 +144,11 @@ def carry(
         for i in range(q.size):
             path_q[k, i], path_w[k, i] = q[i], w[i]
             rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i]) if friction[1, i] > 0.0 else 0.0
+            # The load is that of the step before, which MuJoCo has computed already.
             frictionloss[i] = friction[0, i] + friction[1, i] * (1.0 + rise) + friction[4, i] * abs(by_actuators[i])
             if friction[5, i] > 0.0:
-                slip = h * w[i] / friction[6, i]  # exact for a speed that lasts the step; the mean over the step acts
+                # Dahl's equation, solved exactly for a constant speed during the step; the mean over the step acts.
+                slip = h * w[i] / friction[6, i]
                 towards = 1.0 if slip > 0.0 else -1.0
                 after = towards + (bristle[i] - towards) * np.exp(-abs(slip))
                 applied[i] -= friction[5, i] * 0.5 * (bristle[i] + after)
@@ -153,11 +158,13 @@ def carry(
         for j in range(ctrl.size):
             ctrl[j] = command[k, j]
         for j in range(torque_speed.shape[1]):
+            # The limit falls with speed in the direction of the motion, and grows against it: one straight line through both.
             lost = torque_speed[1, j] * w[joints[j]]
             ctrl[j] = min(max(ctrl[j], -torque_speed[0, j] * max(0.0, 1.0 + lost)), torque_speed[0, j] * max(0.0, 1.0 - lost))
         take_step(addresses, model, data, q, w, h, stages, contacts, sensordata, path_s[k])
         for i in range(path_torque.shape[1]):
             path_torque[k, i] = by_actuators[i]
+    # The last state, after the last step, has its prescribed joints on the trajectory as well.
     prescribe(prescribed, command.shape[0], h, q, w, applied)
     for i in range(q.size):
         path_q[-1, i], path_w[-1, i] = q[i], w[i]
@@ -165,7 +172,7 @@ def carry(
 
 @compiled
 def lag(values: Floats, share: float) -> None:
-    """A first-order low-pass over the rows of (k, n), in place; it begins in its steady state."""
+    """Filters the rows of (k, n) by a first-order low-pass, in place; it begins in its steady state."""
     for k in range(1, values.shape[0]):
         for i in range(values.shape[1]):
             values[k, i] = values[k - 1, i] + share * (values[k, i] - values[k - 1, i])
@@ -180,20 +187,20 @@ def roll(
     since_s: float = 0.0,
     prescribed: PrescribedMotion | None = None,
 ) -> Motion:
-    """The motion from a start at time zero.
+    """Simulates the readings of a motion from a start at time zero.
 
     Parameters
     ----------
     plant
-        What moves.
+        The mechanism with nuisance parameters and effects.
     trace
-        What its actuators were told. It begins before zero, so that delays and lags are filled.
+        Commands of its actuators. It begins before zero, to fill delays and lags.
     position, speed
         (n,) as read at the start; None for a start at rest in equilibrium.
     t_s
-        (k,) ascending, above zero, where the motion is read.
+        (k,) ascending, above zero: sample times of the readings.
     since_s
-        How long before the start the recording began.
+        Time between the beginning of the recording and the start.
     prescribed
         The motion of the prescribed joints, as read.
 
@@ -203,7 +210,8 @@ def roll(
         Where the simulation diverges, or there is no equilibrium to start in.
     """
     h, sample_s = plant.step_s, float(t_s[-1]) / len(t_s)
-    beyond_s = sample_s if plant.has_yielding_gears else 0.0  # the speed of a deflection at the end
+    # The speed of a gear's deflection is a difference over a sample, also at the last time.
+    beyond_s = sample_s if plant.has_yielding_gears else 0.0
     steps = int(np.ceil((t_s[-1] + beyond_s) / h - 1e-9))
     start = None if position is None or speed is None else (position - plant.zero_offset, speed)
     path_q, path_w, path_s, touch_s = _integrate(plant, trace, steps, start, since_s, sample_s, _prescribe(plant, prescribed, steps))
@@ -213,6 +221,7 @@ def roll(
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
         lag(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
+    # Positions between steps follow a cubic, speeds a straight line.
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
     position = _between(path_q, path_w, place, x, h) + plant.zero_offset
@@ -247,6 +256,7 @@ def _stage_arrays(plant: Plant, data: Any) -> StageArrays:
 
 def _play_arrays(plant: Plant) -> PlayArrays:
     model = plant.model
+    # Under Runge-Kutta the torque in the middle of the step is its mean; an implicit step takes its springs at the beginning.
     ahead_s = 0.0 if plant.mechanism.is_implicit else 0.5 * plant.step_s
     return PlayArrays(plant.spring_half_gap, model.qpos_spring, np.vstack([model.jnt_stiffness, model.jnt_stiffnesspoly.T]), ahead_s)
 
@@ -260,9 +270,9 @@ def _integrate(
     sample_s: float,
     driven: PrescribedArrays,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Positions and speeds (k + 1, n), as the encoders have them, and sensors (k + 1, d) at the ends of the steps; when contacts touched.
+    """Positions and speeds (k + 1, n) at the encoders, sensors (k + 1, d) at the ends of the steps, and times of first contact (c,).
 
-    `start` are positions and speeds (n,) as the motors have them, None for a start at rest.
+    `start` are positions and speeds (n,) at the motors, None for a start at rest.
     """
     import mujoco  # noqa: PLC0415  (optional)
 
@@ -279,9 +289,11 @@ def _integrate(
         else:
             data.qpos[:], data.qvel[:] = start
         data.qfrc_applied[:] = plant.torque_offset
-        mujoco.mj_forward(model, data)  # the first step's friction asks for the actuators' torques
+        # The first step's friction depends on the actuators' torques.
+        mujoco.mj_forward(model, data)
         gears = None
-        if plant.has_yielding_gears:  # the start was read by the motors' encoders, too
+        # The start was read by the motors' encoders, too; the joints are behind by the deflection.
+        if plant.has_yielding_gears:
             around = CommandTrace(trace.t_s + SMOOTHED_S, trace.command)
             coarse = replace(plant, step_s=2.0 * SMOOTHED_S / PARTS)
             gears = estimate_gear_start(plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S))
@@ -294,6 +306,7 @@ def _integrate(
             commands, friction, plant.torque_offset, np.zeros(model.nv), *pack_laws(plant.laws), *_torque_speed(plant),
             plant.step_s, path_q, path_w, data.sensordata, path_s, path_torque, driven, contacts, stages, play,
         )  # fmt: skip
+        # Sensors after the last step. Contact forces are applied first, since the sensors read their reaction.
         if path_s.size:
             if contacts.radius.size:
                 mujoco.mj_forward(model, data)
@@ -306,18 +319,19 @@ def _integrate(
 
 
 def _start_at_rest(plant: Plant, data: Any, driven: PrescribedArrays, contacts: ContactArrays, play: PlayArrays) -> None:
-    """Puts the plant into equilibrium, or as far from it as it still swings."""
+    """Puts the plant into equilibrium, or off it where the plant has an initial swing."""
     model, moving = plant.model, plant.mechanism.simulated
     data.qpos[driven.joints] = driven.position[0]
     hang(model, data, np.array(moving, dtype=np.intp), plant.torque_offset, contacts, play)
     sprung = [joint for joint in moving if plant.mechanism.has_spring(joint)]
+    # The swing is a share of the way from equilibrium to the pose in which the springs are free.
     lift = model.qpos_spring[sprung] - data.qpos[sprung]
     data.qpos[sprung] += plant.start_swing * lift
     data.qvel[sprung] = plant.start_swing_rate_per_s * lift
 
 
 def _torque_speed(plant: Plant) -> tuple[Floats, Places]:
-    """What `carry` takes of the lines of torque over speed, nothing where no line falls; factors on the commands apply to them, too."""
+    """Lines of torque over speed for `carry`, empty where no line falls; factors on the commands apply to them, too."""
     stall, share = plant.torque_speed
     if not share.any():
         return np.empty((2, 0)), np.empty(0, dtype=np.intp)
@@ -326,7 +340,7 @@ def _torque_speed(plant: Plant) -> tuple[Floats, Places]:
 
 
 def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Floats:
-    """The sensors' values at these times, after their lag, delay, gain and offset; before the start they stand still."""
+    """The sensors' values at these times, after lag, delay, crosstalk, gain, offset and drift; before the start they are constant."""
     if path.shape[1] == 0:
         return np.empty((len(t_s), 0))
     h = plant.step_s
@@ -355,14 +369,16 @@ def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> 
     h, before = plant.step_s, int(max(0.0, -trace.t_s[0] / plant.step_s)) if plant.command_lag_s > 0.0 else 0
     edges = np.arange(-before, steps + 1) * h
     edges = edges - plant.command_delay_s - plant.command_clock_rate * (since_s + edges)
-    # outside of the trace its ends go on
+    # Outside of the trace its end values continue, so the integral grows linearly there.
     first, last = trace.t_s[0], trace.t_s[-1]
     beyond = np.minimum(edges - first, 0.0)[:, None] * trace.command[0] + np.maximum(edges - last, 0.0)[:, None] * trace.command[-1]
+    # Differences of the integral at the edges of the steps are exact means, however coarse the steps are.
     sums = np.column_stack([np.interp(edges, trace.t_s, column) for column in trace.total.T]) + beyond
     command = np.diff(sums, axis=0) / np.diff(edges)[:, None]
     if plant.command_lag_s > 0.0:
         lag(command, 1.0 - float(np.exp(-h / plant.command_lag_s)))
-        command[1:] = 0.5 * (command[1:] + command[:-1])  # the mean over the step, not the value at its end
+        # The mean over the step, not the value at its end.
+        command[1:] = 0.5 * (command[1:] + command[:-1])
     command = command[before:] * plant.command_gain
     command = np.sign(command) * np.maximum(np.abs(command) - plant.command_dead_band, 0.0)
     return np.ascontiguousarray(np.clip(command, -plant.command_limit, plant.command_limit))

@@ -1,4 +1,4 @@
-"""What force sensors and the like may do to their readings."""
+"""Effects of force sensors and other sensors on their readings."""
 
 from collections.abc import Iterator
 from itertools import permutations
@@ -11,12 +11,13 @@ from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.model.effect import Effect, Parameter, Values
 
-LEAKS = 0.5  # of a value's rms that another one may add to it: more than in any calibration that was made at all
-DRIFTS_BY = 0.3  # of a sensor's rms, per second: a larger drift is seen without a model
+# Share of a value's rms that another one may add to it: more than in any sensor that was calibrated at all.
+LEAKS = 0.5
+DRIFTS_BY = 0.3  # of a sensor's rms, per second: a larger drift is visible without a model
 
 
 def list_sensor_effects(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """What force sensors and the like do to their readings; positions of joints are the reference."""
+    """Lists the effects of sensors on their readings; positions of joints are the reference for their clock."""
 
     def lag(plant: Plant, values: Values) -> Plant:
         plant.sensor_lag_s = values["time_constant_s"]
@@ -44,11 +45,12 @@ def list_sensor_effects(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Ef
 
 
 def _sensor_crosstalk(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
-    """A share of one recorded value that another one reads; the pair is counted."""
+    """Crosstalk: a share of one recorded value in the reading of another; a number selects the pair."""
     pairs = list(permutations(usual.sensors, 2))
 
     def leak(plant: Plant, values: Values) -> Plant:
         to, source = pairs[int(values["pair"]) - 1]
+        # The values may have different units, so the share refers to their usual magnitudes.
         scale = usual.sensors[to] / max(usual.sensors[source], 1e-12)
         plant.sensor_crosstalk[mechanism.sensor_values[to][0], mechanism.sensor_values[source][0]] += values["share_relative"] * scale
         return plant

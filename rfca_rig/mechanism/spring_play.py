@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 class PlayArrays(NamedTuple):
     """Half the gap (n,) of each joint in rad or m, its rest position (n,), and coefficients (3, n) of x, x |x| and x^3 of its spring.
 
-    The torque is that of `ahead_s` after a step's beginning: the mean over the step under Runge-Kutta; an implicit step takes its springs
+    The torque is that at `ahead_s` after a step's beginning: the mean over the step under Runge-Kutta; an implicit step takes its springs
     at its beginning.
     """
 
@@ -25,7 +25,8 @@ class PlayArrays(NamedTuple):
 
 @compiled
 def close_gaps(arrays: PlayArrays, q: Floats, w: Floats, applied: Floats) -> None:
-    """Adds to the applied torques (n,) what makes of MuJoCo's springs springs with play."""
+    """Adds torques to `applied` (n,) that turn MuJoCo's springs into springs with play; `q` and `w` are (n,)."""
+    # MuJoCo computes the spring without play; its torque is cancelled, and that of the reduced deflection is applied instead.
     for i in range(arrays.half_gap.size):
         if arrays.half_gap[i] > 0.0:
             full = q[i] + arrays.ahead_s * w[i] - arrays.rest[i]

@@ -1,4 +1,4 @@
-"""What is usual in the recordings of a mechanism: torques, speeds and inertias, which say how large an effect may plausibly be."""
+"""Usual torques, speeds and inertias in the recordings of a mechanism, from which the plausible sizes of effects follow."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ COMMANDS_LOOKED_AT = 20  # of a window, evenly spread: enough for an rms
 
 @dataclass(frozen=True)
 class UsualMotion:
-    """What the recordings show of a mechanism.
+    """Usual magnitudes in the recordings of a mechanism.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def measure_usual_motion(
     has_speeds: bool,
     sensors: Mapping[str, float],
 ) -> UsualMotion:
-    """What the windows of all recordings show of each joint.
+    """Computes the usual magnitudes of each joint over the windows of all recordings.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def measure_usual_motion(
     position, speed
         (w, n) at the beginning of each window, or at moments of the nominal motion where windows start at rest.
     commands
-        For each of these (k, u).
+        For each of these, the commands (k, u) of its window.
     seconds
         Length of a window.
     has_speeds
@@ -89,7 +89,9 @@ def measure_usual_motion(
     for at, command in zip(position, commands, strict=True):
         data.qpos[:], data.qvel[:], data.ctrl[:] = at, 0.0, 0.0
         mujoco.mj_forward(model, data)
+        # At zero speed the bias is the weight. Squares add up, as if weight, springs and drive were uncorrelated.
         square += data.qfrc_bias**2 + data.qfrc_spring**2
+        # Diagonal of the mass matrix: the inertia that one joint sees with all others still.
         for joint, unit in enumerate(np.eye(model.nv)):
             mujoco.mj_mulM(model, data, column, unit)
             inertia[joint] += column[joint]
@@ -100,7 +102,8 @@ def measure_usual_motion(
             square += data.qfrc_actuator**2 / len(looked_at)
     torque, inertia = np.sqrt(square / len(position)), inertia / len(position)
     usual_speed, travel = np.sqrt(np.mean(speed**2, axis=0)), np.std(position, axis=0)
-    if not torque.any():  # nothing pulls and nothing drives: what brakes the motion within a window
+    # Without weight, springs and drive, the torque that would stop the motion within a window sets the scale.
+    if not torque.any():
         torque = inertia * usual_speed / seconds
     largest = np.max([np.abs(command).max(axis=0, initial=0.0) for command in commands], axis=0)
     torque, usual_speed, travel, inertia = (_not_small(v, mechanism) for v in (torque, usual_speed, travel, inertia))
@@ -109,9 +112,9 @@ def measure_usual_motion(
 
 
 def _not_small(values: Floats, mechanism: Mechanism) -> Floats:
-    """A joint that hardly moves or bears counts as a tenth of the largest of its kind; hinges and slides have other units.
+    """Raises small values to a tenth of the largest one of the same kind; hinges and slides have different units.
 
-    Joints that are prescribed are no measure for those that are not.
+    Joints that are prescribed set no scale for the others.
     """
     slides, moving = mechanism.is_slide, np.isin(np.arange(len(values)), mechanism.simulated)
     largest = [float(values[(slides == kind) & moving].max(initial=0.0)) for kind in slides]

@@ -1,8 +1,8 @@
-"""Where the ends are tied to the ground: what a step does to the anchors of friction. Symbols as in `state`.
+"""Updates the anchors of friction, by which the ends are tied to the ground, after a step. Symbols as in `state`.
 
-Friction remembers how far an end has slipped, and within a step it knows only where the end was when the step began. An end that
-turns back inside a step has been farther than where it ends, and one that touches down was tied where it touched. The step is
-therefore cut short right behind a turn, and the anchors are put where the end has really been.
+Friction depends on how far an end has slipped, and within a step only the position at its beginning is known. An end that reverses its
+slip inside a step has been farther than where it ends, and one that touches down was tied where it touched. The step is
+therefore cut short just after a reversal, and the anchors follow from the path of the end.
 """
 
 import numpy as np
@@ -12,27 +12,31 @@ from rfca_rig.model.compiled import inlined
 from rfca_rig.model.contact import extra_way, stretch_after, turn_to_floor
 from rfca_rig.model.state import Chain, Floats, State, Work
 
-MISSED_SHARE = 0.02  # of the presliding: how far an end may go back unnoticed; that share of mu N is wrong for the step
-WITHIN_REACH = 1.0 - 1e-9
+# Share of the presliding by which an end may move back unnoticed. In that step, friction errs by this share of mu N.
+MISSED_SHARE = 0.02
+WITHIN_REACH = 1.0 - 1e-9  # a stretch at the presliding, but for rounding
 
 
 @inlined
 def went_back(chain: Chain, h: float, k: int, work: Work) -> float:
-    """How far end k, slipping where the step began, has come back from its farthest point where the step ends [m], else 0."""
+    """Distance [m] from the farthest point of end k to its place at the step's end, if it slipped first and then reversed; else 0."""
+    # It must touch at both ends of the step, reverse its speed, and have slipped along its speed, at its full stretch, at the beginning.
     v0, v1 = float(work.ends[k, 3]), float(work.place[k, 3])
     if work.ends[k, 0] <= 0.0 or work.place[k, 0] <= 0.0 or v0 * v1 >= 0.0 or work.ends[k, 2] * v0 <= 0.0:
         return 0.0
     if abs(work.ends[k, 2]) < WITHIN_REACH * chain.presliding:
         return 0.0
+    # The speed changes linearly from v0 to v1, so the last part of the step after the reversal takes h |v1| / |v0 - v1|.
     return 0.5 * h * v1 * v1 / abs(v0 - v1)
 
 
 @inlined
 def length_to_turn(chain: Chain, h: float, work: Work) -> float:
-    """A shorter step that ends right behind the first place where an end turns back; h if none goes back farther than it may."""
+    """Length [s] of a step that ends just after the first reversal of an end; h if none moves back farther than allowed."""
     allowed, shorter = MISSED_SHARE * chain.presliding, h
     for k in range(work.place.shape[0]):
         if went_back(chain, h, k, work) > allowed:
+            # With constant deceleration the end stands after v0 / braking; from there it moves back by a quarter of what is allowed.
             v0 = abs(work.ends[k, 3])
             braking = (v0 + abs(work.place[k, 3])) / h
             shorter = min(shorter, (v0 + np.sqrt(0.5 * braking * allowed)) / braking)
@@ -41,7 +45,10 @@ def length_to_turn(chain: Chain, h: float, work: Work) -> float:
 
 @inlined
 def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> bool:
-    """After a step of length h, the ends located in `work`: ties each where it has been. True where that changes a friction force."""
+    """Updates the anchors (n,) after a step of length h [s] to `q` (c,), the ends located in `work`.
+
+    True where an end reversed or touched down: a friction force has changed, and the accelerations must be computed again.
+    """
     changed = False
     y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
@@ -51,12 +58,14 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
         depth, rate, slip, limit = work.place[k, 0], work.place[k, 1], work.place[k, 3], work.limit[1, k]
         stretch, back = s - state.anchor[k], went_back(chain, h, k, work)
         if back > 0.0:
+            # Slip to the farthest point first, which drags the anchor along; then the tie relaxes by the way back.
             there = back * np.sign(work.ends[k, 3])
             stretch = stretch_after(chain, k, stretch + there, limit, work) - there
             changed = True
         elif depth > 0.0 and work.ends[k, 0] <= 0.0:
+            # Time since touchdown. The limit has grown from zero since then, which halves the force of the stretch.
             touched_s = min(depth / rate, h) if rate > 0.0 else h
-            stretch = 0.5 * slip * touched_s  # the limit has grown from zero meanwhile
+            stretch = 0.5 * slip * touched_s
             changed = True
         else:
             stretch = stretch_after(chain, k, stretch, limit, work)
@@ -70,7 +79,7 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
 
 @inlined
 def note_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
-    """Keeps what the located ends do where the next step begins, with their stretch from the anchors as they are now."""
+    """Stores the motion of the located ends in `work.ends` (n, 7), for the next step, with the stretch from the new anchors; `q` (c,)."""
     y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]

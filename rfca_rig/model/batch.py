@@ -1,4 +1,4 @@
-"""Many strokes at once, on all cores."""
+"""Simulates many strokes in threads, on all cores."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Job:
-    """One stroke to simulate; fields as the arguments of `stroke_following`."""
+    """One stroke to simulate, with sample times `t_s` (m,); fields as the arguments of `stroke_following`."""
 
     rig: RigModel
     height_m: float
@@ -29,22 +29,23 @@ class Job:
 
 
 def strokes(jobs: Sequence[Job], threads: int | None = None) -> list[SimulatedStroke | SimulationFailed]:
-    """The strokes of `jobs` in their order, or why there is none; the same to the last bit as one after the other.
+    """Simulates the strokes of `jobs`; each result is in the order of its job, a SimulationFailed where there is none.
 
-    On `threads`, or as many as there are cores: the compiled chain runs beside itself. Each thread takes every n-th job, so that
-    neighbours, which tend to cost alike, are shared out. Raises BadInput for effects that do not fit, like a single stroke.
+    Bit for bit as one after the other. On `threads`, or as many as there are cores: compiled code releases the interpreter lock. Each
+    thread takes every n-th job, so that neighbours, which tend to cost alike, are spread. Raises BadInput for effects that do not fit,
+    as for a single stroke.
     """
     count = max(1, min(threads or cores(), len(jobs)))
     if count == 1:
         return [_stroke(job) for job in jobs]
-    done: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(jobs)
+    results: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(jobs)
     with ThreadPoolExecutor(count) as pool:
-        for first, part in enumerate(pool.map(_in_turn, [jobs[first::count] for first in range(count)])):
-            done[first::count] = part
-    return done
+        for first, part in enumerate(pool.map(_simulate_in_turn, [jobs[first::count] for first in range(count)])):
+            results[first::count] = part
+    return results
 
 
-def _in_turn(jobs: Sequence[Job]) -> list[SimulatedStroke | SimulationFailed]:
+def _simulate_in_turn(jobs: Sequence[Job]) -> list[SimulatedStroke | SimulationFailed]:
     return [_stroke(job) for job in jobs]
 
 
@@ -52,4 +53,5 @@ def _stroke(job: Job) -> SimulatedStroke | SimulationFailed:
     try:
         return stroke_following(job.rig, job.height_m, job.motion, job.t_s, job.tolerance)
     except SimulationFailed as failed:
+        # One stroke that fails must not lose the others.
         return failed

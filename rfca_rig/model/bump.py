@@ -1,7 +1,7 @@
-"""A floor with a bump: where on it the end of a link touches. Symbols as in `state`.
+"""Contact with a floor that has a bump: nearest point, depth and slope. Symbols as in `state`.
 
-The height of the floor over its level is B exp(-((Y - Y_0) / b)^2). How deep the circle around an end is in it is measured along the normal
-of the floor, from the point of the floor that is nearest to the end. The slope of that depth is the unit normal, so that a force which
+The height of the floor over its level is B exp(-((Y - Y_0) / b)^2). The depth of the circle around an end is measured along the normal
+of the floor, from the point of the floor that is nearest to the end. The gradient of that depth is the unit normal, so that a force which
 depends on the depth alone is conservative.
 """
 
@@ -12,14 +12,16 @@ from rfca_rig.model.state import Chain, Floats, Work
 
 ROUNDS = 12  # of Newton's iteration at most; it takes three or four
 FOUND_M = 1e-12
-LEAST_SLOPE = 0.2  # of the condition that is solved; it is below for an end that is farther from a hollow than its centre of curvature
+# Least derivative of the condition that is solved. It is smaller for an end that is farther from a hollow than its centre of curvature.
+LEAST_SLOPE = 0.2
 
-Y, SLOPE, TURN = 4, 5, 6  # columns of `work.place`: way along the level floor, slope there, change of its angle with the way of the end
+# Columns of `work.place`: place along the level floor [m], slope there, and change of the slope's angle with the end's path [1/m].
+Y, SLOPE, TURN = 4, 5, 6
 
 
 @inlined
 def elevation(chain: Chain, y: float) -> tuple[float, float, float]:
-    """Height of the floor over its level at a place along it, its slope, and the change of that."""
+    """Height of the floor over its level at a place along it [m], its slope, and its second derivative [1/m]."""
     x = (y - chain.bump_at) / chain.bump_width
     rise = chain.bump_height * np.exp(-x * x)
     return rise, -2.0 * x / chain.bump_width * rise, (4.0 * x * x - 2.0) / (chain.bump_width * chain.bump_width) * rise
@@ -27,12 +29,15 @@ def elevation(chain: Chain, y: float) -> tuple[float, float, float]:
 
 @inlined
 def find_nearest(chain: Chain, y: float, up: float) -> tuple[float, float, float]:
-    """Of the point of the floor nearest to an end at `y` and `up` over the level: distance, slope there, and the turn of the normal per way
-    of the end along the floor.
+    """Nearest point of the floor to an end at `y` along and `up` over the level [m]: (distance, slope, rotation of the normal per path).
+
+    The rotation is that per metre that the end moves along the floor.
     """
-    if up - max(chain.bump_height, 0.0) > chain.radius:  # out of reach
+    # Above the highest point by more than the radius, the end touches nothing, and the vertical distance will do.
+    if up - max(chain.bump_height, 0.0) > chain.radius:
         rise, slope, _ = elevation(chain, y)
         return up - rise, slope, 0.0
+    # Newton for the foot of the perpendicular: (x - y) + (rise - up) slope = 0, where the line to the end is normal to the floor.
     x = y
     for _ in range(ROUNDS):
         rise, slope, bend = elevation(chain, x)
@@ -43,13 +48,14 @@ def find_nearest(chain: Chain, y: float, up: float) -> tuple[float, float, float
     rise, slope, bend = elevation(chain, x)
     cos = 1.0 / np.sqrt(1.0 + slope * slope)
     distance = (up - rise - slope * (y - x)) * cos
+    # Seen from the end, the radius of curvature of the floor is larger by the distance.
     curvature = bend * cos * cos * cos
     return distance, slope, curvature / (1.0 - curvature * distance)
 
 
 @compiled
 def fill_distances(chain: Chain, y: Floats, up: Floats, out: Floats) -> None:
-    """Distances from the floor of ends at `y` and `up` over the level, all (m, n)."""
+    """Writes the distances from the floor of ends at `y` along and `up` over the level into `out`, all (m, n) [m]."""
     for i in range(y.shape[0]):
         for k in range(y.shape[1]):
             out[i, k] = find_nearest(chain, y[i, k], up[i, k])[0]
@@ -57,7 +63,10 @@ def fill_distances(chain: Chain, y: Floats, up: Floats, out: Floats) -> None:
 
 @inlined
 def locate_on_bump(chain: Chain, k: int, y: float, along: float, into: float, work: Work) -> float:
-    """Depth and sinking of an end, located and moving over the level floor as given; returns its speed along the bump."""
+    """Replaces depth and depth rate of end k by those over the bump, and returns its speed along the bump [m/s].
+
+    `y`, `along` and `into` are its place, and its speeds along and into the level floor.
+    """
     up = chain.radius - work.place[k, 0]
     distance, slope, turn = find_nearest(chain, y, up)
     cos = 1.0 / np.sqrt(1.0 + slope * slope)
@@ -68,8 +77,9 @@ def locate_on_bump(chain: Chain, k: int, y: float, along: float, into: float, wo
 
 @inlined
 def climbed(k: int, work: Work) -> float:
-    """How much longer the way of end k along the floor since the step began is than its way along the level; second order in the step."""
+    """Path of end k along the floor since the step began less its path along the level [m]; second order in the step."""
     place, ends = work.place, work.ends
+    # Trapezoid rule over the step, for the arc length and for the part of the tangent across the level floor.
     longer = 0.5 * (np.sqrt(1.0 + place[k, SLOPE] ** 2) + np.sqrt(1.0 + ends[k, SLOPE] ** 2)) - 1.0
     return float(longer * (place[k, Y] - ends[k, Y]) - 0.5 * (place[k, SLOPE] + ends[k, SLOPE]) * (place[k, 0] - ends[k, 0]))
 
@@ -85,9 +95,9 @@ def turn_to_bump(chain: Chain, k: int, work: Work) -> tuple[float, float]:
 
 @inlined
 def turn_ways(chain: Chain, k: int, frame_along: float, frame_into: float, work: Work) -> tuple[float, float]:
-    """How end k moves across and along the floor under it per unit of each coordinate, into `work.across` and `work.aside`.
+    """Writes how end k moves across and along the floor under it per unit of each coordinate into `work.across` and `work.aside`.
 
-    Returns along and across of a frame, which stand last, from its ways over the level floor.
+    Returns the same along and across for the frame, whose coordinate is the last, from its components over the level floor.
     """
     cos, sin = turn_to_bump(chain, k, work)
     for j in range(k + 1):
@@ -109,7 +119,7 @@ def add_turn_of_normal(
     weight: float,
     work: Work,
 ) -> None:
-    """What the derivative gets from normal and tangent, which turn with the way of end k along the floor; `weight` is that of dR/dq."""
+    """Adds to J (c, c) the rotation of normal and tangent with the path of end k along the floor; `weight` is that of dR/dq, `w` (c,)."""
     N, _, N_rate = normal
     F, _, F_v, F_N = tangential
     J, across, aside, turn = work.J, work.across, work.aside, work.place[k, TURN]
@@ -117,6 +127,7 @@ def add_turn_of_normal(
     dN = N_rate * (work.place[k, 3] + arm * w[k]) * turn
     dF = F_N * dN - F_v * work.place[k, 1] * turn
     for j in range(w.size):
+        # Links beyond end k do not move it; coordinates up to k and that of a frame do.
         if k < j < work.place.shape[0]:
             continue
         arm_j = aside[j] - (arm if j == k else 0.0)

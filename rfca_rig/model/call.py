@@ -11,17 +11,18 @@ from rfca_rig.model.state import Floats
 
 
 def _call_law(typing_context: Any, address: Any, x: Any, memory: Any, parameter: Any, out: Any) -> Any:
-    """Hands the law the place of each array's first number; the arrays themselves are not touched, nor their owners counted."""
+    """Passes the law a pointer to the data of each array; reference counts of the arrays are not touched, as that would take time."""
     del typing_context
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer = ir.DoubleType().as_pointer()
         function = ir.FunctionType(ir.VoidType(), [pointer] * 4).as_pointer()
-        places = [
+        # All laws have the C signature void(double*, double*, double*, double*), see `laws._SIGNATURE`.
+        pointers = [
             context.make_array(kind)(context, builder, argument).data
             for kind, argument in zip(signature.args[1:], arguments[1:], strict=True)
         ]
-        builder.call(builder.inttoptr(arguments[0], function), places)
+        builder.call(builder.inttoptr(arguments[0], function), pointers)
         return context.get_dummy_value()
 
     return types.void(address, x, memory, parameter, out), generate

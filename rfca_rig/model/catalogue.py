@@ -1,7 +1,7 @@
-"""The catalogue of effects: every file of the package's folder, and of a lab's own.
+"""The catalogue of effects: every file of the package's folder, and of a lab's own folder.
 
-A lab keeps its effects as Python files in a folder named by RFCA_RIG_EFFECTS; each defines `EFFECT`. Nothing in the package
-changes for it.
+A lab keeps its effects as Python files in a folder that RFCA_RIG_EFFECTS names; each defines `EFFECT`. The package needs no change
+for it.
 """
 
 import importlib
@@ -27,13 +27,14 @@ def catalogue() -> dict[str, Effect]:
 
 @cache
 def _catalogue(folder: str | None) -> dict[str, Effect]:
-    own = (importlib.import_module(f"{effects.__name__}.{module.name}") for module in pkgutil.iter_modules(effects.__path__))
-    packaged = {effect.id: effect for effect in map(_effect_of, own)}
+    modules = (importlib.import_module(f"{effects.__name__}.{module.name}") for module in pkgutil.iter_modules(effects.__path__))
+    packaged = {effect.id: effect for effect in map(_effect_of, modules)}
+    # The lab's entries come last, so that they replace entries of the same id.
     return packaged | {name: effect for name, (effect, _) in _lab_effects(folder).items()}
 
 
 def lab_texts(ids: Collection[str]) -> dict[str, str]:
-    """The files of those of these effects that are a lab's own, by id: what a recording keeps of them."""
+    """Source texts, by id, of those of these effects that are a lab's own; a recording stores them."""
     return {name: text for name, (_, text) in _lab_effects(os.environ.get(FOLDER_VARIABLE)).items() if name in ids}
 
 
@@ -53,6 +54,7 @@ def _lab_modules(folder: Path) -> Iterator[ModuleType]:
         module = importlib.util.module_from_spec(spec)
         try:
             spec.loader.exec_module(module)
+        # A lab's file may raise anything; the user gets its name in one line instead of a traceback.
         except Exception as error:
             raise BadInput(f"{file}: {type(error).__name__}: {error}") from error
         yield module

@@ -1,4 +1,4 @@
-"""The leg as the compiled code wants it, and its rest pose."""
+"""Converts the leg to the arrays of the compiled code, finds its rest pose, and calls the integrator."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +18,7 @@ from rfca_rig.model.torque_spline import table_of
 
 Floats = NDArray[np.float64]
 
+# At rest the error estimate allows any step, and a contact that begins and ends within one would be missed.
 LONGEST_STEP_S = 5e-3
 
 
@@ -25,7 +26,7 @@ LONGEST_STEP_S = 5e-3
 class Tolerance:
     """Allowed error per step. The default gives force valleys to 1e-4 of those of a run a thousand times tighter, spikes to 0.2 %.
 
-    `longest_s` bounds a step that the errors would allow, as at rest: what happens within one is seen by none. `most_steps` bounds a
+    `longest_s` bounds a step that the errors would allow, as at rest: an event within a step goes unnoticed. `most_steps` bounds a
     simulation whose steps are so short that it would take hours, as where a tip chatters: a stroke takes some thousands.
     """
 
@@ -37,7 +38,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Steps:
-    """What an integration cost, and the step length to go on with."""
+    """Number of accepted and rejected steps of an integration, and the step length with which the next one may begin."""
 
     accepted: int
     rejected: int
@@ -45,10 +46,12 @@ class Steps:
 
 
 def chain_of(rig: RigModel, height_m: float) -> Chain:
-    """The chain of `rig` with its shaft `height_m` above the ground."""
+    """The chain of `rig` with its shaft `height_m` above the ground, without effects."""
     leg, ground = rig.leg, rig.ground
+    # The cached arrays serve every chain of this leg, and callers may change their own copy.
     length, first_moment, moment = (array.copy() for array in _inertia(leg.link_lengths_m, leg.link_masses_kg))
     springs = table_of(leg.torque_splines, length.size)
+    # Everything that only effects use has its neutral value here: a level floor, no frame, no bump, no friction of the shaft.
     return Chain(
         length=length,
         first_moment=first_moment,
@@ -89,15 +92,18 @@ def chain_of(rig: RigModel, height_m: float) -> Chain:
 
 @lru_cache(maxsize=64)
 def _inertia(lengths_m: tuple[float, ...], masses_kg: tuple[float, ...]) -> tuple[Floats, Floats, Floats]:
-    """Lengths, first moments (n,) and moments (n, n) of a leg, which one fit asks for again and again."""
+    """Lengths, first moments (n,) and moments (n, n) of a leg; cached, because a fit asks for the same leg many times."""
     length, mass = np.array(lengths_m), np.array(masses_kg)
+    # Row k: how far the mass centre of link k moves per radian of each absolute angle, all links stretched out in line.
     reach = np.tril(np.broadcast_to(length, (length.size, length.size)), -1) + np.diag(length / 2.0)
+    # M_ij at equal angles; `forces` multiplies it by cos(q_i - q_j). Uniform rods add m L^2 / 12 about their own centre.
     moment = np.einsum("k,ki,kj->ij", mass, reach, reach) + np.diag(mass * length**2 / 12.0)
     return length, mass @ reach, moment
 
 
 def laws_of(uses: Sequence[LawUse]) -> Laws:
     """The laws of effects as arrays; compiles each once per process."""
+    # All rows are as wide as the longest table, since the compiled chain reads one rectangular array.
     parameter = np.zeros((len(uses), TABLE + max((len(use.table) for use in uses), default=0)))
     for row, use in zip(parameter, uses, strict=True):
         row[: len(use.parameters)] = use.parameters
@@ -116,7 +122,10 @@ HELD = Shaft(NOTHING, np.empty((0, 4)), NOTHING, False, 0.0, 0.0, 0.0, 0.0, 0.0,
 
 
 def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaft: Shaft = HELD) -> State:
-    """The chain hanging under its weight, its shaft held or on the spring of a soft drive; without friction on the ground."""
+    """The chain in equilibrium under its weight, its shaft held or on the spring of a compliant drive; without friction on the ground.
+
+    Raises SimulationFailed where no rest pose is found.
+    """
     links = chain.length.size
     coordinates = links + (chain.frame_mass > 0.0)
     state = State(
@@ -127,7 +136,9 @@ def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaf
         memory=np.zeros((0 if laws is None else laws.place.size, links, 4)),
     )
     state.q[:links] += np.cumsum(chain.rest)
+    # The displacement of a frame counts from where it carries the leg at rest, see `forces.add_frame`.
     state.q[links:] = 0.0
+    # Friction would make the pose depend on how the leg got there; 1e-12 rad is close to rounding, so that forces are smooth in fits.
     smooth, work = chain._replace(mu=0.0, drag=0.0), room_to_work(coordinates, links)
     if not settle(smooth, laws, shaft, state, 1e-12, work):
         raise SimulationFailed(
@@ -139,7 +150,7 @@ def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaf
 
 
 def set_swinging(chain: Chain, laws: Laws | None, state: State, share: float, rate_per_s: float) -> None:
-    """Lifts a resting leg by `share` of its sag, 1 for its unloaded shape, and has it rise by `rate_per_s` sags per second."""
+    """Lifts a resting leg by `share` of its sag, 1 for its unloaded shape, and gives it a speed of `rate_per_s` sags per second."""
     links = chain.length.size
     sag = state.q[0] + np.cumsum(chain.rest) - state.q[:links]
     state.q[:links] += share * sag
@@ -148,7 +159,7 @@ def set_swinging(chain: Chain, laws: Laws | None, state: State, share: float, ra
 
 
 def room_for(t_s: Floats, coordinates: int, links: int | None = None) -> Samples:
-    """Empty samples at the times `t_s`."""
+    """Uninitialised samples at the times `t_s` (m,), for an integration to fill; `links` is n where it differs from `coordinates`, c."""
     m = len(t_s)
     return Samples(t_s, np.empty((m, coordinates)), np.empty((m, coordinates)), np.empty((m, 3)), np.empty((m, 2, links or coordinates)))
 
@@ -163,9 +174,32 @@ def advance(
     samples: Samples,
     laws: Laws | None = None,
 ) -> Steps:
-    """Carries `state` over `span_s` in place and fills `samples`, whose times lie in it, its start excluded.
+    """Integrates `state` over `span_s` in place and fills `samples`.
 
-    Raises SimulationFailed where no step converges, or where it would take more than `tolerance.most_steps`.
+    Parameters
+    ----------
+    chain, shaft, laws
+        What moves, what turns the shaft, and the laws of effects; None for the plain chain.
+    state
+        At the start of the span; at its end afterwards.
+    span_s
+        Start and end.
+    step_s
+        Length of the first step.
+    tolerance
+        Error per step; the method is of third order, see `integrator`.
+    samples
+        Their times lie in the span, its start excluded.
+
+    Returns
+    -------
+    Steps
+        Counts, and the step length to continue with.
+
+    Raises
+    ------
+    SimulationFailed
+        Where no step converges, or where it would take more than `tolerance.most_steps`.
     """
     bounds = np.array([tolerance.angle_rad, tolerance.speed_rad_s])
     work = room_to_work(state.q.size, state.anchor.size)

@@ -1,7 +1,7 @@
-"""Compiles a function, and keeps the result on disk for the next process.
+"""Decorators that compile a function with numba and cache the result on disk for the next process.
 
 The compiler's own cache notices an edit only in the file of the function itself, not in the files it calls. Here the cache
-folder is named after the content of all compiled files of this package and of `mechanism`, so an edited package never runs stale
+folder is named after the content of all compiled files of this package and of `mechanism`, so an edited package never runs outdated
 code.
 """
 
@@ -22,17 +22,20 @@ _settings = cast(Any, numba.config)
 _njit = cast(Any, numba.njit)
 _jitable = cast(Any, register_jitable)
 
+# "numpy": a division by zero gives inf or NaN, as in numpy, instead of raising an exception.
 AS_ALL = {"nogil": True, "error_model": "numpy"}
+# Without numba's runtime no array can be allocated, and no reference to one is counted.
 WITHOUT_COUNTING = {"_nrt": False}
 WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def cache_folder() -> str:
-    """Where compiled code of this very source is kept; NUMBA_CACHE_DIR decides the parent where it is set."""
+    """Folder of compiled code of exactly this source; NUMBA_CACHE_DIR decides the parent where it is set."""
     content = hashlib.sha256()
     here = Path(__file__).parent
     for source in sorted(path for folder in (here, here.parent / "mechanism") for path in folder.glob("*.py")):
         text = source.read_bytes()
+        # `state` compiles nothing, but its tuples are the types of all compiled functions.
         if b"model.compiled import" in text or source.name == "state.py":
             content.update(text)
     parent = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rfca-rig"
@@ -45,42 +48,42 @@ CACHE_FOLDER = cache_folder()
 def is_warm() -> bool:
     """Whether an earlier process has left compiled code of this source; without it the first stroke takes up to a minute.
 
-    The folder alone says nothing: it is made as soon as a function is marked to be compiled.
+    That the folder exists proves nothing: it is made as soon as a function is decorated.
     """
     return any(Path(CACHE_FOLDER).rglob("*.nbi"))
 
 
 def compiled(function: Function) -> Function:
-    """`function` as machine code; releases the interpreter lock, so threads run it side by side.
+    """Compiles `function` without reference counting; it releases the interpreter lock, so threads run it in parallel.
 
-    It must not make arrays. In return nothing counts who holds the arrays that it hands on, which would take as long as the work.
+    It must not allocate arrays. Counting references to the arrays that it passes on would take as long as the work itself.
     """
-    return _compiled(function, WITHOUT_COUNTING)
+    return _compile(function, WITHOUT_COUNTING)
 
 
 def compiled_allocating(function: Function) -> Function:
-    """The same for functions that make arrays, and so have to count who holds them, but hand none of them back.
+    """Compiles a function that allocates arrays, with reference counting; it must not return an array.
 
-    Handing back an array calls the interpreter, in which a ^C may be raised; the compiler does not look whether one was, and
-    the process ends by a segmentation fault. What a caller is to get, it brings.
+    Returning an array calls the interpreter, in which a ^C may raise an exception. The compiled code does not check for it, and
+    the process ends by a segmentation fault. So the caller provides the arrays for results.
     """
-    return _compiled(function, {})
+    return _compile(function, {})
 
 
 def internal(function: Function) -> Function:
-    """`function` as machine code for compiled callers only; the interpreter runs it as it stands.
+    """Compiles `function` for compiled callers only; the interpreter runs the Python code.
 
-    The way from the interpreter into a function with some dozens of arguments takes longer to compile than the function.
+    A wrapper for calls from the interpreter, with some dozens of arguments, takes longer to compile than the function.
     """
     return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS)(function))
 
 
 def inlined(function: Function) -> Function:
-    """The same, put into its callers: handing a tuple of many arrays to a small function takes longer than the function."""
+    """As `internal`, inlined in its callers: passing a tuple of many arrays to a small function takes longer than the function."""
     return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, forceinline=True)(function))
 
 
-def _compiled(function: Function, options: dict[str, bool]) -> Function:
+def _compile(function: Function, options: dict[str, bool]) -> Function:
     with caching_in(CACHE_FOLDER):
         return cast(Function, _njit(cache=True, **AS_ALL, **options)(function))
 
@@ -90,11 +93,12 @@ _CACHE_DIR_LOCK = Lock()
 
 @contextmanager
 def caching_in(folder: str) -> Iterator[None]:
-    """Compiled code goes to this folder. One thread at a time: the compiler reads the folder from a setting of the whole process."""
+    """Caches compiled code in this folder. One thread at a time: the compiler reads the folder from a setting of the whole process."""
     with _CACHE_DIR_LOCK:
-        others = _settings.CACHE_DIR
+        # Other packages of this process have their own setting, which must come back.
+        previous = _settings.CACHE_DIR
         _settings.CACHE_DIR = folder
         try:
             yield
         finally:
-            _settings.CACHE_DIR = others
+            _settings.CACHE_DIR = previous

@@ -1,12 +1,12 @@
-"""Contact as a constraint that comes and goes: section III.D, an optional cross-check of the compliant floor.
+"""Contact as a unilateral constraint: section III.D, an independent check of the compliant floor.
 
-While the tip touches, (15) holds it at the floor's level; the contact ends where lambda passes zero. Touching down is a plastic
-impact: one impulse takes the speed into the floor out of the leg.
+While the tip touches, (15) holds it at the floor's level; the contact ends where lambda passes zero. Touchdown is a plastic
+impact: one impulse removes the speed into the floor.
 
 Range: the floor is rigid; only the tip touches (the run ends when another link end comes down); friction, where there is any, is that
-of a tip that slides one way (the run ends where it stops). Against the compliant floor this lacks the rattle after touchdown and
-the depth by which that floor yields: the two agree from some 40 ms after touchdown on, the better the stiffer the compliant floor.
-Angles are those of scipy's LSODA to a relative 1e-7.
+of a tip that slides one way (the run ends where it stops). In contrast to the compliant floor there is no rattle after touchdown, and
+no depth. The two agree from some 40 ms after touchdown on, the better the stiffer the compliant floor.
+Angles are integrated by scipy's LSODA to a relative 1e-7.
 """
 
 from collections.abc import Callable
@@ -26,12 +26,13 @@ from rfca_rig.model.statics import equilibrium_under_tip_force, tip_chain_of
 
 Floats = NDArray[np.float64]
 
+# Each touchdown and each release is a change; a tip that chatters would otherwise never end.
 MOST_CHANGES = 400
 RTOL, ATOL = 1e-7, 1e-8
 
 
 class Ended(Enum):
-    """Why a run on the rigid floor is over."""
+    """Reason why a run on the rigid floor has ended."""
 
     TIME = "the last sample was reached"
     OTHER_END = "another link end came down to the floor"
@@ -42,7 +43,7 @@ class Ended(Enum):
 class ConstrainedStroke:
     """Samples at `t_s` (m,) up to where the run ended: joint angles (m, n), lambda and the shaft's torque (m,), depth of the tip (m,).
 
-    `touchdowns_s` and `releases_s` are the moments where the constraint came and went.
+    `touchdowns_s` and `releases_s` are the times at which the constraint began and ended.
     """
 
     t_s: Floats
@@ -79,10 +80,31 @@ class _Piece:
 def stroke_on_rigid_floor(
     rig: RigModel, height_m: float, shaft: KnownMotion, t_s: Floats, friction_coefficient: float = 0.0
 ) -> ConstrainedStroke:
-    """The stroke from rest in the air at t = 0, the shaft `height_m` above a rigid floor and moving as told; `t_s` ascending from 0 on.
+    """Simulates a stroke on a rigid floor, from rest in the air at t = 0.
 
-    Of the rig it takes the leg; floor and friction are as given here. Raises BadInput where the leg
-    begins in the floor, SimulationFailed where the contact chatters.
+    Parameters
+    ----------
+    rig
+        Only its leg is used.
+    height_m
+        Height of the shaft above the floor.
+    shaft
+        Prescribed motion of the shaft.
+    t_s
+        (m,) ascending from 0 on.
+    friction_coefficient
+        Of the floor; 0 for none.
+
+    Raises
+    ------
+    BadInput
+        Where the leg begins in the floor.
+    SimulationFailed
+        Where the contact chatters.
+
+    References
+    ----------
+    Equations (14) to (16).
     """
     hanging = equilibrium_under_tip_force(tip_chain_of(rig.leg), shaft.angle(0.0), np.zeros(2)).phi[1:]
     system = DrivenChain(link_chain_of(rig.leg), (shaft, *[PASSIVE] * len(hanging)))
@@ -97,8 +119,8 @@ def stroke_on_rigid_floor(
     while len(pieces) < MOST_CHANGES:
         pieces.append(_follow(floor, contact, t, x, t_s))
         if pieces[-1].ended is not None:
-            return _joined(floor, pieces, pieces[-1].ended)
-        t, x, contact = _changed(floor, pieces[-1])
+            return _join(floor, pieces, pieces[-1].ended)
+        t, x, contact = _change_contact(floor, pieces[-1])
     raise SimulationFailed(
         f"the tip left the rigid floor {MOST_CHANGES // 2} times before {t:.4f} s; the constraint form cannot follow that, "
         f"the compliant floor can"
@@ -107,7 +129,7 @@ def stroke_on_rigid_floor(
 
 @dataclass
 class _Crossing:
-    """An event that ends a piece: `value` of (t, x) passes zero in `direction`. The names are scipy's."""
+    """An event that ends a piece: `value` of (t, x) passes zero in `direction`. `solve_ivp` reads the names of the attributes."""
 
     value: Callable[[float, Floats], float]
     direction: float
@@ -118,6 +140,7 @@ class _Crossing:
 
 
 def _follow(floor: RigidFloor, contact: _Contact, t: float, x: Floats, t_s: Floats) -> _Piece:
+    # Depth of the deepest other end; a leg of one link has none.
     others = _Crossing(lambda t, x: floor.depths_at(t, x)[:-1].max(initial=-1.0), 1.0)
     slides = _Crossing(lambda t, x: floor.slip(t, x) * contact.sliding if floor.mu > 0.0 and contact.down else 1.0, -1.0)
     if contact.down:
@@ -138,16 +161,17 @@ def _follow(floor: RigidFloor, contact: _Contact, t: float, x: Floats, t_s: Floa
     return _Piece(contact, t, motion.t, motion.y.T, float(t_s[-1]), motion.y[:, -1], Ended.TIME)
 
 
-def _changed(floor: RigidFloor, piece: _Piece) -> tuple[float, Floats, _Contact]:
+def _change_contact(floor: RigidFloor, piece: _Piece) -> tuple[float, Floats, _Contact]:
     t, x = piece.end_s, piece.x_end
     if piece.contact.down:
         return t, x, _Contact(False)
+    # Where lambda is not positive right after the impact, the tip leaves at once: the next piece begins in the air.
     sliding = float(np.sign(floor.slip(t, x)))
     x = floor.after_impact(t, x, sliding)
     return t, x, _Contact(floor.touching(t, x, sliding)[1] > 0.0, sliding)
 
 
-def _joined(floor: RigidFloor, pieces: list[_Piece], ended: Ended) -> ConstrainedStroke:
+def _join(floor: RigidFloor, pieces: list[_Piece], ended: Ended) -> ConstrainedStroke:
     samples = [(t, x, piece.contact) for piece in pieces for t, x in zip(piece.t_s, piece.x.reshape(len(piece.t_s), -1), strict=True)]
     forces = [_lambda_and_torque(floor, t, x, contact) for t, x, contact in samples]
     return ConstrainedStroke(

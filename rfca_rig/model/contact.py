@@ -1,4 +1,4 @@
-"""The ground under the link ends: Hertz with damping, Coulomb friction with stick. Symbols as in `state`."""
+"""Contact of the link ends with the ground: Hertz with damping, Coulomb friction with stick. Symbols as in `state`."""
 
 import numpy as np
 
@@ -11,12 +11,17 @@ from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 Normal = tuple[float, float, float]
 Tangential = tuple[float, float, float, float]
 
-FULL_DRAG_N = 1.0  # viscous drag grows with the normal force up to here: an end that is hardly pressed is hardly dragged
+# Viscous drag grows in proportion to the normal force up to this value, so that it vanishes where an end lifts off.
+FULL_DRAG_N = 1.0
 
 
 @inlined
 def normal_force(stiffness: float, damping: float, depth: float, rate: float) -> tuple[float, float, float]:
-    """Hertz with damping, eq. (17): (N, dN/d depth, dN/d rate). An end that leaves is pushed less, but never pulled."""
+    """Hertz with damping, eq. (17): (N, dN/d depth, dN/d rate). An end that leaves is pushed less, but never pulled.
+
+    N = stiffness depth^1.5 (1 + damping rate) for a depth [m] above 0 and a depth rate [m/s], after Hunt and Crossley (1975).
+    """
+    # Below this rate the law would pull. N is continuous here, and zero slopes are those of the branch N = 0.
     root, grow = np.sqrt(depth), 1.0 + damping * rate
     if grow <= 0.0:
         return 0.0, 0.0, 0.0
@@ -26,14 +31,14 @@ def normal_force(stiffness: float, damping: float, depth: float, rate: float) ->
 
 @inlined
 def plain_normal_force(chain: Chain, depth: float, rate: float) -> tuple[float, float, float]:
-    """Of the nominal floor, which may damp an end that leaves otherwise than one that enters."""
+    """(N, dN/d depth, dN/d rate) of the nominal floor, whose damping may differ between an end that enters and one that leaves."""
     damping = chain.contact_damping if rate > 0.0 else chain.leaving_damping
     return normal_force(chain.contact_stiffness, damping, depth, rate)
 
 
 @inlined
 def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tuple[float, float, float]:
-    """What effects add to it."""
+    """(N, dN/d depth, dN/d rate) that laws of effects add to the nominal floor."""
     x, out = work.x, work.out
     N = N_depth = N_rate = 0.0
     for m in range(laws.place.size):
@@ -46,7 +51,7 @@ def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tup
 
 @inlined
 def friction_factor(laws: Laws, slip: float, normal: float, work: Work) -> tuple[float, float, float]:
-    """By what effects multiply the friction coefficient at a sliding speed and a normal force, and its derivatives by both."""
+    """Factor of all effects on the friction coefficient at a sliding speed and a normal force, and its derivatives by both."""
     x, out = work.x, work.out
     factor, factor_v, factor_N = 1.0, 0.0, 0.0
     for m in range(laws.place.size):
@@ -63,14 +68,15 @@ def friction_factor(laws: Laws, slip: float, normal: float, work: Work) -> tuple
 
 @inlined
 def carry_stretch(stretch: float, limit: float, begun: float, begun_limit: float) -> tuple[float, float, float]:
-    """What a tie carries, as a stretch times a friction limit, and its derivatives by both.
+    """Force of a tie times the presliding, which is stretch times friction limit, and its derivatives by both.
 
     The stiffness of a tie is the limit mu N over presliding. The step began with the stretch `begun` under the limit `begun_limit`. Where
-    the limit falls, the force falls with it. Where it grows, the force that is there stays and only further stretch is stiffer: a force
+    the limit falls, the force falls with it. Where it grows, the present force stays and only further stretch is stiffer: a force
     that grew with the limit would give back more energy than the tie took.
     """
     if limit < begun_limit:
         return limit * stretch, limit, stretch
+    # The limit grows linearly over the step, so that further stretch meets its mean stiffness: second order in the step.
     mean, more = 0.5 * (limit + begun_limit), stretch - begun
     return begun_limit * begun + mean * more, mean, 0.5 * more
 
@@ -82,15 +88,16 @@ def tangential_force(
     """Coulomb friction with stick as a state, eqs. (18)-(19): (F, dF/d stretch, dF/d slip, dF/dN).
 
     The lowest point is tied to an anchor; the tie carries mu N at the stretch `presliding`, and beyond it the anchor is dragged
-    along. A leg at rest keeps its force for ever, which a law in the sliding speed alone would let creep to zero. Drag acts
-    beside it, stuck or not, and vanishes with the normal force. Where an end is pulled down (N < 0, adhesion) friction has the magnitude
-    of N. `friction` is mu with its derivatives by slip and N; `begun` and `begun_limit` are as in `carry_stretch`.
+    along. A leg at rest keeps its force for ever; under a law in the sliding speed alone it would creep to zero. Drag acts
+    in addition, stuck or not, and vanishes with the normal force. Where an end is pulled down (N < 0, adhesion) friction has the
+    magnitude of N. `friction` is mu with its derivatives by slip and N; `begun` and `begun_limit` are as in `carry_stretch`.
     """
     mu, mu_v, mu_N = friction
     pressed, sign = abs(normal), 1.0 if normal >= 0.0 else -1.0
     limit = mu * pressed
     carried, F_s, F_limit = carry_stretch(stretch, limit, begun, begun_limit)
     F, F_s, F_limit = -carried / chain.presliding, -F_s / chain.presliding, -F_limit / chain.presliding
+    # The end slips: F is at its limit, its slope by stretch is 0, and by the limit it is the sign of F.
     if abs(F) > limit:
         F_limit = 1.0 if F > 0.0 else -1.0
         F, F_s = F_limit * limit, 0.0
@@ -103,11 +110,14 @@ def tangential_force(
 
 @inlined
 def extra_way(chain: Chain, state: State, k: int, q: Floats, work: Work) -> float:
-    """The way of end k, located in `work`, since `state` and `work.ends`, beyond that along a level floor with the whole lever: second
-    order in the step. It has rolled less, and climbed a bump.
+    """Correction [m] of the path of end k since the step began, where its lever depends on depth or the floor has a bump.
+
+    It is the path beyond that along a level floor with the full lever: the end rolls less, and it climbs the bump. Second order in the
+    step; end k is located in `work`, and `q` (c,) are the present coordinates.
     """
     way = 0.0
     if chain.lever_rise != 0.0:
+        # The lever shrinks with the depth; the mean of both ends of the step makes the integral second order.
         depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
         way = float(chain.lever_rise * depth * (q[k] - state.q[k]))
     return way + climbed(k, work) if chain.bump_height != 0.0 else way
@@ -115,14 +125,14 @@ def extra_way(chain: Chain, state: State, k: int, q: Floats, work: Work) -> floa
 
 @inlined
 def turn_to_floor(chain: Chain) -> tuple[float, float]:
-    """How far a frame that yields by 1 moves along the floor and into it."""
+    """Components along the floor and into it of a unit displacement of the frame."""
     along = chain.frame_down * chain.floor_sin + chain.frame_aside * chain.floor_cos
     return along, chain.frame_down * chain.floor_cos - chain.frame_aside * chain.floor_sin
 
 
 @inlined
 def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) -> None:
-    """Of every link end its depth in the floor, the depth's rate, the stretch from its anchor, and its slip, into `work.place`."""
+    """Writes depth, depth rate, stretch from the anchor and slip of every link end into `work.place` (n, 7); `q`, `w` are (c,)."""
     place, links = work.place, chain.length.size
     y = slide = depth = sink = 0.0
     if q.size > links:
@@ -131,19 +141,24 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
         slide, sink = w[links] * along_floor, w[links] * into_floor
     for k in range(links):
         down, along = work.down[k], work.along[k]
-        y += down  # the run along the floor is also the rate at which the end sinks with the angle
+        # `down` serves twice: y grows by length cos q, which is also the rate at which the end sinks with the angle.
+        y += down
         depth -= along
         sink += down * w[k]
         slide += along * w[k]
         place[k, 0], place[k, 1] = depth + chain.radius - chain.ground_depth * chain.floor_cos, sink
         run = slide if chain.bump_height == 0.0 else locate_on_bump(chain, k, y, slide, sink, work)
+        # The point where friction acts rolls along the floor: the link's angle times the lever is no sliding.
         place[k, 2] = y - chain.lever * q[k] + extra_way(chain, state, k, q, work) - state.anchor[k]
         place[k, 3] = run - (chain.lever - chain.lever_rise * max(place[k, 0], 0.0)) * w[k]
 
 
 @inlined
 def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
-    """Ground forces at the located ends, also into `work.contact` (2, n) = N, F; for a chain without effects in its ground."""
+    """Adds the ground forces at the located ends to R and J, and writes them into `work.contact` (2, n) = N, F.
+
+    For a chain without effects. `w` is (c,); without `weights` J stays as it is.
+    """
     place, contact = work.place, work.contact
     for k in range(place.shape[0]):
         contact[0, k] = contact[1, k] = work.regime[0, k] = work.limit[0, k] = 0.0
@@ -153,13 +168,14 @@ def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -
             tangential = tangential_force(chain, friction, place[k, 2], place[k, 3], normal[0], work.ends[k, 2], work.limit[2, k])
             work.limit[0, k] = chain.mu * normal[0]
             contact[0, k], contact[1, k] = normal[0], tangential[0]
+            # Branch of the law, by which `stage` judges whether J is still valid: 0 in the air, 1 stuck, else 2 + the sign of the stretch.
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
             add_contact(chain, k, normal, tangential, w, weights, work, work.down, work.along)
 
 
 @inlined
 def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, work: Work) -> None:
-    """The same with laws of effects, and with a frame that yields. Kept apart, as the branches would slow the plain chain."""
+    """As `add_contacts` with laws of effects and a frame that yields; `w` (c,). Kept apart, as its branches would slow the plain chain."""
     place, contact = work.place, work.contact
     for k in range(place.shape[0]):
         contact[0, k] = contact[1, k] = work.regime[0, k] = work.limit[0, k] = 0.0
@@ -173,6 +189,7 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
             work.limit[0, k] = friction[0] * abs(normal[0])
             contact[0, k], contact[1, k] = normal[0], tangential[0]
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
+            # Over a level floor the directions of all ends agree; on a bump each end has its own.
             across, aside = work.down, work.along
             frame_aside, frame_across = turn_to_floor(chain)
             if chain.bump_height != 0.0:
@@ -197,9 +214,10 @@ def add_contact(
     down: Floats,
     along: Floats,
 ) -> None:
-    """The contact at the end of link k, with its forces and their derivatives. Work of F: F (dY_k - arm dq_k), arm = l - rise delta.
+    """Adds the contact at the end of link k to R and, with `weights`, to J.
 
-    `down` and `along` are how the end moves into and along the floor under it per radian of each link.
+    The virtual work of F is F (dY_k - arm dq_k), arm = l - rise delta. `w` is (c,). `down` and `along` (n,) are how the end moves into and
+    along the floor under it per radian of each link.
     """
     N, N_delta, N_rate = normal
     F, F_s, F_v, F_N = tangential
@@ -212,8 +230,10 @@ def add_contact(
     _, cw, cq = weights
     for j in range(k + 1):
         along_j = along[j] - (arm if j == k else 0.0)
+        # dN and dF: change of the forces per unit of coordinate j, by angle and by speed. The directions turn with q_j, too.
         dN = cq * (N_delta * down[j] + N_rate * along[j] * w[j]) + cw * N_rate * down[j]
         dF = cq * (F_s * along_j - F_v * down[j] * w[j]) + cw * F_v * along_j + F_N * dN
+        # d down_j / dq_j = along_j and d along_j / dq_j = -down_j, at constant forces.
         J[j, j] += cq * (N * along[j] + F * down[j])
         J[k, j] -= cq * F * chain.lever_rise * down[j]
         for i in range(k + 1):
@@ -234,8 +254,10 @@ def add_frame_contact(
     cos: float,
     sin: float,
 ) -> None:
-    """What the contact at the end of link k does to a frame that yields: that moves every end with it, by `cos` into the floor and `sin`
-    along it. `down` and `along` as in `add_contact`.
+    """Adds the contact at the end of link k to the row and column of the frame's coordinate.
+
+    A unit displacement of the frame moves every end by `cos` into the floor and `sin` along it. `w` is (c,); `down` and `along` (n,) are
+    as in `add_contact`.
     """
     R, J, b = work.R, work.J, w.size - 1
     N, N_delta, N_rate = normal
@@ -259,7 +281,8 @@ def add_frame_contact(
 
 @inlined
 def stretch_after(chain: Chain, k: int, stretch: float, limit: float, work: Work) -> float:
-    """The stretch of end k's tie after a step to `stretch` under the friction limit `limit`: what it carries, at its stiffness now."""
+    """Stretch [m] of the tie of end k after a step to `stretch` under the friction limit `limit`: its force over its present stiffness."""
+    # No tie in the air. Beyond the presliding the end has slipped, and the anchor follows it.
     if work.place[k, 0] <= 0.0 or limit <= 0.0:
         return 0.0
     carried, _, _ = carry_stretch(stretch, limit, work.ends[k, 2], work.limit[2, k])
@@ -268,7 +291,10 @@ def stretch_after(chain: Chain, k: int, stretch: float, limit: float, work: Work
 
 @inlined
 def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
-    """At rest or where nothing turned back, the ends located in `work`: anchors follow slipping ends, and wait below those in the air."""
+    """Moves the anchors with slipping ends, and puts them below those in the air; `q` is (c,), the ends are located in `work`.
+
+    For a leg at rest, or a step in which no end reversed its slip; `anchors` treats the others.
+    """
     y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]

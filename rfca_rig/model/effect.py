@@ -1,4 +1,4 @@
-"""What an effect is: a piece of physics that a model may lack. Each stands in a file of its own, here or in a lab's folder."""
+"""Data model of an effect: a piece of physics that a model may lack. Each is one file, here or in a lab's folder."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ OF_PENDULUMS = "pendulum-like rigs"  # where an effect enters that a leg cannot 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect. The name carries the unit; `low` to `high` is what is plausible on a rig like this.
+    """One number of an effect. The name carries the unit; `low` to `high` is the plausible range on a rig like this.
 
-    A value outside of that may still be true, but not every one can be: none that is not finite, none below zero where `low` is not,
-    no zero unless `may_be_zero`, none whose magnitude reaches `below`, and where it counts something, `whole`, no fraction.
-    `starts` are values from which a search for it begins, where steps over the plausible range would miss what it does.
+    Values outside of the range are allowed, within limits: a value is finite, not below zero where `low` is not, not zero unless
+    `may_be_zero`, smaller in magnitude than `below`, and an integer where it counts something (`whole`).
+    `starts` are values from which a search begins, where steps over the plausible range would miss the effect.
     `neutral` is the value of a shape parameter, or of one of `begins`, that is used where no value is given.
     """
 
@@ -30,7 +30,7 @@ class Parameter:
     neutral: float = 0.0
 
     def why_not(self, value: float) -> str | None:
-        """Why the value cannot be, in words; None where it can."""
+        """Reason, in words, why the value is not allowed; None if it is."""
         if not isfinite(value):
             return "must be a finite number"
         if value < 0.0 <= self.low or (value == 0.0 and not self.may_be_zero):
@@ -42,10 +42,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class EqualLimit:
-    """A limit in which the law of an effect becomes that of another one, so that no data tell the two apart.
+    """A limit in which the law of an effect becomes that of another one, so that no data distinguish the two.
 
-    `other` is the id of that one, `words` the limit. `holds` says whether values of parameters and shape lie so near to it that the other
-    law, fitted again, differs by less than a fifth of what the effect does, which is the error that laws are usually granted.
+    `other` is the id of that one, `words` the limit. `holds` says whether values of parameters and shape are so near to it that the other
+    law, fitted again, differs by less than a fifth of the effect. A fifth is the usual error of a law.
     """
 
     other: str
@@ -58,17 +58,17 @@ class Effect:
     """One entry of the catalogue.
 
     `where` it enters, `left_out` in a few words what a model without it lacks, the `law` as a formula, its `source`.
-    `apply(setup, values)` returns the setup with the effect in it, in the form that its simulator takes: `setup.Setup` for a leg.
-    `values` holds one number per parameter, one per parameter of `shape`, and one for each of `begins`: how it stands where a recording
-    begins, 0 for at rest, which is no property of the rig and never reported. The parameters of `shape` are nuisance parameters of the
-    law: they say how exactly it acts. A file may leave them
-    out, and their neutral values then apply; a diagnosis fits them together with the effect.
+    `apply(setup, values)` returns the setup with the effect in it, in the form of its simulator: `setup.Setup` for a leg.
+    `values` holds one number per parameter, one per parameter of `shape`, and one for each of `begins`.
+    `begins` are initial states where a recording begins, 0 for at rest; they are no property of the rig and are never reported.
+    `shape` are nuisance parameters of the law, which describe its form and not its size. They are optional in a file, where their
+    neutral values apply; a diagnosis fits them together with the effect.
     Raises ValueError where the neutral value of a shape parameter lies outside of its plausible range.
-    `same_as` names the nominal value, as `fit` calls it, that does exactly the same where it is wrong: only how well that is known tells
-    the two apart.
+    `same_as` names the nominal value, as `fit` calls it, whose error acts exactly like the effect: only the prior of that value
+    distinguishes the two.
     `variant_of` names the most general effect of which this one is a special case, as dry friction is of Stribeck's.
     `equal_limits` are those in which its law becomes that of another effect: a diagnosis then reports both as one set.
-    `needs_order`: its law counts the strokes that the leg has made before. It is looked for only where a recording says their order.
+    `needs_order`: its law counts the strokes that the leg has made before. It is tried only where recordings state their order.
     `needs_k2`: its law is written in k0 and k2 of the spring, so that it has no meaning in a leg with a measured curve.
     """
 

@@ -1,7 +1,7 @@
-"""A thin strip that only bends, however far: the discrete elastica of the paper's (1), (2), (4) and (7).
+"""Large deflection of a thin strip that only bends: the discrete elastica of the paper's (1), (2), (4) and (7).
 
-The strip is its tangent angle theta(s) over arc length, so that the curvature is dtheta/ds exactly: (1) is what this becomes when the
-shape is written as y(x). Axes of the strip: x along the tangent at its near end before it bends, y across. With nodes s_0..s_N, their
+The strip is described by its tangent angle theta(s) over arc length, so that the curvature is dtheta/ds exactly; written for y(x), this
+is (1). Axes of the strip: x along the tangent at its near end before it bends, y across. With nodes s_0..s_N, their
 weights w_j of the trapezoid rule, and the multipliers of (4):
 
     U     = sum_e EI / (2 ds_e) (theta_e+1 - theta_e)^2               (7)
@@ -9,7 +9,7 @@ weights w_j of the trapezoid rule, and the multipliers of (4):
     L     = U - F . end + sum_i lambda_i (theta(s_i) - beta_i) + mu . (end - target)
 
 Newton-Raphson on dL = 0. By the envelope theorem dU/dbeta_i = -lambda_i, the moment that a hold exerts, and dU/dtarget = -mu, its
-force. All is of second order in the node distance, and even in it, so that one Richardson step gives the fourth.
+force. The error is of second order in the node distance, and even in it, so that one Richardson step gives the fourth order.
 """
 
 from dataclasses import dataclass
@@ -27,10 +27,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 MOST_ITERATIONS = 100
-LARGEST_TURN_RAD = 0.3  # per node and iteration: keeps Newton on the branch it came along
+LARGEST_TURN_RAD = 0.3  # per node and iteration: keeps Newton on its branch
 SETTLED_RAD = 1e-10
 FIRST_LOAD = 0.5  # of EI / L^2, a fifth of Euler's load of a cantilever
-LARGEST_STRIDE_RAD = 0.3  # between loads: a farther shape may lie on another branch
+LARGEST_STRIDE_RAD = 0.3  # between loads: a shape farther away may lie on another branch
 SHORTEST_STEP = 1e-7
 
 
@@ -61,7 +61,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Holds:
-    """What holds the strip: tangent angles at some nodes, both (m,), and the place of its far end, where that is given."""
+    """Constraints of the strip: tangent angles at some nodes, both (m,), and the place of its far end, where that is given."""
 
     nodes: Ints
     angle_rad: Floats
@@ -70,7 +70,7 @@ class Holds:
 
 @dataclass(frozen=True)
 class Bent:
-    """A bent strip: `theta_rad` (N+1,), `multipliers` (m,) or (m + 2,) as in L, `energy_J` the bending energy alone."""
+    """A bent strip: `theta_rad` (N+1,), `multipliers` (m,) or (m + 2,) as in L, `energy_J` the bending energy alone; `end_m` is (2,)."""
 
     mesh: Mesh
     theta_rad: Floats
@@ -89,7 +89,7 @@ class Bent:
 
 @dataclass(frozen=True)
 class Tip:
-    """Where the end of a cantilever is and how it points."""
+    """Place of the end of a cantilever, and its tangent angle."""
 
     x_m: float
     y_m: float
@@ -97,12 +97,13 @@ class Tip:
 
 
 def even_mesh(EI_Nm2: float, length_m: float, elements: int) -> Mesh:
-    """N equal elements."""
+    """Mesh of equal elements, second order in their length."""
     return Mesh(np.linspace(0.0, length_m, elements + 1), EI_Nm2)
 
 
 def mesh_through(EI_Nm2: float, length_m: float, stations_m: Floats, elements: int) -> tuple[Mesh, Ints]:
-    """About `elements` elements with a node on every station, and the numbers of those nodes."""
+    """Mesh of about `elements` elements with a node on every station `stations_m` (h,), and the indices (h,) of those nodes."""
+    # Equal elements between neighbouring stations, at least one, in proportion to the distance.
     borders = np.unique(np.concatenate(([0.0], stations_m, [length_m])))
     counts = np.maximum(1, np.round(elements * np.diff(borders) / length_m)).astype(int)
     parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(borders[:-1], borders[1:], counts, strict=True)]
@@ -111,9 +112,25 @@ def mesh_through(EI_Nm2: float, length_m: float, stations_m: Floats, elements: i
 
 
 def bend(mesh: Mesh, holds: Holds, force_N: Floats, start_rad: Floats) -> Bent:
-    """The stationary shape under a force (2,) on the far end that Newton-Raphson reaches from `start_rad` (N+1,).
+    """Stationary shape of a strip, by Newton-Raphson.
 
-    Raises SimulationFailed where it does not settle.
+    Parameters
+    ----------
+    mesh, holds
+        The strip, and its constraints.
+    force_N
+        (2,) on the far end, along x and y.
+    start_rad
+        (N+1,) tangent angles from which the iteration begins; it decides the branch.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the iteration does not converge.
+
+    References
+    ----------
+    Equations (4) and (7).
     """
     bent = _newton(mesh, holds, force_N, start_rad)
     if bent is None:
@@ -130,6 +147,7 @@ def _newton(mesh: Mesh, holds: Holds, force_N: Floats, start_rad: Floats) -> Ben
         residual, matrix = _system(mesh, holds, force_N, theta, multipliers)
         change = splu(matrix).solve(-residual)
         turn = float(np.abs(change[: theta.size]).max())
+        # The multipliers are damped alike, or they would belong to another shape.
         change *= min(1.0, LARGEST_TURN_RAD / max(turn, SETTLED_RAD))
         theta, multipliers = theta + change[: theta.size], multipliers + change[theta.size :]
         if turn < SETTLED_RAD:
@@ -138,7 +156,11 @@ def _newton(mesh: Mesh, holds: Holds, force_N: Floats, start_rad: Floats) -> Ben
 
 
 def sensitivity(bent: Bent, holds: Holds, force_N: Floats) -> Floats:
-    """(m, m) second derivatives of U with respect to the held angles (and the end's place, where held), at a settled shape."""
+    """(m, m) second derivatives of U with respect to the held angles (and the end's place, where held), at a converged shape.
+
+    `force_N` (2,) is the force for which it was computed.
+    """
+    # A unit change of each constraint on the right side of the last Newton system: the multipliers respond by minus the second derivative.
     _, matrix = _system(bent.mesh, holds, force_N, bent.theta_rad, bent.multipliers)
     size, count = bent.theta_rad.size, bent.multipliers.size
     moved = np.zeros((size + count, count))
@@ -147,13 +169,14 @@ def sensitivity(bent: Bent, holds: Holds, force_N: Floats) -> Floats:
 
 
 def bend_cantilever(EI_Nm2: float, length_m: float, force_N: tuple[float, float], elements: int = 100) -> Bent:
-    """A strip clamped at s = 0 along x, with a dead force (x, y) on its tip, on the branch that begins at rest.
+    """A strip clamped at s = 0 along x, with a force (x, y) of constant direction on its tip, on the branch that begins at rest.
 
-    Every shape on the way is stable. Raises SimulationFailed where there is no such way: a force straight back along the strip, beyond
-    Euler's load, has two sides to choose from.
+    Every shape on the path is stable. Raises SimulationFailed where there is no such path: under a force straight back along the strip,
+    beyond Euler's load, it may buckle to either side.
     """
     mesh = even_mesh(EI_Nm2, length_m, elements)
     clamp, force, theta = Holds(np.array([0]), np.zeros(1)), np.array(force_N), np.zeros(elements + 1)
+    # The load grows in steps, which are halved where Newton fails or leaves the branch, and grow by half where it does not.
     share, step = 0.0, min(1.0, FIRST_LOAD * EI_Nm2 / length_m**2 / max(np.hypot(*force), 1e-300))
     while True:
         bent = _newton(mesh, clamp, min(share + step, 1.0) * force, theta)
@@ -172,16 +195,17 @@ def bend_cantilever(EI_Nm2: float, length_m: float, force_N: tuple[float, float]
 
 
 def cantilever_tip(EI_Nm2: float, length_m: float, force_N: tuple[float, float], elements: int = 50) -> Tip:
-    """The tip to fourth order: Richardson's step from `elements` and twice as many."""
+    """Tip of a cantilever to fourth order: Richardson extrapolation from `elements` and twice as many."""
     coarse, fine = (bend_cantilever(EI_Nm2, length_m, force_N, n) for n in (elements, 2 * elements))
     x, y = (4.0 * fine.end_m - coarse.end_m) / 3.0
     return Tip(float(x), float(y), float((4.0 * fine.theta_rad[-1] - coarse.theta_rad[-1]) / 3.0))
 
 
 def _follows(bent: Bent, before_rad: Floats, force_N: Floats) -> bool:
-    """Whether the shape is near the one before, and a minimum of U - F . end: Newton also finds the strip unbent under a buckling load."""
+    """Whether the shape is near the one before and a minimum of U - F . end; Newton also finds the unbent strip under a buckling load."""
     near = np.abs(bent.theta_rad - before_rad).max() <= LARGEST_STRIDE_RAD
     _, matrix = _system(bent.mesh, Holds(np.array([0]), np.zeros(1)), force_N, bent.theta_rad, bent.multipliers)
+    # The clamped node is fixed and the last row belongs to its multiplier: what remains of the matrix is tridiagonal.
     diagonal, beside = matrix.diagonal()[1:-1], matrix.diagonal(1)[1:-1]
     lowest = eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(0, 0))[0]
     return bool(near and lowest > 0.0)
@@ -196,6 +220,7 @@ def _system(mesh: Mesh, holds: Holds, force_N: Floats, theta: Floats, multiplier
     cos, sin, pull = mesh.weights_m * np.cos(theta), mesh.weights_m * np.sin(theta), force_N.copy()
     gap = theta[holds.nodes] - holds.angle_rad
     rows = csc_matrix(coo_matrix((np.ones(holds.nodes.size), (np.arange(holds.nodes.size), holds.nodes)), (holds.nodes.size, theta.size)))
+    # A held end acts like a force on it: minus its multipliers.
     if holds.end_m is not None:
         pull -= multipliers[-2:]
         gap = np.concatenate((gap, [cos.sum() - holds.end_m[0], sin.sum() - holds.end_m[1]]))

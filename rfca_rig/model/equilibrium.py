@@ -1,4 +1,4 @@
-"""The static equilibrium of the chain with its shaft held. Symbols as in `state`."""
+"""Finds the rest pose of the chain with its shaft held or on a spring. Symbols as in `state`."""
 
 import numpy as np
 
@@ -11,15 +11,17 @@ from rfca_rig.model.shaft import drive_torque
 from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
 
 NEWTON_LIMIT = 200
-LONG_S = 1e9  # at rest everything has relaxed
+# Time since the last step that laws with memory are given: at rest everything has relaxed.
+LONG_S = 1e9
 LONGEST_TURN_RAD = 0.1  # per iteration, so that a leg far from rest does not jump through the ground
 
 
 @compiled_allocating
 def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, tolerance: float, work: Work) -> bool:
-    """Turns state.q into the equilibrium with the shaft held at q[0], or free on its spring, by damped Newton; True when found.
+    """Changes state.q to the equilibrium with the shaft held at q[0], or free on its spring, by damped Newton; True when found.
 
-    `chain` is to be without friction: what a stuck end carries depends on how it got there, which a rest pose does not know.
+    `chain` must be without friction: the force of a stuck end depends on its path, which a rest pose does not contain.
+    `tolerance` is the largest change of the last iteration [rad].
     """
     q, zero = state.q, np.zeros(state.q.size)
     for _ in range(NEWTON_LIMIT):
@@ -34,6 +36,7 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
             work.J[0, 0] = 1.0
         if not solve(work.J, work.pivot, work.R):
             return False
+        # All coordinates are scaled alike, which keeps Newton's direction.
         change = np.max(np.abs(work.R))
         q -= work.R * min(1.0, LONGEST_TURN_RAD / max(change, 1e-300))
         if change < tolerance:
@@ -43,11 +46,13 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
 
 @compiled_allocating
 def settle_memory(chain: Chain, laws: Laws | None, state: State, work: Work) -> None:
-    """Lets the laws remember the rest pose, and ties the ends to the ground right below them."""
+    """Initialises the memory of the laws with the rest pose, and the anchors right below the ends."""
     assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, None, work)
-    for i in range(state.q.size):  # an assignment of whole arrays compiles the words of its errors, too, for some seconds
+    # A loop: an assignment of whole arrays makes the compiler include the texts of its errors, which takes some seconds.
+    for i in range(state.q.size):
         work.q[i] = state.q[i]
     remember(chain, laws, state, LONG_S, work)
+    # With all depths at zero, `drag_anchors` takes every end for one in the air and puts its anchor below it.
     for k in range(work.place.shape[0]):
         for j in range(work.place.shape[1]):
             work.place[k, j] = 0.0

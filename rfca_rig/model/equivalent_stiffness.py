@@ -1,7 +1,7 @@
 """Equivalent hinge stiffness of the strip inside the stiff shells: the paper's (3) to (8).
 
 The shells prescribe the strip's tangent angle at stations s_i: theta(s_i) = beta_i = sum over the hinges of T_ij phi_j, with the first
-link at angle zero. Between stations the strip is free. What the paper means by "hinge stations" it leaves open; `Holding` offers
+link at angle zero. Between stations the strip is free. The paper does not define its "hinge stations"; `Holding` has
 four readings, of which `by_its_middle` is the one used elsewhere in this package:
 
     by_its_middle   each link holds the strip in the middle of the part it encases, by direction only
@@ -30,7 +30,7 @@ NO_FORCE = np.zeros(2)
 
 @dataclass(frozen=True)
 class Lay:
-    """Where a strip of `length_m` lies in the leg: arc length of each hinge's pin from the strip's near end, `pins_m` (h,)."""
+    """Position of a strip of `length_m` in the leg: arc length of each hinge's pin from the strip's near end, `pins_m` (h,)."""
 
     pins_m: Floats
     length_m: float
@@ -51,7 +51,7 @@ class Holding:
 
 @dataclass(frozen=True)
 class EncasedStrip:
-    """A strip of stiffness EI in a lay, held at stations; `elements` of (7) in all."""
+    """A strip of stiffness EI in a lay, held at stations, with about `elements` elements of (7) in total."""
 
     EI_Nm2: float
     lay: Lay
@@ -61,6 +61,7 @@ class EncasedStrip:
     def bent(self, phi_rad: Floats) -> Bent:
         """The shape for the hinge angles (h,). Raises SimulationFailed."""
         mesh, nodes = mesh_through(self.EI_Nm2, self.lay.length_m, self.holding.stations_m, self.elements)
+        # Linear interpolation between the stations is close to the solution, which is what Newton needs.
         angles = self.holding.share @ phi_rad
         return bend(mesh, Holds(nodes, angles), NO_FORCE, np.interp(mesh.s_m, self.holding.stations_m, angles))
 
@@ -80,7 +81,10 @@ class EncasedStrip:
         return self.holding.share.T @ by_station @ self.holding.share
 
     def perturbed_stiffness(self, phi_rad: Floats, step_rad: float = 1e-2) -> Floats:
-        """(h,) K_i by (8), central second differences of U about `phi_rad`; with U(phi) in the middle, where (8) prints U(0)."""
+        """(h,) K_i by (8), central second differences of U about `phi_rad` (h,), of second order in the step.
+
+        The middle term is U(phi), where (8) prints U(0).
+        """
         middle = self.energy_J(phi_rad)
         steps = step_rad * np.eye(phi_rad.size)
         return np.array([self.energy_J(phi_rad + d) - 2.0 * middle + self.energy_J(phi_rad - d) for d in steps]) / step_rad**2
@@ -91,6 +95,7 @@ class EncasedStrip:
         steps = step_rad * np.eye(phi_rad.size)
         for i in range(phi_rad.size):
             for j in range(i):
+                # (U(++) + U(--) - U(+-) - U(-+)) / 4 step^2
                 both, apart = steps[i] + steps[j], steps[i] - steps[j]
                 along = self.energy_J(phi_rad + both) + self.energy_J(phi_rad - both)
                 across = self.energy_J(phi_rad + apart) + self.energy_J(phi_rad - apart)
@@ -99,10 +104,10 @@ class EncasedStrip:
 
 
 def centred_lay(link_lengths_m: tuple[float, ...], strip_length_m: float) -> Lay:
-    """The strip reaches as far beyond the first hinge as beyond the last.
+    """Lay of a strip that reaches as far beyond the first hinge as beyond the last.
 
-    Decided so because the paper says nothing: its strip, 226 mm, is shorter than from the middle of the first link to the middle of
-    the last (243 mm), and longer than from the first hinge to the last (197 mm). So laid it reaches 14.7 mm into either end link, from
+    The paper does not state the position. Its strip, 226 mm, is shorter than from the middle of the first link to the middle of
+    the last (243 mm), and longer than from the first hinge to the last (197 mm). Centred, it reaches 14.7 mm into either end link, from
     39.3 to 265.3 mm of the leg. Raises BadInput where it does not reach beyond the hinges, or sticks out of the leg.
     """
     pins = np.cumsum(link_lengths_m)[:-1]
@@ -129,6 +134,7 @@ def by_a_length(lay: Lay, free_m: float) -> Holding:
     """
     begin, end = lay.encased_m
     first, last = begin + 0.5 * free_m, end - 0.5 * free_m
+    # The strip's own ends are no pins, so nothing is free there.
     first[0], last[-1] = begin[0], end[-1]
     if not (free_m > 0.0 and (last > first).all()):
         raise BadInput(

@@ -1,6 +1,6 @@
-"""Families of effects: what can be said where the data do not tell one law from another.
+"""Families of effects: what a diagnosis can state where the data do not distinguish one law from another.
 
-An effect may belong to several families, as hysteresis both dissipates and remembers. A family has one place.
+An effect may belong to several families: hysteresis both dissipates energy and has memory. A family has one place.
 """
 
 from collections.abc import Iterable
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Family:
-    """Effects that do alike.
+    """Effects that act alike.
 
     Parameters
     ----------
     id
         Its name in diagnosis.json.
     words
-        What is missing, as an engineer would say it.
+        What is missing, in an engineer's words.
     place
         Where it acts: hinges, tip, ground, drive, rig, surroundings, sensor, or joints or bodies of a pendulum or mechanism.
     members
@@ -145,8 +145,8 @@ FAMILIES = (
 
 def families_of(effect_id: str) -> tuple[Family, ...]:
     """The families that an effect belongs to; a lab's own effect is a family of its own."""
-    found = tuple(family for family in FAMILIES if effect_id in family.members)
-    return found or (Family(effect_id, effect_id.replace("_", " "), "", frozenset((effect_id,))),)
+    families = tuple(family for family in FAMILIES if effect_id in family.members)
+    return families or (Family(effect_id, effect_id.replace("_", " "), "", frozenset((effect_id,))),)
 
 
 def members_of(family_id: str) -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""Equations of motion of the chain: residual, its derivative, and what the mount feels. Symbols as in `state`."""
+"""Equations of motion of the chain: residual R, its Jacobian J, and the reaction at the mount. Symbols as in `state`."""
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from rfca_rig.model.torque_spline import spring
 
 DRAGGED_FROM_RAD_S = 0.02  # speed at which friction of the shaft is full: no reading resolves a slower turn
 TWO_OVER_PI = 2.0 / np.pi
-RIGHT_ANGLE_HIGH, RIGHT_ANGLE_LOW = 1.5707963267341256, 6.077100506506192e-11  # the first has 33 bits: products with it are exact
+# pi / 2 in two parts (Cody and Waite): the first has 33 bits, so that its product with a small integer is exact.
+RIGHT_ANGLE_HIGH, RIGHT_ANGLE_LOW = 1.5707963267341256, 6.077100506506192e-11
+# Coefficients of fdlibm's __kernel_sin and __kernel_cos.
 S1, S2, S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
 S4, S5, S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
 C1, C2, C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
@@ -21,9 +23,9 @@ C4, C5, C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.1359647
 
 @inlined
 def sine_and_cosine(angle: float) -> tuple[float, float]:
-    """Both to the last bit but one, for angles up to some thousand turns, in half the time of two calls.
+    """Sine and cosine, exact but for the last bit, for angles up to some thousand turns, in half the time of two calls.
 
-    The nearest multiple of a right angle is taken off in two parts; fdlibm's polynomials do the rest.
+    The nearest multiple of a right angle is subtracted in two parts; fdlibm's polynomials approximate both on the rest.
     """
     quarters = np.floor(angle * TWO_OVER_PI + 0.5)
     r = (angle - quarters * RIGHT_ANGLE_HIGH) - quarters * RIGHT_ANGLE_LOW
@@ -32,19 +34,22 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
     sin = r + r * z * (S1 + z * (S2 + z * (S3 + z * sin)))
     cos = C4 + z * (C5 + z * C6)
     cos = 1.0 - 0.5 * z + z * z * (C1 + z * (C2 + z * (C3 + z * cos)))
-    turned = np.int64(quarters) & 3
-    if turned == 0:
+    quadrant = np.int64(quarters) & 3
+    if quadrant == 0:
         return sin, cos
-    if turned == 1:
+    if quadrant == 1:
         return cos, -sin
-    if turned == 2:
+    if quadrant == 2:
         return -sin, -cos
     return -cos, sin
 
 
 @inlined
 def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, work: Work) -> None:
-    """M a + h: M_ij = c_ij cos(q_i - q_j), h_i = sum_j c_ij sin(q_i - q_j) w_j^2. The first to write: R and J need not be empty."""
+    """Writes M a + h into R: M_ij = c_ij cos(q_i - q_j), h_i = sum_j c_ij sin(q_i - q_j) w_j^2, with the (n, n) moments c_ij.
+
+    `w` and `a` are (c,). Called first: it overwrites R and J, and all others add to them.
+    """
     R, J, sin, cos, moment, speed2, by_cos, by_sin = work.R, work.J, work.sin, work.cos, chain.moment, work.speed2, work.by_cos, work.by_sin
     for i in range(w.size):
         speed2[i] = w[i] * w[i]
@@ -53,7 +58,8 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
             by_cos[i] = weights[0] - weights[2] * speed2[i]
             by_sin[i] = 2.0 * weights[1] * w[i] + weights[2] * a[i]
     for i in range(moment.shape[0]):
-        row, turned = moment[i, i] * a[i], 0.0
+        # Each pair of links is visited once: sine and cosine of q_i - q_j serve both rows.
+        row, by_own_angle = moment[i, i] * a[i], 0.0
         for j in range(i):
             c = moment[i, j] * (cos[i] * cos[j] + sin[i] * sin[j])
             s = moment[i, j] * (sin[i] * cos[j] - cos[i] * sin[j])
@@ -62,12 +68,13 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
             if weights is not None:
                 J[i, j] = c * by_cos[j] + s * by_sin[j]
                 J[j, i] = c * by_cos[i] - s * by_sin[i]
-                turned += c * speed2[j] - s * a[j]
+                by_own_angle += c * speed2[j] - s * a[j]
                 J[j, j] += weights[2] * (c * speed2[i] + s * a[i])
         R[i] = row
         if weights is not None:
-            J[i, i] = weights[0] * moment[i, i] + weights[2] * turned
+            J[i, i] = weights[0] * moment[i, i] + weights[2] * by_own_angle
     if weights is not None:
+        # The coordinate of a frame has no moment with the links; `add_frame` adds to these entries.
         for i in range(moment.shape[0], w.size):
             for j in range(w.size):
                 J[i, j] = J[j, i] = 0.0
@@ -75,9 +82,10 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
 
 @inlined
 def add_shaft_friction(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
-    """What drags against the turn of the shaft, from outside the leg; the sensor feels that the motor turns on against it."""
+    """Adds friction at the shaft from outside the leg; the motor overcomes it, so it shows in the shaft torque. `w` is (c,)."""
     if chain.shaft_friction == 0.0:
         return
+    # A sign function has no slope at rest, and Newton's iteration would not converge.
     share = np.tanh(w[0] / DRAGGED_FROM_RAD_S)
     work.R[0] += chain.shaft_friction * share
     if weights is not None:
@@ -92,9 +100,10 @@ def turn_to_frame(chain: Chain, sin: float, cos: float) -> tuple[float, float]:
 
 @inlined
 def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work) -> None:
-    """A frame that yields by q_b on a spring, b behind the last link, if there is one; q_b = 0 where it carries the leg at rest.
+    """Adds a frame that yields by q_b on a spring, if there is one: coordinate b behind the last link, 0 where it carries the leg at rest.
 
-    It yields along a line that leans from down towards y: for that, sines and cosines are those of q_i plus this angle.
+    It yields along a line that leans from down towards y: for that, sines and cosines are those of q_i plus this angle. `q`, `w` and `a`
+    are (c,).
     """
     R, J, b = work.R, work.J, chain.length.size
     if q.size == b:
@@ -103,6 +112,7 @@ def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | 
     R[b] += mass * a[b] + chain.frame_damping * w[b] + chain.frame_stiffness * q[b]
     for i in range(b):
         S, (sin, cos) = chain.first_moment[i], turn_to_frame(chain, work.sin[i], work.cos[i])
+        # The leg's mass centre accelerates along the line by the links' rotation; in return the frame's acceleration turns the links.
         R[b] += S * (cos * a[i] - sin * w[i] * w[i])
         R[i] += S * cos * a[b]
     if weights is None:
@@ -118,7 +128,7 @@ def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | 
 
 @inlined
 def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights | None, work: Work) -> None:
-    """Weight of the links, and in each hinge its spring + c dphi/dt, phi from the angle at rest."""
+    """Adds the weight of the links, and in each hinge its spring + c dphi/dt, phi from the rest angle; `q` and `w` are (c,)."""
     R, J = work.R, work.J
     for i in range(chain.length.size):
         weight, aside = chain.gravity * chain.first_moment[i], chain.gravity_along * chain.first_moment[i]
@@ -126,9 +136,10 @@ def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights |
         if weights is not None:
             J[i, i] += weights[2] * (weight * work.sin[i] + aside * work.cos[i])
     for i in range(1, chain.length.size):
-        bent, slope = spring(chain, i, q[i] - q[i - 1] - chain.rest[i])
+        elastic, slope = spring(chain, i, q[i] - q[i - 1] - chain.rest[i])
         k0, c = chain.k0[i], chain.hinge_damping[i]
-        torque = bent + c * (w[i] - w[i - 1])
+        torque = elastic + c * (w[i] - w[i - 1])
+        # Angles are absolute: a torque between links i - 1 and i acts on both, with opposite signs.
         R[i] += torque
         R[i - 1] -= torque
         if weights is not None:
@@ -137,7 +148,7 @@ def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights |
 
 @inlined
 def add_hinge_slope(i: int, slope: float, J: Floats) -> None:
-    """The weighted derivative of a torque that resists q_i - q_(i-1)."""
+    """Adds the weighted derivative of a torque that resists q_i - q_(i-1) to J (c, c)."""
     J[i, i] += slope
     J[i - 1, i - 1] += slope
     J[i, i - 1] -= slope
@@ -148,7 +159,8 @@ def add_hinge_slope(i: int, slope: float, J: Floats) -> None:
 def add_hinge_laws(
     chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
 ) -> None:
-    """What effects add in the hinges."""
+    """Adds the torques of effects in the hinges; `elapsed` [s] counts from the beginning of the step, `q`, `w` and `a` are (c,)."""
+    # The slope of all effects is noted, because a large change of it makes J outdated; see `stage.in_the_regime_of_J`.
     for i in range(chain.length.size):
         work.regime[1, i] = 0.0
     for m in range(laws.place.size):
@@ -167,7 +179,8 @@ def add_hinge_laws(
 def call_hinge(
     chain: Chain, laws: Laws, address: int, m: int, i: int, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work
 ) -> None:
-    """Calls one of the two functions of hinge law m for hinge i."""
+    """Calls one of the two functions of hinge law m for hinge i; `q`, `w` and `a` are (c,), the result is in `work.out` (8,)."""
+    # All arguments that any hinge law takes, by their places; see the signatures in `laws`.
     work.x[0], work.x[1], work.x[2] = q[i] - q[i - 1] - chain.rest[i], w[i] - w[i - 1], elapsed
     work.x[3], work.x[4], work.x[5] = chain.k0[i], chain.k2[i], a[i] - a[i - 1]
     call_law(address, work.x, state.memory[m, i], laws.parameter[m], work.out)
@@ -175,7 +188,7 @@ def call_hinge(
 
 @inlined
 def add_link_laws(chain: Chain, laws: Laws, state: State, w: Floats, weights: Weights | None, work: Work) -> None:
-    """Forces of the surroundings across the links; their dependence on the pose is left to Newton's iteration."""
+    """Adds forces of the surroundings across the links; J neglects how they depend on the pose. `w` is (c,)."""
     for m in range(laws.place.size):
         if laws.place[m] == LINK:
             for i in range(chain.length.size):
@@ -185,7 +198,8 @@ def add_link_laws(chain: Chain, laws: Laws, state: State, w: Floats, weights: We
 
 @inlined
 def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floats, weights: Weights | None, work: Work) -> None:
-    """Law m on link i, at its middle."""
+    """Adds law m on link i, at its middle; `w` is (c,)."""
+    # Projected on the normal of link i: an earlier link j moves it by L_j cos(q_i - q_j), a frame by cos q_i, later links not at all.
     arm, v = work.arm, 0.0
     for j in range(w.size):
         if j < i:
@@ -209,7 +223,7 @@ def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floa
 
 @inlined
 def begin(chain: Chain, q: Floats, work: Work) -> None:
-    """Trigonometry of the pose, once for all that need it."""
+    """Writes sines, cosines and lever arms of the pose `q` (c,) into `work`, for all functions that need them."""
     sin, cos, down, along = work.sin, work.cos, work.down, work.along
     work.outside[0] = work.outside[1] = 0.0
     for i in range(chain.length.size):
@@ -230,10 +244,10 @@ def assemble(
     weights: Weights | None,
     work: Work,
 ) -> None:
-    """Residual at (q, w, a) into `work`: R, and the forces of the ground in `work.contact`; with `weights`, its derivative J too.
+    """Writes the residual R (c,) and the forces of the ground `contact` (2, n) into `work`; with `weights`, J (c, c) too.
 
-    `state` gives what is remembered (anchors, memory of laws) from the beginning of the step, `elapsed` ago. `laws` None is the
-    plain chain: the compiler makes a version of its own for it, and for `weights` None another.
+    `q`, `w`, `a` are (c,). `state` gives anchors and memory of laws from the beginning of the step, `elapsed` [s] ago. `laws` None
+    is the plain chain: the compiler makes a version of its own for it, and for `weights` None another.
     """
     begin(chain, q, work)
     add_inertia(chain, w, a, weights, work)
@@ -245,7 +259,7 @@ def assemble(
 def add_surroundings(
     chain: Chain, laws: Laws | None, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
 ) -> None:
-    """The ground, and what effects add."""
+    """Adds the ground and all effects; `q`, `w` and `a` are (c,)."""
     locate_ends(chain, state, q, w, work)
     if laws is None:
         add_contacts(chain, w, weights, work)
@@ -259,7 +273,7 @@ def add_surroundings(
 
 @inlined
 def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> None:
-    """Row 0 alone of inertia, weight and hinges; the other rows do not matter. The first to write."""
+    """Writes row 0 of inertia, weight and hinges, the shaft torque; the other rows are not computed. `q`, `w` and `a` are (c,)."""
     R, sin, cos = work.R, work.sin, work.cos
     for i in range(q.size):
         R[i] = 0.0
@@ -270,8 +284,9 @@ def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> 
         c, s = cos[0] * cos[j] + sin[0] * sin[j], sin[0] * cos[j] - cos[0] * sin[j]
         torque += chain.moment[0, j] * (c * a[j] + s * w[j] * w[j])
     if chain.length.size > 1:
-        bent, _ = spring(chain, 1, q[1] - q[0] - chain.rest[1])
-        torque -= bent + chain.hinge_damping[1] * (w[1] - w[0])
+        # The shaft carries the reaction of hinge 1; the hinges beyond it reach row 0 only through the inertia.
+        elastic, _ = spring(chain, 1, q[1] - q[0] - chain.rest[1])
+        torque -= elastic + chain.hinge_damping[1] * (w[1] - w[0])
     R[0] = torque
 
 
@@ -279,7 +294,11 @@ def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> 
 def measure(
     chain: Chain, laws: Laws | None, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work, force: Floats
 ) -> None:
-    """force = (fy, fz, shaft torque): what the leg does to its mount, in the sensor's axes (z down, y against the plane's y)."""
+    """Writes `force` (3,) = fy, fz, shaft torque of the leg on its mount, in the sensor's axes (z down, y against the plane's y).
+
+    `q`, `w` and `a` are (c,).
+    """
+    # fy and fz follow from the momentum of the whole leg, and the torque from row 0: the full residual is not needed.
     begin(chain, q, work)
     add_shaft_row(chain, q, w, a, work)
     add_surroundings(chain, laws, state, elapsed, q, w, a, None, work)
@@ -287,12 +306,14 @@ def measure(
     force[1] = chain.total_mass * chain.gravity + work.outside[1]
     force[2] = work.R[0]
     if q.size > chain.length.size:
+        # The frame's part that stands between sensor and shaft accelerates with the leg.
         carried = (chain.total_mass + chain.frame_on_sensor * chain.frame_mass) * a[chain.length.size]
         force[0] += carried * chain.frame_aside
         force[1] -= carried * chain.frame_down
     for i in range(chain.length.size):
         sin, cos, ww = work.sin[i], work.cos[i], w[i] * w[i]
         N, F, floor_cos, floor_sin = work.contact[0, i], work.contact[1, i], chain.floor_cos, chain.floor_sin
+        # N and F act across and along the floor under this end, which a bump turns against the level floor.
         if laws is not None:
             level_cos, level_sin = turn_to_bump(chain, i, work)
             floor_cos, floor_sin = (
@@ -303,6 +324,6 @@ def measure(
         force[1] -= chain.first_moment[i] * (cos * a[i] - sin * ww) + N * floor_cos - F * floor_sin
 
 
-# the same for callers in Python
+# Inlined functions have no entry point of their own; these two are for callers in Python.
 assemble_once = compiled(assemble)
 measure_once = compiled(measure)

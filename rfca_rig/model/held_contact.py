@@ -1,4 +1,4 @@
-"""Equilibrium of the chain on the ground while its shaft is held, followed from one shaft angle to the next. Symbols as in `state`."""
+"""Follows the equilibrium of the chain on the ground from one held shaft angle to the next. Symbols as in `state`."""
 
 import numpy as np
 
@@ -13,19 +13,21 @@ NEWTON_LIMIT = 25
 CONVERGED_RAD = 1e-11
 STEP_RAD = np.radians(0.25)  # keeps Newton on the path; a fifth of it gives the same states to 1e-12 N
 SHORTEST_STEP_RAD = np.radians(1e-4)
-FARTHEST_TURN_RAD = 0.15  # of a link within one step: more is no continuation of the path but another equilibrium
+# Sum of the changes of one step. A link that turns by more has come to another equilibrium, which does not continue the path.
+FARTHEST_TURN_RAD = 0.15
 
 
 @compiled_allocating
 def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats, work: Work) -> bool:
-    """Newton from q to the equilibrium with the shaft at `angle` and the anchors of `state`; True when found nearby.
+    """Solves for the equilibrium with the shaft at `angle` and the anchors of `state`, by Newton from `q` (n,); True when found nearby.
 
-    At w = 0 the ground has neither damping nor drag. The first iteration goes along the tangent of the path, because row 0
-    asks for the new shaft angle. A slipping end keeps |F| = mu N, which the tangent knows, so that the rows are not symmetric.
+    `nothing` (n,) are zeros: at rest the ground has neither damping nor drag. The first iteration goes along the tangent of the path,
+    because row 0 requires the new shaft angle. A slipping end keeps |F| = mu N, which the derivative includes, so it is not symmetric.
     """
     turned = 0.0
     for _ in range(NEWTON_LIMIT):
         assemble(chain, None, state, 0.0, q, nothing, nothing, (0.0, 0.0, 1.0), work)
+        # Row 0, the torque of the shaft, is replaced by the condition that the shaft has its angle.
         work.R[0] = q[0] - angle
         work.J[0, :] = 0.0
         work.J[0, 0] = 1.0
@@ -34,6 +36,7 @@ def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats
         q -= work.R
         change = np.max(np.abs(work.R))
         turned += change
+        # Written so that NaN ends the iteration, too.
         if not turned < FARTHEST_TURN_RAD:
             return False
         if change < CONVERGED_RAD:
@@ -43,27 +46,29 @@ def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats
 
 @compiled_allocating
 def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: Work) -> bool:
-    """Turns the shaft to `angle` in small steps, `state` following; False where the path ends before it.
+    """Turns the shaft to `angle` in small steps, and `state` with it; False where the path ends before. `nothing` (n,) are zeros.
 
-    A step that finds no equilibrium nearby is repeated at half the length. After each the anchors of slipping ends are dragged
-    along: that is the memory of where an end stuck.
+    A step that finds no equilibrium nearby is repeated at half the length. After each step the anchors follow slipping ends, so that
+    friction depends on the path.
     """
     q = state.q
-    step, tried = STEP_RAD, q.copy()
+    step, trial = STEP_RAD, q.copy()
+    # An infinite limit: at the beginning the force of each tie follows from its stretch alone.
     work.limit[2] = np.inf
     assemble(chain, None, state, 0.0, q, nothing, nothing, None, work)
     work.ends[:], work.limit[2] = work.place, work.limit[0]
     while q[0] != angle:
-        left = angle - q[0]
-        goal = angle if abs(left) <= step else q[0] + np.sign(left) * step
-        tried[:] = q
-        if balance(chain, state, tried, goal, nothing, work):
-            tried[0] = goal
-            assemble(chain, None, state, 0.0, tried, nothing, nothing, None, work)
-            drag_anchors(chain, state, tried, work)
-            note_ends(chain, state, tried, work)
+        remaining = angle - q[0]
+        goal = angle if abs(remaining) <= step else q[0] + np.sign(remaining) * step
+        trial[:] = q
+        if balance(chain, state, trial, goal, nothing, work):
+            # Exactly the goal, so that the loop can end by equality.
+            trial[0] = goal
+            assemble(chain, None, state, 0.0, trial, nothing, nothing, None, work)
+            drag_anchors(chain, state, trial, work)
+            note_ends(chain, state, trial, work)
             work.limit[2] = work.limit[0]
-            q[:] = tried
+            q[:] = trial
             step = min(2.0 * step, STEP_RAD)
         else:
             step *= 0.5

@@ -1,4 +1,4 @@
-"""Torque over angle of one hinge whose shells clamp the strip at some distance from the pin, for any angle.
+"""Torque over angle of one hinge whose shells clamp the strip at some distance from the pin, for large angles.
 
 Between the shells the strip runs free over 2a, a on either side of the pin, at an offset h from it: positive where the hinge bends
 towards the strip's side. The shells turn about the pin by phi, so in the frame of the bisecting line the clamped sections point by
@@ -6,7 +6,7 @@ towards the strip's side. The shells turn about the pin by phi, so in the frame 
 
     X(phi) = 2 (a cos(phi/2) - h sin(phi/2))
 
-Unlike in (4), the place of the strip is prescribed as well as its direction, and that is a geometric nonlinearity. By symmetry the
+Unlike in (4), the position of the strip is prescribed as well as its direction, which is a geometric nonlinearity. By symmetry the
 force in the strip is along the chord, a thrust P. Two limits:
 
 Sliding without friction in its grooves, the strip draws in or lets out length until U no longer depends on it. Then EI theta'^2 / 2 =
@@ -36,6 +36,7 @@ Floats = NDArray[np.float64]
 ELEMENTS = 200
 FIRST_STEP_RAD = 0.01
 LONGEST_STEP_RAD = 0.02
+# Gauss-Legendre on -1..1; the integrand sqrt(cos t) is smooth within 45 degrees, the limit of phi / 2.
 QUADRATURE, QUADRATURE_WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
@@ -48,11 +49,11 @@ class HeldHinge:
     offset_m: float = 0.0
 
     def chord_m(self, phi_rad: Floats) -> Floats:
-        """Distance of the clamped sections."""
+        """Distance (m,) of the clamped sections for hinge angles (m,) [m]."""
         return self.free_m * np.cos(0.5 * phi_rad) - 2.0 * self.offset_m * np.sin(0.5 * phi_rad)
 
     def chord_slope_m(self, phi_rad: Floats) -> Floats:
-        """Its derivative by phi."""
+        """Derivative (m,) of the distance by the hinge angle [m/rad]."""
         return -0.5 * self.free_m * np.sin(0.5 * phi_rad) - self.offset_m * np.cos(0.5 * phi_rad)
 
 
@@ -66,7 +67,7 @@ class HingeCurve(NamedTuple):
 
 
 class HardeningFit(NamedTuple):
-    """torque = k0 (phi + k2 phi^3), and the root mean square of what that leaves, relative to the largest torque."""
+    """torque = k0 (phi + k2 phi^3), and the root mean square of its residual, relative to the largest torque."""
 
     k0_Nm_per_rad: float
     k2_per_rad2: float
@@ -74,7 +75,7 @@ class HardeningFit(NamedTuple):
 
 
 def sliding_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
-    """The strip slides freely in its grooves; closed form but for one integral. `phi_rad` (m,) within +-90 degrees.
+    """Curve of a strip that slides freely in its grooves; closed form but for one integral. `phi_rad` (m,) within +-90 degrees.
 
     Raises BadInput where the grooves meet.
     """
@@ -92,9 +93,10 @@ def sliding_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
 
 
 def fixed_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
-    """The strip is fixed in both shells and keeps its length 2a; by the discrete elastica, followed from small angles.
+    """Curve of a strip that is fixed in both shells and keeps its length 2a, by the discrete elastica, continued from small angles.
 
-    `phi_rad` (m,) ascending, above zero. Raises BadInput where the strip would have to stretch, SimulationFailed where no shape is found.
+    `phi_rad` (m,) ascending, above zero. Second order in the length of 200 elements. Raises BadInput where the strip would have to
+    stretch, SimulationFailed where no shape is found.
     """
     if phi_rad[0] <= 0.0 or (np.diff(phi_rad) <= 0.0).any() or hinge.offset_m < 0.0:
         raise BadInput(
@@ -104,22 +106,23 @@ def fixed_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
     mesh = even_mesh(hinge.EI_Nm2, hinge.free_m, ELEMENTS)
     theta, rows, reached = _first_guess(hinge, mesh.s_m, min(FIRST_STEP_RAD, float(phi_rad[0]))), [], 0.0
     for wanted in phi_rad:
+        # Each shape is the first guess of the next one, a short step away, which keeps the solution on its branch.
         for angle in _steps(reached, float(wanted)):
-            bent = _clamped(hinge, mesh, float(angle), theta)
+            bent = _bend_clamped(hinge, mesh, float(angle), theta)
             theta = bent.theta_rad
         reached = float(wanted)
         rows.append((bent.energy_J, _torque_Nm(hinge, bent, reached), bent.greatest_curvature_per_m))
     return HingeCurve(phi_rad, *np.array(rows).T)
 
 
-def _clamped(hinge: HeldHinge, mesh: Mesh, phi_rad: float, start_rad: Floats) -> Bent:
+def _bend_clamped(hinge: HeldHinge, mesh: Mesh, phi_rad: float, start_rad: Floats) -> Bent:
     sections = np.array([0, mesh.s_m.size - 1])
     holds = Holds(sections, np.array([-0.5, 0.5]) * phi_rad, (float(hinge.chord_m(np.array(phi_rad))), 0.0))
     return bend(mesh, holds, np.zeros(2), start_rad)
 
 
 def _torque_Nm(hinge: HeldHinge, bent: Bent, phi_rad: float) -> float:
-    """dU/dphi: by the two sections' moments, which turn by half each, and by the thrust times the change of the chord."""
+    """dU/dphi: from the moments of the two sections, each turned by half, and from the thrust times the change of the chord."""
     left, right, along, _ = -bent.multipliers
     return float(0.5 * (right - left) + along * hinge.chord_slope_m(np.array(phi_rad)))
 

@@ -1,4 +1,4 @@
-"""The torsion springs that stand for the bent strip: torque and stiffness of every joint, eqs. (3), (6)."""
+"""Torsion springs in place of the bent strip (pseudo-rigid-body model): torque and stiffness of every joint, eqs. (3), (6)."""
 
 from dataclasses import dataclass
 
@@ -23,6 +23,7 @@ class HingeSprings:
 
     def torque_Nm(self, phi: Floats) -> Floats:
         """Torque (..., n) that bends the springs to `phi` (..., n) [rad]."""
+        # A leg has either splines for all hinges or none.
         x = phi - self.rest_rad
         if self.splines.origin.size:
             return np.asarray(self.k0_Nm_per_rad * self.splines.torque(x))
@@ -46,7 +47,7 @@ def springs_of(leg: Leg) -> HingeSprings:
 
 
 def polynomial_springs(leg: Leg, where: str) -> tuple[float, float, float]:
-    """Coefficients of phi, phi |phi| and phi^3, for programs that know no other springs; BadInput, naming them, for a measured curve."""
+    """Coefficients of phi, phi |phi| and phi^3, for programs without other springs; BadInput, which names them, for a measured curve."""
     if leg.torque_splines:
         raise BadInput(
             f"leg.torque_rotation: {where} takes springs k0 phi + k0 k2 phi^3 only, not a measured curve; "
@@ -56,13 +57,13 @@ def polynomial_springs(leg: Leg, where: str) -> tuple[float, float, float]:
 
 
 def bending_torque_Nm(leg: Leg, x_rad: Floats) -> Floats:
-    """Torque (...) of a hinge that is `x_rad` (...) from rest; the mean of all hinges where each has a curve of its own."""
+    """Torque of a hinge, (m,) or any other shape, at `x_rad` from rest; the mean of all hinges where each has its own curve."""
     springs = springs_of(leg)
     return _of_hinges(leg, springs.torque_Nm(springs.rest_rad + x_rad[..., None]))
 
 
 def bending_stiffness_Nm_per_rad(leg: Leg, x_rad: Floats) -> Floats:
-    """Its derivative (...)."""
+    """Derivative of `bending_torque_Nm`, of the same shape (m,) as `x_rad` [N m/rad]."""
     springs = springs_of(leg)
     return _of_hinges(leg, springs.stiffness_Nm_per_rad(springs.rest_rad + x_rad[..., None]))
 

@@ -1,4 +1,4 @@
-"""The error-controlled implicit step that carries the chain through a stroke. Symbols as in `state`.
+"""Integrates the chain over time by an error-controlled implicit Runge-Kutta method. Symbols as in `state`.
 
 Kvaerno's ESDIRK 3/2 with four stages, the first explicit: third order, L-stable and stiffly accurate, so the accelerations (and
 with them the forces) at the end of a step satisfy the equations of motion exactly. Its third stage is a solution of second order
@@ -19,6 +19,7 @@ from rfca_rig.model.state import Chain, Floats, Laws, Samples, Shaft, State, Wor
 
 G = 0.43586652150845967
 STAGES = 4
+# Kvaerno (2004), the method ESDIRK 3/2: its abscissae and rows as functions of gamma, here G. The diagonal entry G is not in the table.
 TABLEAU = np.array(
     [
         [0.0, 0.0, 0.0],
@@ -28,23 +29,27 @@ TABLEAU = np.array(
     ]
 )
 NODES = np.array([0.0, 2.0 * G, 1.0, 1.0])
-NEWTON_SHARE = 2e-3  # of the speed tolerance: forces between the ends of a step hang on the speeds there
-PER_METRE = 100.0  # a frame's micrometre counts as much as a link's 0.1 mrad does at 10 mm
+# Newton's iteration stops at this share of the speed tolerance: forces within a step depend on the speeds at its ends.
+NEWTON_SHARE = 2e-3
+# Weight of a frame's displacement in the error: 0.1 um counts as much as 10 urad of a link, the default tolerance.
+PER_METRE = 100.0
 SHORTEST_STEP_S = 1e-10
 FIRST_STEP_S = 1e-4
 GAIN_BY_TURN = 0.98  # a step is not repeated for less
-JUST_AFTER_S = 1e-12  # a shaft that jumps is asked for its motion after the jump
+# At a break the earlier piece of the shaft's motion counts, so the motion after a jump is read a moment later.
+JUST_AFTER_S = 1e-12
 
 DONE, STEP_TOO_SHORT, TOO_MANY_STEPS = 0, 1, 2
 
 
 @inlined
 def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float, work: Work) -> bool:
-    """Accelerations that go with the angles and speeds of `state`, where the last step's do not hold any more."""
+    """Solves for the accelerations at the angles and speeds of `state`, where those of the last step are invalid after a jump."""
     for i in range(state.q.size):
         work.base_q[i], work.base_w[i], work.a[i], work.jerk[i] = state.q[i], state.w[i], state.a[i], 0.0
     for k in range(state.anchor.size):
         work.limit[2, k] = np.inf  # each tie carries what its stretch says
+    # With g = 0 the residual is linear in the accelerations, so the first iteration of Newton solves it and any limit accepts it.
     if not solve_stage(chain, laws, shaft, state, 0.0, t + JUST_AFTER_S, 0.0, 1.0, bool(0), work):
         return False
     for i in range(state.q.size):
@@ -60,7 +65,7 @@ def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float,
 
 @inlined
 def predict(state: State, stage: int, h: float, work: Work) -> None:
-    """First guess of a stage's acceleration: along the last step's jerk, then along the stages there are."""
+    """Extrapolates a first guess of a stage's acceleration: from the last step's jerk, then from the previous stages."""
     a = work.stage_a
     for i in range(state.q.size):
         if stage == 1:
@@ -73,7 +78,7 @@ def predict(state: State, stage: int, h: float, work: Work) -> None:
 
 @inlined
 def prepare(state: State, stage: int, h: float, work: Work) -> None:
-    """Where a stage begins: what the stages before it add up to."""
+    """Writes the explicit part of a stage, which follows from the stages before it, into `work.base_q` and `work.base_w`."""
     for i in range(state.q.size):
         q, w = state.q[i], state.w[i]
         for j in range(stage):
@@ -84,24 +89,29 @@ def prepare(state: State, stage: int, h: float, work: Work) -> None:
 
 @inlined
 def note_stage(stage: int, q: Floats, w: Floats, a: Floats, work: Work) -> None:
-    """Keeps what a stage has found."""
+    """Stores `q`, `w` and `a` (c,) of a solved stage."""
     for i in range(q.size):
         work.stage_q[stage, i], work.stage_w[stage, i], work.stage_a[stage, i] = q[i], w[i], a[i]
 
 
 @inlined
 def try_step(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float, t_new: float, tolerance: Floats, work: Work) -> float:
-    """A whole step into the stages of `work`. Returns its error in units of the tolerance, or infinity where a stage did not converge."""
+    """Computes the stages of a step from t to t_new into `work`. Returns its error in units of `tolerance` (2,), in rad and rad/s.
+
+    Returns infinity where a stage did not converge.
+    """
     h = t_new - t
     note_stage(0, state.q, state.w, state.a, work)
     for stage in range(1, STAGES):
         predict(state, stage, h, work)
         prepare(state, stage, h, work)
         elapsed = NODES[stage] * h
+        # The last two stages are at the end of the step: t_new itself, since rounding must not pass a break of the shaft's motion.
         at = t_new if stage > 1 else t + elapsed
         if not solve_stage(chain, laws, shaft, state, elapsed, at, G * h, NEWTON_SHARE * tolerance[1], stage > 1, work):
             return np.inf
         note_stage(stage, work.q, work.w, work.a, work)
+    # The third stage is the embedded solution of second order. The small start value avoids a division by zero in the step control.
     error = 1e-12
     for i in range(state.q.size):
         weight = 1.0 if i < state.anchor.size else PER_METRE
@@ -112,7 +122,7 @@ def try_step(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: flo
 
 @compiled
 def remember(chain: Chain, laws: Laws | None, state: State, h: float, work: Work) -> None:
-    """Lets the hinge laws with memory take in the step of length h that ends in `work`."""
+    """Updates the memory of hinge laws after a step of length h [s] that ends in `work`."""
     if laws is None:
         return
     for m in range(laws.place.size):
@@ -124,13 +134,15 @@ def remember(chain: Chain, laws: Laws | None, state: State, h: float, work: Work
 
 @inlined
 def accept(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> tuple[int, bool]:
-    """Takes over the step in `work`: samples, anchors, memory, state. Returns the next sample's index, and whether forces jumped."""
+    """Accepts the step in `work`: samples, anchors, memory, state. Returns the next sample's index, and whether forces jumped."""
+    # Samples are interpolated with the state at the beginning of the step, so they come before the state changes.
     for k in range(state.anchor.size):
         work.limit[1, k] = work.limit[0, k]
     first = fill_samples(chain, laws, state, t, t_new, first, work, out)
     h, q, w, a, old_w, old_a = t_new - t, work.q, work.w, work.a, state.w, state.a
     for i in range(q.size):
         q[i], w[i], a[i] = work.stage_q[3, i], work.stage_w[3, i], work.stage_a[3, i]
+        # Derivative at the step's end of the parabola through a at both ends whose integral is the change of w.
         work.jerk[i] = (6.0 * (old_w[i] - w[i]) / h + 2.0 * old_a[i] + 4.0 * a[i]) / h
     begin(chain, q, work)
     locate_ends(chain, state, q, w, work)
@@ -156,19 +168,42 @@ def integrate(
     work: Work,
     out: Samples,
 ) -> tuple[int, float, int, int]:
-    """Carries `state` from t to t_end in place and fills `out` (times ascending, in (t, t_end]).
+    """Integrates `state` from t to t_end in place and fills `out`.
 
-    `tolerance` = (rad, rad/s) per step. A step whose Newton iteration fails, or whose error is too large, is repeated shorter:
-    nothing is accepted unconverged. Steps end on `shaft.landings`, where the acceleration jumps. After `most` steps, those rejected
-    too, it gives up. Returns (status, last step length, accepted steps, rejected steps).
+    Parameters
+    ----------
+    chain, laws, shaft
+        The equations of motion; laws None is the plain chain.
+    state
+        Changed in place.
+    t, t_end, h, longest
+        Times, first and longest step [s].
+    most
+        After so many steps, rejected ones included, it gives up.
+    tolerance
+        (2,) error per step in rad and rad/s. A step whose Newton iteration fails, or whose error is larger, is repeated shorter.
+    work
+        Working memory.
+    out
+        Samples, whose times ascend and lie in (t, t_end].
+
+    Returns
+    -------
+    tuple
+        Status, last step length [s], accepted steps, rejected steps.
+
+    Notes
+    -----
+    Third order in the step. Steps end on `shaft.landings`, where the acceleration jumps.
     """
     landing = accepted = rejected = 0
-    # to the compiler a literal is a type of its own: it would make a second copy of what takes it
+    # The compiler gives a literal a type of its own, and would compile each function that takes it a second time.
     sample = int(0)  # noqa: RUF046, UP018
     jumped = True
     while t < t_end:
         if accepted + rejected >= most:
             return TOO_MANY_STEPS, h, accepted, rejected
+        # The error estimate assumes smooth accelerations. After a jump the step begins short and with fresh accelerations.
         while landing < shaft.landings.size and shaft.landings[landing] <= t:
             landing += 1
             h = min(h, FIRST_STEP_S)
@@ -177,14 +212,17 @@ def integrate(
             return STEP_TOO_SHORT, h, accepted, rejected
         stop = min(t_end, shaft.landings[landing]) if landing < shaft.landings.size else t_end
         h = min(h, longest)
+        # A remainder that is hardly longer than the step is taken at once; one below two steps is halved, so that no tiny step is left.
         t_new = stop if stop - t <= 1.0000001 * h else t + min(h, 0.5 * (stop - t))
         error = try_step(chain, laws, shaft, state, t, t_new, tolerance, work)
         if error > 1.0:
             rejected += 1
+            # The error estimate is of third order in the step; 0.9 is a margin.
             h = (t_new - t) * (0.5 if np.isinf(error) else max(0.2, 0.9 / np.cbrt(error)))
             if h < SHORTEST_STEP_S:
                 return STEP_TOO_SHORT, h, accepted, rejected
             continue
+        # An end that reverses its slip within the step would be given the wrong friction; the step ends at the reversal instead.
         shorter = length_to_turn(chain, t_new - t, work)
         if shorter < GAIN_BY_TURN * (t_new - t):
             rejected += 1
@@ -193,6 +231,7 @@ def integrate(
         sample, jumped = accept(chain, laws, state, t, t_new, sample, work, out)
         accepted += 1
         longer = (t_new - t) * min(3.0, 0.9 / np.cbrt(error))
-        h = max(h, longer) if t_new - t < h else longer  # a step cut short by a landing says nothing against h
+        # A step that was cut short by a landing or the end is no reason to shorten h.
+        h = max(h, longer) if t_new - t < h else longer
         t = t_new
     return DONE, h, accepted, rejected

@@ -1,7 +1,7 @@
-"""A joint driven by a torque that is given over time, as a law of the compiled chain.
+"""A joint driven by a recorded torque, as a law of the compiled chain.
 
-A law that reads the torque finds it behind the eight numbers of its use: the trace is evenly spaced and read by straight lines. Of the
-eight, the last three belong to the trace; the law keeps its own clock in the last place of the joint's memory.
+The torque stands behind the eight parameters of a law: the trace is evenly spaced and interpolated linearly. Of the
+eight, the last three belong to the trace; the law keeps the time in the last place of the joint's memory.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,14 +20,15 @@ from rfca_rig.model.state import Laws
 
 Floats = NDArray[np.float64]
 
-FACTOR, DELAY, LAG = 0, 1, 2  # of a drive
-STEP, COUNT, BEGIN, TRACE = 5, 6, 7, PARAMETERS_AT_MOST  # of every law that reads the torque
-CLOCK = 3  # place in the memory
+# Indices in the parameters of a drive, of every law that reads the torque, and in the memory.
+FACTOR, DELAY, LAG = 0, 1, 2
+STEP, COUNT, BEGIN, TRACE = 5, 6, 7, PARAMETERS_AT_MOST
+CLOCK = 3
 
 
 @dataclass(frozen=True)
 class TorqueTrace:
-    """Torques (m, n) of all joints, every `step_s` from `begin_s` on; straight lines between, held before the first and beyond the last.
+    """Torques (m, n) of all joints, every `step_s` from `begin_s` on, interpolated linearly, constant before the first and after the last.
 
     With `powered` False the motors were off: the torque's sensor then reads no offset either.
     """
@@ -39,20 +40,21 @@ class TorqueTrace:
 
 
 def torque_trace(t_s: Floats, torque_Nm: Floats) -> TorqueTrace:
-    """The trace of torques (m, n) recorded at ascending times (m,), at the recording's own spacing.
+    """Resamples torques (m, n), recorded at ascending times (m,), evenly at the median spacing of the recording.
 
     Raises BadInput where times and torques do not fit each other.
     """
     if t_s.shape != torque_Nm.shape[:1] or len(t_s) < 2 or (np.diff(t_s) <= 0.0).any():
         raise BadInput(f"torques of shape {torque_Nm.shape} at {len(t_s)} times: give one row per time, two or more, ascending")
     step_s, span_s = float(np.median(np.diff(t_s))), float(t_s[-1] - t_s[0])
+    # The last point is at or behind the last time; the small number keeps rounding from adding another one.
     even = t_s[0] + np.arange(int(np.ceil(max(span_s, step_s) / step_s - 1e-9)) + 1) * step_s
     return TorqueTrace(step_s, np.column_stack([np.interp(even, t_s, torque) for torque in torque_Nm.T]), float(t_s[0]))
 
 
 @cast(Callable[[Callable[..., float]], Callable[..., float]], numba.njit(error_model="numpy"))
 def torque_at(t_s: float, parameter: Any) -> float:
-    """The recorded torque of the law's joint, for use inside of laws that read it."""
+    """Recorded torque [N m] of the law's joint at a time [s], for laws that read it."""
     x = min(max((t_s - parameter[BEGIN]) / parameter[STEP], 0.0), parameter[COUNT] - 1.0)
     i = min(int(x), int(parameter[COUNT]) - 2)
     before, after = parameter[TRACE + i], parameter[TRACE + i + 1]
@@ -68,6 +70,7 @@ def torque(  # a law takes what its place offers, needed or not
     memory: Any,
     parameter: Any,
 ) -> tuple[float, float, float]:
+    # A law's torque resists the joint, so the drive's has the other sign.
     return -torque_at(memory[CLOCK] + elapsed, parameter), 0.0, 0.0
 
 
@@ -85,7 +88,7 @@ def is_drive(use: LawUse) -> bool:
 
 
 def with_drives(setup: Setup, effect_id: str, change: Callable[[tuple[float, ...]], tuple[float, ...]]) -> Setup:
-    """The setup with other numbers (factor, delay_s, lag_s) of its drives.
+    """The setup with changed parameters (factor, delay_s, lag_s) of its drives.
 
     Raises BadInput for a rig without torque-driven joints, on which the effect would do nothing.
     """
@@ -95,7 +98,10 @@ def with_drives(setup: Setup, effect_id: str, change: Callable[[tuple[float, ...
 
 
 def with_traces(laws: Laws, uses: Sequence[LawUse], trace: TorqueTrace) -> Laws:
-    """`laws`, which are those of `uses`, with the torque behind the parameters of each law that reads it, as its joint's drive makes it."""
+    """`laws`, made from `uses`, with the torque trace behind the parameters of each law that reads it.
+
+    Factor, delay and lag of the joint's drive are applied to the trace.
+    """
     count, width = len(trace.torque_Nm), laws.parameter.shape[1]
     parameter = np.zeros((len(uses), max(TRACE + count, width)))
     parameter[:, :width] = laws.parameter

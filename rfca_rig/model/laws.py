@@ -1,12 +1,12 @@
 """Laws of effects inside the compiled chain: plain functions, compiled on their own and called by address.
 
-So the chain is compiled once, whatever effects are switched on, and a lab's own law needs no change in it. A law is a plain
-Python function that numba can compile, with one of these signatures; `memory` (4) and `parameter` (8) are indexed, nothing more:
+The chain is compiled once, for any set of effects, and a lab's own law needs no change in it. A law is a plain
+Python function that numba can compile, with one of these signatures; `memory` (4,) and `parameter` (8,) may only be indexed:
 
     HINGE   torque(phi, rate, elapsed, k0, k2, memory, parameter) -> (T, dT/dphi, dT/drate)
             T [N m] resists phi beside the nominal spring k0 phi (1 + k2 phi^2); `elapsed` [s] since the step began
     ROTOR   torque(phi, rate, acceleration, elapsed, k0, k2, memory, parameter) -> (T, dT/dphi, dT/drate, dT/dacceleration)
-            the same, for a law that is told the acceleration d2phi/dt2 [rad/s2] too
+            the same, for a law that also needs the acceleration d2phi/dt2 [rad/s2]
     LINK    force(v, length, memory, parameter) -> (F, dF/dv)
             F [N] at the middle of a link, across it, in the direction of growing angle, for the speed v [m/s] there
     SLIP    factor(v, memory, parameter) -> (f, df/dv)
@@ -16,13 +16,13 @@ Python function that numba can compile, with one of these signatures; `memory` (
     NORMAL  force(depth, rate, memory, parameter) -> (N, dN/d depth, dN/d rate)
             N [N] is added to the normal force of an end that is `depth` [m] in the ground and sinks at `rate` [m/s]
 
-A law that needs more than 8 numbers takes them from its `table`, which stands from parameter[8] on.
+A law that needs more than 8 numbers takes them from its `table`, which begins at parameter[8].
 
-A HINGE or ROTOR law with memory brings a second function, called once after each accepted step, which may change `memory`:
+A HINGE or ROTOR law with memory has a second function, called once after each accepted step, which may change `memory`:
 
     advance(phi, rate, elapsed, k0, k2, memory, parameter)
 
-A HINGE law on one joint of a pendulum may read the torque that was recorded there: with `reads_torque`, `joint_drive.torque_at` gives
+A HINGE law on one joint of a pendulum may read the torque that was recorded there: with `reads_torque`, `joint_drive.torque_at` returns
 it. Such a law has five parameters of its own at most and counts its time in memory[3]; see `effects.joint_load_friction`.
 """
 
@@ -40,13 +40,14 @@ from numba import types
 from rfca_rig.model.compiled import CACHE_FOLDER, caching_in
 
 HINGE, LINK, SLIP, NORMAL, ROTOR, LOAD = range(6)
-TABLE = 8  # where the table of a law begins in its row of parameters
+TABLE = 8  # index at which the table of a law begins in its row of parameters
 
 Law = Callable[..., Any]
 
 _NUMBERS = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 _SIGNATURE = types.void(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
-_KEPT: list[Any] = []  # compiled code must live as long as anybody may call its address
+# Compiled code must outlive every call of its address, and nothing else refers to it.
+_COMPILED_CODE: list[Any] = []
 
 
 @cache
@@ -62,17 +63,19 @@ def address_of_advance(law: Law) -> int:
 
 
 def _compile_call(call: Law, law: Law) -> int:
-    """Compiles `call` with `law` in the place of its global name of that name.
+    """Compiles `call` with `law` in the place of its global name `law`.
 
-    The compiler's cache tells functions apart by name and line of `call`, which all laws share. So each law has a folder of its own.
+    The compiler's cache distinguishes functions by name and line of `call`, which all laws share. So each law has its own folder.
     """
+    # A new function with globals of its own: the module has no name `law`, and each law needs another value for it.
     function = FunctionType(call.__code__, {"__name__": __name__, "law": numba.njit(law, error_model="numpy")}, call.__name__)
     if law.__module__.startswith(__package__) and law.__closure__ is None:
         with caching_in(str(Path(CACHE_FOLDER) / "laws" / _key_of(law))):
             compiled = numba.cfunc(_SIGNATURE, cache=True)(function)
-    else:  # another law, as a lab's own, may depend on any file or value, and no stale code may run
+    else:
+        # A closure, or a lab's own law, may depend on any file or value. Without a cache, no outdated code can run.
         compiled = numba.cfunc(_SIGNATURE)(function)
-    _KEPT.append(compiled)
+    _COMPILED_CODE.append(compiled)
     return int(cast(int, compiled.address))
 
 
@@ -82,14 +85,15 @@ def _key_of(law: Law) -> str:
 
 @cache
 def _source_of_laws() -> str:
-    """A hash of all files from which the laws of the package are made."""
+    """A hash of all files from which the laws of the package are compiled."""
+    # A law may call any module of the package, and the compiler notices an edit in the law's own file only.
     content = hashlib.sha256()
     for source in sorted(Path(__file__).parent.rglob("*.py")):
         content.update(source.read_bytes())
     return content.hexdigest()
 
 
-# What the chain calls. `law` is no name of this module: `_compile_call` puts the law there.
+# The functions that the chain calls, one for each signature. `law` is no name of this module: `_compile_call` supplies it.
 
 
 def _call_hinge(x, memory, parameter, out):  # type: ignore[no-untyped-def]
@@ -122,7 +126,7 @@ _CALLS = {HINGE: _call_hinge, LINK: _call_link, SLIP: _call_factor, NORMAL: _cal
 
 @dataclass(frozen=True)
 class LawUse:
-    """One law as an effect uses it: where, with which parameters (at most 8) and `table`, on which one hinge or link (-1 for all).
+    """One law as an effect uses it: its place, its parameters (at most 8) and `table`, and the one hinge or link it acts on (-1 for all).
 
     `reads_torque`: whether it reads the torque that drives its joint.
     """
@@ -137,7 +141,7 @@ class LawUse:
 
 
 def compile_law(use: LawUse) -> None:
-    """Compiles what has not been compiled yet. Raises NumbaError where that cannot be done."""
+    """Compiles the functions of a law, unless this process has done so before. Raises NumbaError where that is impossible."""
     address_of(use.law, use.place)
     if use.advance:
         address_of_advance(use.advance)

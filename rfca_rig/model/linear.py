@@ -1,4 +1,4 @@
-"""A small dense linear system, solved without leaving compiled code: factored once, substituted as often as it serves."""
+"""Solves a small dense linear system in compiled code by LU factors with partial pivoting, which may serve many right sides."""
 
 from rfca_rig.model.compiled import inlined, internal
 from rfca_rig.model.state import Floats, Integers
@@ -6,7 +6,10 @@ from rfca_rig.model.state import Floats, Integers
 
 @inlined
 def factor(J: Floats, pivot: Integers, first: int) -> bool:
-    """J, from row and column `first` on, becomes its triangular factors with row exchange; False where singular or not finite."""
+    """Replaces J (n, n), from row and column `first` on, by its LU factors, `pivot` (n,) the row exchanges.
+
+    False where J is singular or not finite.
+    """
     n = pivot.size
     for k in range(first, n):
         p = k
@@ -14,11 +17,13 @@ def factor(J: Floats, pivot: Integers, first: int) -> bool:
             if abs(J[i, k]) > abs(J[p, k]):
                 p = i
         pivot[k] = p
+        # Written so that NaN, for which each comparison is false, counts as singular.
         if not abs(J[p, k]) > 0.0:
             return False
         if p != k:
             for j in range(first, n):
                 J[k, j], J[p, j] = J[p, j], J[k, j]
+        # The diagonal keeps the inverse, so that each substitution multiplies instead of dividing.
         inverse = 1.0 / J[k, k]
         J[k, k] = inverse
         for i in range(k + 1, n):
@@ -31,7 +36,7 @@ def factor(J: Floats, pivot: Integers, first: int) -> bool:
 
 @inlined
 def substitute(J: Floats, pivot: Integers, first: int, x: Floats) -> None:
-    """Solves for x in place with the factors in J; what stands before `first` is left alone."""
+    """Solves for x (n,) in place with the factors in J (n, n); entries before `first` stay as they are."""
     n = pivot.size
     for k in range(first, n):
         p = pivot[k]
@@ -50,7 +55,7 @@ def substitute(J: Floats, pivot: Integers, first: int, x: Floats) -> None:
 
 @internal
 def solve(J: Floats, pivot: Integers, x: Floats) -> bool:
-    """Solves J x = x in place; False where J is singular or not finite."""
+    """Solves J y = x for J (n, n) and x (n,), with y in the place of x; J is overwritten. False where it is singular or not finite."""
     if not factor(J, pivot, 0):
         return False
     substitute(J, pivot, 0, x)

@@ -1,4 +1,4 @@
-"""Torque over angle of a hinge whose strip has play in the shells' grooves: the one way in which the strip alone hardens markedly.
+"""Torque over angle of a hinge whose strip has play in the shells' grooves: the only way in which the strip alone hardens much.
 
 All hinges are bent alike, so half a pitch p repeats: from the middle of a link (slope 0, by symmetry) to the pin (slope phi/2). The groove
 ends at the mouth, m before the pin, and lets the strip move by the play d in all. With x from the link's middle, b the distance from
@@ -57,6 +57,7 @@ class LooseGroove:
     def torque_Nm(self, phi_rad: Floats) -> Floats:
         """(m,) for hinge angles (m,) from zero up."""
         free = self.EI_Nm2 * phi_rad / self.pitch_m
+        # All three branches are computed for all angles; at the borders they agree, so the curve is continuous.
         torque = np.where(phi_rad < self.flat_rad, self._touching(phi_rad), self._flat(phi_rad))
         return np.where(phi_rad < self.touches_rad, free, torque)
 
@@ -69,6 +70,7 @@ class LooseGroove:
 
     def _flat(self, phi_rad: Floats) -> Floats:
         """phi/2 = 3 d / b + 6 d m / b^2, solved for b. (Rise of a strip flat at the far end: M b^2 / 6 EI = d.)"""
+        # Smaller angles belong to other branches; the bound keeps the division finite at zero.
         phi = np.maximum(phi_rad, self.flat_rad)
         b = (3.0 * self.play_m + np.sqrt(9.0 * self.play_m**2 + 12.0 * phi * self.play_m * self.mouth_m)) / phi
         torque: Floats = self.EI_Nm2 * phi / (2.0 * self.mouth_m + b)

@@ -1,8 +1,8 @@
 """Forward and inverse dynamics in one system, joint by joint: eq. (16). Symbols as in `newton_euler`.
 
-At each joint either the acceleration is known and the drive's torque sought, or the torque is known and the acceleration
-sought. Where it is known, the column of the mass matrix goes to the right side with the known acceleration, and the
-column of the unknown torque, -1 in its own row, takes its place. The paper prints it for one joint k; here any may be exchanged.
+At each joint either the acceleration is known and the drive's torque unknown, or the torque is known and the acceleration
+unknown. Where the acceleration is known, its column of the mass matrix moves to the right side, and the
+column of the unknown torque, -1 in its own row, replaces it. The paper prints it for one joint k; here any may be exchanged.
 
 `swing` integrates such a chain with scipy's DOP853: readable and exact, but some hundred times slower than the compiled chain.
 """
@@ -44,7 +44,7 @@ Drive = KnownMotion | KnownTorque
 
 @dataclass(frozen=True)
 class MixedSolution:
-    """What (16) answers: accelerations [rad/s2] and drive torques [N m] of all joints (n,), known ones among them."""
+    """Solution of (16): accelerations [rad/s2] and drive torques [N m] of all joints (n,), with the known ones."""
 
     ddphi: Floats
     tau_Nm: Floats
@@ -64,7 +64,23 @@ class ChainMotion:
 def mixed(
     chain: LinkChain, phi: Floats, dphi: Floats, known: Floats, accelerations_known: NDArray[np.bool_], loads: EndLoads
 ) -> MixedSolution:
-    """Solves (16). `known` (n,) holds an acceleration where `accelerations_known` (n,) is true, else the drive's torque."""
+    """Accelerations and torques of all joints where one of both is known at each.
+
+    Parameters
+    ----------
+    chain, loads
+        The links, and the loads on their ends.
+    phi, dphi
+        (n,) joint angles and speeds.
+    known
+        (n,) an acceleration where `accelerations_known` is true, else the drive's torque.
+    accelerations_known
+        (n,) bool.
+
+    References
+    ----------
+    Equation (16).
+    """
     exchange = accelerations_known
     b = right_side_Nm(chain, phi, dphi, np.where(exchange, 0.0, known), loads)
     z = solve_exchanged(mass_matrix(chain, phi), b, known, exchange)
@@ -72,22 +88,42 @@ def mixed(
 
 
 def solve_exchanged(Z: Floats, b: Floats, known: Floats, exchange: NDArray[np.bool_]) -> Floats:
-    """z of (16) (n,): for each exchanged k, `known[k]` is q''_k, and z[k] the drive u_k that it takes."""
+    """Solution z (n,) of (16) for `Z` (n, n) and `b` (n,): for each exchanged k, `known[k]` is q''_k and z[k] the drive's torque u_k.
+
+    `known` and `exchange` are (n,).
+    """
     return np.asarray(np.linalg.solve(exchanged(Z, exchange), b - Z @ np.where(exchange, known, 0.0)))
 
 
 def exchanged(Z: Floats, exchange: NDArray[np.bool_]) -> Floats:
-    """The matrix of (16): column k of `Z` (n, n) is -1 in row k and 0 elsewhere for each joint k that is exchanged."""
+    """The matrix of (16), `Z` (n, n) with column k replaced by -1 in row k and 0 elsewhere for each joint k of `exchange` (n,)."""
     return np.where(exchange[None, :], -np.eye(len(Z)), Z)
 
 
 def swing(
     chain: LinkChain, drives: Sequence[Drive], phi: Floats, dphi: Floats, t_s: Floats, rtol: float = 1e-9, atol: float = 1e-10
 ) -> ChainMotion:
-    """The motion from `phi`, `dphi` (n,) at t = 0 without ground, each joint under its drive; `t_s` (m,) ascending from 0 on.
+    """Integrates the motion of a chain without ground, each joint under its drive.
 
-    Where the motion of a joint is prescribed, its place in `phi`, `dphi` is not used. Raises BadInput where drives and joints differ
-    in number, and SimulationFailed where scipy gives up.
+    Parameters
+    ----------
+    chain
+        The links.
+    drives
+        One per joint.
+    phi, dphi
+        (n,) at t = 0; entries of joints with prescribed motion are not used.
+    t_s
+        (m,) ascending from 0 on.
+    rtol, atol
+        Tolerances of scipy's DOP853, of eighth order.
+
+    Raises
+    ------
+    BadInput
+        Where drives and joints differ in number.
+    SimulationFailed
+        Where scipy gives up.
     """
     if len(drives) != phi.size:
         raise BadInput(f"{len(drives)} drives for a chain of {phi.size} joints; give one per joint, PASSIVE for a hinge")
@@ -109,7 +145,10 @@ def swing(
 
 @dataclass(frozen=True)
 class DrivenChain:
-    """A chain and what drives each joint, as a first-order system whose state x holds angles and speeds of the free joints."""
+    """A chain and the drive of each joint, as a first-order system.
+
+    Its state x (2 f,) holds angles, then speeds, of the f free joints; `free` (n,) says which those are.
+    """
 
     chain: LinkChain
     drives: tuple[Drive, ...]
@@ -119,22 +158,22 @@ class DrivenChain:
         return np.array([isinstance(drive, KnownTorque) for drive in self.drives])
 
     def place(self, t: float, x: Floats) -> tuple[Floats, Floats]:
-        """(phi, dphi) of all joints; a prescribed joint is where it is told to be, so that nothing drifts."""
+        """(phi, dphi) of all joints, (n,) each; a prescribed joint has exactly its prescribed motion, so that nothing drifts."""
         phi, dphi = (np.array([of(drive, t) for drive in self.drives]) for of in (_angle, _speed))
         half = x.size // 2
         phi[self.free], dphi[self.free] = x[:half], x[half:]
         return phi, dphi
 
     def known(self, t: float) -> Floats:
-        """What `mixed` asks for: acceleration or torque of each joint."""
+        """The known quantity of each joint (n,), for `mixed`: its acceleration or its torque."""
         return np.array([drive.torque(t) if isinstance(drive, KnownTorque) else drive.acceleration(t) for drive in self.drives])
 
     def balance(self, t: float, phi: Floats, dphi: Floats) -> MixedSolution:
-        """Accelerations and torques at this moment, in the air."""
+        """Accelerations and torques at this moment, in the air, for angles and speeds (n,)."""
         return mixed(self.chain, phi, dphi, self.known(t), ~self.free, no_loads(phi.size))
 
     def rate(self, t: float, x: Floats) -> Floats:
-        """dx/dt."""
+        """dx/dt (2 f,) of the state x (2 f,)."""
         phi, dphi = self.place(t, x)
         return np.concatenate([dphi[self.free], self.balance(t, phi, dphi).ddphi[self.free]])
 

@@ -1,4 +1,4 @@
-"""Prescribed motion of the shaft: the commanded ramp, or a recorded turn followed smoothly."""
+"""Prescribed motion of the shaft: the commanded ramp, or a smoothed recording."""
 
 from dataclasses import dataclass, replace
 
@@ -30,14 +30,15 @@ class ShaftMotion:
         return np.asarray(c[0] + x * (c[1] + x * (c[2] + x * c[3])))
 
     def later(self, by_s: float) -> "ShaftMotion":
-        """The same, `by_s` later."""
+        """The same motion, delayed by `by_s`."""
         return replace(self, breaks_s=self.breaks_s + by_s, landings_s=self.landings_s + by_s)
 
     def standing_since(self, begin_s: float) -> "ShaftMotion":
-        """The same from t = 0 on, and the shaft at rest where it is at 0 from `begin_s` (below 0) till then."""
+        """The same motion from t = 0 on; from `begin_s` (below 0) until 0 the shaft rests at its angle at 0."""
         later = self.breaks_s[:-1] >= 0.0
         if not later.any() or self.breaks_s[:-1][later][0] > 0.0:
-            return self  # no piece begins at 0: the motion knows its own past
+            # No piece begins at 0: the motion is defined before 0 already.
+            return self
         start_rad = float(self.coefficients[later][0, 0])
         return ShaftMotion(
             np.concatenate([[begin_s], self.breaks_s[:-1][later], self.breaks_s[-1:]]),
@@ -46,12 +47,12 @@ class ShaftMotion:
         )
 
     def shaft(self) -> Shaft:
-        """The same for the compiled chain: a shaft that does what it is told, whatever the load."""
+        """The same for the compiled chain: a shaft that follows this motion exactly, whatever the load."""
         return Shaft(self.breaks_s, self.coefficients, self.landings_s, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def ramp_to_speed(start_angle_rad: float, speed_rad_s: float, ramp_s: float, end_s: float) -> ShaftMotion:
-    """Rest until t = 0, then linearly to `speed_rad_s` within `ramp_s`, then constant speed."""
+    """A shaft that rests until t = 0, accelerates evenly to `speed_rad_s` within `ramp_s`, and turns on at constant speed to `end_s`."""
     ramped_rad = start_angle_rad + 0.5 * speed_rad_s * ramp_s
     return ShaftMotion(
         breaks_s=np.array([-1.0, 0.0, ramp_s, max(end_s, 2.0 * ramp_s)]),
@@ -81,8 +82,10 @@ def follow(t_s: Floats, angle_rad: Floats) -> ShaftMotion:
     inner = np.linspace(t_s[0], t_s[-1], count + 1)[1:-1]
     inner = np.unique(np.concatenate([inner[np.abs(inner) > 0.5 * KNOT_SPACING_S], [-0.005, 0.0, 0.005]]))
     inner = inner[(inner > t_s[0]) & (inner < t_s[-1])]
+    # A cubic spline repeats its end knots four times.
     knots = np.concatenate([np.full(4, t_s[0]), inner, np.full(4, t_s[-1])])
     piecewise = PPoly.from_spline(make_lsq_spline(t_s, angle_rad, knots, k=3))
+    # The repeated knots give pieces without length.
     keep = np.diff(piecewise.x) > 0
     return ShaftMotion(
         breaks_s=np.concatenate([piecewise.x[:-1][keep], piecewise.x[-1:]]),

@@ -4,13 +4,13 @@ Frame {i} sits at joint i, its X along link i, its Z the axis of the joint; X_0 
 angles count downwards as everywhere in this model. Vectors are columns of three, given in their own frame: w (omega), dw (its
 derivative), dv (acceleration of the frame's origin), dv_c (of the mass centre), f_i and n_i force and moment of link i-1 on link i.
 
-The print of (11)-(12) is mended in five places:
+Five misprints of (11)-(12) are corrected:
     (11) line 1 sums hinge angles only; with phi_1 the shaft, as in (9), alpha_i = phi_1 + .. + phi_i.
     (11) line 4 is the angular acceleration: its left side and the first and last phi have lost a dot (phi'' in the last term).
     (11) line 6 is the acceleration of the origin: dv_i; its last P_i is P_i in frame {i-1}, [a_{i-1} 0 0].
     (12) rotates with R_{i+1} from {i+1} into {i}. The force and moment that act on the link's end from outside are added here.
-    (12) last line: the joint's moment n.Z is what drive and spring give together, tau - K (phi - phi_0). So the drive's torque is
-         n.Z + K (phi - phi_0); the minus of the print would make every spring drive its hinge on.
+    (12) last line: the joint's moment n.Z is the sum of drive and spring, tau - K (phi - phi_0). So the drive's torque is
+         n.Z + K (phi - phi_0); with the printed minus every spring would drive its hinge away from rest.
 Hinge damping is added to the last line.
 """
 
@@ -43,7 +43,7 @@ class LinkChain:
 
 @dataclass(frozen=True)
 class EndLoads:
-    """What acts on the ends of links from outside: `force_N` (2, n) along and down, `moment_Nm` (n,) about Z."""
+    """External loads on the ends of links: `force_N` (2, n) along and down, `moment_Nm` (n,) about Z."""
 
     force_N: Floats
     moment_Nm: Floats
@@ -58,32 +58,51 @@ def link_chain_of(leg: Leg) -> LinkChain:
 
 
 def no_loads(links: int) -> EndLoads:
-    """Ends in the air."""
+    """Loads of ends in the air: none."""
     return EndLoads(np.zeros((2, links)), np.zeros(links))
 
 
 def joint_torques_Nm(chain: LinkChain, phi: Floats, dphi: Floats, ddphi: Floats, loads: EndLoads) -> Floats:
-    """Inverse dynamics, eqs. (11)-(12): what each joint's drive must give for this motion (n,).
+    """Inverse dynamics: torque of each joint's drive for a given motion.
 
-    `phi`, `dphi`, `ddphi` (n,) joint angles relative to the link before, their speeds and accelerations. A passive hinge would need 0.
+    Parameters
+    ----------
+    chain
+        The links.
+    phi, dphi, ddphi
+        (n,) joint angles relative to the link before [rad], their speeds and accelerations.
+    loads
+        On the links' ends.
+
+    Returns
+    -------
+    (n,) [N m]; 0 where a passive hinge makes this motion.
+
+    References
+    ----------
+    Equations (11) and (12).
     """
     moments = _joint_moments(chain, phi, dphi, ddphi[:, None], chain.gravity_m_s2, loads)[:, 0]
     return np.asarray(moments + chain.springs.torque_Nm(phi - chain.phi_0) + chain.damping * dphi)
 
 
 def mass_matrix(chain: LinkChain, phi: Floats) -> Floats:
-    """A of (13), (n, n) [kg m2]: column j is what the joints must give for a unit acceleration of joint j, all at rest, no weight."""
+    """Mass matrix A of (13), (n, n) [kg m2], at joint angles `phi` (n,)."""
+    # Column j holds the joint torques for a unit acceleration of joint j, at rest and without weight; springs do not enter.
     rest = np.zeros_like(phi)
     return _joint_moments(chain, phi, rest, np.eye(phi.size), 0.0, no_loads(phi.size))
 
 
 def right_side_Nm(chain: LinkChain, phi: Floats, dphi: Floats, tau: Floats, loads: EndLoads) -> Floats:
-    """b of (13), (n,): the torques `tau` (n,) of the drives less what the motion needs without acceleration."""
+    """Right side b of (13), (n,) [N m]: torques `tau` (n,) of the drives less those that the motion takes without acceleration.
+
+    `phi`, `dphi` (n,) are joint angles and speeds.
+    """
     return np.asarray(tau - joint_torques_Nm(chain, phi, dphi, np.zeros_like(phi), loads))
 
 
 def joint_accelerations(chain: LinkChain, phi: Floats, dphi: Floats, tau: Floats, loads: EndLoads) -> Floats:
-    """Forward dynamics: z of A z = b (13) with all accelerations unknown (n,) [rad/s2]."""
+    """Forward dynamics: z of A z = b (13), (n,) [rad/s2], for angles `phi`, speeds `dphi` and drive torques `tau`, all (n,)."""
     return np.asarray(np.linalg.solve(mass_matrix(chain, phi), right_side_Nm(chain, phi, dphi, tau, loads)))
 
 
@@ -92,6 +111,7 @@ Z = np.array([0.0, 0.0, 1.0])[:, None]
 
 def _joint_moments(chain: LinkChain, phi: Floats, dphi: Floats, ddphi: Floats, gravity_m_s2: float, loads: EndLoads) -> Floats:
     """n_i . Z for the accelerations in each column of `ddphi` (n, m): (n, m). Vectors are (3, m), one column each."""
+    # Many accelerations at once, because the mass matrix needs n of them at the same pose.
     R = [_rotation(angle) for angle in phi]
     motion = _outward(chain, R, dphi, ddphi, gravity_m_s2)
     return _inward(chain, R, float(np.sum(phi)), motion, loads)
@@ -104,7 +124,7 @@ def _rotation(phi: float) -> Floats:
 
 
 def _outward(chain: LinkChain, R: list[Floats], dphi: Floats, ddphi: Floats, gravity_m_s2: float) -> list[tuple[Floats, Floats]]:
-    """Eq. (11) and the first two lines of (12): (F_i, N_i), force and moment that link i's own motion takes.
+    """Eq. (11) and the first two lines of (12): (F_i, N_i), force and moment that accelerate link i.
 
     The weight enters as a base that accelerates upwards, against Y_0.
     """
@@ -120,7 +140,8 @@ def _outward(chain: LinkChain, R: list[Floats], dphi: Floats, ddphi: Floats, gra
         w = carried + spin
         P_c = _along_link(chain.centre[i])
         dv_c = dv + _cross(dw, P_c) + _cross(w, _cross(w, P_c))
-        I_w = chain.inertia[i] * w  # all rotation is about Z, so that only this entry of the inertia tensor works
+        # All rotation is about Z, so only this entry of the inertia tensor matters.
+        I_w = chain.inertia[i] * w
         taken.append((chain.m[i] * dv_c, chain.inertia[i] * dw + _cross(w, I_w)))
     return taken
 
@@ -133,6 +154,7 @@ def _inward(chain: LinkChain, R: list[Floats], alpha: float, motion: list[tuple[
     into_link = _rotation(alpha).T
     for i in range(len(R) - 1, -1, -1):
         F_i, N_i = motion[i]
+        # The loads are given along and down; `into_link` rotates them into the frame of link i.
         at_end = from_next @ f - into_link @ np.array([[loads.force_N[0, i]], [loads.force_N[1, i]], [0.0]])
         P_c, P_next = _along_link(chain.centre[i]), _along_link(chain.a[i])
         n = N_i + from_next @ n - loads.moment_Nm[i] * Z + _cross(P_c, F_i) + _cross(P_next, at_end)
@@ -147,5 +169,5 @@ def _along_link(distance: float) -> Floats:
 
 
 def _cross(u: Floats, v: Floats) -> Floats:
-    """u x v of columns of three; numpy's own wants them as rows and is ten times slower."""
+    """u x v of columns of three; `np.cross` needs rows and is ten times slower."""
     return np.array([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])

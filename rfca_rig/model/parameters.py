@@ -1,4 +1,4 @@
-"""What the model believes of a rig: leg, ground, sensor mount, drive. SI units, frozen."""
+"""Parameters of the nominal model: leg, ground, sensor mount, drive and effects. SI units, frozen."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class TorqueSpline:
     torques_rad: tuple[float, ...]
 
     def scaled(self, angle: float, torque: float) -> "TorqueSpline":
-        """The same with its angles and torques multiplied."""
+        """The curve with its angles and torques multiplied by these factors."""
         return TorqueSpline(tuple(angle * each for each in self.angles_rad), tuple(torque * each for each in self.torques_rad))
 
 
@@ -24,11 +24,11 @@ class TorqueSpline:
 class Leg:
     """A chain of straight uniform links; hinge torque k0 phi + k0 k2 phi^3 + c dphi/dt (paper-style hardening spring).
 
-    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards. `rest_angles_rad` are the angles of the
-    hinges without load, phi_i0 of eq. (12), from which phi counts; without them the leg is straight.
+    `start_angle_rad` is the shaft angle where a stroke begins, from the horizontal, positive downwards. `rest_angles_rad` are the angles
+    of the hinges without load, phi_i0 of eq. (12), from which phi counts; without them the leg is straight.
 
-    `torque_splines`, one for all hinges or one for each, take the place of k0 phi + k0 k2 phi^3: the torque is then k0 times the spline, k0
-    is the stiffness at rest (the mean of all hinges), and k2 is 0 and means nothing.
+    `torque_splines`, one for all hinges or one for each, replace k0 phi + k0 k2 phi^3: the torque is then k0 times the spline, k0
+    is the stiffness at rest (the mean of all hinges), and k2 is 0 and unused.
     """
 
     link_lengths_m: tuple[float, ...]
@@ -46,11 +46,11 @@ class Leg:
 class Ground:
     """A level floor: normal force stiffness * depth^1.5 * (1 + damping * approach speed), Coulomb friction with stick.
 
-    The tangential pair is the floor's own: a sticking point yields in proportion to the force, by `presliding` at the limit
-    mu N; `drag` is a viscous force beside the Coulomb force, in full from a normal force of 1 N on. Friction turns a link on the
-    `friction_lever` about its end: None for the radius of the tip, as friction acts at the circle's lowest point. Where a tip is deep in
-    the floor, friction may act higher than that: `friction_rise_share` of the depth, 1 at the floor's surface. As much as
-    `leaving_damping_share` of the damping of a tip that enters acts on one that leaves.
+    Two parameters describe the tangential compliance: a sticking point yields in proportion to the force, by `presliding` at the limit
+    mu N. `drag` is a viscous force in addition to the Coulomb force, in full from a normal force of 1 N on. Friction acts with the
+    `friction_lever` about a link's end: None for the radius of the tip, since friction acts at the circle's lowest point. Where a tip is
+    deep in the floor, friction may act higher: by `friction_rise_share` of the depth, where 1 is the floor's surface. The damping of a
+    tip that leaves is `leaving_damping_share` of that of a tip that enters.
     """
 
     stiffness_N_per_m1p5: float
@@ -72,10 +72,10 @@ class SensorMount:
 
 @dataclass(frozen=True)
 class Drive:
-    """How the commanded speed is reached: linearly from rest within `ramp_s`.
+    """Start-up of the drive: the speed rises linearly from rest to its command within `ramp_s`.
 
-    `holds_start`: a drive that sags under load has its integrator carry the weight of the leg at the start, and stands where it was
-    told to; otherwise it rests where its angle gain carries the weight. Without such a drive it means nothing.
+    `holds_start` concerns only a compliant drive. If true, its integrator carries the weight of the leg at the start, and the shaft rests
+    at its commanded angle; otherwise it rests where its angle gain carries the weight.
     """
 
     ramp_s: float
@@ -86,7 +86,7 @@ class Drive:
 class LawTable:
     """A force as a function of one argument: straight lines between `values` at ascending `knots`, constant beyond both ends.
 
-    `place` and `argument` say where it acts and what it depends on; `tabulated_law` lists both, with units.
+    It acts at `place` and depends on `argument`; `tabulated_law` lists both, with units.
     """
 
     place: str
@@ -97,9 +97,9 @@ class LawTable:
 
 @dataclass(frozen=True)
 class PresentEffect:
-    """A piece of physics switched on: its id in the catalogue, and the values of its parameters in the units of their names.
+    """An effect that acts in this rig: its id in the catalogue, and the values of its parameters in the units of their names.
 
-    A tabulated law is in no catalogue: it has a `table` in place of values.
+    A tabulated law is not in the catalogue: it has a `table` in place of values.
     """
 
     id: str
@@ -109,8 +109,10 @@ class PresentEffect:
 
 @dataclass(frozen=True)
 class Swing:
-    """A leg that is not quite at rest `before_s` ahead of the start: let go there by `share` of its sag above its rest pose (1 is
-    straight), and rising by `rate_per_s` sags per second. One that was held straight and let go a while ago swings like that.
+    """Initial oscillation of the leg, `before_s` before the start of the stroke.
+
+    The leg is above its rest pose by `share` of its sag (1 is straight), and rises by `rate_per_s` sags per second. A leg that was held
+    straight and released some time ago swings like that.
     """
 
     before_s: float
@@ -120,7 +122,7 @@ class Swing:
 
 @dataclass(frozen=True)
 class RigModel:
-    """One rig as the model sees it. `effects` act in their order; none is the plain model. Without `swing` a stroke begins at rest."""
+    """Model of one rig. `effects` are applied in their order; () is the plain model. Without `swing` a stroke begins at rest."""
 
     leg: Leg
     ground: Ground

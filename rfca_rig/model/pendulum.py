@@ -1,8 +1,8 @@
 """Pendulums: chains of one or more links without ground whose joints are driven by recorded torques.
 
-They run through the compiled chain of the leg. A link without length or mass, held still, stands before the first one, so that every
-joint is a hinge between two links and all laws of hinges act on it. Angles count from the hanging position, from joint 2 on from the
-straight line of the link before.
+They use the compiled chain of the leg. A link without length or mass is held still in front of the first one, so that every
+joint is a hinge between two links and all laws of hinges act on it. The angle of joint 1 counts from the hanging position, that of
+any other joint from the direction of the link before.
 """
 
 from collections.abc import Sequence
@@ -29,9 +29,11 @@ Floats = NDArray[np.float64]
 
 FINE = Tolerance(1e-5, 3e-2)
 HANGING_RAD = 0.5 * np.pi  # of the compiled chain, which counts from the horizontal
-NO_GROUND_M = 1e6
-SOON_S = 5e-3  # over which acceleration and jerk at the start are taken: short against a swing, long against the integrator's error
-EVEN_S = 0.1  # for so long the joints are supposed to have turned at their first speed before the start
+NO_GROUND_M = 1e6  # height at which no pendulum reaches the ground
+# Span of the differences for acceleration and jerk at the start: short against a swing, long against the integrator's error.
+SOON_S = 5e-3
+# The joints are assumed to have turned at their initial speed for this long before the start; it fills the memory of the laws.
+EVEN_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,8 @@ class PendulumLink:
 
     `length_m` to the next joint or to the tip; `centre_of_mass_m` from the joint along the link; `inertia_kg_m2` about the joint.
     Viscous damping and dry friction of the joint and the inertia of a rotor, as reflected to it by the gear, are nominal values. A
-    `driven` joint turns under the recorded torque plus `torque_offset_Nm`, `torque_delay_s` later than recorded; any other under none.
-    The joint's angle is read `zero_offset_rad` larger than it is.
+    `driven` joint turns under the recorded torque plus `torque_offset_Nm`, `torque_delay_s` later than recorded; others have no torque.
+    The reading of the joint's angle is too large by `zero_offset_rad`.
     """
 
     length_m: float
@@ -59,7 +61,7 @@ class PendulumLink:
 
 @dataclass(frozen=True)
 class Pendulum:
-    """Links from the fixed joint outwards. Raises BadInput for none, or for a link that is lighter to turn than its mass alone."""
+    """Links from the fixed joint outwards. Raises BadInput for none, or for a link whose inertia is below that of a point mass."""
 
     links: tuple[PendulumLink, ...]
 
@@ -67,6 +69,7 @@ class Pendulum:
         if not self.links:
             raise BadInput("a pendulum without links; give one or more")
         for place, link in enumerate(self.links, start=1):
+            # Steiner's theorem: the inertia about the joint is at least mass times distance squared.
             least = link.mass_kg * link.centre_of_mass_m**2
             if link.inertia_kg_m2 < least * (1.0 - 1e-9):
                 raise BadInput(
@@ -95,9 +98,30 @@ class DrivenPendulum:
     readings: JointReadings = field(default=JointReadings())
 
     def swing(self, trace: TorqueTrace, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance = FINE) -> PendulumMotion:
-        """The motion as it is read, from the readings `angle_rad`, `speed_rad_s` (n,) at t = 0; `t_s` (m,) ascending, above 0.
+        """Simulates the readings of a motion.
 
-        Raises BadInput where the trace has not one torque per joint, SimulationFailed where the integrator cannot go on.
+        Parameters
+        ----------
+        trace
+            Torques of all joints; an offset of the torque sensor is added while the motors are powered.
+        angle_rad, speed_rad_s
+            (n,) readings at t = 0.
+        t_s
+            (m,) ascending, above 0.
+        tolerance
+            Error per step.
+
+        Returns
+        -------
+        PendulumMotion
+            Readings (m, n).
+
+        Raises
+        ------
+        BadInput
+            Where the trace has not one torque per joint.
+        SimulationFailed
+            Where the integrator cannot go on.
         """
         n = len(self.pendulum.links)
         if trace.torque_Nm.shape[1:] != (n,) or angle_rad.shape != (n,) or speed_rad_s.shape != (n,):
@@ -118,24 +142,28 @@ class DrivenPendulum:
 
     def _simulate_lagged(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance) -> PendulumMotion:
         """The same read with a lag: tau y' = x - y. At the start x = y + tau y' for the angle, y = x - tau x' + tau^2 x'' for the speed."""
+        # The true state at the start follows from the readings only with its derivatives, which come from a short simulation.
         lag_s, more_s = self.readings.angle_lag_s, self.readings.speed_lag_s
         angle, speed = angle_rad + lag_s * speed_rad_s, speed_rad_s
-        for _ in range(2 if lag_s > 0.0 else 1):  # acceleration and jerk are those of the true state, which they help to find
+        # Acceleration and jerk belong to the true state, which depends on them: two rounds. Without a lag of the angle it is known.
+        for _ in range(2 if lag_s > 0.0 else 1):
+            # One-sided differences of the speed over two steps of SOON_S.
             soon = self._simulate(laws, angle, speed, np.array([1.0, 2.0]) * SOON_S, tolerance).speed_rad_s
             acceleration = (4.0 * soon[0] - soon[1] - 3.0 * speed) / (2.0 * SOON_S)
             jerk = (soon[1] - 2.0 * soon[0] + speed) / SOON_S**2
             speed = speed_rad_s + lag_s * acceleration - lag_s**2 * jerk
-        times = np.union1d(t_s, np.arange(SOON_S, t_s[-1], SOON_S))  # straight lines between samples would cut the corners of slow ones
+        # The filter takes straight lines between samples, which would cut the corners of a slow sampling.
+        times = np.union1d(t_s, np.arange(SOON_S, t_s[-1], SOON_S))
         motion = self._simulate(laws, angle, speed, times, tolerance)
         angles = _read(times, angle, motion.angle_rad, angle_rad, lag_s)
         speeds = _read(times, speed, motion.speed_rad_s, speed_rad_s, lag_s)
         late_speed = speed_rad_s - more_s * acceleration + more_s**2 * jerk
         speeds = _read(times, speed_rad_s, speeds, late_speed, more_s)
-        kept = np.searchsorted(times, t_s)
-        return PendulumMotion(t_s, angles[kept], speeds[kept])
+        wanted = np.searchsorted(times, t_s)
+        return PendulumMotion(t_s, angles[wanted], speeds[wanted])
 
     def _begin(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats) -> State:
-        """Laws with memory remember a turn at even speed, so that friction is fully there from the start in a joint that moves."""
+        """Initial state. The memory of the laws is that of a rotation at constant speed, so that a moving joint has its full friction."""
         links = len(self.chain.length)
         q, w = HANGING_RAD + np.append(0.0, np.cumsum(angle_rad)), np.append(0.0, np.cumsum(speed_rad_s))
         state = State(q, w, np.zeros(links), np.zeros(links), np.zeros((len(self.uses), links, 4)))
@@ -144,6 +172,7 @@ class DrivenPendulum:
         for ago_s in (EVEN_S, 0.0):
             work.q[:] = q - ago_s * w
             remember(self.chain, laws, state, EVEN_S, work)
+        # These laws have counted the time of the assumed rotation; the trace begins at 0.
         for place, use in enumerate(self.uses):
             if use.reads_torque:
                 state.memory[place, :, CLOCK] = 0.0
@@ -151,9 +180,10 @@ class DrivenPendulum:
 
 
 def _read(t_s: Floats, first: Floats, then: Floats, reading: Floats, lag_s: float) -> Floats:
-    """What a first-order lag makes of `first` (n,) at t = 0 and `then` (m, n) at `t_s`, where it reads `reading` (n,) at t = 0."""
+    """Output (m, n) at `t_s` of a first-order lag for the inputs `first` (n,) at 0 and `then` (m, n); its output at 0 is `reading` (n,)."""
     if lag_s <= 0.0:
         return then
+    # The filter begins in its steady state; the difference to the actual reading decays beside it.
     times = np.append(0.0, t_s)
     at_rest = [lagged(times, np.append(x0, x), lag_s)[1:] for x0, x in zip(first, then.T, strict=True)]
     return np.column_stack(at_rest) + np.exp(-t_s / lag_s)[:, None] * (reading - first)
@@ -163,11 +193,12 @@ FIXED = ShaftMotion(np.array([0.0, 1.0]), np.array([[HANGING_RAD, 0.0, 0.0, 0.0]
 
 
 def driven(pendulum: Pendulum, effects: Sequence[PresentEffect] = ()) -> DrivenPendulum:
-    """The pendulum with effects, acting in their order. Raises BadInput for one that it has no place for."""
+    """The pendulum with effects, applied in their order. Raises BadInput for one that does not act on a pendulum."""
     setup = _set_up(pendulum)
     for present in effects:
         effect, values = resolved(present)
         setup, before = effect.apply(setup, values), setup
+        # A law of the ground or the sensor would be accepted by the chain and do nothing; a silent effect would mislead a fit.
         if effect.where == "ground" or not _acts(before, setup):
             raise BadInput(f"effect {present.id}: acts on ground, shaft or force sensor, which a pendulum does not have; leave it out")
     chain = setup.chain()
@@ -186,12 +217,12 @@ def swing(
     effects: Sequence[PresentEffect] = (),
     tolerance: Tolerance = FINE,
 ) -> PendulumMotion:
-    """One motion of a pendulum; see `DrivenPendulum.swing`."""
+    """One motion of a pendulum from `angle_rad`, `speed_rad_s` (n,) at times `t_s` (m,); see `DrivenPendulum.swing`."""
     return driven(pendulum, effects).swing(trace, angle_rad, speed_rad_s, t_s, tolerance)
 
 
 def rods(pendulum: Pendulum) -> RigModel:
-    """The rig that effects see: rods of the right lengths and masses, without springs, ground or sensor."""
+    """The rig that effects receive: rods of the right lengths and masses, without springs, ground or sensor."""
     links = pendulum.links
     leg = Leg((0.0, *(link.length_m for link in links)), (0.0, *(link.mass_kg for link in links)), 0.0, 0.0, 0.0, 0.0, 0.0)
     return RigModel(leg, Ground(0.0, 0.0, 0.0, 1.0, 0.0), SensorMount(0.0), Drive(1.0))
@@ -211,29 +242,29 @@ def _acts(before: Setup, after: Setup) -> bool:
 
 
 def _set_up(pendulum: Pendulum) -> Setup:
-    """The plain pendulum. Its leg is made of rods; lengths and nominal damping hold, the masses are put right in the chain."""
+    """The plain pendulum. Its leg consists of uniform rods; `_set_masses` then sets masses, inertias and damping in the chain."""
     links = pendulum.links
     drives = tuple(drive_of(joint, link.torque_delay_s) for joint, link in enumerate(links, start=1) if link.driven)
     friction = tuple(friction_of(link.joint_friction_Nm, joint) for joint, link in enumerate(links, start=1) if link.joint_friction_Nm)
     rotors = tuple(inertia_of(link.rotor_inertia_kg_m2, joint) for joint, link in enumerate(links, start=1) if link.rotor_inertia_kg_m2)
     laws = drives + friction + rotors
-    return Setup(rods(pendulum), NO_GROUND_M, FIXED, (lambda chain: _weighted(chain, pendulum),), laws, joint_readings=JointReadings())
+    return Setup(rods(pendulum), NO_GROUND_M, FIXED, (lambda chain: _set_masses(chain, pendulum),), laws, joint_readings=JointReadings())
 
 
-def _weighted(chain: Chain, pendulum: Pendulum) -> Chain:
+def _set_masses(chain: Chain, pendulum: Pendulum) -> Chain:
     """The chain with the masses, inertias and joint damping of the pendulum.
 
-    M_ij = S_i^j, the moment of mass that link i (the one nearer the fixed joint) carries at its end, and of its own; see `state`.
+    M_ij = L_i S_j for links i before j, with S_j the first moment of link j and of all mass beyond it at its end; see `state`.
     """
     links, n = pendulum.links, len(chain.length)
-    beyond = np.append(np.cumsum([link.mass_kg for link in links[::-1]])[::-1][1:], 0.0)
+    mass_beyond = np.append(np.cumsum([link.mass_kg for link in links[::-1]])[::-1][1:], 0.0)
     own = np.array([link.mass_kg * link.centre_of_mass_m for link in links])
-    first = own + beyond * chain.length[1:]
+    first = own + mass_beyond * chain.length[1:]
     moment, first_moment, damping = np.zeros((n, n)), np.zeros(n), chain.hinge_damping.copy()
     moment[1:, 1:] = np.tril(np.outer(first, chain.length[1:]), -1)
     moment += moment.T
     for i, link in enumerate(links):
-        moment[i + 1, i + 1] = link.inertia_kg_m2 + beyond[i] * link.length_m**2
+        moment[i + 1, i + 1] = link.inertia_kg_m2 + mass_beyond[i] * link.length_m**2
         damping[i + 1] += link.joint_damping_Nm_s_per_rad
     first_moment[1:] = first
     return chain._replace(moment=moment, first_moment=first_moment, hinge_damping=damping)

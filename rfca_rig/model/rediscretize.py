@@ -1,6 +1,6 @@
-"""The same leg cut into other links: total length, mass distribution and strip are kept.
+"""Discretises a leg into another number of links; total length, mass distribution and strip are kept.
 
-The strip bends everywhere between the shells; a hinge spring stands for the bending of one stretch of it, its cell, from the middle of
+The strip bends everywhere between the shells; a hinge spring represents the bending of one part of it, its cell, from the middle of
 one link to the middle of the next. Where the moment in a cell of length p is M, the strip there turns by p kappa(M), and that is the
 hinge's angle phi. So torque over angle of a hinge is the strip's moment over curvature, M(kappa) = T(p kappa), and a strip cut into cells
 of length p / m has
@@ -11,9 +11,9 @@ and a measured curve has its angles divided by m at the same torques. m such spr
 of one that turns by phi: the series of springs. With ever more links the leg becomes a beam of bending stiffness k0 p with rigid ends, and
 differs from it by terms in p^2.
 
-Over what length the strip bends is taken from the leg itself: its hinges' cells, those at the ends reaching as far outwards as inwards.
-That stretch stays where it is in the leg, and is shared out equally among the new hinges. What effects have per hinge stays as it is.
-The other reading, that each pin bends a free length of its own, is k0 left as it is; the paper does not tell which is true.
+The length over which the strip bends follows from the leg itself: its hinges' cells, those at the ends reaching as far outwards as
+inwards. That length keeps its place in the leg, and is divided equally among the new hinges. Parameters of effects per hinge do not
+change. In the other reading each pin bends a free length of its own, and k0 stays the same; the paper does not state which is true.
 """
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ MOST_LINKS = 60
 
 
 def cell_m(leg: Leg) -> float:
-    """The mean length of strip that one hinge stands for. Raises BadInput for a leg of two links, which does not tell."""
+    """Mean length of strip that one hinge represents. Raises BadInput for a leg of two links, from which it does not follow."""
     borders = _cells_m(leg)[::2]
     return float((borders[-1] - borders[0]) / (len(leg.link_lengths_m) - 1))
 
@@ -43,13 +43,14 @@ def with_links(leg: Leg, count: int) -> Leg:
     if not 2 <= count <= MOST_LINKS:
         raise BadInput(f"a leg of {count} links: it takes 2 to {MOST_LINKS}")
     cells = _cells_m(leg)
+    # Each new pin is in the middle of its cell, counted in old cells. `cells` has two borders per cell, hence the half.
     middles = (np.arange(wanted) + 0.5) * hinges / wanted
     pins = np.interp(middles, 0.5 * np.arange(cells.size), cells)
     return _recut(leg, np.diff(np.concatenate(([0.0], pins, [sum(leg.link_lengths_m)]))), wanted / hinges)
 
 
 def with_first_link(leg: Leg, first_m: float) -> Leg:
-    """The leg with a first link of that length, the others sharing the rest in their old proportion. Raises BadInput where none is left."""
+    """The leg with a first link of that length; the others share the rest in their old proportion. Raises BadInput where none is left."""
     first, rest = leg.link_lengths_m[0], sum(leg.link_lengths_m[1:])
     if not 0.0 < first_m < first + rest:
         raise BadInput(f"a first link of {1e3 * first_m:g} mm: it must be above 0 and below the leg's length, {1e3 * (first + rest):g} mm")
@@ -66,6 +67,7 @@ def _cells_m(leg: Leg) -> Floats:
     borders = np.cumsum((0.0, *leg.link_lengths_m))
     pins = borders[1:-1]
     between = 0.5 * (pins[:-1] + pins[1:])
+    # An end cell reaches as far outwards from its pin as inwards, but not beyond the leg.
     begin, end = max(2.0 * pins[0] - between[0], 0.0), min(2.0 * pins[-1] - between[-1], borders[-1])
     cells = np.empty(2 * pins.size + 1)
     cells[1::2], cells[::2] = pins, np.concatenate(([begin], between, [end]))
@@ -79,6 +81,7 @@ def _recut(leg: Leg, lengths_m: Floats, m: float) -> Leg:
     if len(leg.torque_splines) > 1:
         raise BadInput("leg.torque_rotation: a leg with a curve for each hinge cannot be cut into other links; give one curve for all")
     old, new = np.cumsum((0.0, *leg.link_lengths_m)), np.concatenate(([0.0], np.cumsum(lengths_m)))
+    # Mass is spread evenly over each old link: interpolating its running sum keeps it where it is.
     masses = np.diff(np.interp(new, old, np.cumsum((0.0, *leg.link_masses_kg))))
     return replace(
         leg,

@@ -1,4 +1,4 @@
-"""What happens between the two ends of a step: angles and speeds by cubic Hermite, forces by the laws themselves. Symbols as in `state`."""
+"""Output between the two ends of a step: angles and speeds by cubic Hermite interpolation, forces by the laws. Symbols as in `state`."""
 
 from rfca_rig.model.compiled import inlined, internal
 from rfca_rig.model.forces import measure
@@ -7,7 +7,7 @@ from rfca_rig.model.state import Chain, Laws, Samples, State, Work
 
 @inlined
 def interpolate(state: State, end: int, h: float, x: float, work: Work) -> None:
-    """q, w, a at the share x of a step of length h from `state` to stage `end` into `work`: order 4 for q and w, 3 for a."""
+    """Interpolates q, w, a at the share x of a step of length h from `state` to stage `end` into `work`: order 4 for q and w, 3 for a."""
     q1, w1, a1 = work.stage_q[end], work.stage_w[end], work.stage_a[end]
     for i in range(state.q.size):
         rise, m0, m1 = q1[i] - state.q[i], h * state.w[i], h * w1[i]
@@ -20,11 +20,12 @@ def interpolate(state: State, end: int, h: float, x: float, work: Work) -> None:
 
 @internal
 def fill_samples(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> int:
-    """Samples inside (t, t_new], from `state` to the last stage. Returns the next sample's index."""
+    """Fills the samples inside (t, t_new], from `state` to the last stage. Returns the next sample's index."""
     h, end = t_new - t, work.stage_q.shape[0] - 1
     while first < out.t.size and out.t[first] <= t_new:
         elapsed = out.t[first] - t
         interpolate(state, end, h, elapsed / h, work)
+        # Forces are not interpolated: contact and friction vary within a step more than a cubic can follow.
         measure(chain, laws, state, elapsed, work.q, work.w, work.a, work, work.force)
         for i in range(state.q.size):
             out.q[first, i], out.w[first, i] = work.q[i], work.w[i]

@@ -1,4 +1,4 @@
-"""One simulation put together: rig, height, shaft motion, and what effects change in them."""
+"""Builds one simulation from rig, height and shaft motion, and lets each effect change it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -21,14 +21,15 @@ from rfca_rig.model.tabulated_law import TABULATED_LAW, effect_of_table
 
 Floats = NDArray[np.float64]
 
+# The compiled chain reads a law's numbers from the first columns of its row; its table begins behind them.
 PARAMETERS_AT_MOST = TABLE
 
 
 @dataclass(frozen=True)
 class Felt:
-    """What the sensor reports: channels over time (m,), in its axes and signs. Effects of the sensor change it afterwards.
+    """Channels of the force sensor over time, all (m,), in its axes and signs. Effects of the sensor change them afterwards.
 
-    `shaft_rad` is where the shaft is meanwhile.
+    `shaft_rad` is the shaft angle at the same times.
     """
 
     t_s: Floats
@@ -40,13 +41,13 @@ class Felt:
 
 @dataclass(frozen=True)
 class SoftDrive:
-    """A shaft that is not where it is told: torque k (commanded - angle) + kw (commanded speed - speed) on a rotor.
+    """A shaft that does not follow its command exactly: torque k (commanded - angle) + kw (commanded speed - speed) on a rotor.
 
     With play, the part with k engages only beyond `gap_rad` on either side, as a contact of Hunt and Crossley: k bent (1 + loss speed).
-    The torque stays within `limit_Nm`; beside it the motor cogs, by `cogging_Nm`, so many `cogging_cycles` a turn.
+    The torque stays within `limit_Nm`. The motor cogs by `cogging_Nm` in addition, with `cogging_cycles` cycles per turn.
 
-    Before the motion it rests where k carries the weight of the leg, or, if it `holds_start`, where it is told, by a torque that stays.
-    `effect` is the id of the effect that asked for it.
+    Before the motion it rests where k carries the weight of the leg. If it `holds_start`, it rests at the commanded angle instead, and a
+    constant torque carries the weight. `effect` is the id of the effect that added it.
     """
 
     effect: str
@@ -72,11 +73,17 @@ class JointReadings:
 
 @dataclass(frozen=True)
 class Setup:
-    """What is simulated. Effects replace what they change: `rig` and `height_m`, the `motion`, the finished `chain` through
-    `chain_changes`, laws inside it (`laws_of_chain` are those that depend on what else has changed in it), the drive, what the sensor makes
-    of it, or how what swings stands in the beginning. Only pendulums have `joint_readings`.
+    """What is simulated. Each effect replaces the part that it changes.
 
-    `strokes_before` are how many strokes the leg had made before, of each stroke whose mean is simulated; () where they were not counted.
+    - `rig`, `height_m`, `motion`: the values.
+    - `chain_changes`: applied to the finished chain.
+    - `laws`: added to the equations of motion; `laws_of_chain` are built from the finished chain, because they depend on other effects.
+    - `drive`: a compliant drive between command and shaft.
+    - `sensor_changes`: applied to the sensor's channels.
+    - `begins`: initial states, of what swings already where a recording begins.
+    - `joint_readings`: of pendulums only.
+
+    `strokes_before` holds, for each stroke whose mean is simulated, how many strokes the leg had made before; () where not counted.
     """
 
     rig: RigModel
@@ -99,8 +106,9 @@ class Setup:
         return chain
 
     def compiled_laws(self, chain: Chain) -> Laws | None:
-        """The laws of effects as the compiled chain wants them; None for a plain chain."""
+        """The laws of effects in the form of the compiled chain; None for a plain chain. Raises BadInput as `check` does."""
         laws = (*self.laws, *(law(chain) for law in self.laws_of_chain))
+        # The compiler makes a faster version for the plain chain; frame, shaft friction and bump exist only in the other one.
         if not laws and chain.frame_mass == chain.shaft_friction == chain.bump_height == 0.0:
             return None
         for use in laws:
@@ -109,7 +117,7 @@ class Setup:
 
     @property
     def begins_s(self) -> float:
-        """When the simulation begins: with the motion at 0, or before where the leg swings already."""
+        """Start time of the simulation [s]: 0, where the motion begins, or earlier where the leg swings already."""
         return -self.rig.swing.before_s if self.rig.swing else 0.0
 
     def begin(self, chain: Chain, laws: Laws | None) -> tuple[Shaft, State]:
@@ -117,9 +125,11 @@ class Setup:
         motion = self.motion.standing_since(self.begins_s) if self.rig.swing else self.motion
         start_rad = float(motion.angle_rad(np.zeros(1))[0])
         shaft = motion.shaft() if self.drive is None else softened(motion.shaft(), self.drive, start_rad)
+        # A drive without an integrator sags: its spring carries the weight only where the shaft is away from its command.
         sags = self.drive is not None and not self.drive.holds_start
         state = at_rest(chain, start_rad, laws, shaft) if sags else at_rest(chain, start_rad, laws)
         if shaft.free and not sags:
+            # The integrator of the drive has taken up the weight before the motion, and keeps that torque.
             shaft = shaft._replace(feed=holding_torque(chain, laws, state))
         if self.rig.swing:
             set_swinging(chain, laws, state, self.rig.swing.share, self.rig.swing.rate_per_s)
@@ -128,7 +138,7 @@ class Setup:
         return shaft, state
 
     def felt(self, felt: Felt) -> Felt:
-        """What the sensor makes of it."""
+        """The sensor's channels (m,) after all changes, in the order in which the effects were stated."""
         for change in self.sensor_changes:
             felt = change(felt)
         return felt
@@ -136,6 +146,7 @@ class Setup:
 
 def check(use: LawUse) -> None:
     """Raises BadInput, naming the file, for a law that cannot be compiled or has too many parameters."""
+    # The law may be a lab's own, so each message names its file and function.
     code = use.law.__code__
     if len(use.parameters) > PARAMETERS_AT_MOST:
         raise BadInput(f"{code.co_filename}: {code.co_name} has {len(use.parameters)} parameters, a law takes {PARAMETERS_AT_MOST} at most")
@@ -147,14 +158,14 @@ def check(use: LawUse) -> None:
 
 
 def holding_torque(chain: Chain, laws: Laws | None, state: State) -> float:
-    """What the shaft must bear for the leg to stand as it does, in the direction of its angle."""
+    """Torque of the shaft that holds the leg in this state [N m], positive in the direction of its angle."""
     work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
     measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
     return float(force[2])
 
 
 def softened(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
-    """The commanded shaft with a soft drive between command and leg."""
+    """The commanded shaft with a compliant drive between command and leg; `start_rad` is its angle before the motion."""
     return shaft._replace(
         free=True,
         rotor=drive.rotor_kg_m2,
@@ -188,34 +199,36 @@ def set_up(rig: RigModel, height_m: float, motion: ShaftMotion, strokes_before: 
 
 
 def resolved(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
-    """The catalogue's entry, and the values by parameter name, neutral ones where they may be left out.
+    """The catalogue's entry, and the values by parameter name, with neutral values for optional parameters that are not given.
 
     Raises BadInput where either does not fit.
     """
     if present.id == TABULATED_LAW:
         return effect_of_table(present.table), {}
-    known = catalogue()
-    if present.id not in known:
-        raise BadInput(f"effect {present.id}: not in the catalogue; there are {', '.join(sorted(known))}")
-    effect, values = known[present.id], dict(present.values)
-    wanted = {parameter.name for parameter in effect.parameters}
+    effects = catalogue()
+    if present.id not in effects:
+        raise BadInput(f"effect {present.id}: not in the catalogue; there are {', '.join(sorted(effects))}")
+    effect, values = effects[present.id], dict(present.values)
+    required = {parameter.name for parameter in effect.parameters}
     neutral = {parameter.name: parameter.neutral for parameter in (*effect.shape, *effect.begins)}
-    if set(values) - set(neutral) != wanted:
-        raise BadInput(f"effect {present.id}: takes {', '.join(sorted(wanted))}, was given {', '.join(sorted(values)) or 'nothing'}")
+    # Shape parameters and initial states are optional in a file; all others are required.
+    if set(values) - set(neutral) != required:
+        raise BadInput(f"effect {present.id}: takes {', '.join(sorted(required))}, was given {', '.join(sorted(values)) or 'nothing'}")
     return effect, neutral | values
 
 
 def with_law(setup: Setup, law: LawUse) -> Setup:
-    """The setup with one law more."""
+    """The setup with one more law."""
     return replace(setup, laws=(*setup.laws, law))
 
 
 def link_of_hinge(setup: Setup, effect_id: str, hinge: float) -> int:
-    """The place in the chain of a hinge counted as people do: hinge i is the proximal one of link i, links counted from one.
+    """Index in the chain of a hinge that is numbered from one: hinge i is the proximal one of link i.
 
     Raises BadInput, which names the effect, for a hinge that the leg does not have.
     """
     last = len(setup.rig.leg.link_lengths_m)
+    # A fit varies the number continuously, so it is rounded; joint 1 is the shaft and has no hinge.
     if not 1.5 <= hinge < last + 0.5:
         raise BadInput(f"effect {effect_id}: hinge {hinge:g} is not there; this leg has hinges 2 to {last}")
     return round(hinge) - 1
@@ -227,28 +240,28 @@ def with_chain(setup: Setup, change: Callable[[Chain], Chain]) -> Setup:
 
 
 def with_sensor(setup: Setup, change: Callable[[Felt], Felt]) -> Setup:
-    """The setup with one more change of what is felt."""
+    """The setup with one more change of the sensor's channels."""
     return replace(setup, sensor_changes=(*setup.sensor_changes, change))
 
 
 def with_late_readings(setup: Setup, effect_id: str, angle_lag_s: float = 0.0, speed_lag_s: float = 0.0) -> Setup:
-    """The setup whose joint angles and speeds, or speeds alone, are read through one lag more; two in a row count as one of their sum.
+    """The setup whose joint angles and speeds, or speeds alone, are read through one more lag; two in a row count as one of their sum.
 
     Raises BadInput for a rig whose joint angles are not recorded.
     """
-    now = setup.joint_readings
-    if now is None:
+    readings = setup.joint_readings
+    if readings is None:
         raise BadInput(f"effect {effect_id}: the joint angles of this rig are not recorded; leave it out")
-    return replace(setup, joint_readings=JointReadings(now.angle_lag_s + angle_lag_s, now.speed_lag_s + speed_lag_s))
+    return replace(setup, joint_readings=JointReadings(readings.angle_lag_s + angle_lag_s, readings.speed_lag_s + speed_lag_s))
 
 
 def with_begin(setup: Setup, swing: Callable[[Chain, State], None]) -> Setup:
-    """The setup with one more thing that swings already where a recording begins."""
+    """The setup with one more initial state, of what swings already where a recording begins."""
     return replace(setup, begins=(*setup.begins, swing))
 
 
 def with_drive(setup: Setup, drive: SoftDrive) -> Setup:
-    """The setup with a soft drive. Raises BadInput for a second one: two in series need a coordinate that the chain lacks."""
+    """The setup with a compliant drive. Raises BadInput for a second one: two in series need a coordinate that the chain lacks."""
     if setup.drive is not None:
         raise BadInput(f"{setup.drive.effect} and {drive.effect} both soften the drive; the model takes one at a time, leave one out")
     return replace(setup, drive=drive)

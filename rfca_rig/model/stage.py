@@ -1,4 +1,4 @@
-"""One implicit stage of a step, by Newton's iteration with a derivative that serves as long as it is good. Symbols as in `state`."""
+"""Solves one implicit stage of a step by Newton's iteration, which keeps its factored Jacobian while it is good. Symbols as in `state`."""
 
 import numpy as np
 
@@ -9,13 +9,16 @@ from rfca_rig.model.shaft import drive_rotor, place
 from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
 
 NEWTON_LIMIT = 10  # a stage that needs more iterations is cheaper to repeat at half the length
-GOOD_CONTRACTION = 0.1  # an iteration that gains less than a digit gets a new derivative
-SAME_SLOPE = 0.3  # of the hinge's spring: where an effect changes by more, the derivative is another one
+GOOD_CONTRACTION = 0.1  # an iteration that gains less than a digit gets a new Jacobian
+# Share of a hinge's spring stiffness. Where the slope of the effects changes by more, the Jacobian is outdated.
+SAME_SLOPE = 0.3
+# Newton diverges; the comparison also catches NaN, for which it is false.
 ABSURD_RAD_S2 = 1e15
 
 
 def room_to_work(coordinates: int, links: int) -> Work:
-    """Scratch for a chain of so many links and coordinates."""
+    """Working memory for a chain of so many links (n) and coordinates (c)."""
+    # Few large arrays, each cut into views: an integration begins with few allocations.
     v, u = np.zeros((15, coordinates)), np.zeros((2, links))
     stages, regimes, exchange = np.zeros((3, 4, coordinates)), np.zeros((2, 2, links)), np.zeros((2, 8))
     return Work(
@@ -58,12 +61,13 @@ def room_to_work(coordinates: int, links: int) -> Work:
 def solve_stage(
     chain: Chain, laws: Laws | None, shaft: Shaft, state: State, elapsed: float, t: float, g: float, enough: float, reuse: bool, work: Work
 ) -> bool:
-    """`work.a` such that R(base_q + g w, base_w + g a, a) = 0, with q and w. True when converged: the last change of w below `enough`.
+    """Finds `work.a` such that R(base_q + g w, base_w + g a, a) = 0, with q and w. True if the last change of w is below `enough`.
 
-    With `reuse`, the factored derivative of an earlier stage with the same g serves on while every contact and hinge is on the
-    branch of its law on which that was made, and while each iteration gains a digit.
+    With `reuse`, the factored Jacobian of an earlier stage with the same g is kept while every contact and hinge is on the
+    branch of its law on which it was made, and while each iteration gains a digit.
     """
     q, w, a, before = work.q, work.w, work.a, np.inf
+    # The acceleration of a prescribed shaft is known: its row and column are left out of the system, eq. (16).
     first = 0 if shaft.free else 1
     for _ in range(NEWTON_LIMIT):
         place(shaft, t, work.base_q, work.base_w, g, q, w, a)
@@ -71,6 +75,7 @@ def solve_stage(
             assemble(chain, laws, state, elapsed, q, w, a, None, work)
             reuse = in_the_regime_of_J(chain, work)
         if not reuse:
+            # dw/da = g and dq/da = g^2 within the stage, which makes these the weights of the three derivatives of R.
             assemble(chain, laws, state, elapsed, q, w, a, (1.0, g, g * g), work)
             drive_rotor(shaft, t, q, w, a, g, True, work)
             if not factor(work.J, work.pivot, first):
@@ -86,6 +91,7 @@ def solve_stage(
         if not change < ABSURD_RAD_S2:
             return False
         if g * change < enough:
+            # q and w must agree with the last change of a, since the next step begins from them.
             place(shaft, t, work.base_q, work.base_w, g, q, w, a)
             return True
         reuse = change < GOOD_CONTRACTION * before
@@ -95,7 +101,7 @@ def solve_stage(
 
 @inlined
 def in_the_regime_of_J(chain: Chain, work: Work) -> bool:
-    """Whether all laws are on the branches on which they were when J was made."""
+    """Whether all laws are on the branches on which they were when J was computed."""
     now, then, same = work.regime, work.regime_of_J, True
     for k in range(now.shape[1]):
         same = same and now[0, k] == then[0, k] and abs(now[1, k] - then[1, k]) <= SAME_SLOPE * chain.k0[k]
@@ -104,7 +110,7 @@ def in_the_regime_of_J(chain: Chain, work: Work) -> bool:
 
 @inlined
 def note_regime(work: Work) -> None:
-    """J has just been made."""
+    """Stores the branches for which J has just been computed."""
     for i in range(work.regime.shape[0]):
         for k in range(work.regime.shape[1]):
             work.regime_of_J[i, k] = work.regime[i, k]

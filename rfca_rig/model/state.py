@@ -1,6 +1,7 @@
-"""What the compiled code works on, as named tuples, and the symbols of all of it.
+"""Named tuples of arrays that the compiled code works on, and the symbols that all its modules use.
 
 Symbols, as in the paper's section III with absolute angles instead of relative ones:
+    n        number of links; c number of coordinates: n, or n + 1 where a frame yields
     q_i      absolute angle of link i, from +y, positive downwards [rad]; q_0 is the shaft
     w_i, a_i its speed [rad/s] and acceleration [rad/s2]
     Y_k, D_k place of the distal end of link k: along the ground, and depth below the shaft [m]
@@ -9,7 +10,7 @@ Symbols, as in the paper's section III with absolute angles instead of relative 
              one where the `lever` l of friction is r [m]; its force turns the link on l - rise delta
                (Y, D, delta and s are taken along and across the floor where it slopes)
     R        = M(q) a + h(q, w) - Q, the residual of the equations of motion [N m]; R_0 is the shaft torque
-    J        = ca dR/da + cw dR/dw + cq dR/dq, with the three weights the caller needs
+    J        = ca dR/da + cw dR/dw + cq dR/dq, the Jacobian of a stage, with the three weights the caller needs
 """
 
 from typing import NamedTuple
@@ -22,16 +23,16 @@ Integers = NDArray[np.int64]
 
 
 class Chain(NamedTuple):
-    """Leg and ground. Arrays (n,) per link, `moment` (n, n) couples the links (inertia on its diagonal); SI units.
+    """Leg and ground as numbers. Arrays (n,) per link, `moment` (n, n) couples the links (inertia on its diagonal); SI units.
 
     `spring_origin` (n, p) and `spring_cubic` (n, p, 5) hold the measured curves of the hinges, p = 0 where these follow k0 and k2; see
     `torque_spline`.
 
     `gravity` pulls down and `gravity_along` towards +y. The floor falls away towards +y by an angle whose cosine and sine are
-    given. A frame that yields has `frame_mass` > 0 and is the coordinate behind the last link: its way along a line, on a
-    spring with damping. `frame_down` and `frame_aside` are cosine and sine of the line's lean from down towards y. The share
+    given. A frame that yields has `frame_mass` > 0. Its displacement along a line, on a spring with damping, is the coordinate behind
+    the last link. `frame_down` and `frame_aside` are cosine and sine of the line's lean from down towards y. The share
     `frame_on_sensor` of its mass stands between sensor and shaft: the sensor feels its inertia.
-    `shaft_friction` drags against the turn of the shaft. The floor has a bump of `bump_height`, at `bump_at` along it; see `bump`.
+    `shaft_friction` acts against the rotation of the shaft. The floor has a bump of `bump_height`, at `bump_at` along it; see `bump`.
     """
 
     length: Floats
@@ -74,8 +75,8 @@ Weights = tuple[float, float, float]  # ca, cw, cq
 
 
 class State(NamedTuple):
-    """Where the chain is, changed in place: q, w, a for every coordinate; per link the `anchor` to which the end's lowest point
-    is tied on the ground [m]; `memory` (m, n, 4) is what the laws of effects remember of each hinge or link.
+    """State of the chain, changed in place: `q`, `w`, `a` (c,) for every coordinate; `anchor` (n,) is the point on the ground to
+    which each end's lowest point is tied [m]; `memory` (m, n, 4) holds the internal variables of m laws at each hinge or link.
     """
 
     q: Floats
@@ -86,9 +87,10 @@ class State(NamedTuple):
 
 
 class Laws(NamedTuple):
-    """Laws that effects add, as compiled functions at `address` (m,), called at their `place`; see `laws`.
+    """Laws that effects add, as compiled functions at `address` (m,), called at their `place` (m,); see `laws`.
 
-    `only` (m,) is the one hinge or link a law acts on, -1 for all; `parameter` (m, 8).
+    `advance` (m,) is the address of the function that updates the memory after a step, 0 for none. `only` (m,) is the one hinge or link
+    a law acts on, -1 for all; `parameter` (m, 8) or wider, where a table stands behind the eight numbers.
     """
 
     address: Integers
@@ -100,9 +102,11 @@ class Laws(NamedTuple):
 
 class Shaft(NamedTuple):
     """What turns the shaft: a prescribed piecewise cubic angle, or (`free`) a rotor under
-    feed + k_angle (angle - q) + k_speed (speed - w), where angle and speed follow the piecewise cubic if there is one. The part with
-    k_angle engages only beyond `gap` on either side, there with the factor 1 + `loss` (speed - w). The torque stays within `limit`.
-    Beside it acts cogging sin(cycles (q - angle at the start) + phase).
+    feed + k_angle (angle - q) + k_speed (speed - w), where angle and speed follow the piecewise cubic if there is one.
+
+    The part with k_angle engages only beyond `gap` on either side, there with the factor 1 + `loss` (speed - w). The torque stays within
+    `limit`. Cogging is added: cogging sin(cycles (q - angle at the start) + phase). `breaks` (m + 1,) and `coefficient` (m, 4) are those
+    of `motion.ShaftMotion`; `landings` (l,) are times on which a step must end.
     """
 
     breaks: Floats
@@ -124,7 +128,7 @@ class Shaft(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Room for samples at `t` (m,): `q`, `w` (m, coordinates), `force` (m, 3) = fy, fz, shaft torque, `contact` (m, 2, n) = N, F."""
+    """Output samples at `t` (m,): `q`, `w` (m, c), `force` (m, 3) = fy, fz, shaft torque, `contact` (m, 2, n) = N, F."""
 
     t: Floats
     q: Floats
@@ -134,19 +138,27 @@ class Samples(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of one integration.
+    """Working memory of one integration, allocated once so that no step allocates.
 
-    `J` holds its triangular factors with the row exchanges `pivot` once it is factored. `sin`, `cos` are those of the angles last
-    assembled; `down`, `along` (n,) how every end beyond link j moves across and along
-    the floor per radian of q_j; `arm` how the middle of a link moves across it per unit of each coordinate; `speed2`, `by_cos`,
-    `by_sin` what the coupling of links needs of each; `place` (n, 7) of each end its depth, sinking, stretch and slip, and what
-    `bump` needs; `across`, `aside` (coordinates) are `down` and `along` over the floor that slopes under one end; `regime` (2, n) on
-    which branch the law of each contact is, and the slope of the effects in each hinge, `regime_of_J` those at which J was
-    made; `outside` (2,) the force of the surroundings on the leg along y and down; `x` and `out` (8,) go to and from the laws of
-    effects. `q`, `w`, `a` are those of the stage in work, `stage_w` and `stage_a` (4, coordinates) those of the step's stages;
-    `jerk` is what the last step says of the acceleration's change, and `ends` (n, 7) is `place` where the step
-    begins. `limit` (3, n) is the friction limit mu |N| of the ends: as last evaluated, at the end of the step, and
-    where it begins. An infinite one at the beginning says that the stretch alone tells what a tie carries.
+    Arrays without a shape have one entry per coordinate (c,).
+
+    - `R`, `J` (c, c): the residual, and its derivative. Once factored, `J` holds its triangular factors, `pivot` their row exchanges.
+    - `sin`, `cos`: of the angles last assembled.
+    - `down`, `along` (n,): how every end beyond link j moves across and along the floor per radian of q_j. `across`, `aside` are the
+      same over a floor that slopes under one end.
+    - `arm`: how the middle of a link moves across the link per unit of each coordinate.
+    - `speed2`, `by_cos`, `by_sin`: factors of the inertial coupling of the links.
+    - `q`, `w`, `a`: of the stage being solved. `stage_q`, `stage_w`, `stage_a` (4, c): of the step's stages. `base_q`, `base_w`: what
+      a stage has before its own acceleration adds to it. `jerk`: estimate of da/dt from the last step.
+    - `contact` (2, n): N and F of each end. `force` (3,): fy, fz, shaft torque. `outside` (2,): force of the surroundings on the leg,
+      along y and down.
+    - `place` (n, 7): of each end its depth, depth rate, stretch, slip and three columns for `bump`. `ends` (n, 7): `place` where the
+      step begins.
+    - `limit` (3, n): friction limit mu |N| of the ends, as last evaluated, at the end of the step, and where it begins. An infinite one
+      at the beginning means that the force of a tie follows from its stretch alone.
+    - `regime` (2, n): on which branch the law of each contact is, and the slope of the effects in each hinge. `regime_of_J` (2, n): the
+      same where J was made.
+    - `x`, `out` (8,): arguments and results of the laws of effects.
     """
 
     R: Floats

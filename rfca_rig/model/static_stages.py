@@ -1,12 +1,12 @@
-"""The static experiment in time: the shaft moves to each stage at a speed and stops, the leg settles, then it is read.
+"""Simulates the static experiment in time: the shaft moves to each stage and stops, the leg settles, then it is read.
 
-At rest the leg remembers how it came there. When a shaft that turned at 1 rad/s stops within some milliseconds, the sliding tip is
-thrown back by some micrometres against the ties to the ground, and its friction falls below mu N by a newton or more; only a shaft that
-creeps, or slows down softly, leaves it at the limit, as `static_path` has it. A static table that was measured with brisk moves is
-to be held against these states.
+The state at rest depends on how the leg came there. When a shaft that turned at 1 rad/s stops within some milliseconds, the sliding tip
+is thrown back by some micrometres against the ties to the ground, and its friction falls below mu N by a newton or more. Only a shaft that
+creeps, or slows down softly, leaves it at the limit, as in `static_path`. A static table that was measured with fast moves must be
+compared with these states.
 
-Effects of the rig act here as they do in a stroke, those that remember from stage to stage. The sensor's are applied to what it feels
-at rest: a lag or a shifted clock leaves no trace there, a drift counts from the beginning of the table.
+Effects of the rig act here as in a stroke; those with memory keep it from stage to stage. Effects of the sensor are applied to its
+channels at rest: a lag or a shifted clock has no effect there, a drift counts from the beginning of the table.
 """
 
 from collections.abc import Sequence
@@ -26,13 +26,14 @@ from rfca_rig.model.stroke import SimulatedStroke, stroke_following
 
 Floats = NDArray[np.float64]
 
-AT_REST = Tolerance(longest_s=0.02)  # a hold takes a third of the steps; what is read changes by 1 % of a sensor's noise
-STILL_AFTER_S = 0.1  # the shaft rests on after a reading, longer than any clock is shifted
+# Longer steps than in a stroke: a hold takes a third of them, and the readings change by 1 % of a sensor's noise.
+AT_REST = Tolerance(longest_s=0.02)
+STILL_AFTER_S = 0.1  # rest of the shaft after a reading, longer than any clock is shifted
 
 
 @dataclass(frozen=True)
 class StageMoves:
-    """How the shaft goes from stage to stage: to `speed_rad_s` and back to rest within `ramp_s` each, then `hold_s` before the reading.
+    """Moves of the shaft between stages: to `speed_rad_s` and back to rest within `ramp_s` each, then `hold_s` before the reading.
 
     On the ground the slowest vibration of the paper's leg has died out after 0.3 s; in the air it swings for 2 s. Raises
     BadInput where one of them is not above 0.
@@ -51,33 +52,51 @@ class StageMoves:
 
 
 def static_stages(rig: RigModel, height_m: float, shaft_angles_rad: Sequence[float] | Floats, moves: StageMoves) -> list[StaticState]:
-    """The states at `shaft_angles_rad`, one after the other from rest at the leg's start angle, each read at the end of its hold.
+    """Simulates all stages in time, some ten milliseconds of computing per stage.
 
-    A dynamic simulation of the whole table, some ten milliseconds a stage. The angles are those of the motor, behind which a soft drive
-    leaves the leg. Raises SimulationFailed where the integrator cannot go on.
+    Parameters
+    ----------
+    rig, height_m
+        The rig, and the height of the shaft above the ground.
+    shaft_angles_rad
+        (s,) angles of the motor in the order of the stages; a compliant drive leaves the leg behind them.
+    moves
+        How the shaft moves, first from rest at the leg's start angle.
+
+    Returns
+    -------
+    list of StaticState
+        One per stage, at the end of its hold.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the integrator cannot go on.
     """
     motion, read_s = staged_motion(rig.leg.start_angle_rad, shaft_angles_rad, moves)
-    around_s = np.array([-0.5 * moves.hold_s, 0.0, STILL_AFTER_S])  # effects of the sensor see it at rest before and after
-    held = stroke_following(rig, height_m, motion, (read_s[:, None] + around_s).ravel(), AT_REST)
+    # Samples at rest before and after each reading, between which effects of the sensor interpolate.
+    around_s = np.array([-0.5 * moves.hold_s, 0.0, STILL_AFTER_S])
+    simulated = stroke_following(rig, height_m, motion, (read_s[:, None] + around_s).ravel(), AT_REST)
     mu = friction_at_rest(rig, height_m, motion)
-    return [_state(held, row, mu) for row in range(1, len(held.t_s), len(around_s))]
+    return [_state(simulated, row, mu) for row in range(1, len(simulated.t_s), len(around_s))]
 
 
 def friction_at_rest(rig: RigModel, height_m: float, motion: ShaftMotion) -> float:
-    """The friction coefficient that a point which does not slip is held with, effects included."""
+    """The friction coefficient of a point that does not slip, effects included."""
     setup = set_up(rig, height_m, motion)
+    # Laws of the slip have one factor at rest; those of the load (LOAD) are not included.
     factors = [use.law(0.0, (0.0,) * 4, use.parameters)[0] for use in setup.laws if use.place == SLIP]
     return float(setup.chain().mu * np.prod(factors))
 
 
-def _state(held: SimulatedStroke, row: int, mu: float) -> StaticState:
-    normal, tangential = held.normal_N[row], held.tangential_N[row]
+def _state(simulated: SimulatedStroke, row: int, mu: float) -> StaticState:
+    normal, tangential = simulated.normal_N[row], simulated.tangential_N[row]
     return StaticState(
-        q_rad=held.q_rad[row],
-        fy_N=float(held.fy_N[row]),
-        fz_N=float(held.fz_N[row]),
-        tx_Nm=float(held.tx_Nm[row]),
-        shaft_torque_Nm=float(held.shaft_torque_Nm[row]),
+        q_rad=simulated.q_rad[row],
+        fy_N=float(simulated.fy_N[row]),
+        fz_N=float(simulated.fz_N[row]),
+        tx_Nm=float(simulated.tx_Nm[row]),
+        shaft_torque_Nm=float(simulated.shaft_torque_Nm[row]),
         normal_N=normal,
         tangential_N=tangential,
         touch=touches(mu, normal, tangential),
@@ -86,7 +105,7 @@ def _state(held: SimulatedStroke, row: int, mu: float) -> StaticState:
 
 
 def staged_motion(start_rad: float, angles_rad: Sequence[float] | Floats, moves: StageMoves) -> tuple[ShaftMotion, Floats]:
-    """A shaft that goes from angle to angle, and the times (m,) of the readings, shortly after which it moves on.
+    """Motion of a shaft from angle to angle (m,), and the times (m,) of the readings, shortly after which it moves on.
 
     A move too short to reach its speed within the ramps stays slower.
     """
@@ -103,11 +122,12 @@ def staged_motion(start_rad: float, angles_rad: Sequence[float] | Floats, moves:
 
 def _move(here: float, there: float, moves: StageMoves) -> list[tuple[float, list[float]]]:
     """(seconds, coefficients) of the pieces of one move."""
-    way, ramp_s = there - here, moves.ramp_s
-    if way == 0.0:
+    distance, ramp_s = there - here, moves.ramp_s
+    if distance == 0.0:
         return []
-    speed = np.sign(way) * min(moves.speed_rad_s, abs(way) / ramp_s)
-    even_s, ramped = way / speed - ramp_s, 0.5 * speed * ramp_s
+    # Trapezoidal speed over time; a short move is a triangle with a lower peak.
+    speed = np.sign(distance) * min(moves.speed_rad_s, abs(distance) / ramp_s)
+    even_s, ramped = distance / speed - ramp_s, 0.5 * speed * ramp_s
     half_acceleration = 0.5 * speed / ramp_s
     return [
         (ramp_s, [here, 0.0, half_acceleration, 0.0]),

@@ -1,4 +1,4 @@
-"""What is measured of a leg at rest on the ground, and what the ground does to each link end."""
+"""Readings of a leg at rest on the ground, and the contact of each link end."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -14,7 +14,7 @@ AT_THE_LIMIT = 1.0 - 1e-6  # share of mu N from which on friction counts as full
 
 
 class Touch(Enum):
-    """What the ground does to the end of a link."""
+    """Contact state of the end of a link."""
 
     AIR = "air"
     STUCK = "stuck"
@@ -27,7 +27,7 @@ class StaticState:
 
     `q_rad` (n,) absolute link angles; `hinge_angles_rad` (n - 1,) of hinges 2..n; `normal_N`, `tangential_N` (n,) and `touch`
     (n,) at the end of each link, as they act on the leg (up, and along +y). SLIDING means that friction is at its limit mu N.
-    `jumped` when the leg has passed a place without equilibrium since the state before; a path followed in time never says so.
+    `jumped` if the leg has passed a place without equilibrium since the state before; never set for a path that is simulated in time.
     """
 
     q_rad: Floats
@@ -50,7 +50,7 @@ class StaticState:
 
 
 def static_state(rig: RigModel, q_rad: Floats, shaft_torque_Nm: float, normal_N: Floats, tangential_N: Floats, jumped: bool) -> StaticState:
-    """The state of a plain leg at rest with these angles, ground forces and torque: the mount feels ground and weight only."""
+    """The state of a plain leg at rest with angles `q_rad` (n,) and ground forces (n,); the mount carries ground forces and weight."""
     fy = -float(tangential_N.sum())
     weight = sum(rig.leg.link_masses_kg) * GRAVITY_M_S2
     return StaticState(
@@ -67,7 +67,7 @@ def static_state(rig: RigModel, q_rad: Floats, shaft_torque_Nm: float, normal_N:
 
 
 def touches(mu: float, normal_N: Floats, tangential_N: Floats) -> tuple[Touch, ...]:
-    """What the ground does to each end (n,), where friction at rest holds up to mu times the normal force."""
+    """Contact state of each end (n,) for its normal and tangential force (n,), with mu the friction coefficient at rest."""
     return tuple(_touch(mu, N, F) for N, F in zip(normal_N, tangential_N, strict=True))
 
 

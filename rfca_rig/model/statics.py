@@ -2,8 +2,9 @@
 
 Symbols of the paper: phi_i angle of joint i (phi_1 the shaft, phi_2.. the hinges), varphi_k = phi_1 + .. + phi_k absolute angle of
 link k, L_i its length; x along the ground and y downwards, so that angles count from x towards y. Positions and forces are
-pairs (along, down). Two things are mended: the matrix printed in (10) is the transpose of J of (9), 7 x 2, or the product with
-(F_x, F_y) has no sense; and its alpha_i is the varphi_i of (9). Joint 1 has no spring: there k_1 phi_1 stands for the torque of the drive.
+pairs (along, down). Two misprints are corrected: the matrix printed in (10) must be the transpose of J of (9), 7 x 2, since otherwise its
+product with (F_x, F_y) is not defined; and its alpha_i is the varphi_i of (9). Joint 1 has no spring: there k_1 phi_1 stands for the
+torque of the drive.
 """
 
 from dataclasses import dataclass
@@ -19,15 +20,16 @@ Floats = NDArray[np.float64]
 
 NEWTON_LIMIT = 15
 CONVERGED_RAD = 1e-12
-FARTHEST_TURN_RAD = 0.3  # of a hinge within one load step, so that Newton stays on the branch that loading leads along
+# Of a hinge within one load step, so that Newton stays on the branch that begins at no load.
+FARTHEST_TURN_RAD = 0.3
 SMALLEST_LOAD_STEP = 1e-5
 
 
 @dataclass(frozen=True)
 class TipChain:
-    """What the statics need of a leg: `L` (n,) [m], `mass` (n,) [kg], springs, and the radius of the tip's circle [m].
+    """The leg in the statics: `L` (n,) [m], `mass` (n,) [kg], springs, and the radius of the tip's circle [m].
 
-    The force acts at the lowest point of that circle, as it does on the ground; the paper has radius 0.
+    The force acts at the lowest point of that circle, as on the ground; the paper has radius 0.
     """
 
     L: Floats
@@ -38,14 +40,14 @@ class TipChain:
 
     @property
     def first_moment(self) -> Floats:
-        """Mass times arm that each link carries, its own half and all beyond it (n,) [kg m]."""
+        """First moment of each link about its joint, with the links beyond it at its end (n,) [kg m]."""
         beyond = np.cumsum(self.mass[::-1])[::-1] - self.mass
         return np.asarray(self.L * (0.5 * self.mass + beyond))
 
 
 @dataclass(frozen=True)
 class TipEquilibrium:
-    """`phi` (n,) joint angles [rad]; the torque that holds the shaft; whether the hinges would return to it when pushed."""
+    """`phi` (n,) joint angles [rad]; the torque that holds the shaft; whether the equilibrium of the hinges is stable."""
 
     phi: Floats
     shaft_torque_Nm: float
@@ -58,18 +60,18 @@ def tip_chain_of(leg: Leg) -> TipChain:
 
 
 def absolute_angles(phi: Floats) -> Floats:
-    """varphi_k, first line of (9)."""
+    """Absolute angles varphi_k (n,) of joint angles `phi` (n,) [rad], first line of (9)."""
     return np.asarray(np.cumsum(phi))
 
 
 def tip_place_m(chain: TipChain, phi: Floats) -> Floats:
-    """(x, y) of the tip, eq. (9)."""
+    """Place (2,) of the tip, x along and y down [m], for joint angles `phi` (n,), eq. (9)."""
     varphi = absolute_angles(phi)
     return np.array([chain.L @ np.cos(varphi), chain.L @ np.sin(varphi)])
 
 
 def tip_jacobian(chain: TipChain, phi: Floats) -> Floats:
-    """J (2, n) of eq. (9): how fast the point where the force acts moves along and down per unit speed of each joint [m/rad].
+    """Jacobian J (2, n) of eq. (9) at joint angles `phi` (n,): derivative of the point where the force acts, along and down [m/rad].
 
     The circle's lowest point rolls back by its radius with every joint that turns the last link.
     """
@@ -79,39 +81,82 @@ def tip_jacobian(chain: TipChain, phi: Floats) -> Floats:
 
 
 def from_link_on(per_link: Floats) -> Floats:
-    """Sums over links i = n.. to the tip, as in (10): what a joint carries of quantities given per link."""
+    """Sums (n,) of a quantity per link (n,) from each link to the tip, as in (10)."""
     return np.asarray(np.cumsum(per_link[::-1])[::-1])
 
 
 def weight_torques_Nm(chain: TipChain, phi: Floats) -> Floats:
-    """What the weight of the links beyond does to each joint (n,)."""
+    """Torque (n,) [N m] of the weight of all links from each joint on, at joint angles `phi` (n,)."""
     return from_link_on(chain.gravity_m_s2 * chain.first_moment * np.cos(absolute_angles(phi)))
 
 
 def imbalance_Nm(chain: TipChain, phi: Floats, force_N: Floats, weight_share: float = 1.0) -> Floats:
-    """Springs less weight less J^T F (n,), zero in (10) at every hinge; at joint 1 it is the torque that holds the shaft.
+    """Torques of the springs less those of weight and tip force, J^T F.
 
-    `force_N` (2,) = (along, down) on the tip, so a ground that pushes up is negative in its second place.
+    Parameters
+    ----------
+    chain
+        The leg.
+    phi
+        (n,) joint angles [rad].
+    force_N
+        (2,) along and down on the tip; a ground that pushes up is negative in its second place.
+    weight_share
+        Factor on the weight.
+
+    Returns
+    -------
+    (n,) [N m], zero at every hinge in equilibrium; at joint 1 the torque that holds the shaft.
+
+    References
+    ----------
+    Equation (10).
     """
     load = weight_share * weight_torques_Nm(chain, phi) + tip_jacobian(chain, phi).T @ force_N
     return np.asarray(chain.springs.torque_Nm(phi) - load)
 
 
 def tangent_stiffness(chain: TipChain, phi: Floats, force_N: Floats, weight_share: float = 1.0) -> Floats:
-    """Derivative (n, n) of the imbalance: K_i on the diagonal, and the geometric stiffness of the loads."""
+    """Derivative (n, n) [N m/rad] of `imbalance_Nm` by `phi` (n,): K_i on the diagonal, and the geometric stiffness of the loads.
+
+    `force_N` (2,) acts along and down on the tip.
+    """
     varphi = absolute_angles(phi)
     weight = -weight_share * chain.gravity_m_s2 * chain.first_moment * np.sin(varphi)
     tip = -chain.L * (force_N[0] * np.cos(varphi) + force_N[1] * np.sin(varphi))
     joints = np.arange(phi.size)
+    # A load on link k depends on all joints up to k, so entry (i, j) is the sum from the later of both joints on.
     geometric = from_link_on(weight + tip)[np.maximum(joints[:, None], joints[None, :])]
     return np.asarray(np.diag(chain.springs.stiffness_Nm_per_rad(phi)) - geometric)
 
 
 def equilibrium_under_tip_force(chain: TipChain, shaft_angle_rad: float, force_N: Floats) -> TipEquilibrium:
-    """The shape with the shaft held and a given force (along, down) on the tip, weight included.
+    """Shape of the leg with the shaft held and a given force on the tip, weight included.
 
-    Weight and force grow together from the straight chain, in steps that are halved where Newton does not follow. Raises
-    SimulationFailed where no equilibrium continues the branch, with the share of the load it carried.
+    Weight and force grow together from the straight chain, in steps that are halved where Newton does not converge nearby.
+
+    Parameters
+    ----------
+    chain
+        The leg.
+    shaft_angle_rad
+        Angle of the shaft from the horizontal, downwards.
+    force_N
+        (2,) along and down on the tip.
+
+    Returns
+    -------
+    TipEquilibrium
+        On the branch that begins without load.
+
+    Raises
+    ------
+    SimulationFailed
+        Where no equilibrium continues the branch; it names the share of the load that was reached.
+
+    References
+    ----------
+    Equations (9) and (10).
     """
     phi = np.zeros(chain.L.size)
     phi[0] = shaft_angle_rad
@@ -125,23 +170,26 @@ def equilibrium_under_tip_force(chain: TipChain, shaft_angle_rad: float, force_N
             step *= 0.5
         if step < SMALLEST_LOAD_STEP:
             raise _no_equilibrium(shaft_angle_rad, force_N, carried)
+    # A minimum of the potential energy in the hinge angles, since the shaft is held.
     hinges = tangent_stiffness(chain, phi, force_N)[1:, 1:]
     return TipEquilibrium(phi, float(imbalance_Nm(chain, phi, force_N)[0]), bool(np.all(np.linalg.eigvalsh(hinges) > 0.0)))
 
 
 def _newton(chain: TipChain, phi: Floats, force_N: Floats, weight_share: float) -> Floats | None:
-    at = phi.copy()
+    angles = phi.copy()
     for _ in range(NEWTON_LIMIT):
-        stiffness = tangent_stiffness(chain, at, force_N, weight_share)[1:, 1:]
+        stiffness = tangent_stiffness(chain, angles, force_N, weight_share)[1:, 1:]
+        # A singular stiffness is a limit point of the branch: the caller tries a smaller load step.
         try:
-            change = np.linalg.solve(stiffness, imbalance_Nm(chain, at, force_N, weight_share)[1:])
+            change = np.linalg.solve(stiffness, imbalance_Nm(chain, angles, force_N, weight_share)[1:])
         except np.linalg.LinAlgError:
             return None
-        at[1:] -= change
-        if not np.abs(at - phi).max() < FARTHEST_TURN_RAD:
+        angles[1:] -= change
+        # Written so that NaN counts as too far.
+        if not np.abs(angles - phi).max() < FARTHEST_TURN_RAD:
             return None
         if np.abs(change).max(initial=0.0) < CONVERGED_RAD:
-            return at
+            return angles
     return None
 
 

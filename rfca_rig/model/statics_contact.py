@@ -1,9 +1,9 @@
-"""The static experiment: the leg on the ground, the shaft turned in stages and held, friction remembering the way.
+"""Computes the static experiment as a quasi-static path: the shaft is turned in stages and held, friction depends on the path.
 
 The ground is that of `contact`: Hertz under every link end, and a tie to an anchor that carries mu N at the presliding stretch
-and slips beyond, acting at the lowest point of the end's circle. At rest it has neither damping nor drag. The path is quasi-static: inertia
-enters only where no equilibrium continues it, for instance where a link end lifts off with a snap. How fast the shaft went between
-the stages then plays no part; at 1 rad/s it does (see `static_stages`).
+and slips beyond, acting at the lowest point of the end's circle. At rest it has neither damping nor drag. Inertia
+enters only where no equilibrium continues the path, for instance where a link end snaps off the floor. The speed of the shaft between
+the stages has no influence here; in reality it has one at 1 rad/s (see `static_stages`).
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from rfca_rig.model.static_state import StaticState, static_state
 Floats = NDArray[np.float64]
 
 JUMP_S = 0.05  # for the shaft's small step past the end of a path
-LOOK_S = 0.25  # how often a jumping leg is asked whether it rests
+LOOK_S = 0.25  # interval of the checks whether a jumping leg is at rest
 LONGEST_JUMP_S = 20.0
 AT_REST_RAD_S = 1e-5
 
@@ -33,11 +33,31 @@ AT_REST_RAD_S = 1e-5
 def static_path(
     rig: RigModel, height_m: float, shaft_angles_rad: Sequence[float] | Floats, begin_angle_rad: float | None = None
 ) -> list[StaticState]:
-    """The states at `shaft_angles_rad`, gone through in this order, with the shaft `height_m` above the ground.
+    """Follows the equilibrium of the leg through a sequence of shaft angles.
 
-    The path begins at rest at `begin_angle_rad` (the leg's start angle unless told), where the leg is best in the air: a leg
-    that already touches begins there without friction. Angles may turn back. Raises SimulationFailed where the leg finds no
-    rest, with the shaft angle, and BadInput for a rig with effects, which `static_stages` knows.
+    Parameters
+    ----------
+    rig
+        Without effects; `static_stages` simulates those.
+    height_m
+        Height of the shaft above the ground.
+    shaft_angles_rad
+        (s,) in the order of the path, which may turn back.
+    begin_angle_rad
+        Where the path begins at rest; the leg's start angle if None. The leg should be in the air there: one that touches begins
+        without friction.
+
+    Returns
+    -------
+    list of StaticState
+        One per angle.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the leg finds no rest.
+    BadInput
+        For a rig with effects.
     """
     if rig.effects:
         raise BadInput(
@@ -49,38 +69,40 @@ def static_path(
     states = []
     for angle in shaft_angles_rad:
         jumped = _go_to(chain, state, float(angle))
-        states.append(_observed(rig, chain, state, jumped))
+        states.append(_measure(rig, chain, state, jumped))
     return states
 
 
 def _go_to(chain: Chain, state: State, angle: float) -> bool:
-    work, nothing = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
+    work, zeros = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
     jumped = False
-    while not turn_shaft(chain, state, angle, nothing, work):
+    while not turn_shaft(chain, state, angle, zeros, work):
         _jump(chain, state, angle)
         jumped = True
     return jumped
 
 
 def _jump(chain: Chain, state: State, angle: float) -> None:
-    """Past the end of a path the leg moves: the dynamic model carries it to its next rest, the shaft one small step further."""
+    """Moves the leg past the end of a path: the dynamic model carries it to its next rest, the shaft one small step further."""
     before = float(state.q[0])
     after = before + float(np.clip(angle - before, -STEP_RAD, STEP_RAD))
     speed = (after - before) / JUMP_S
     breaks = np.array([0.0, JUMP_S, LONGEST_JUMP_S])
     motion = ShaftMotion(breaks, np.array([[before, speed, 0.0, 0.0], [after, 0.0, 0.0, 0.0]]), breaks[:2])
+    # q and the anchors are shared with `state`, so that the motion carries them along.
     moving = state._replace(w=np.zeros_like(state.q), a=np.zeros_like(state.q))
     _wait_for_rest(chain, motion, moving)
-    work, nothing = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
-    if not balance(chain, state, state.q, after, nothing, work):
+    work, zeros = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
+    # The leg still moves a little; Newton finds the equilibrium itself, with the anchors that the motion has left.
+    if not balance(chain, state, state.q, after, zeros, work):
         raise _no_rest(chain, after)
     state.q[0] = after
 
 
 def _wait_for_rest(chain: Chain, motion: ShaftMotion, state: State) -> None:
-    nowhere, step_s, t = room_for(np.empty(0), state.q.size), FIRST_STEP_S, 0.0
+    no_samples, step_s, t = room_for(np.empty(0), state.q.size), FIRST_STEP_S, 0.0
     while t < LONGEST_JUMP_S:
-        step_s = advance(chain, motion.shaft(), state, (t, t + LOOK_S), step_s, Tolerance(), nowhere).next_s
+        step_s = advance(chain, motion.shaft(), state, (t, t + LOOK_S), step_s, Tolerance(), no_samples).next_s
         t += LOOK_S
         if np.abs(state.w).max() < AT_REST_RAD_S:
             return
@@ -94,7 +116,7 @@ def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
     )
 
 
-def _observed(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
-    work, nothing = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
-    assemble_once(chain, None, state, 0.0, state.q, nothing, nothing, None, work)
+def _measure(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
+    work, zeros = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
+    assemble_once(chain, None, state, 0.0, state.q, zeros, zeros, None, work)
     return static_state(rig, state.q.copy(), float(work.R[0]), work.contact[0].copy(), work.contact[1].copy(), jumped)

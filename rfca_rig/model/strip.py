@@ -1,4 +1,4 @@
-"""The spring piece of the leg, a flat strip, and the materials the paper compares for it (Table I, kept in materials.toml)."""
+"""The leaf spring of the leg, a flat strip, and the materials that the paper compares for it (Table I, stored in materials.toml)."""
 
 import tomllib
 from dataclasses import dataclass
@@ -70,7 +70,7 @@ class Strip:
 
     @property
     def breaking_moment_Nm(self) -> float:
-        """Bending moment of all strips at that curvature: more they cannot carry, however long the bend."""
+        """Bending moment of all strips at that curvature, their strength for any length of the bend."""
         return self.bending_stiffness_Nm2 * self.breaking_curvature_per_m
 
 
@@ -80,6 +80,7 @@ def table_1_materials() -> tuple[Material, ...]:
     return tuple(
         Material(
             name=row["name"],
+            # The file has the units of Table I.
             density_kg_m3=1e3 * row["density_g_cm3"],
             youngs_modulus_Pa=1e9 * row["youngs_modulus_GPa"],
             poisson_ratio=row["poisson_ratio"],

@@ -1,4 +1,4 @@
-"""One flapping stroke of the model: force, torque and shape over time."""
+"""Simulates one flapping stroke: force, torque and shape over time."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ class SimulatedStroke:
     """A stroke of the model, in the sensor's axes and signs.
 
     `t_s` (m,); `q_rad`, `w_rad_s` (m, n) absolute link angles and their speeds; `fy_N`, `fz_N`, `tx_Nm`, `shaft_torque_Nm` (m,);
-    `normal_N`, `tangential_N` (m, n) at the end of each link.
+    `normal_N`, `tangential_N` (m, n) at the end of each link. `shaft_angle_rad` is (m,).
     """
 
     t_s: Floats
@@ -50,7 +50,30 @@ def stroke_at_speed(
     tolerance: Tolerance | None = None,
     strokes_before: tuple[int, ...] = (),
 ) -> SimulatedStroke:
-    """The stroke with the shaft at constant speed after the drive's ramp, as the paper simulates it."""
+    """Simulates a stroke with the shaft at constant speed after the drive's ramp, as the paper does.
+
+    Parameters
+    ----------
+    rig
+        Leg, ground, sensor, drive and effects.
+    height_m
+        Height of the shaft above the ground.
+    speed_rad_s
+        Speed after the ramp.
+    t_s
+        (m,) ascending sample times; the ramp begins at 0.
+    tolerance, strokes_before
+        As in `stroke_following`.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the integrator cannot go on.
+
+    References
+    ----------
+    Section IV.B.
+    """
     motion = ramp_to_speed(rig.leg.start_angle_rad, speed_rad_s, rig.drive.ramp_s, float(t_s[-1]))
     return stroke_following(rig, height_m, motion, t_s, tolerance, strokes_before)
 
@@ -63,27 +86,45 @@ def stroke_following(
     tolerance: Tolerance | None = None,
     strokes_before: tuple[int, ...] = (),
 ) -> SimulatedStroke:
-    """The stroke with the shaft moving as given from t = 0, the leg at rest before unless the rig has it swinging.
+    """Simulates a stroke with the shaft moving as given from t = 0, the leg at rest before unless the rig has a swing.
 
-    `t_s` (m,) ascending sample times; those up to the beginning show it as it is then. Third order in the step, error-controlled;
-    `tolerance` is per step. `strokes_before` are how many strokes the leg had made, of each stroke whose mean this is; () counts none.
-    Raises SimulationFailed where the integrator cannot go on.
+    Parameters
+    ----------
+    rig, height_m
+        The rig, and the height of the shaft above the ground.
+    motion
+        Prescribed or commanded angle of the shaft.
+    t_s
+        (m,) ascending sample times; samples up to the beginning have the initial state.
+    tolerance
+        Error per step; the method is of third order in the step.
+    strokes_before
+        Strokes that the leg had made before, for each stroke whose mean this is; () counts none.
+
+    Raises
+    ------
+    BadInput
+        For an effect that is unknown or does not fit the rig.
+    SimulationFailed
+        Where the integrator cannot go on.
     """
     return stroke_of(set_up(rig, height_m, motion, strokes_before), t_s, tolerance)
 
 
 def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> SimulatedStroke:
-    """The same of a simulation that is put together already."""
+    """As `stroke_following`, for a setup that is complete already; `t_s` (m,) ascending."""
     chain = setup.chain()
     laws = setup.compiled_laws(chain)
     shaft, state = setup.begin(chain, laws)
     links = chain.length.size
     everything = room_for(t_s, state.q.size, links)
     resting = int(np.searchsorted(t_s, setup.begins_s, side="right"))
+    # Samples before the motion begins cost no integration.
     _fill_resting(chain, laws, state, everything, resting)
     moving = Samples(*(column[resting:] for column in everything))
     cost = advance(chain, shaft, state, (setup.begins_s, float(t_s[-1])), FIRST_STEP_S, tolerance or Tolerance(), moving, laws)
     fy, fz, torque = everything.force.T
+    # The sensor sits below the shaft, so fy adds a moment to the shaft's torque.
     felt = setup.felt(Felt(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy, everything.q[:, 0]))
     return SimulatedStroke(
         t_s=t_s,

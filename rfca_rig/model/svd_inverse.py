@@ -1,4 +1,4 @@
-"""From the hinge angles of a photograph to the force at the tip: eq. (10) solved by singular values. Symbols as in `statics`."""
+"""Estimates the force at the tip from the hinge angles of a photograph: eq. (10) solved by SVD. Symbols as in `statics`."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ REFINED_N = 1e-9
 
 @dataclass(frozen=True)
 class TipForceEstimate:
-    """`force_N` (along, down) on the tip and how well the angles determine it.
+    """Estimate of the tip force with its uncertainty: `force_N` (2,) along and down.
 
     `singular_values` (2,) of the matrix that was inverted, largest first, and their ratio; `standard_errors_N` (2,) and
     `covariance_N2` (2, 2) that follow from the noise of the angles to first order; `residual_Nm` (n - 1,) of the hinge moments.
@@ -34,20 +34,36 @@ class TipForceEstimate:
 
 
 def tip_force(chain: TipChain, phi: Floats, angle_noise_rad: float) -> TipForceEstimate:
-    """Least squares of the hinge moments as the paper has it, the weight of the links taken off: J^T F = K(phi) - weight.
+    """Tip force by least squares of the hinge moments: J^T F = K(phi) - weight.
 
-    `phi` (n,) shaft and hinge angles; `angle_noise_rad` one standard deviation of each hinge angle. Joint 1 gives no equation,
-    because what its spring would carry is the unknown torque of the drive. Raises BadInput where fewer than two hinges, or
-    hinges all in line with the tip, leave the force open.
+    Joint 1 gives no equation, because its moment is the unknown torque of the drive.
+
+    Parameters
+    ----------
+    chain
+        The leg; the weight of its links is subtracted, other than in the paper.
+    phi
+        (n,) shaft and hinge angles [rad].
+    angle_noise_rad
+        Standard deviation of each hinge angle.
+
+    Raises
+    ------
+    BadInput
+        Where fewer than two hinges, or hinges all in line with the tip, do not determine the force.
+
+    References
+    ----------
+    Equation (10), solved by singular value decomposition.
     """
     return _estimate(chain, phi, angle_noise_rad, np.eye(phi.size - 1))
 
 
 def tip_force_weighing_angles(chain: TipChain, phi: Floats, angle_noise_rad: float) -> TipForceEstimate:
-    """The same, every moment weighed by what noise of the angles does to it; the estimate of least variance.
+    """As `tip_force` with joint angles `phi` (n,), each moment weighted by its error: the estimate of least variance.
 
     Errors of the hinge moments are K_t times errors of the angles, K_t the tangent stiffness under load. Multiplied by its
-    inverse, (10) asks for the force whose shape is nearest to the photograph. K_t contains the force: a few rounds settle it.
+    inverse, (10) yields the force whose shape is nearest to the photograph. K_t contains the force, so the estimate is iterated.
     """
     estimate = tip_force(chain, phi, angle_noise_rad)
     for _ in range(REFINEMENTS):
@@ -62,10 +78,12 @@ def tip_force_weighing_angles(chain: TipChain, phi: Floats, angle_noise_rad: flo
 def _estimate(chain: TipChain, phi: Floats, angle_noise_rad: float, weights: Floats) -> TipForceEstimate:
     B = tip_jacobian(chain, phi)[:, 1:].T
     moments = (chain.springs.torque_Nm(phi) - weight_torques_Nm(chain, phi))[1:]
+    # Two singular values are needed for two components; a ratio of 1e-9 is rounding.
     U, s, Vt = np.linalg.svd(weights @ B, full_matrices=False)
     if len(s) < 2 or s[1] < 1e-9 * s[0]:
         raise BadInput(f"{len(moments)} hinge angles do not determine the two parts of the tip force; at least two hinges must bend apart")
     pseudo_inverse = Vt.T / s @ U.T @ weights
     force = pseudo_inverse @ moments
+    # An angle error dphi changes the moments by K_t dphi, and the pseudo-inverse turns those into a change of the force.
     spread = pseudo_inverse @ tangent_stiffness(chain, phi, force)[1:, 1:] * angle_noise_rad
     return TipForceEstimate(force, s, float(s[0] / s[1]), spread @ spread.T, moments - B @ force)

@@ -1,6 +1,6 @@
-"""A law given by its values: what a measurement found, put into the simulator without a formula for it.
+"""A law given by a table of values: a measured law for the simulator, without a formula.
 
-Between its knots it is straight, beyond them constant. Where it acts (`place`), what it depends on (`argument`), and its unit:
+It is linear between its knots and constant beyond them. Where it acts (`place`), what it depends on (`argument`), and its unit:
 
     place                argument            value
     hinges, hinge2 ...   rate_rad_s          N m that resist the turn
@@ -9,7 +9,7 @@ Between its knots it is straight, beyond them constant. Where it acts (`place`),
     joints, joint1 ...   rate_rad_s, angle_rad, as in a hinge; for pendulums
     floor_friction       slip_m_s, load_N    share by which the friction coefficient is larger, 0 for as large as it is
     floor_normal         depth_m             N that the floor pushes more
-    fy_N, fz_N, tx_Nm    reading_N or reading_Nm, time_s, shaft_angle_rad: N or N m that this channel of the sensor reads more
+    fy_N, fz_N, tx_Nm    reading_N or reading_Nm, time_s, shaft_angle_rad: N or N m that this channel of the sensor reads too much
 """
 
 from collections.abc import Callable
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 TABULATED_LAW = "tabulated_law"
-FEWEST_KNOTS, MOST_KNOTS = 2, 200  # the compiled law looks them up one by one
-SURE_OF_SIGN_RAD_S = 0.05  # the sign of a rate fades below, or no step of the integrator would converge
-REACH_M = 5e-5  # depth over which a normal force takes hold, so that it does not jump where the tip touches
+FEWEST_KNOTS, MOST_KNOTS = 2, 200  # the compiled law searches them one by one
+SURE_OF_SIGN_RAD_S = 0.05  # below this rate its sign is smoothed, or no step of the integrator would converge
+REACH_M = 5e-5  # depth over which a normal force builds up, so that it does not jump where the tip touches
 
 
 def interpolate(x: float, parameter: Any) -> tuple[float, float]:
@@ -54,7 +54,7 @@ def interpolate(x: float, parameter: Any) -> tuple[float, float]:
 interpolate = numba.njit(interpolate, error_model="numpy")
 
 
-# a law takes what its place offers, needed or not
+# All laws of a place have the same signature, whichever arguments they use.
 def by_rate(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:  # noqa: ARG001
     value, slope = interpolate(rate, parameter)
     return value, 0.0, slope
@@ -77,12 +77,14 @@ def by_spring_torque(
     side = 1.0 if phi >= 0.0 else -1.0
     friction, slope = interpolate(side * k0 * phi * (1.0 + k2 * phi * phi), parameter)
     sign = np.tanh(rate / SURE_OF_SIGN_RAD_S)
+    # Derivative of the friction by phi, through the magnitude of the spring's torque.
     by_phi = slope * side * k0 * (1.0 + 3.0 * k2 * phi * phi) * sign
     return friction * sign, by_phi, friction * (1.0 - sign * sign) / SURE_OF_SIGN_RAD_S
 
 
 def friction_factor(x: float, memory: Any, parameter: Any) -> tuple[float, float]:  # noqa: ARG001
     more, slope = interpolate(x, parameter)
+    # Friction of the opposite sign would drive the sliding.
     if more <= -1.0:
         return 0.0, 0.0
     return 1.0 + more, slope
@@ -96,7 +98,7 @@ def by_depth(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[fl
 
 @dataclass(frozen=True)
 class LawKind:
-    """One line of the table above: `where` as in an effect, units of argument and value ("" for none), and what it changes in a setup."""
+    """One line of the table above: `where` as in an effect, units of argument and value ("" for none), and how it changes a setup."""
 
     where: str
     argument_unit: str
@@ -105,19 +107,19 @@ class LawKind:
 
 
 def kind_of(place: str, argument: str) -> LawKind:
-    """What a law at this place with this argument is. Raises BadInput for a place or an argument that is not in the table above."""
+    """Kind of a law at this place with this argument. Raises BadInput for a place or an argument that is not in the table above."""
     family = next((name for name in ("hinge", "joint") if _is_one_of(name, place)), place)
-    known = _KINDS.get(family)
-    if known is None:
+    kinds = _KINDS.get(family)
+    if kinds is None:
         places = "hinges, hinge2 and on, joints, joint1 and on, floor_friction, floor_normal, fy_N, fz_N, tx_Nm"
         raise BadInput(f"{TABULATED_LAW}: place {place!r} is not known; there are {places}")
-    if argument not in known:
-        raise BadInput(f"{TABULATED_LAW}: at {place} a law cannot depend on {argument!r}; it can on {', '.join(known)}")
-    return known[argument]
+    if argument not in kinds:
+        raise BadInput(f"{TABULATED_LAW}: at {place} a law cannot depend on {argument!r}; it can on {', '.join(kinds)}")
+    return kinds[argument]
 
 
 def check_table(table: LawTable) -> LawKind:
-    """The kind of a table that can be simulated. Raises BadInput, in one line, for any other."""
+    """Checks a table and returns its kind. Raises BadInput, in one line, for one that cannot be simulated."""
     kind, of = kind_of(table.place, table.argument), f"{TABULATED_LAW} of {table.argument} at {table.place}"
     if len(table.knots) != len(table.values):
         raise BadInput(f"{of}: {len(table.knots)} knots, but {len(table.values)} values; give one value per knot")
@@ -155,7 +157,7 @@ def _use(place: int, law: Law, table: LawTable, only: int = -1) -> LawUse:
 
 
 def _in_hinges(law: Law, first: int, setup: "Setup", table: LawTable) -> "Setup":
-    """`first` is the number of the first hinge as people count them: 2 behind the shaft of a leg, 1 for a pendulum's joint."""
+    """`first` is the number of the first hinge for the user: 2 behind the shaft of a leg, 1 for a pendulum's joint."""
     if table.argument == "spring_torque_Nm" and setup.rig.leg.torque_splines:
         raise BadInput(
             f"{TABULATED_LAW}: a law of {table.argument} is computed from k0 and k2, and the hinges of this leg follow a measured curve "
@@ -164,6 +166,7 @@ def _in_hinges(law: Law, first: int, setup: "Setup", table: LawTable) -> "Setup"
     number, last = table.place.lstrip("hingejot"), len(setup.rig.leg.link_lengths_m) - 2 + first
     if number.isdecimal() and not first <= int(number) <= last:
         raise BadInput(f"{TABULATED_LAW}: {table.place} is not there; this rig has {first} to {last}")
+    # In the chain, link 0 is the shaft's (or the fixed one of a pendulum), so the first hinge has the index 1.
     only = int(number) - first + 1 if number.isdecimal() else -1
     return replace(setup, laws=(*setup.laws, _use(HINGE, law, table, only)))
 

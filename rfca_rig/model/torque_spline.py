@@ -1,11 +1,11 @@
-"""Torque over angle of a hinge as it was measured: a cubic spline in place of k0 phi + k0 k2 phi^3.
+"""Measured torque over angle of a hinge: a cubic spline in place of k0 phi + k0 k2 phi^3.
 
-The form is the interpolating cubic spline with not-a-knot ends. Its second derivative is continuous between the outermost knots, and it
-goes on straight, with the end slope, beyond them. Three reasons:
+The form is the interpolating cubic spline with not-a-knot ends. Its second derivative is continuous between the outermost knots, and
+beyond them it continues straight, with the end slope. Three reasons:
 
 - The integrator is of third order and its Newton iteration uses dT/dphi. Monotone cubics with a continuous first derivative only (PCHIP)
   have a kink of the stiffness at every knot.
-- It is linear in the torques at its knots. So their covariance is one of the curve, a factor scales both, and every law
+- It is linear in the torques at its knots. So their covariance determines that of the curve, a factor scales both, and every law
   k0 phi + k0 k2 phi^3 is among these splines.
 - It is monotone wherever its knots resolve the stiffness. Between two knots the stiffness is a parabola, whose least value is known
   exactly, so a curve that is not monotone is refused. A form that is monotone by construction would invent a shape there.
@@ -39,7 +39,7 @@ class SplineTable(NamedTuple):
     """The springs of all joints as cubics: `origin` (n, p) [rad], where each piece begins and from which it counts, and `cubic` (n, p, 5).
 
     Of `cubic` the first column is the energy at the origin, the others are the coefficients of the torque by ascending power, all divided
-    by k0. The first and the last piece of a joint are straight. What a joint does not use begins at infinity. No spline: p = 0.
+    by k0. The first and the last piece of a joint are straight. Unused pieces begin at infinity. No spline: p = 0.
     """
 
     origin: Floats
@@ -61,6 +61,7 @@ class SplineTable(NamedTuple):
         return np.asarray(c[..., 0] + u * (c[..., 1] + u * (c[..., 2] / 2.0 + u * (c[..., 3] / 3.0 + u * c[..., 4] / 4.0))))
 
     def _at(self, x: Floats) -> tuple[Floats, Floats]:
+        # Angles below the first origin use the first piece, which is straight.
         piece = np.maximum((x[..., None] >= self.origin).sum(axis=-1) - 1, 0)
         joint = np.arange(len(self.origin))
         return x - self.origin[joint, piece], self.cubic[joint, piece]
@@ -76,6 +77,7 @@ def spring(chain: Chain, i: int, phi: float) -> tuple[float, float]:
     if chain.spring_origin.shape[1] == 0:
         k2 = chain.k2[i]
         return k0 * phi * (1.0 + k2 * phi * phi), 1.0 + 3.0 * k2 * phi * phi
+    # Bisection for the last piece that begins at or below phi; unused pieces begin at infinity and are never chosen.
     low, high = 0, chain.spring_origin.shape[1]
     while high - low > 1:
         middle = (low + high) // 2
@@ -89,7 +91,7 @@ def spring(chain: Chain, i: int, phi: float) -> tuple[float, float]:
 
 
 def table_of(splines: tuple[TorqueSpline, ...], joints: int) -> SplineTable:
-    """The table of a leg's joints, the first of which is the shaft; `splines` holds none, one for all hinges, or one for each."""
+    """Table of a leg's joints, the first of which is the shaft; `splines` holds none, one for all hinges, or one for each."""
     return _table(splines, joints) if splines else NO_SPLINE
 
 
@@ -104,15 +106,16 @@ def _table(splines: tuple[TorqueSpline, ...], joints: int) -> SplineTable:
         pieces = len(one.x) - 1
         energy = one.antiderivative()
         origin[joint, :pieces] = one.x[:-1]
+        # The energy counts from rest, where the torque is zero. scipy orders coefficients by descending power.
         cubic[joint, :pieces, 0] = energy(one.x[:-1]) - energy(0.0)
         cubic[joint, :pieces, 1:] = one.c[::-1].T
     return SplineTable(origin, cubic)
 
 
 def polynomial(angles_rad: Sequence[float], torques: Floats) -> "PPoly":
-    """The spline through `torques` (m,) or (m, e) at ascending angles, straight beyond them, as cubics for any angle.
+    """The spline through `torques` (m,) or (m, e) at ascending angles (m,), straight beyond them, as cubics for any angle.
 
-    Angles that begin at 0 stand for those of the other side as well, with the torques' signs turned.
+    Angles that begin at 0 also represent the other side, with the opposite sign of the torques.
     """
     from scipy.interpolate import CubicSpline, PPoly  # noqa: PLC0415  (takes 0.4 s, and legs with a spline only need it)
 
@@ -123,7 +126,8 @@ def polynomial(angles_rad: Sequence[float], torques: Floats) -> "PPoly":
     c = np.zeros((4, len(x) + 1, *y.shape[1:]))
     c[:, 1:-1] = inner.c
     c[2, 0], c[2, -1] = inner(x[0], 1), inner(x[-1], 1)
-    c[3, 0], c[3, -1] = y[0] - c[2, 0], y[-1]  # the first piece counts from one radian before the first knot
+    # The first piece counts from one radian before the first knot.
+    c[3, 0], c[3, -1] = y[0] - c[2, 0], y[-1]
     return PPoly(c, np.concatenate(([x[0] - 1.0], x, [x[-1] + 1.0])))
 
 
@@ -133,13 +137,14 @@ def slope_at_rest(spline: TorqueSpline) -> float:
 
 
 def knots_from(angles_deg: Sequence[float], torques_Nm: Sequence[float], where: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Angles [rad] and torques [N m] of a measured curve as knots of its spline, (0, 0) put among them where it is not there.
+    """Angles [rad] and torques [N m] of a measured curve as knots of its spline; (0, 0) is added where it is missing.
 
-    Raises BadInput, which begins with `where`, for what makes no monotone curve through rest.
+    Raises BadInput, which begins with `where`, for points that make no monotone curve through rest.
     """
     _check_points(angles_deg, torques_Nm, where)
     points = sorted({*zip(map(float, np.radians(angles_deg)), map(float, torques_Nm), strict=True), (0.0, 0.0)})
     angles, torques = (tuple(each) for each in zip(*points, strict=True))
+    # A curve that was measured on the negative side only is odd as well: it is turned to the positive side.
     if angles[-1] == 0.0:
         angles, torques = (tuple(-value for value in reversed(each)) for each in (angles, torques))
     _check_monotone(angles, torques, where)
@@ -173,6 +178,7 @@ def _check_monotone(angles_rad: tuple[float, ...], torques_Nm: tuple[float, ...]
     """The stiffness of every piece is a parabola, least at an end or at its turning point."""
     stiffness = polynomial(angles_rad, np.array(torques_Nm)).derivative()
     turns = stiffness.derivative().roots(extrapolate=False)
+    # The outermost breaks belong to the straight continuations and are no knots. A straight piece has no turning point: NaN.
     x = np.concatenate((stiffness.x[1:-1], turns[np.isfinite(turns)]))
     least = int(np.argmin(stiffness(x)))
     if stiffness(x)[least] <= 0.0:

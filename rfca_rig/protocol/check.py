@@ -1,4 +1,4 @@
-"""The check of a whole plan before anything moves."""
+"""Checks a whole plan before anything moves."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,20 +12,27 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, Stage
 
 @dataclass(frozen=True)
 class Load:
-    """The largest force (along the ground and up together) and moment about the shaft's axis that the sensor is to feel."""
+    """The largest force (along the ground and upwards combined) and moment about the shaft's axis at the sensor."""
 
     force_N: float
     torque_Nm: float
 
     def with_more(self, other: "Load") -> "Load":
-        """The larger of each."""
+        """The larger of each component."""
         return Load(max(self.force_N, other.force_N), max(self.torque_Nm, other.torque_Nm))
 
 
 def check_plan(plan: Plan, expected: Mapping[Stage, Load], supposing: str = "") -> None:
     """Raises BadInput, naming the stage, where the plan passes a limit.
 
-    `expected` is the load of a stage, where known; `supposing` says, for the message, what else than the nominal it supposes.
+    Parameters
+    ----------
+    plan : Plan
+        Stages and limits.
+    expected : mapping of Stage to Load
+        Predicted load of a stage, where known.
+    supposing : str
+        For the message: how the model differs from the nominal one.
     """
     if not plan.flaps and not plan.holds and not cycles_in(plan):
         raise BadInput(f"{plan.title}: nothing to record; give at least one condition, or one shaft angle")
@@ -45,6 +52,7 @@ def _check_speed(stage: Stage, plan: Plan) -> None:
 
 
 def _check_angle(stage: Stage) -> None:
+    # Shaft angles are positive downwards, so the leg points at the ground between 0 and 180 degrees.
     if isinstance(stage, Hold) and not 0.0 <= stage.angle_rad <= np.pi:
         raise BadInput(f"{stage.label}: static shaft angles lie between 0 and 180 degrees; beyond, the leg leaves the ground")
 
@@ -53,6 +61,8 @@ def _check_load(stage: Stage, plan: Plan, expected: Load, supposing: str) -> Non
     limits = plan.limits
     if expected.force_N > limits.force_N or expected.torque_Nm > limits.torque_Nm:
         turns = isinstance(stage, Approach | Cycles | Flap)
+        # Slower helps only where speed makes the load; in static moves it is a bent leg that is pushed back and
+        # wedges.
         way_out = "go slower" if turns else "turn the shaft back less: a bent leg that is pushed back wedges"
         raise BadInput(
             f"{stage.label}: the model expects {expected.force_N:.0f} N and {expected.torque_Nm:.1f} N m{supposing}, the rig's limits "

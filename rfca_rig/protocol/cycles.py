@@ -1,15 +1,16 @@
-"""Stages of a fatigue run: turns by the thousand, and the check of the leg's stiffness between them."""
+"""Stages of a fatigue run: turns by the thousand, and checks of the leg's stiffness between them."""
 
 from dataclasses import dataclass
 
 from rfca_rig.protocol.plan import MOVE_RAMP_S, TURN_RAD, Plan
 
-CYCLE_RECORD_BYTES = 4 + 4 * 4 + 8 + 8  # number, four values, host and device time
+# Number, four values, host and device time.
+CYCLE_RECORD_BYTES = 4 + 4 * 4 + 8 + 8
 
 
 @dataclass(frozen=True)
 class Cycles:
-    """The shaft turns on and on, forwards; each turn bends the leg once at the ground. Of each only a row of numbers is kept.
+    """The shaft turns forwards without pause; each turn bends the leg once at the ground. Of each only a row of numbers is recorded.
 
     `first` is the number of the first of them, counted from 1 over the whole run.
     """
@@ -30,12 +31,13 @@ class Cycles:
 
     @property
     def duration_s(self) -> float:
+        # Each of the two ramps takes longer than the same way at full speed; MOVE_RAMP_S each is an upper bound.
         return self.count * TURN_RAD / self.speed_rad_s + 2 * MOVE_RAMP_S
 
 
 @dataclass(frozen=True)
 class StiffnessCheck:
-    """The last `holds` static stages are held against the first ones: the run ends where the leg's stiffness has drifted too far.
+    """Compares the last `holds` static stages with the first ones; the run ends where the leg's stiffness has drifted too far.
 
     `number` counts from 1; the first check is what the others are compared with.
     """
@@ -56,5 +58,5 @@ def cycles_in(plan: Plan) -> list[Cycles]:
 
 
 def cycle_bytes(plan: Plan) -> int:
-    """Size of the table of cycles before compression; strokes and static stages are not in it."""
+    """Size of the table of cycles in bytes before compression; strokes and static stages are not in it."""
     return CYCLE_RECORD_BYTES * sum(stage.count for stage in cycles_in(plan))

@@ -31,7 +31,7 @@ class PlannedCondition:
 
 @dataclass(frozen=True)
 class Flapping:
-    """Strokes at each condition, `repeats` times; after a stroke the shaft goes on over the top to the start angle."""
+    """Strokes at each condition, `repeats` times. After a stroke the shaft goes on over the top to the start angle."""
 
     title: str
     conditions: Sequence[PlannedCondition]
@@ -43,9 +43,9 @@ class Flapping:
 
 @dataclass(frozen=True)
 class StaticStages:
-    """Shaft angles to go through at each height, each with its direction of loading.
+    """Shaft angles at each height, each with its direction of loading.
 
-    `dwell_s` is waited once the leg has settled, `average_s` measured; `photo` asks for one at every stage of a rig with a camera.
+    After the leg has settled, `dwell_s` is waited and `average_s` measured. `photo` requests a photo at every stage of a rig with a camera.
     """
 
     title: str
@@ -60,10 +60,10 @@ class StaticStages:
 
 @dataclass(frozen=True)
 class RigFacts:
-    """What a plan needs to know of the rig: where strokes start, where the shaft waits, ramp, limits, rates.
+    """The rig's properties that a plan needs: start angle, parking angle, ramp, limits, rates.
 
-    `photo_limit_s` is how long a photo may take; 0 without a camera. `first_strokes` are the shares of a condition's speed at which
-    its first strokes are done, to foretell the force at full speed; none where nothing can be hurt.
+    `photo_limit_s` is how long a photo may take; 0 without a camera. `first_strokes` are shares of a condition's speed, for first strokes
+    that predict the force at full speed; empty where nothing can be damaged.
     """
 
     start_angle_rad: float
@@ -76,12 +76,13 @@ class RigFacts:
 
 
 def flapping_plan(experiment: Flapping, rig: RigFacts) -> Plan:
-    """Rack, start angle, then rest and stroke again and again; before the rack moves, back to where the shaft waits."""
+    """Plan of strokes: rack, start angle, then rest and stroke again and again; the shaft is parked before the rack moves."""
     return Plan(experiment.title, "dynamic", tuple(_flapping_stages(experiment, rig)), rig.limits, rig.rates)
 
 
 def _flapping_stages(experiment: Flapping, rig: RigFacts) -> Iterator[Stage]:
     speed = experiment.return_speed_rad_s
+    # Consecutive conditions of one height share one setting of the rack, which takes a person.
     for height_m, conditions in groupby(experiment.conditions, key=lambda condition: condition.height_m):
         yield SetHeight(height_m)
         yield MoveShaft(rig.start_angle_rad, speed)
@@ -98,7 +99,7 @@ def _flapping_stages(experiment: Flapping, rig: RigFacts) -> Iterator[Stage]:
 
 
 def static_plan(experiment: StaticStages, rig: RigFacts) -> Plan:
-    """At each height: from the start angle through the stages, and back to where the shaft waits before the rack moves."""
+    """Plan of static stages: at each height from the start angle through the stages, and to the parking angle before the rack moves."""
     return Plan(experiment.title, "static", tuple(_static_stages(experiment, rig)), rig.limits, rig.rates)
 
 

@@ -1,4 +1,4 @@
-"""Bending by the million as a plan: turns of the shaft, now and then one in full, and checks of the stiffness in between."""
+"""Fatigue as a plan: turns of the shaft, now and then one recorded in full, and checks of the stiffness in between."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold, HoldTiming, MoveShaft, 
 
 @dataclass(frozen=True)
 class Check:
-    """Static stages at the same few angles, after every `every` cycles; the run ends where they drifted by more than `drift_limit`."""
+    """Static stages at the same few angles, after every `every` cycles; the run ends where they drift by more than `drift_limit`."""
 
     every: int
     angles_rad: Sequence[float]
@@ -36,16 +36,18 @@ class Fatigue:
 
 
 def fatigue_plan(experiment: Fatigue, rig: RigFacts) -> Plan:
-    """A check, cycles, a check, cycles ... and a check; between any two of them the shaft comes forwards to the start angle."""
+    """Plan of checks and cycles in turn, a check at both ends; between any two the shaft comes forwards to the start angle."""
     return Plan(experiment.title, "fatigue", tuple(_stages(experiment, rig)), rig.limits, rig.rates)
 
 
 def _stages(experiment: Fatigue, rig: RigFacts) -> Iterator[Stage]:
+    # Forwards, never back: a bent leg that is pushed backwards wedges.
     back = MoveShaft(rig.start_angle_rad, experiment.return_speed_rad_s, forwards=True)
     yield SetHeight(experiment.height_m)
     yield MoveShaft(rig.start_angle_rad, experiment.return_speed_rad_s)
     checks, number = 0, 1
     while number <= experiment.cycles:
+        # Before the cycle of that number, so that the first check sees a leg that has not been bent.
         if _is_due(number, experiment.check.every):
             checks += 1
             yield from _check(experiment, checks, back)
@@ -59,6 +61,7 @@ def _stages(experiment: Fatigue, rig: RigFacts) -> Iterator[Stage]:
             yield Cycles(experiment.height_m, experiment.speed_rad_s, number, count)
             yield back
             number += count
+    # One more at the end: without it the last block of cycles would have no result.
     yield from _check(experiment, checks + 1, back)
     yield MoveShaft(rig.parked_angle_rad, experiment.return_speed_rad_s)
 
@@ -68,7 +71,7 @@ def _is_due(number: int, every: int) -> bool:
 
 
 def _until_next(number: int, experiment: Fatigue) -> int:
-    """How many cycles from that number on come before anything else is due."""
+    """Number of cycles, from that one on, before a check or a full stroke is due."""
     until = (every - (number - 1) % every for every in (experiment.check.every, experiment.full_every))
     return min(*until, experiment.cycles - number + 1)
 
@@ -90,6 +93,7 @@ def _in_full(experiment: Fatigue, number: int, rig: RigFacts, back: MoveShaft) -
 def _check(experiment: Fatigue, number: int, back: MoveShaft) -> Iterator[Stage]:
     check = experiment.check
     angles, timing = check.angles_rad, HoldTiming(check.dwell_s, check.average_s)
+    # Holds are numbered over the whole run: resuming identifies static stages by height and number.
     for place, angle_rad in enumerate(angles, start=(number - 1) * len(angles) + 1):
         yield MoveShaft(angle_rad, check.move_speed_rad_s)
         yield Hold(experiment.height_m, place, "loading", angle_rad, experiment.settle, timing)

@@ -1,4 +1,4 @@
-"""A plan is data: a list of frozen stages that the check, the printout, the progress bar and the run all walk."""
+"""A plan is data: a list of frozen stages that check, printout, progress bar and run all go through."""
 
 import math
 from collections.abc import Sequence
@@ -10,13 +10,14 @@ import numpy as np
 Direction = Literal["loading", "unloading"]
 Experiment = Literal["static", "dynamic", "fatigue"]
 
-FORCE_RECORD_BYTES = 6 * 4 + 4 + 4 + 8 + 8  # counts, sequence, status, host and device time
+# Counts, sequence, status, host and device time.
+FORCE_RECORD_BYTES = 6 * 4 + 4 + 4 + 8 + 8
 SHAFT_RECORD_BYTES = 4 * 8
 
 
 @dataclass(frozen=True)
 class Rates:
-    """How often the devices report, for sizes."""
+    """Records per second of each device, for estimates of size."""
 
     force_Hz: float
     shaft_Hz: float
@@ -27,7 +28,7 @@ class Rates:
 
 
 class Stage(Protocol):
-    """One thing the rig does. `duration_s` is what it takes at most, limits excepted."""
+    """One step of a plan. `duration_s` is an upper bound, time limits included."""
 
     @property
     def label(self) -> str: ...
@@ -41,7 +42,7 @@ class Stage(Protocol):
 
 @dataclass(frozen=True)
 class SetHeight:
-    """The rack goes to a height of the shaft above the ground; on a real rig a person turns the lead screws."""
+    """Sets the rack to a height of the shaft above the ground; on a real rig a person turns the lead screws."""
 
     height_m: float
     recorded_s: float = 0.0
@@ -54,9 +55,9 @@ class SetHeight:
 
 @dataclass(frozen=True)
 class MoveShaft:
-    """The shaft turns to an angle at a bounded speed: the nearest way, or on forwards, over the top.
+    """The shaft turns to an angle at a bounded speed: the nearest way, or forwards, over the top.
 
-    `longest_turn_rad` bounds the way for the plan's duration, as the plan does not know where the shaft will stand.
+    `longest_turn_rad` bounds the way for the plan's duration, because the plan does not know where the shaft will stand.
     """
 
     angle_rad: float
@@ -74,12 +75,14 @@ class MoveShaft:
         return self.longest_turn_rad / self.speed_rad_s + MOVE_RAMP_S
 
 
+# Seconds of acceleration, and of deceleration, of a move and of a stage of cycles.
 MOVE_RAMP_S = 0.2
 TURN_RAD = 2.0 * math.pi
 
 
 def way_to(angle_rad: float, from_rad: float, forwards: bool) -> float:
-    """How far to turn to stand at `angle_rad` again, turns aside: the nearest way, or on in the positive direction."""
+    """Signed angle in rad to turn to `angle_rad`, whole turns aside: the nearest way, or in the positive direction."""
+    # IEEE remainder: within half a turn either way, hence the nearest.
     way_rad = math.remainder(angle_rad - from_rad, TURN_RAD)
     return way_rad + TURN_RAD if forwards and way_rad < 0.0 else way_rad
 
@@ -108,7 +111,7 @@ class Rest:
 
 
 def flap_label(height_m: float, speed_rad_s: float, repeat: int) -> str:
-    """What a stroke is called wherever it is told of."""
+    """Name of a stroke in messages and files."""
     return f"flap {1e3 * height_m:.0f} mm, {speed_rad_s:g} rad/s, repeat {repeat}"
 
 
@@ -130,6 +133,7 @@ class Flap:
     @property
     def stroke_s(self) -> float:
         """From the commanded start to the end of the sweep."""
+        # A linear ramp covers half the way of the same time at full speed.
         return self.sweep_rad / self.speed_rad_s + 0.5 * self.ramp_s
 
     @property
@@ -141,12 +145,13 @@ class Flap:
         return self.recorded_s + STOPPING_S
 
 
+# Seconds in which a stroke decelerates to rest in the air, after its sweep.
 STOPPING_S = 0.2
 
 
 @dataclass(frozen=True)
 class Approach:
-    """A stroke at a share of the speed that is to come, to see from its force what that speed will bring; not recorded as a stroke."""
+    """A stroke at a share of the full speed: its force predicts that of the full speed. Not recorded as a stroke."""
 
     height_m: float
     speed_rad_s: float
@@ -171,9 +176,9 @@ class Approach:
 
 @dataclass(frozen=True)
 class HoldTiming:
-    """What a hold does once the leg has settled: waits `dwell_s` more, measures for `average_s`, meanwhile has a photo taken.
+    """Times of a hold once the leg has settled: waits `dwell_s` more, averages for `average_s`, meanwhile a photo is taken.
 
-    A photo that has not come `photo_limit_s` after it was asked for is done without; 0 asks for none.
+    A photo that has not come `photo_limit_s` after its request is omitted; 0 requests none.
     """
 
     dwell_s: float
@@ -211,10 +216,10 @@ class Hold:
 
 @dataclass(frozen=True)
 class Limits:
-    """What stops the motion at once. All must be set; there is no 'unlimited'.
+    """Limits that stop the motion at once. All must be set; there is no 'unlimited'.
 
-    `above_expected` times the load that the model expects in a stage may be passed for `above_expected_s`, as impacts do, and no
-    longer. `late_s` is how late the control loop may be, which must be less than the drive's watchdog.
+    `above_expected` times the predicted load of a stage may be passed for `above_expected_s`, as impacts do, and no longer. `late_s` is how
+    late the control loop may be, which must be less than the drive's watchdog.
     """
 
     force_N: float
@@ -233,7 +238,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run will do, in order."""
+    """The stages of a run in order, with limits and rates."""
 
     title: str
     experiment: Experiment
@@ -243,7 +248,7 @@ class Plan:
 
     @property
     def duration_s(self) -> float:
-        """What the run takes at most, trips and hands on the lead screws excepted."""
+        """Upper bound of the run's time, without trips and the operator's time at the lead screws."""
         return sum(stage.duration_s for stage in self.stages)
 
     @property
@@ -261,5 +266,5 @@ class Plan:
 
     @property
     def photos(self) -> int:
-        """How many are to be taken."""
+        """Number of photos to be taken."""
         return sum(hold.timing.photo_limit_s > 0 for hold in self.holds)

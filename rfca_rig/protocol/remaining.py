@@ -1,4 +1,4 @@
-"""What is left of a plan that was stopped: nothing recorded twice, nothing left out, and the leg never pushed backwards."""
+"""The rest of a stopped plan: nothing is recorded twice, nothing is omitted, and the leg is never pushed backwards."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, SetHei
 
 @dataclass(frozen=True)
 class Done:
-    """How far a plan got: how many strokes and static stages are recorded, and the number of the last cycle, 0 for none."""
+    """How far a plan got: recorded strokes and static stages, and the number of the last cycle, 0 for none."""
 
     strokes: int = 0
     holds: int = 0
@@ -18,63 +18,70 @@ class Done:
 
 
 def remaining(plan: Plan, done: Done) -> Plan:
-    """The plan from its first stage on that was not recorded; without any stage where all were.
+    """The plan from its first unrecorded stage on; without any stage where all are recorded.
 
-    The rack is set up anew, for the motor is off meanwhile. From wherever the shaft stands, perhaps in mid-stroke on the ground, it turns
-    forwards to the start angle: pushed backwards, a bent leg wedges. What a static stage shows depends on the way to it, so the moves since
-    the start angle are gone through again, without the stages that are recorded. Raises BadInput where the plan does not begin with
-    what is said to be done.
+    1. The rack is set again, because the motor is off meanwhile.
+    2. From wherever the shaft stands, perhaps in mid-stroke on the ground, it turns forwards to the start angle: pushed backwards, a bent
+       leg wedges.
+    3. A static stage depends on the way to it, so the moves since the start angle are repeated, without the recorded stages.
+
+    Raises BadInput where the plan does not begin with the stages in `done`.
     """
     stages = tuple(plan.stages)
-    place = _first_open(stages, done)
-    if place is None:
+    first_open = _first_open(stages, done)
+    if first_open is None:
         return replace(plan, stages=())
-    rack = max(number for number, stage in enumerate(stages[:place]) if isinstance(stage, SetHeight))
-    led, part = stages[rack + 1 : place], _open_part(stages[place], done)
-    return replace(plan, stages=(stages[rack], *_way_there(led, part), part, *stages[place + 1 :]))
+    # The last setting of the rack before it: heights that are finished are not set again.
+    rack = max(number for number, stage in enumerate(stages[:first_open]) if isinstance(stage, SetHeight))
+    on_the_way, part = stages[rack + 1 : first_open], _open_part(stages[first_open], done)
+    return replace(plan, stages=(stages[rack], *_way_there(on_the_way, part), part, *stages[first_open + 1 :]))
 
 
 def _first_open(stages: Sequence[Stage], done: Done) -> int | None:
-    """The place of the first stage to be recorded that is not; None where all are."""
-    strokes, holds, cycle = done.strokes, done.holds, 0
+    """Index of the first stage to be recorded that is not; None where all are."""
+    strokes_left, holds_left, cycle = done.strokes, done.holds, 0
     found = None
     for place, stage in enumerate(stages):
         match stage:
-            case Flap() if strokes:
-                strokes -= 1
-            case Hold() if holds:
-                holds -= 1
+            case Flap() if strokes_left:
+                strokes_left -= 1
+            case Hold() if holds_left:
+                holds_left -= 1
+            # Cycles are counted one by one: a block may be recorded in part.
             case Cycles() if stage.last <= done.cycle:
                 cycle = stage.last
             case Flap() | Hold() | Cycles():
                 found = place
                 cycle = done.cycle if isinstance(stage, Cycles) and stage.first <= done.cycle else cycle
                 break
-    if strokes or holds or cycle != done.cycle:
+    # More is recorded than the plan has before this stage: it is another plan's recording.
+    if strokes_left or holds_left or cycle != done.cycle:
         raise BadInput(f"{done.strokes} strokes, {done.holds} static stages and {done.cycle} cycles are not what the plan begins with")
     return found
 
 
 def _way_there(led: Sequence[Stage], to_come: Stage) -> Iterator[Stage]:
-    """`led` are the stages between the rack and `to_come`, the first that is not recorded."""
+    """Stages that lead to `to_come`, the first unrecorded one; `led` are those between the rack and it."""
     home = next((stage for stage in led if isinstance(stage, MoveShaft)), None)
     if home is None:
         return
     yield replace(home, forwards=True)
     yield from _first_strokes(led, to_come)
+    # From the last visit of the start angle on: only these moves decide the state of a static stage.
     last_home = max(place for place, stage in enumerate(led) if isinstance(stage, MoveShaft) and stage.angle_rad == home.angle_rad)
     yield from (stage for stage in led[last_home + 1 :] if not isinstance(stage, Approach | Flap | Hold | Cycles))
 
 
 def _first_strokes(led: Sequence[Stage], to_come: Stage) -> Iterator[Stage]:
-    """Those of the condition again, each with its rest and its way back: who knows what happened to the rig meanwhile."""
+    """First strokes of the condition again, each with its rest and its way back: the rig may have changed meanwhile."""
     for place, stage in enumerate(led):
         if isinstance(stage, Approach) and stage.full_speed_rad_s == getattr(to_come, "speed_rad_s", None):
+            # The plan puts a rest before each first stroke and the way home behind it.
             yield from led[place - 1 : place + 2]
 
 
 def _open_part(stage: Stage, done: Done) -> Stage:
-    """The stage, of cycles those that were not counted."""
+    """The stage; of cycles only those that were not counted."""
     if not isinstance(stage, Cycles):
         return stage
     first = max(stage.first, done.cycle + 1)

@@ -1,4 +1,4 @@
-"""A plan as text and back: what a run keeps of it is enough to go on with exactly the same plan."""
+"""A plan as text and back: what a run stores of it is enough to continue with exactly the same plan."""
 
 import json
 from collections.abc import Mapping
@@ -21,11 +21,12 @@ from rfca_rig.protocol.plan import (
     Stage,
 )
 
+# The stages that a stored plan may name: no other class is ever made from a file's text.
 _KINDS: dict[str, type] = {kind.__name__: kind for kind in (SetHeight, MoveShaft, Rest, Approach, Flap, Hold, Cycles, StiffnessCheck)}
 
 
 def plan_texts(plan: Plan) -> dict[str, str]:
-    """The plan as it was resolved, by name: its stages in their order, its limits and rates as JSON, and which experiment it is."""
+    """The plan as text by name: its stages in order, its limits and rates as JSON, and the kind of experiment."""
     stages = [{"stage": type(stage).__name__, "label": stage.label, **_fields(stage)} for stage in plan.stages]
     return {
         "plan": json.dumps(stages),
@@ -40,10 +41,12 @@ def _fields(stage: Stage) -> dict[str, Any]:
 
 
 def plan_of(title: str, texts: Mapping[str, str]) -> Plan:
-    """The plan of which `plan_texts` gave the texts. Raises BadInput where they are not such, or of another version."""
+    """The plan that `plan_texts` wrote. Raises BadInput where the texts are not valid, or of another version."""
     try:
-        stages = tuple(cast(Stage, _rebuilt(_KINDS[said["stage"]], said)) for said in json.loads(texts["plan"]))
-        limits, rates = (_rebuilt(kind, json.loads(texts[name])) for kind, name in ((Limits, "limits"), (Rates, "rates")))
+        stages = tuple(
+            cast(Stage, _from_fields(_KINDS[fields_of_stage["stage"]], fields_of_stage)) for fields_of_stage in json.loads(texts["plan"])
+        )
+        limits, rates = (_from_fields(kind, json.loads(texts[name])) for kind, name in ((Limits, "limits"), (Rates, "rates")))
         if texts["experiment"] not in get_args(Experiment):
             raise ValueError(f"experiment {texts['experiment']!r}")
         return Plan(title, cast(Experiment, texts["experiment"]), stages, limits, rates)
@@ -51,8 +54,9 @@ def plan_of(title: str, texts: Mapping[str, str]) -> Plan:
         raise BadInput(f"its plan cannot be read, perhaps because another version wrote it: {type(error).__name__}: {error}") from None
 
 
-def _rebuilt(kind: type, said: Mapping[str, Any]) -> Any:
-    """An object of a frozen dataclass from its fields by name; other names are passed over."""
+def _from_fields(kind: type, values_by_name: Mapping[str, Any]) -> Any:
+    """An object of a frozen dataclass from its fields by name; other names are ignored."""
     hints = get_type_hints(kind)
-    values = {field.name: said[field.name] for field in fields(kind)}
-    return kind(**{name: _rebuilt(hints[name], value) if is_dataclass(hints[name]) else value for name, value in values.items()})
+    # Names that are ignored, for example `label`, are there for people who read the file.
+    values = {field.name: values_by_name[field.name] for field in fields(kind)}
+    return kind(**{name: _from_fields(hints[name], value) if is_dataclass(hints[name]) else value for name, value in values.items()})

@@ -1,6 +1,6 @@
-"""Files that are either there and whole, or not there: written beside the target, forced to disk, then renamed.
+"""Atomic writes: a file is either complete or absent. It is written beside its target, forced to disk, then renamed.
 
-Whatever is recorded reaches the disk through the functions of this file and through no others.
+All recorded data reaches the disk through the functions of this module only.
 """
 
 import errno
@@ -11,55 +11,63 @@ from pathlib import Path
 
 from rfca_rig.errors import DiskFull, RigError
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# A full disk, a used-up quota and a file above the system's size limit all need the same remedy: room.
+_DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# A large file is forced to disk piece by piece, so that the last fsync, for which the run waits, is short.
 FORCED_EVERY_BYTES = 32 << 20
+# Windows would otherwise translate line ends; other systems have no such flag.
 _BINARY = getattr(os, "O_BINARY", 0)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Puts `content` at `path`; what stood there stays until the new file is on disk.
+    """Writes `content` to `path`; an existing file stays until the new one is on disk.
 
-    Beside the target, because a rename is atomic only within one file system. Raises RigError when the disk refuses, DiskFull where
-    that is because it is full.
+    Raises RigError where the disk refuses, DiskFull where it is full.
     """
+    # Beside the target: a rename is atomic only within one file system.
     partial = path.with_name(path.name + ".writing")
     with refusals(path, f"{1e-6 * len(content):.1f} MB cannot be written"):
         try:
+            # Order: content on disk, rename, folder on disk. A power cut leaves the old file or the new one, never a
+            # part.
             _write(partial, content)
             os.replace(partial, path)  # noqa: PTH105
             sync_folder(path.parent)
         finally:
+            # After a success the name is gone; after a failure nothing half written stays behind.
             with suppress(FileNotFoundError):
                 os.unlink(partial)  # noqa: PTH108
 
 
 @contextmanager
 def refusals(path: Path, what: str) -> Iterator[None]:
-    """What the system refuses inside the block, as an error in one line."""
+    """Turns an OSError inside the block into a RigError of one line, or DiskFull."""
     try:
         yield
     except OSError as error:
-        kind = DiskFull if error.errno in _FULL else RigError
+        # `from None`: users see one line; the system's error text is in it.
+        kind = DiskFull if error.errno in _DISK_FULL_ERRNOS else RigError
         raise kind(f"{path}: {what}: {error.strerror}") from None
 
 
 def _write(path: Path, content: bytes) -> None:
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | _BINARY, 0o666)
     try:
-        _put(handle, content)
+        _write_all(handle, content)
         os.fsync(handle)
     finally:
         os.close(handle)
 
 
-def _put(handle: int, content: bytes | memoryview) -> None:
+def _write_all(handle: int, content: bytes | memoryview) -> None:
     rest = memoryview(content)
     while rest:
+        # os.write may take only a part, on a nearly full disk or after a signal.
         rest = rest[os.write(handle, rest) :]
 
 
 def sync_folder(folder: Path) -> None:
-    """Forces the folder's list of names to disk: without it a rename may be lost with the power. Windows has no such call."""
+    """Forces the folder's list of names to disk: without it a power cut may undo a rename. Windows has no such call."""
     if os.name == "nt":
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -70,47 +78,49 @@ def sync_folder(folder: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Takes a file away; nothing happens where there is none."""
+    """Removes a file; does nothing where there is none."""
     with refusals(path, "cannot be removed"), suppress(FileNotFoundError):
         os.unlink(path)  # noqa: PTH108
 
 
 class GrowingFile:
-    """A file that only ever grows; what `append` has returned from survives this process, what `force` has, a power cut."""
+    """An append-only file. What `append` has returned from survives the end of this process; what `force` has, a power cut."""
 
     def __init__(self, path: Path) -> None:
-        """Goes on behind what is there."""
+        """Continues behind the existing content."""
         self.path = path
         with refusals(path, "cannot be opened"):
             self.handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | _BINARY, 0o666)
             self._length = os.fstat(self.handle).st_size
 
     def append(self, content: bytes) -> None:
-        """All of it, or nothing: what the disk refused half is cut off again. Raises RigError, DiskFull."""
+        """Appends all of `content` or nothing. Raises RigError, DiskFull."""
         with refusals(self.path, f"{1e-6 * len(content):.1f} MB cannot be added"):
             try:
-                _put(self.handle, content)
+                _write_all(self.handle, content)
             except OSError:
+                # A block written in part would end the journal for every reader: nothing behind it would be found.
                 os.ftruncate(self.handle, self._length)
                 raise
         self._length += len(content)
 
     def cut_to(self, length: int) -> None:
-        """Drops what stands behind that many bytes."""
+        """Drops everything behind the first `length` bytes."""
         with refusals(self.path, "cannot be cut"):
             os.ftruncate(self.handle, length)
         self._length = length
 
     def reserve(self, size: int) -> None:
-        """Takes room for that many bytes in all, which stay without meaning."""
+        """Allocates `size` bytes in all, with arbitrary content."""
         with refusals(self.path, f"no room for {1e-6 * size:.1f} MB in reserve"):
+            # Real blocks are needed: seeking to the end would make a sparse file, which reserves nothing.
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(self.handle, 0, size)
             else:
-                _put(self.handle, bytes(size))
+                _write_all(self.handle, bytes(size))
 
     def force(self) -> None:
-        """Returns when everything is on disk."""
+        """Returns when everything written so far is on disk."""
         with refusals(self.path, "cannot be forced to disk"):
             os.fsync(self.handle)
 
@@ -119,10 +129,10 @@ class GrowingFile:
 
 
 class RoughFile:
-    """A file under construction, for a writer that goes back and forth in it and cannot bear a refusal: HDF5.
+    """A file under construction for HDF5, which seeks in it and must never see a write fail.
 
-    HDF5 that fails to close a file can take the whole process down when that exits (h5py issue 914). So what the disk refuses, and
-    all that comes after it, stays in memory; `check` raises it. The file stands beside `path` until `put_in_place`.
+    HDF5 that fails to close a file can take the whole process down at exit (h5py issue 914). So a refused write, and all later ones, stay
+    in memory; `check` raises the error. The file stands beside `path` until `put_in_place`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -147,13 +157,14 @@ class RoughFile:
         if self._refused is None:
             self._attempt(at, content)
         if self._refused is not None:
+            # HDF5 reads back what it wrote, so the refused bytes must stay available until the file is discarded.
             self._unwritten.append((at, bytes(content)))
         return len(content)
 
     def _attempt(self, at: int, content: memoryview) -> None:
         try:
             os.lseek(self._handle, at, os.SEEK_SET)
-            _put(self._handle, content)
+            _write_all(self._handle, content)
         except OSError as error:
             self._refused = error
 
@@ -163,10 +174,12 @@ class RoughFile:
         return len(found)
 
     def read(self, length: int = -1) -> bytes:
-        """From where it stands; shorter at the end."""
+        """Reads from the current position; shorter at the end of the file. Sees refused writes too."""
         at, end = self._at, self._size if length < 0 else min(self._at + length, self._size)
         os.lseek(self._handle, at, os.SEEK_SET)
+        # Bytes that HDF5 never wrote, or that only stand in memory, are not in the file: they read as zeros.
         found = bytearray(os.read(self._handle, end - at).ljust(end - at, b"\0"))
+        # In the order of writing: a later write to the same place wins.
         for start, content in self._unwritten:
             first, last = max(start, at), min(start + len(content), end)
             if first < last:
@@ -175,16 +188,16 @@ class RoughFile:
         return bytes(found)
 
     def truncate(self, size: int) -> None:
-        """Sets its length; nothing of it was left unused."""
+        """Sets the file's length."""
         self._size = size
         if self._refused is None:
             os.ftruncate(self._handle, size)
 
     def flush(self) -> None:
-        """What was written is with the system already."""
+        """Does nothing: every write goes to the system at once."""
 
     def check(self) -> None:
-        """Raises what the disk refused, as RigError or DiskFull. Now and then forces to disk what is there, so that the end is quick."""
+        """Raises what the disk refused, as RigError or DiskFull. Forces larger pieces to disk, so that the end is quick."""
         with refusals(self.path, f"{1e-6 * self._size:.1f} MB cannot be written"):
             if self._refused is not None:
                 raise self._refused
@@ -193,7 +206,7 @@ class RoughFile:
                 self._forced = self._size
 
     def put_in_place(self) -> None:
-        """Returns when the file is at `path`, and on disk. Raises RigError, DiskFull."""
+        """Returns when the file is at `path` and on disk. Raises RigError, DiskFull."""
         self.check()
         with refusals(self.path, f"{1e-6 * self._size:.1f} MB cannot be written"):
             os.fsync(self._handle)
@@ -202,7 +215,7 @@ class RoughFile:
             sync_folder(self.path.parent)
 
     def discard(self) -> None:
-        """Takes it away, unless it has been put in place. May be called any number of times."""
+        """Removes the file, unless it has been put in place. May be called any number of times."""
         if self._handle >= 0:
             self._close()
             remove(self.partial)
@@ -213,12 +226,13 @@ class RoughFile:
 
 
 def make_folder_atomically(folder: Path, fill: Callable[[Path], object]) -> None:
-    """Makes `folder`, with what `fill` writes into it, all or nothing; folders above it are made, and taken away on failure.
+    """Makes `folder` with what `fill` writes into it, all or nothing. Parent folders are made, and removed on failure.
 
-    `folder` must not exist. Whatever `fill` raises passes on after everything is cleared away.
+    `folder` must not exist. An exception of `fill` passes on after everything is cleared away.
     """
     made = [above for above in folder.parents if not above.exists()]
     folder.parent.mkdir(parents=True, exist_ok=True)
+    # Hidden, so that no listing shows it; with the process id, so that two processes do not share it.
     partial = folder.with_name(f".{folder.name}.writing-{os.getpid()}")
     try:
         partial.mkdir()

@@ -1,4 +1,4 @@
-"""Folders that are there as a whole or not at all, also where two processes write the same one."""
+"""Folders that are complete or absent, also where two processes write the same one."""
 
 import shutil
 from collections.abc import Iterator
@@ -11,11 +11,12 @@ ENDING = ".writing"
 
 @contextmanager
 def whole(folder: Path) -> Iterator[Path]:
-    """A path to write the folder at; it gets its name at the end of the block.
+    """Yields a path to write the folder at; it gets its final name at the end of the block.
 
-    Where somebody else was faster, as a worker that had been given up for lost, what is there stays.
+    Where another process was faster, for example a worker that counted as lost, the existing folder stays.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
+    # A random part, not the process id: workers on several computers may share the disk.
     partial = folder.with_name(f".{folder.name}.{token_hex(4)}{ENDING}")
     try:
         yield partial
@@ -26,13 +27,13 @@ def whole(folder: Path) -> Iterator[Path]:
 
 
 def sweep_out(folder: Path) -> None:
-    """Clears away what was being written when an earlier process was ended."""
+    """Removes what earlier processes were writing when they ended."""
     for partial in folder.glob(f".*{ENDING}"):
         shutil.rmtree(partial, ignore_errors=True)
 
 
 def see_afresh(folder: Path) -> None:
-    """A disk that several computers share may remember for half a minute that a file was not there: until the folder is changed here."""
+    """Makes a network disk show new files: it may remember for half a minute that they were absent, until the folder is changed here."""
     mark = folder / f".seen-{token_hex(4)}"
     mark.touch()
     mark.unlink()

@@ -1,19 +1,20 @@
-"""A bounded queue of bytes in shared memory: one process puts, one takes, and neither ever waits for the other."""
+"""A bounded queue of bytes in shared memory: one process writes, one reads, and neither ever waits for the other."""
 
 from multiprocessing.shared_memory import SharedMemory
 
 from rfca_rig.acquisition.shared import attached
 from rfca_rig.errors import RigError
 
+# "RFCAQUEU" in ASCII: marks the memory as a queue of blocks.
 MARK = 0x52464341_51554555
 HEADER_BYTES = 128
 _MARK, _SIZE, _PUT, _TAKEN, _ACKNOWLEDGED, _COMPLAINED = range(6)
 
 
 class BlockQueue:
-    """Bytes that were put and not yet taken stay in the memory. Counters are published after what they count is there.
+    """Bytes that were put stay in memory until taken. A counter is advanced only after the bytes that it counts are there.
 
-    Beside the bytes it carries two words back from the taker, so that the putter learns of them without asking the system.
+    Two further words lead back from the taker, so that the putter learns of them without a system call.
     """
 
     def __init__(self, memory: SharedMemory) -> None:
@@ -31,10 +32,11 @@ class BlockQueue:
 
     @staticmethod
     def create(size: int) -> "BlockQueue":
-        """A new and empty one of `size` bytes; its maker calls `remove` in the end."""
+        """A new, empty queue of `size` bytes; its maker calls `remove` in the end."""
         memory = SharedMemory(create=True, size=HEADER_BYTES + size)
         if memory.buf is not None:
             with memory.buf[:HEADER_BYTES].cast("Q") as header:
+                # The mark last: a process that attaches earlier sees no queue, and not one without a size.
                 header[_SIZE], header[_MARK] = size, MARK
         return BlockQueue(memory)
 
@@ -45,7 +47,8 @@ class BlockQueue:
 
     @property
     def waiting(self) -> int:
-        """Bytes put and not taken."""
+        """Number of bytes put and not taken."""
+        # Both counters only grow, so no lock is needed: each has one writer, and an old value is merely cautious.
         return int(self._header[_PUT] - self._header[_TAKEN])
 
     @property
@@ -58,38 +61,39 @@ class BlockQueue:
         return bool(self._header[_COMPLAINED])
 
     def put(self, content: bytes) -> bool:
-        """All of it, or False where there is not room for all. For the one putter only."""
+        """Puts all of `content`, or returns False where there is not room for all. For the one putter only."""
         if len(content) > self.size - self.waiting:
             return False
         at = self._header[_PUT] % self.size
         before_wrap = min(len(content), self.size - at)
         self._bytes[at : at + before_wrap] = content[:before_wrap]
         self._bytes[: len(content) - before_wrap] = content[before_wrap:]
+        # Only now: the taker must never see bytes that are not written yet.
         self._header[_PUT] += len(content)
         return True
 
     def look(self) -> bytes:
-        """Everything that waits, which goes on waiting. For the one taker only."""
+        """All waiting bytes, which go on waiting. For the one taker only."""
         at, length = self._header[_TAKEN] % self.size, self.waiting
         before_wrap = min(length, self.size - at)
         return bytes(self._bytes[at : at + before_wrap]) + bytes(self._bytes[: length - before_wrap])
 
     def took(self, length: int) -> None:
-        """That many of the bytes looked at need not wait any longer. For the one taker only."""
+        """Frees `length` of the bytes looked at. For the one taker only."""
         self._header[_TAKEN] += length
 
     def tell(self, acknowledged: int, complained: bool) -> None:
-        """For the one taker only."""
+        """Publishes both words for the putter. For the one taker only."""
         self._header[_ACKNOWLEDGED], self._header[_COMPLAINED] = acknowledged, complained
 
     def close(self) -> None:
-        """Lets go of the memory, which stays for the other. May be called any number of times."""
+        """Detaches from the memory, which stays for the other process. May be called any number of times."""
         if self._memory.buf is not None:
             self._header.release()
             self._bytes.release()
             self._memory.close()
 
     def remove(self) -> None:
-        """For its maker: closes, and takes the memory away."""
+        """For its maker: detaches, and removes the memory."""
         self.close()
         self._memory.unlink()

@@ -1,4 +1,4 @@
-"""What the control loop tells the recorder of a stage: that it begins, when it was commanded to, its samples, how it ended."""
+"""Messages of the control loop to the recorder about a stage: its begin, its commanded start, its samples, its end."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm
 
 @dataclass(frozen=True)
 class Begin:
-    """A stage of which every sample is kept from now on."""
+    """A stage begins; every sample is recorded from now on."""
 
     label: str
     height_m: float
@@ -23,14 +23,14 @@ class Begin:
 
     @staticmethod
     def of(block: JournalBlock) -> "Begin":
-        said = json.loads(block.payload)
-        forms = (StreamForm(form["name"], tuple(ColumnForm(**column) for column in form["columns"])) for form in said["forms"])
-        return Begin(said["label"], said["height_m"], tuple(forms))
+        content = json.loads(block.payload)
+        forms = (StreamForm(form["name"], tuple(ColumnForm(**column) for column in form["columns"])) for form in content["forms"])
+        return Begin(content["label"], content["height_m"], tuple(forms))
 
 
 @dataclass(frozen=True)
 class StrokeCondition:
-    """That the stage was a stroke, and which."""
+    """Speed and repeat of a stage that was a stroke."""
 
     speed_rad_s: float
     repeat: int
@@ -38,7 +38,7 @@ class StrokeCondition:
 
 @dataclass(frozen=True)
 class End:
-    """A stage that is done: a stroke or a static stage, or else why it was cut short."""
+    """A stage ends: as a stroke, as a static stage, or cut short with the reason."""
 
     stroke: StrokeCondition | None = None
     static: StaticStage | None = None
@@ -49,13 +49,14 @@ class End:
 
     @staticmethod
     def of(block: JournalBlock) -> "End":
-        said = json.loads(block.payload)
-        stroke = StrokeCondition(**said["stroke"]) if said["stroke"] else None
-        return End(stroke, static_stage_of(said["static"]) if said["static"] else None, said["cut_short"])
+        content = json.loads(block.payload)
+        stroke = StrokeCondition(**content["stroke"]) if content["stroke"] else None
+        return End(stroke, static_stage_of(content["static"]) if content["static"] else None, content["cut_short"])
 
 
 def static_stage_of(said: Mapping[str, Any]) -> StaticStage:
     """The stage from plain data, as `dataclasses.asdict` and JSON leave it."""
+    # JSON has no tuples; the dataclass compares equal only with them.
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in said.items()}
     return StaticStage(**values)
 
@@ -65,8 +66,8 @@ def start_block(start: CommandedStart) -> JournalBlock:
 
 
 def start_of(block: JournalBlock) -> CommandedStart:
-    said = json.loads(block.payload)
-    return CommandedStart(said["start_s"], said["offsets"])
+    content = json.loads(block.payload)
+    return CommandedStart(content["start_s"], content["offsets"])
 
 
 def samples_block(rows: Sequence[Rows]) -> JournalBlock:

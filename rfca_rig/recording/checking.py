@@ -1,4 +1,4 @@
-"""Whether a run on disk is what was recorded: every file by its hash, every stage by its counts."""
+"""Checks a run on disk: every file by its hash, every stage by its counts."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from rfca_rig.suggestions import not_there
 
 @dataclass(frozen=True)
 class FileFinding:
-    """One file by its path in the run's folder, what was found, and whether that is as it should be."""
+    """One file by its path in the run's folder, what was found, and whether it is as it should be."""
 
     file: str
     words: str
@@ -31,6 +31,7 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
         return
     sums = _Sums(folder)
     yield sums.finding(HEADER, partial(_title, folder))
+    # Damaged events are reported once; the stages are then checked without them.
     events = sums.finding(EVENTS, lambda: f"{len(events_of(folder))} events")
     yield events
     yield from _check_stages(folder, sums, events_of(folder) if events.is_sound else [])
@@ -48,11 +49,11 @@ def _check_older(folder: Path) -> Iterator[FileFinding]:
     if not files:
         raise BadInput(f"{folder}: holds no run; rfca-rig runs lists those there are" if folder.exists() else not_there(folder))
     for file in files:
-        yield _guarded(file.relative_to(folder).as_posix(), partial(_opened, file))
+        yield _finding_of(file.relative_to(folder).as_posix(), partial(_describe, file))
 
 
 class _Sums:
-    """The hashes that the run's end wrote down, each used once; a run that has not ended has none."""
+    """The hashes from the run's end, each used once; a run that has not ended has none."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -63,36 +64,39 @@ class _Sums:
             self._sums, self._damage = {}, FileFinding(SUMS, str(error), False)
 
     def finding(self, name: str, look: Callable[[], str]) -> FileFinding:
-        """What `look` finds in a file whose hash is right."""
+        """What `look` finds in a file, provided that its hash is right."""
         if not (self._folder / name).is_file():
+            # Taken off the list, so that a missing file is reported once, and not again by `rest`.
             self._sums.pop(name, None)
             return FileFinding(name, "is missing", False)
         expected = self._sums.pop(name, "")
         if expected and expected != sha256_of(self._folder / name):
             return FileFinding(name, "is not what was written: its SHA-256 is another", False)
-        return _guarded(name, look)
+        return _finding_of(name, look)
 
     def rest(self) -> Iterator[FileFinding]:
-        """Files that have a hash and nothing else to be looked at, such as photos."""
+        """Files with a hash that nothing else checks, for example photos."""
         if self._damage:
             yield self._damage
+        # A copy, because `finding` takes names out of the dictionary.
         for name in list(self._sums):
             yield self.finding(name, lambda: "as it was written")
 
 
 def _check_stages(folder: Path, sums: _Sums, events: Sequence[Mapping[str, Any]]) -> Iterator[FileFinding]:
-    """The stages that the events say are on disk, and what else is there."""
-    said = {event["file"]: event for event in events if "file" in event}
-    there = {f"{STAGES}/{file.name}" for file in stage_files(folder)}
-    for name in sorted(there | set(said)):
-        yield sums.finding(name, partial(_as_said, folder / name, said.get(name)))
+    """The stages that the events name, and other stage files that exist."""
+    events_by_file = {event["file"]: event for event in events if "file" in event}
+    on_disk = {f"{STAGES}/{file.name}" for file in stage_files(folder)}
+    for name in sorted(on_disk | set(events_by_file)):
+        yield sums.finding(name, partial(_as_said, folder / name, events_by_file.get(name)))
 
 
-def _as_said(path: Path, said: Mapping[str, Any] | None) -> str:
+def _as_said(path: Path, event: Mapping[str, Any] | None) -> str:
     stage = tally_of(path)
-    if said is not None and said["samples"] != stage.samples:
-        raise BadInput(f"{path}: holds {dict(stage.samples)} samples, where {said['samples']} were recorded")
-    if said is not None and said["sha256"] != sha256_of(path):
+    # The counts come first: they say how much is wrong, a hash only that something is.
+    if event is not None and event["samples"] != stage.samples:
+        raise BadInput(f"{path}: holds {dict(stage.samples)} samples, where {event['samples']} were recorded")
+    if event is not None and event["sha256"] != sha256_of(path):
         raise BadInput(f"{path}: is not what was recorded: its SHA-256 is another")
     lost = "".join(f", {missing} records missing on the way" for missing in stage.missing)
     return f"{stage.text()}{lost}"
@@ -131,11 +135,11 @@ def _ending(folder: Path) -> str:
     return "" if ending is None else ending.provenance.get("ended", "recovered")
 
 
-def _opened(file: Path) -> str:
+def _describe(file: Path) -> str:
     return tally_of(file).text()
 
 
-def _guarded(name: str, look: Callable[[], str]) -> FileFinding:
+def _finding_of(name: str, look: Callable[[], str]) -> FileFinding:
     try:
         return FileFinding(name, look())
     except BadInput as error:

@@ -11,6 +11,7 @@ import numpy as np
 from rfca_rig.recording.model import Column
 from rfca_rig.recording.rows import ColumnForm
 
+# Rows that are compressed, written and copied at a time.
 ROWS_PER_CHUNK = 16384
 
 _LONG_NAMES = {
@@ -29,7 +30,7 @@ _LONG_NAMES = {
 
 
 def make_column(group: h5py.Group, form: ColumnForm, length: int) -> h5py.Dataset:
-    """One 1-d dataset that waits for its values, compressed so that it opens everywhere without plugins."""
+    """One 1-d dataset without values yet, compressed so that it opens everywhere without plugins."""
     dataset = group.create_dataset(link(form.name), shape=(length,), dtype=form.dtype, track_times=False, **_storage(length))
     for key, value in _column_attributes(form).items():
         dataset.attrs[key] = value
@@ -37,14 +38,14 @@ def make_column(group: h5py.Group, form: ColumnForm, length: int) -> h5py.Datase
 
 
 def form_of(name: str, column: Column) -> ColumnForm:
-    """Raises ValueError for what is no row of numbers."""
+    """Layout of a column in memory. Raises ValueError where it is no 1-d array of numbers."""
     if column.raw.ndim != 1 or column.raw.dtype.kind not in "iuf":
         raise ValueError(f"column {name} must be a row of numbers, not {column.raw.ndim}-d {column.raw.dtype}")
     return ColumnForm(name, column.raw.dtype.str, column.unit, column.conversion, column.offset)
 
 
 def write_column(group: h5py.Group, name: str, column: Column) -> h5py.Dataset:
-    """One 1-d dataset with its values. Raises ValueError for what is no row of numbers."""
+    """One 1-d dataset with its values. Raises ValueError where the column is no 1-d array of numbers."""
     dataset = make_column(group, form_of(name, column), len(column.raw))
     if len(column.raw):
         dataset[:] = np.ascontiguousarray(column.raw)
@@ -52,16 +53,18 @@ def write_column(group: h5py.Group, name: str, column: Column) -> h5py.Dataset:
 
 
 def form_in(group: h5py.Group, name: str) -> ColumnForm:
-    """That of a column on disk."""
+    """Layout of a column on disk."""
     dataset = group[link(name)]
     attributes = dataset.attrs
     return ColumnForm(name, dataset.dtype.str, str(attributes["units"]), float(attributes["conversion"]), float(attributes["offset"]))
 
 
 def copy_column(source: h5py.Dataset, target: h5py.Dataset) -> Iterator[None]:
-    """All values, a chunk at a time; they stay packed as they are where both are packed the same way."""
+    """Copies all values, a chunk per step."""
     for at in range(0, len(source), ROWS_PER_CHUNK):
         if source.chunks == target.chunks and _packing(source) == _packing(target):
+            # Compressed chunks are copied as they are where both datasets have the same filters: no unpacking, the
+            # same bytes.
             mask, packed = source.id.read_direct_chunk((at,))
             target.id.write_direct_chunk((at,), packed, mask)
         else:
@@ -93,6 +96,6 @@ def _storage(length: int) -> dict[str, Any]:
 
 
 def link(name: str) -> str:
-    """The name as an HDF5 link, in which "/" and a lone "." would mean a path."""
+    """The name as an HDF5 link, in which "/" and a lone "." would be read as a path."""
     escaped = re.sub("[%/]", lambda found: urllib.parse.quote(found[0], safe=""), name)
     return escaped.replace(".", "%2E") if set(escaped) == {"."} else escaped

@@ -1,4 +1,4 @@
-"""Long work in small steps, between which the one who does it can look after something else."""
+"""Long work in small steps, as a generator: between steps the caller can do something else."""
 
 from collections.abc import Generator
 from typing import TypeVar
@@ -8,7 +8,7 @@ Steps = Generator[None, None, T]
 
 
 def at_once(steps: Steps[T]) -> T:
-    """All the steps, one after the other; returns what they come to."""
+    """Runs all steps and returns the generator's result."""
     while True:
         try:
             next(steps)

@@ -13,18 +13,20 @@ from rfca_rig.recording.seal import PIECE, seal_of
 
 
 class FileBeingMade:
-    """`root` takes groups and datasets; `check` after some of them raises what the disk refused."""
+    """`root` takes groups and datasets; `check`, called now and then, raises what the disk refused."""
 
     def __init__(self, path: Path) -> None:
         self._rough = RoughFile(path)
-        self.root = h5py.File(self._rough, "w", rdcc_nbytes=0)  # whole chunks are written, and never looked at again
+        # No chunk cache: whole chunks are written, and never read again.
+        self.root = h5py.File(self._rough, "w", rdcc_nbytes=0)
 
     def check(self) -> None:
         """Raises RigError, DiskFull."""
         self._rough.check()
 
     def put_in_place(self) -> Steps[str]:
-        """Closes, seals, and puts the file where it belongs; comes to its SHA-256. Raises RigError, DiskFull."""
+        """Closes, seals, and moves the file to its path; the result is its SHA-256. Raises RigError, DiskFull."""
+        # HDF5 must close first, whatever the disk refused; see `RoughFile`.
         self.root.close()
         self.check()
         digest = hashlib.sha256()
@@ -32,6 +34,7 @@ class FileBeingMade:
         while piece := self._rough.read(PIECE):
             digest.update(piece)
             yield
+        # Behind the end of the HDF5 content, where readers ignore it.
         seal = seal_of(digest.digest())
         self._rough.write(memoryview(seal))
         digest.update(seal)
@@ -39,14 +42,14 @@ class FileBeingMade:
         return digest.hexdigest()
 
     def discard(self) -> None:
-        """Takes away what is not in its place."""
+        """Removes the file unless it was put in place."""
         self.root.close()
         self._rough.discard()
 
 
 @contextmanager
 def being_made(path: Path) -> Iterator[FileBeingMade]:
-    """A file that is gone after the block unless it was put in place. Raises RigError where it cannot be begun."""
+    """Yields a new file, which is removed after the block unless it was put in place. Raises RigError where it cannot be begun."""
     made = FileBeingMade(path)
     try:
         yield made

@@ -1,7 +1,7 @@
-"""A stage in progress as it goes to disk: blocks one after the other, each with its length and a checksum.
+"""A stage in progress on disk: blocks one after the other, each with its length and a checksum.
 
-A block is handed from the control loop to the recorder in the very bytes that the journal keeps. What stands behind the last whole
-block, after a crash or a power cut, is passed over.
+The control loop hands a block to the recorder in the very bytes that the journal stores. After a crash or a power cut, everything behind
+the last whole block is ignored.
 """
 
 import struct
@@ -11,14 +11,16 @@ from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 
+# Mark, kind, a zero byte, length and CRC-32: 12 bytes, little endian (docs/recordings.md).
 _HEAD = struct.Struct("<2sBxII")
 _MARK = b"RB"
-LARGEST = 16 << 20  # of a block: a length above it is damage
+# Limit of a block's length: a length field above it is damage.
+LARGEST = 16 << 20
 PIECE = 1 << 20
 
 
 class BlockKind(IntEnum):
-    """What a block says. All but SAMPLES are JSON."""
+    """Kind of a block. All but SAMPLES are JSON."""
 
     BEGIN = 1
     START = 2
@@ -46,7 +48,7 @@ def framed(block: JournalBlock) -> bytes:
 
 
 def whole_blocks(content: bytes) -> tuple[list[JournalBlock], int]:
-    """The blocks from the beginning up to the first that is torn or damaged, and how many bytes they take."""
+    """The blocks up to the first that is torn or damaged, and how many bytes they take."""
     blocks, used = [], 0
     for block in _blocks(memoryview(content)):
         blocks.append(block)
@@ -55,28 +57,29 @@ def whole_blocks(content: bytes) -> tuple[list[JournalBlock], int]:
 
 
 def size_of(block: JournalBlock) -> int:
-    """Bytes with its head."""
+    """Size of a block in bytes, with its head."""
     return _HEAD.size + len(block.payload)
 
 
 def blocks_in(path: Path) -> Iterator[JournalBlock]:
-    """Those of `whole_blocks` from a file of any length, of which little is in memory at a time. Raises OSError."""
+    """The whole blocks of a file of any length, with little of it in memory at a time. Raises OSError."""
     with path.open("rb") as file:
-        rest = b""
+        remainder = b""
         while piece := file.read(PIECE):
-            blocks, used = whole_blocks(rest + piece)
-            rest = (rest + piece)[used:]
+            blocks, used = whole_blocks(remainder + piece)
+            remainder = (remainder + piece)[used:]
             yield from blocks
-            if not _may_go_on(rest):
+            # A damaged block ends the journal: behind it there is no telling where the next one begins.
+            if not _may_go_on(remainder):
                 return
 
 
-def _may_go_on(rest: bytes) -> bool:
-    """Whether more bytes may make a block of what stands behind the last one."""
-    if len(rest) < _HEAD.size:
+def _may_go_on(remainder: bytes) -> bool:
+    """Whether more bytes may complete the block whose beginning these are."""
+    if len(remainder) < _HEAD.size:
         return True
-    mark, kind, length, _ = _HEAD.unpack_from(rest)
-    return mark == _MARK and kind in _KINDS and length <= LARGEST and len(rest) < _HEAD.size + length
+    mark, kind, length, _ = _HEAD.unpack_from(remainder)
+    return mark == _MARK and kind in _KINDS and length <= LARGEST and len(remainder) < _HEAD.size + length
 
 
 def _blocks(content: memoryview) -> Iterator[JournalBlock]:
@@ -91,4 +94,5 @@ def _blocks(content: memoryview) -> Iterator[JournalBlock]:
 
 
 def _checksum(kind: int, payload: bytes) -> int:
+    # Begun with the kind, so that a damaged kind is noticed too.
     return zlib.crc32(payload, kind)

@@ -1,4 +1,4 @@
-"""Who the control loop hands its blocks to: a process of its own, or, where nothing is real, whoever asked for them."""
+"""Interface to which the control loop hands its blocks, and the implementation that writes in the same process."""
 
 from itertools import count
 from pathlib import Path
@@ -11,7 +11,7 @@ from rfca_rig.recording.run_writer import RunWriter
 
 
 class Keeper(Protocol):
-    """Keeps a run; `acknowledged` stages are on disk."""
+    """Records a run; `acknowledged` stages are on disk."""
 
     @property
     def acknowledged(self) -> int: ...
@@ -22,20 +22,20 @@ class Keeper(Protocol):
         ...
 
     def give(self, block: JournalBlock) -> None:
-        """Hands over. Raises what ends the run: DiskFull, Tripped where the recorder cannot keep up, RigError where it is no more."""
+        """Hands over a block. Raises what ends the run: DiskFull, Tripped where the recorder cannot keep up, RigError where it has died."""
         ...
 
     def keep_photo(self, picture: Picture) -> str:
-        """Takes over a photo (rows, columns, 3) of the stage that is to end next, which the caller leaves alone from now on.
+        """Takes over a photo (rows, columns, 3) of the stage that ends next; the caller must not change it any more.
 
-        Comes to its path from the run's folder. The stage is acknowledged when the photo, too, is on disk. Raises as `give` does.
+        Returns its path in the run's folder. The stage is acknowledged when the photo, too, is on disk. Raises as `give` does.
         """
         ...
 
     def finish(self, why: str) -> None:
-        """Returns when everything is on disk; a stage in progress is cut short, because of `why`.
+        """Returns when everything is on disk; a stage in progress is cut short for the reason `why`.
 
-        May be called any number of times. Raises RigError where something could not be kept.
+        May be called any number of times. Raises RigError where something could not be recorded.
         """
         ...
 
@@ -59,6 +59,7 @@ class DirectKeeper:
     def give(self, block: JournalBlock) -> None:
         self._writer.take(block)
         self._writer.flush()
+        # No work is left over: the order of events is then the same every time.
         self._writer.work_off()
         self._check()
 
@@ -69,6 +70,7 @@ class DirectKeeper:
         return name
 
     def _check(self) -> None:
+        # Raised only after the block was written, in the room of the reserve.
         if self._writer.complaint:
             raise DiskFull(self._writer.complaint)
 

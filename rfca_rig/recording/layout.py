@@ -1,12 +1,12 @@
 """The files of a run's folder.
 
-run.json        written first: title, source, what was believed, provenance, plan
-events.jsonl    one JSON object a line, only ever added to
-stages/0001.h5  a stage that is done, whole or cut short; written beside, forced to disk, renamed
+run.json        written first: title, source, nominal model, provenance, plan
+events.jsonl    one JSON object a line, append-only
+stages/0001.h5  a stage that is done, complete or cut short; written beside, forced to disk, renamed
 stages/0002.journal  the stage in progress, see `journal`
-end.json        how the run ended, and the static stages with what their photos showed
+end.json        how the run ended, and the static stages with the angles read from their photos
 run.h5          all of it in one file, made of the others at the end
-SHA256SUMS      of all of them, as sha256sum writes and checks them
+SHA256SUMS      of all of them, in the format of sha256sum
 """
 
 from pathlib import Path
@@ -17,9 +17,12 @@ STAGES = "stages"
 ENDING = "end.json"
 RECORDING = "run.h5"
 SUMS = "SHA256SUMS"
-PENDULUM = "pendulum.toml"  # describes recordings of a pendulum, which every command reads as they stand
-EXPERIMENT = "experiment.toml"  # describes recordings of a mechanism, in files of any kind
-DIAGNOSIS = "diagnosis.json"  # of a diagnosis's folder
+# Describes recordings of a pendulum, which every command reads in place.
+PENDULUM = "pendulum.toml"
+# Describes recordings of a mechanism, in files of any kind.
+EXPERIMENT = "experiment.toml"
+# In the folder of a diagnosis.
+DIAGNOSIS = "diagnosis.json"
 BALLAST = ".ballast"
 JOURNAL = ".journal"
 STAGE = ".h5"
@@ -27,17 +30,18 @@ WRITING = ".writing"
 
 
 def stage_files(folder: Path) -> list[Path]:
-    """Of the stages that are done, in their order."""
+    """Files of the stages that are done, in order."""
     return sorted((folder / STAGES).glob(f"*{STAGE}"), key=_number)
 
 
 def journals(folder: Path) -> list[Path]:
-    """Of stages that are not done, in their order: at most one, unless a disk was full."""
+    """Journals of stages that are not done, in order: at most one, unless a disk was full."""
     return sorted((folder / STAGES).glob(f"*{JOURNAL}"), key=_number)
 
 
 def next_number(folder: Path) -> int:
-    """Of the stage that comes next."""
+    """Number of the next stage."""
+    # Of journals too: a stage whose file is still to be made must keep its number.
     return max((_number(file) for file in (*stage_files(folder), *journals(folder))), default=0) + 1
 
 

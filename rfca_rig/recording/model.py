@@ -1,4 +1,4 @@
-"""The one form every recording takes, whether a twin, a real rig or a file from elsewhere made it."""
+"""The data model of a recording, the same for a twin, a real rig and a file from elsewhere."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ Direction = Literal["loading", "unloading"]
 
 @dataclass(frozen=True)
 class Column:
-    """One recorded quantity as the device gave it; its value in `unit` is raw * conversion + offset."""
+    """One recorded quantity as the device gave it: `raw` (m,). Its value in `unit` is raw * conversion + offset."""
 
     raw: NDArray[Any]
     unit: str
@@ -40,7 +40,7 @@ class Stream:
 class Stroke:
     """One flap at one condition. Streams are named for their device: "shaft" and "force", or "table" where one file held all.
 
-    `strokes_before` is how many strokes the leg had made before in this campaign, None where it was not counted.
+    `strokes_before` is the number of strokes that the leg had made before in this campaign, None where it was not counted.
     """
 
     height_m: float
@@ -50,7 +50,7 @@ class Stroke:
     strokes_before: int | None = None
 
     def channel(self, name: str) -> tuple[Floats, Floats] | None:
-        """(t_s, values) of a channel by its name in `channels`, or None where it was not recorded."""
+        """(t_s, values), each (m,), of a channel by its name in `channels`; None where it was not recorded."""
         for stream in self.streams.values():
             if name in stream.columns:
                 return stream.t_s, stream.columns[name].values
@@ -59,11 +59,12 @@ class Stroke:
 
 @dataclass(frozen=True)
 class StaticStage:
-    """One settled stage of the static experiment: means after settling. `hinge_deg` (6,) is NaN where no camera looked, or could tell.
+    """One settled stage of the static experiment: means after settling.
 
-    `settled` is None where the recording does not say. `hinge_std_deg` (6,), one standard deviation of each hinge angle, is NaN where
-    unknown. `photo` and `overlay` are paths from the run's folder, `photo_doubts` what the photo did not tell; "" for none.
-    `strokes_before` as in `Stroke`; `held_s` is how long the shaft had stood in the middle of the reading, None where that is not known.
+    `hinge_deg` (6,) is NaN where no photo gave the angle. `hinge_std_deg` (6,), one standard deviation of each hinge angle, is NaN where
+    unknown. `settled` is None where the recording does not say. `photo` and `overlay` are paths in the run's folder, `photo_doubts` what
+    the photo did not show; "" for none. `strokes_before` as in `Stroke`. `held_s` is how long the shaft had stood in the middle of the
+    reading, None where unknown.
     """
 
     height_m: float
@@ -85,26 +86,30 @@ class StaticStage:
 
     def __post_init__(self) -> None:
         if not self.hinge_std_deg:
+            # The dataclass is frozen; the default depends on the number of hinges, so a field default cannot state
+            # it.
             object.__setattr__(self, "hinge_std_deg", (math.nan,) * len(self.hinge_deg))
 
     @property
     def bend_deg(self) -> float:
-        """The angle between the first link and the last, without sign: the sum of the hinge angles. NaN where one of them is unknown."""
+        """Angle between the first link and the last, without sign: the sum of the hinge angles. NaN where one of them is unknown."""
         return abs(math.fsum(self.hinge_deg)) if self.hinge_deg else math.nan
 
 
 def collect_strokes_before(recorded: Iterable[Stroke | StaticStage]) -> tuple[int, ...]:
     """How many strokes the leg had made before each of these; () where one of them was not counted."""
     counts = [each.strokes_before for each in recorded]
+    # All or none: a sequence with gaps is of no use as an order.
     known = tuple(count for count in counts if count is not None)
     return known if len(known) == len(counts) else ()
 
 
 @dataclass(frozen=True)
 class RawStage:
-    """What the devices gave during a stage that is no stroke: behind the means of a static stage, or until a stage was cut short.
+    """Samples of a stage that is no stroke: those behind the means of a static stage, or of a stage that was cut short.
 
-    `cut_short` says why, "" for a whole one. Times count from the commanded start, or from the first sample where that never came.
+    `cut_short` is the reason, "" for a complete stage. Times count from the commanded start, or from the first sample where that never
+    came.
     """
 
     label: str
@@ -115,10 +120,10 @@ class RawStage:
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything one run or one campaign recorded. Analyses take `strokes` and `static`; `raw` is for whoever looks closer.
+    """Everything that one run or one campaign recorded. Analyses take `strokes` and `static`; `raw` is for a closer look.
 
-    `nominal` holds the sections leg, ground, sensor, drive of the model as it was believed, `known_to` one standard deviation
-    of each nominal value, both as plain data in the file's own units. `provenance` is text by name (versions, seed, plan ...).
+    `nominal` holds the sections leg, ground, sensor, drive of the nominal model, `known_to` one standard deviation of each nominal value,
+    both as plain data in the file's own units. `provenance` is text by name (versions, seed, plan ...).
     """
 
     title: str
@@ -131,7 +136,8 @@ class Recording:
     raw: tuple[RawStage, ...] = ()
 
     def with_order(self) -> "Recording":
-        """The same with its strokes counted, where a rig or a twin recorded them: they stand in the order in which it made them."""
+        """The same with its strokes counted, where a rig or a twin recorded them: there they are stored in the order of time."""
+        # Nothing says in which order imported strokes were made.
         if self.source == "IMPORT":
             return self
         return replace(self, strokes=tuple(replace(stroke, strokes_before=before) for before, stroke in enumerate(self.strokes)))

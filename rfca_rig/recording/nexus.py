@@ -1,4 +1,4 @@
-"""The few attributes by which viewers of NeXus files find something to plot: a chain of defaults, down to a signal over its axis."""
+"""NeXus attributes that let viewers find something to plot: a chain of defaults that ends at a signal and its axis."""
 
 from collections.abc import Sequence
 
@@ -6,6 +6,7 @@ import h5py
 
 from rfca_rig.recording.columns import link
 
+# The column that viewers plot first.
 PLOTTED = "fz_N"
 
 

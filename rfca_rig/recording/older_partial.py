@@ -1,4 +1,4 @@
-"""Runs that an older version left unfinished: a folder `run.h5.partial` with one small recording per stroke or stage."""
+"""Unfinished runs of an older version: a folder `run.h5.partial` with one small recording per stroke or stage."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,26 +13,27 @@ PARTIAL = ".partial"
 
 
 def partial_of(path: Path) -> Path:
-    """The folder that holds the recording while it is not finished; `path` is where the finished file would be."""
+    """The folder with the parts of an unfinished recording; `path` is where the finished file would be."""
     return path.with_name(path.name + PARTIAL)
 
 
 def read_partial(path: Path) -> Recording:
-    """What was recorded of a run that never finished; its provenance says so."""
+    """Everything that was recorded of a run that never finished; its provenance says so."""
     parts = [read_recording(part) for part in sorted(partial_of(path).glob("*.h5"))]
     if not parts:
         raise BadInput(f"{partial_of(path)}: holds no recording; the run was interrupted before it began")
     found = merged(parts[0], parts[1:])
-    said = f"the run ended without being finished, after {len(found.strokes)} strokes and {len(found.static)} static stages"
-    return replace(found, provenance={**found.provenance, INTERRUPTED: said})
+    interruption = f"the run ended without being finished, after {len(found.strokes)} strokes and {len(found.static)} static stages"
+    return replace(found, provenance={**found.provenance, INTERRUPTED: interruption})
 
 
 def recover_partial(path: Path) -> Path:
-    """Makes `path` from its partial folder, with everything that had been added. Returns `path`.
+    """Makes `path` from its partial folder, with every part in it. Returns `path`.
 
-    Where the crash came when `path` was whole already, only the leftovers go: a recording is never written over.
+    Where `path` was already complete at the crash, only the leftovers are removed: a recording is never overwritten.
     """
     if path.is_file():
+        # Reads all of it: the parts are removed only if the file is sound.
         read_recording(path)
     else:
         write_recording(read_partial(path), path)

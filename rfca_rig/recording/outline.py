@@ -1,4 +1,4 @@
-"""What a recording in one file is of, without its samples."""
+"""Summary of a recording in one file, without its samples."""
 
 import json
 from collections.abc import Mapping
@@ -17,7 +17,10 @@ from rfca_rig.recording.strokes import GROUP as STROKES
 
 @dataclass(frozen=True)
 class RunOutline:
-    """`strokes` are (height in mm, speed in rad/s, repeat) of each; `last_cycle` is the number of the last one in it, 0 without."""
+    """`strokes` has (height in mm, speed in rad/s, repeat) of each stroke.
+
+    `last_cycle` is the number of the last cycle in the file, 0 without cycles.
+    """
 
     title: str
     source: str
@@ -29,7 +32,7 @@ class RunOutline:
 
 
 def outline_of(path: Path) -> RunOutline:
-    """Raises BadInput for a file that is damaged or of another kind."""
+    """Reads the outline of a file. Raises BadInput for a file that is damaged or of another kind."""
     with opened(path) as (file, source):
         tables = [stage[CYCLES][NUMBER] for stage in file.get(RAW, {}).values() if CYCLES in stage]
         return RunOutline(

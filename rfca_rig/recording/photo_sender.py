@@ -1,4 +1,4 @@
-"""Photos on their way from the control process to the recorder, sent by a thread, so that nobody waits until they are through."""
+"""Photos on their way from the control process to the recorder, sent by a thread so that the control loop never waits."""
 
 import queue
 import threading
@@ -12,18 +12,18 @@ from rfca_rig.recording.picture import Picture
 
 @dataclass(frozen=True)
 class AnnouncedPhoto:
-    """A photo of that path and shape, whose bytes come next."""
+    """Path and shape (rows, columns, 3) of a photo whose bytes come next."""
 
     name: str
     shape: tuple[int, ...]
 
     def received(self, parent: Connection) -> Picture:
-        """Raises EOFError, OSError where the sender dies meanwhile."""
+        """The photo (rows, columns, 3). Raises EOFError, OSError where the sender dies meanwhile."""
         return np.frombuffer(parent.recv_bytes(), np.uint8).reshape(self.shape)
 
 
 class PhotoSender:
-    """`send` hands over, `finish` returns when all are through, or nobody is there to take them."""
+    """`send` queues a photo; `finish` returns when all are sent, or the recorder is gone."""
 
     def __init__(self, child: Connection) -> None:
         self._child = child
@@ -31,22 +31,24 @@ class PhotoSender:
         self._thread = threading.Thread(target=self._work, name="photos", daemon=True)
 
     def send(self, name: str, picture: Picture) -> None:
-        """The caller leaves the picture alone."""
+        """Queues a picture (rows, columns, 3), which the caller must not change any more."""
+        # Started with the first photo: runs without a camera have no such thread.
         if not self._thread.ident:
             self._thread.start()
         self._waiting.put((AnnouncedPhoto(name, picture.shape), np.ascontiguousarray(picture)))
 
     def finish(self, within_s: float) -> None:
-        """Takes no more."""
+        """Ends the thread after the photos that are queued."""
         if self._thread.ident:
             self._waiting.put(None)
             self._thread.join(within_s)
 
     def _work(self) -> None:
-        while (given := self._waiting.get()) is not None:
-            announced, picture = given
+        while (queued := self._waiting.get()) is not None:
+            announced, picture = queued
             try:
                 self._child.send(announced)
                 self._child.send_bytes(picture.data.cast("B"))
             except OSError:
-                return  # a recorder that is gone is noticed by the control loop
+                # The control loop notices by itself that the recorder is gone.
+                return

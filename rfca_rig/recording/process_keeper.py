@@ -1,4 +1,4 @@
-"""The control loop's end of the recorder process: handing over costs microseconds, and nothing is ever lost in silence."""
+"""The control loop's end of the recorder process: handing over takes microseconds, and every loss is reported."""
 
 import subprocess
 from itertools import count
@@ -13,8 +13,10 @@ from rfca_rig.recording.picture import Picture, next_photo, photo_name
 from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, started
 from rfca_rig.trip_codes import Trip
 
-QUEUE_BYTES = 16 << 20  # 20 s of a sensor at 15 kHz
-PATIENT_QUEUE_BYTES = 1 << 20  # less than the ballast: a rig faster than real time fills any queue before it hears of a full disk
+# 20 s of a sensor at 15 kHz.
+QUEUE_BYTES = 16 << 20
+# Less than the disk reserve: a rig faster than real time fills any queue before it learns of a full disk.
+PATIENT_QUEUE_BYTES = 1 << 20
 STARTED_WITHIN_S = 30.0
 FINISHED_WITHIN_S = 120.0
 PAUSE_S = 0.002
@@ -23,12 +25,12 @@ PAUSE_S = 0.002
 class ProcessKeeper:
     """Implements `keeper.Keeper` with a process of its own, which survives this one.
 
-    A recorder that falls so far behind that the queue is full ends the run. With `patient`, for rigs whose time stands still
-    meanwhile, the caller waits for it instead.
+    A recorder so far behind that the queue is full ends the run. With `patient`, for rigs whose time stands still meanwhile, the caller
+    waits instead.
     """
 
     def __init__(self, folder: Path, patient: bool, queue_bytes: int = 0) -> None:
-        """Returns when the process is ready. `queue_bytes` 0 leaves the size of the queue to it. Raises RigError where it cannot be."""
+        """Returns when the process is ready. `queue_bytes` 0 means the default size. Raises RigError where it cannot start."""
         self._folder = folder
         self._patient = patient
         self._clock = WallClock()
@@ -42,14 +44,14 @@ class ProcessKeeper:
             self._queue.remove()
             raise RigError(f"{folder}: no process can be started to record: {error}") from error
         self._photos, self._sender = count(next_photo(folder)), PhotoSender(self._child)
-        what, said = self._heard(STARTED_WITHIN_S)
-        if what != READY:
+        kind, message = self._receive(STARTED_WITHIN_S)
+        if kind != READY:
             self._let_go()
-            raise RigError(f"the recorder of {folder}: {said}")
+            raise RigError(f"the recorder of {folder}: {message}")
 
     @property
     def process_id(self) -> int:
-        """Of the recorder, for watching its cost."""
+        """Of the recorder, for measuring its cost."""
         return self._process.pid
 
     @property
@@ -58,16 +60,18 @@ class ProcessKeeper:
 
     @property
     def backlog_bytes(self) -> int:
-        """Handed over, and not taken yet."""
+        """Handed over and not taken yet."""
         return 0 if self._child.closed else self._queue.waiting
 
     def give(self, block: JournalBlock) -> None:
         content = framed(block)
         self._check()
         if self._queue.has_complained:
-            self._queue.put(content)  # such as when the motor was off: kept if it can be, in the room of the ballast
-            raise self._complained()
+            # Events after the stop, for example `motor off`, are kept if possible, in the room of the reserve.
+            self._queue.put(content)
+            raise self._complaint_error()
         while not self._queue.put(content):
+            # A real rig must not wait for a disk: it stops, and the drive's watchdog never has to.
             if not self._patient:
                 raise Tripped(
                     Trip.RECORDER_BEHIND,
@@ -83,52 +87,58 @@ class ProcessKeeper:
         return name
 
     def _wait(self) -> None:
-        """For room, as long as there is somebody who makes it."""
+        """Waits for room, as long as the recorder lives and can make some."""
         self._clock.wait_until(self._clock.now_s() + PAUSE_S)
         self._check()
         if self._queue.has_complained:
-            raise self._complained()
+            raise self._complaint_error()
 
     def _check(self) -> None:
         if self._process.poll() is not None:
             raise RigError(f"the recorder has ended by itself; what it had kept is in {self._folder}: type rfca-rig recover {self._folder}")
 
-    def _complained(self) -> RigError:
+    def _complaint_error(self) -> RigError:
+        # The message comes once; later calls repeat it.
         if not self._complaint:
-            self._complaint = self._heard(1.0)[1]
+            self._complaint = self._receive(1.0)[1]
         return (DiskFull if "disk full" in self._complaint else RigError)(self._complaint)
 
-    def _heard(self, within_s: float) -> tuple[str, str]:
+    def _receive(self, within_s: float) -> tuple[str, str]:
         try:
             if self._child.poll(within_s):
-                what, words = self._child.recv()
-                return what, words
+                kind, message = self._child.recv()
+                return kind, message
         except (EOFError, OSError):
+            # A recorder that died closes its end of the connection.
             return DONE, "it ended by itself"
         return DONE, f"no word within {within_s:g} s"
 
     def finish(self, why: str) -> None:
         if not self._child.closed:
-            self._fault = self._farewell(why)
+            self._fault = self._end_recorder(why)
             self._let_go()
         if self._fault:
             raise RigError(f"the recorder of {self._folder}: {self._fault}")
 
-    def _farewell(self, why: str) -> str:
+    def _end_recorder(self, why: str) -> str:
+        # Photos first: the recorder stops listening once it has the reason for the end.
         self._sender.finish(FINISHED_WITHIN_S)
         try:
             self._child.send(why)
         except OSError:
             return "it ended by itself"
-        what, words = self._heard(FINISHED_WITHIN_S)
-        return self._heard(FINISHED_WITHIN_S)[1] if what == COMPLAINT else words
+        kind, message = self._receive(FINISHED_WITHIN_S)
+        # A complaint may still be on its way; the answer to the end follows it.
+        return self._receive(FINISHED_WITHIN_S)[1] if kind == COMPLAINT else message
 
     def _let_go(self) -> None:
+        # Read now: the shared memory is gone afterwards.
         self._acknowledged = self._queue.acknowledged
         self._child.close()
         try:
             self._process.wait(STARTED_WITHIN_S)
         except subprocess.TimeoutExpired:
+            # A recorder that hangs in the disk must not keep the command from ending.
             self._process.kill()
             self._process.wait()
         self._queue.remove()

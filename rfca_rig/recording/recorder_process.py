@@ -1,8 +1,8 @@
-"""The process that owns a run's files, and does nothing but bring to disk what the control loop hands over.
+"""The process that owns a run's files and writes to disk what the control loop hands over.
 
-A process and not a thread: compressing a stroke holds the interpreter, in which the control loop stands still while the drive's watchdog
-runs. Measured at 500 Hz with 7000 records/s, worst gap between commands beyond the ticks of 10 ms: written by the loop itself 254 ms, by
-a thread 18 ms, by this process 0.6 ms (python -m tests.benchmarks.recording).
+A process and not a thread: compressing a stroke holds the interpreter, and the control loop stands still while the drive's watchdog runs.
+Measured at 500 Hz with 7000 records/s, worst gap between commands beyond the ticks of 10 ms: written by the loop itself 254 ms, by a thread
+18 ms, by this process 0.6 ms (python -m tests.benchmarks.recording).
 """
 
 import signal
@@ -23,17 +23,19 @@ from rfca_rig.recording.photo_sender import AnnouncedPhoto
 from rfca_rig.recording.run_writer import RunWriter
 
 MODULE = "rfca_rig.recording.recorder_process"
+# Seconds to wait for a message while there is nothing else to do.
 PAUSE_S = 0.005
-FORCED_EVERY_S = 0.4  # with what is under way, a power cut costs half a second
+# Together with what is under way, a power cut costs half a second at most.
+FORCED_EVERY_S = 0.4
 READY, COMPLAINT, DONE = "ready", "complaint", "done"
 CONTROL_GONE = "the control process ended"
 
 
 @dataclass(frozen=True)
 class RecorderAssignment:
-    """Which run to keep, and where its blocks come from.
+    """Which run to record, and the queue that its blocks come from.
 
-    With `patient` each stage is brought to disk before anything else is taken, so that the order of events is the same every time.
+    With `patient` each stage is on disk before the next block is taken, so that the order of events is the same every time.
     """
 
     folder: Path
@@ -42,16 +44,17 @@ class RecorderAssignment:
 
 
 def started(assignment: RecorderAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
-    """The process at work, and the way to talk to it."""
+    """Starts the process; returns it and the connection to it."""
     return subprocesses.started(MODULE, assignment)
 
 
 def keep(parent: Connection) -> None:
-    """Takes its assignment from the parent, says READY or why not, and keeps the run until the parent says why it ends.
+    """Receives its assignment from the parent, answers READY or the error, and records the run until the parent sends why it ends.
 
-    What it says are pairs: of COMPLAINT, at most once, and what ends the run; at last of DONE and what could not be kept, "" for
-    nothing. A parent that is gone ends the run too, with all that it had handed over.
+    Messages to the parent are pairs: at most one COMPLAINT with the reason that ends the run, and at last DONE with what could not be kept,
+    "" for nothing. If the parent dies, the run ends too, with everything that it had handed over.
     """
+    # ^C stops the run, which the control process does in its own order; the recorder must see the end of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     assignment: RecorderAssignment = parent.recv()
     try:
@@ -73,7 +76,7 @@ def _say(parent: Connection, what: str, words: str) -> None:
 
 
 class DiskRecorder:
-    """From the queue to the disk. What the disk refuses for good is told once, and the rest is let go by."""
+    """Moves blocks from the queue to the disk. A final refusal of the disk is reported once; later blocks are dropped."""
 
     def __init__(self, queue: BlockQueue, writer: RunWriter, clock: Clock, parent: Connection, patient: bool) -> None:
         self._queue = queue
@@ -87,21 +90,23 @@ class DiskRecorder:
         self._complained = False
 
     def run(self) -> str:
-        """Until the parent has no more to say; returns why the run ends."""
+        """Runs until the parent sends the end; returns why the run ends."""
         forced_s, is_busy = self._clock.now_s(), False
         while True:
+            # With work to do it does not wait, but still takes messages between two steps of that work.
             self._listen(0.0 if is_busy else PAUSE_S)
             self._drain()
-            is_busy = self._guarded(self._writer.work)
+            # One small step only: the queue must be emptied while a stage file of many steps is made.
+            is_busy = self._run_unless_failed(self._writer.work)
             if self._clock.now_s() - forced_s > FORCED_EVERY_S:
-                self._guarded(self._writer.force)
+                self._run_unless_failed(self._writer.force)
                 forced_s = self._clock.now_s()
             self._tell()
             if self._why is not None:
                 return self._why
 
     def close(self, why: str) -> str:
-        """Takes what still waits, ends the run's files, and returns what went wrong, "" for nothing."""
+        """Takes what is still in the queue, ends the run's files, and returns what went wrong, "" for nothing."""
         self._drain()
         try:
             self._writer.close(why)
@@ -111,27 +116,31 @@ class DiskRecorder:
         return self._fault
 
     def _listen(self, wait_s: float | None) -> None:
-        """Takes a photo, or why the run ends, if there is either."""
+        """Receives a photo, or the reason why the run ends, if either has arrived."""
         try:
             if self._parent.poll(wait_s):
-                said = self._parent.recv()
-                if isinstance(said, AnnouncedPhoto):
-                    picture = said.received(self._parent)
-                    self._guarded(lambda: self._writer.keep_picture(said.name, picture))
-                    self._pictures.add(said.name)
+                message = self._parent.recv()
+                if isinstance(message, AnnouncedPhoto):
+                    picture = message.received(self._parent)
+                    self._run_unless_failed(lambda: self._writer.keep_picture(message.name, picture))
+                    self._pictures.add(message.name)
                 else:
-                    self._why = str(said)
+                    self._why = str(message)
         except (EOFError, OSError):
+            # A control process that was killed is an end like any other: the files are completed.
             self._why = CONTROL_GONE
 
     def _drain(self) -> None:
         blocks, length = whole_blocks(self._queue.look())
-        self._guarded(lambda: self._take(blocks))
+        self._run_unless_failed(lambda: self._take(blocks))
+        # Only after the journal has the blocks: the queue's backlog then counts everything that is not with the
+        # system yet.
         self._queue.took(length)
         self._tell()
 
     def _take(self, blocks: list[JournalBlock]) -> None:
         for block in blocks:
+            # The stage file is acknowledged only with its photo, which travels separately and may arrive later.
             if block.kind is BlockKind.END:
                 self._await_photo(End.of(block))
             self._writer.take(block)
@@ -140,25 +149,26 @@ class DiskRecorder:
         self._writer.flush()
 
     def _await_photo(self, end: End) -> None:
-        """It is sent before its stage ends, by another way."""
+        """Waits for the stage's photo, which is sent earlier but over the connection instead of the queue."""
         while end.static and end.static.photo and end.static.photo not in self._pictures and self._why is None:
             self._listen(None)
 
-    def _guarded(self, work: Callable[[], object]) -> bool:
-        """Whether it said that there is more to do; after a fault nothing is done any more."""
+    def _run_unless_failed(self, work: Callable[[], object]) -> bool:
+        """Runs `work`; returns whether it has more to do. After a failure nothing is done any more."""
         if self._fault:
             return False
         try:
             return bool(work())
         except (RigError, OSError) as error:
+            # A complaint about a full disk came first and is the cause of what failed after it.
             self._fault = self._writer.complaint or str(error)
             return False
 
     def _tell(self) -> None:
-        said = self._writer.complaint or self._fault
-        if said and not self._complained:
+        complaint = self._writer.complaint or self._fault
+        if complaint and not self._complained:
             self._complained = True
-            _say(self._parent, COMPLAINT, said)
+            _say(self._parent, COMPLAINT, complaint)
         self._queue.tell(self._writer.acknowledged, self._complained)
 
 

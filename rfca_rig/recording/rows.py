@@ -1,4 +1,4 @@
-"""Samples on their way to the disk: rows of packed records, one kind of record per device, and what turns them into streams."""
+"""Samples on their way to the disk: rows of packed records, one kind of record per device, and their conversion to streams."""
 
 import struct
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ _COUNT = struct.Struct("<I")
 
 @dataclass(frozen=True)
 class ColumnForm:
-    """One column as the device gives it; its value in `unit` is raw * conversion + offset. `dtype` as numpy writes it, such as "<i4"."""
+    """Layout of one column; its value in `unit` is raw * conversion + offset. `dtype` in NumPy's notation, for example "<i4"."""
 
     name: str
     dtype: str
@@ -29,32 +29,33 @@ class ColumnForm:
 
 @dataclass(frozen=True)
 class StreamForm:
-    """The columns of one device, in their order."""
+    """Layout of one device's records: its columns in their order."""
 
     name: str
     columns: tuple[ColumnForm, ...]
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of one record, packed."""
+        """Of one packed record."""
         return np.dtype([(column.name, column.dtype) for column in self.columns])
 
 
 @dataclass(frozen=True)
 class CommandedStart:
-    """The commanded start: its host time, and what takes the place of the offset of columns, by name."""
+    """Host time of the commanded start, and offsets of columns, by name, that replace those of their form."""
 
     start_s: float
     offsets: Mapping[str, float] = field(default_factory=dict)
 
 
 def packed(rows: Sequence[Rows]) -> bytes:
-    """The rows of all streams, in the order of their forms, as one piece of bytes."""
+    """Packs the rows of all streams, each (m,) of its form's records, in the order of their forms: a count (4 bytes), then the records."""
+    # A count per stream, because each device brings its own number of records per tick.
     return b"".join(_COUNT.pack(len(some)) + some.tobytes() for some in rows)
 
 
 class RowBatches:
-    """Gathers the rows of a stage's blocks to batches of `rows` each, per stream; only what is left over is shorter."""
+    """Gathers the rows of a stage's blocks into batches of `rows` each, per stream; only the remainder is shorter."""
 
     def __init__(self, forms: Sequence[StreamForm], rows: int) -> None:
         self._dtypes = [form.dtype for form in forms]
@@ -63,9 +64,17 @@ class RowBatches:
         self._gathered = [0] * len(forms)
 
     def add(self, content: bytes) -> Iterator[tuple[int, Rows]]:
-        """What `packed` gave; yields the batches that become full by it, each with the number of its stream.
+        """Adds what `packed` returned; yields the batches that it completes.
 
-        Raises ValueError where the content is not such.
+        Yields
+        ------
+        tuple of int and ndarray, shape (rows,)
+            Number of the stream, and a full batch of its records.
+
+        Raises
+        ------
+        ValueError
+            The content is no packed rows.
         """
         at = 0
         for stream, dtype in enumerate(self._dtypes):
@@ -73,6 +82,8 @@ class RowBatches:
             self._pieces[stream].append(content[at + _COUNT.size : end])
             self._gathered[stream] += end - at - _COUNT.size
             at = end
+        # The checksum of the block was right, so this is a mistake of the writer; reading on would shift every
+        # record.
         if at != len(content):
             raise ValueError(f"{len(content)} bytes of samples, where their counts make {at}")
         for stream, dtype in enumerate(self._dtypes):
@@ -80,24 +91,25 @@ class RowBatches:
                 yield from self._full(stream)
 
     def _full(self, stream: int) -> Iterator[tuple[int, Rows]]:
-        rows = self._taken(stream)
-        whole = len(rows) // self._rows * self._rows
-        for at in range(0, whole, self._rows):
+        rows = self._joined_rows(stream)
+        complete = len(rows) // self._rows * self._rows
+        for at in range(0, complete, self._rows):
             yield stream, rows[at : at + self._rows]
-        left = rows[whole:].tobytes()
-        self._pieces[stream], self._gathered[stream] = [left], len(left)
+        # A copy: the remainder must not keep the whole joined buffer in memory.
+        remainder = rows[complete:].tobytes()
+        self._pieces[stream], self._gathered[stream] = [remainder], len(remainder)
 
     def rest(self) -> Iterator[tuple[int, Rows]]:
-        """What is left over of each stream."""
+        """The remainder of each stream, (n,) records with n below a full batch, with the number of the stream."""
         for stream in range(len(self._dtypes)):
-            yield stream, self._taken(stream)
+            yield stream, self._joined_rows(stream)
 
-    def _taken(self, stream: int) -> Rows:
+    def _joined_rows(self, stream: int) -> Rows:
         return np.frombuffer(b"".join(self._pieces[stream]), self._dtypes[stream])
 
 
 def stream_of(form: StreamForm, rows: Rows, start: CommandedStart) -> Stream:
-    """The rows as columns, with their time from the device's own counter."""
+    """Stream from rows (m,) of records: a column (m,) for each of the form, with time from the device's own counter."""
     columns = {
         column.name: Column(np.ascontiguousarray(rows[column.name]), column.unit, column.conversion, column.offset)
         for column in started(form, start).columns
@@ -106,7 +118,7 @@ def stream_of(form: StreamForm, rows: Rows, start: CommandedStart) -> Stream:
 
 
 def started(form: StreamForm, start: CommandedStart) -> StreamForm:
-    """The form with the offsets that the commanded start decides."""
+    """The form with the offsets that depend on the commanded start."""
     return replace(form, columns=tuple(replace(column, offset=start.offsets.get(column.name, column.offset)) for column in form.columns))
 
 
@@ -117,8 +129,19 @@ def _device_time(rows: Rows, start_s: float) -> Floats:
 
 
 def host_offset_s(host_s: Floats, device_s: Floats) -> float:
-    """What to add to a device's own time to get the host's: the least delay seen is nearest to none.
+    """Seconds to add to a device's own time to get the host's: the smallest delay is the best estimate of none.
 
-    Bias: late by the shortest way from device to host, which is well below a millisecond on CAN and on a local network.
+    Bias: late by the shortest delay from device to host, which is well below a millisecond on CAN and on a local network.
+
+    Parameters
+    ----------
+    host_s, device_s : ndarray, shape (m,)
+        Times of arrival and times by the device's counter, in s; m is at least 1.
+
+    Returns
+    -------
+    float
+        Offset in s.
     """
+    # Delays are only ever positive, so a mean would depend on the load of the computer; the minimum does not.
     return float(np.min(host_s - device_s))

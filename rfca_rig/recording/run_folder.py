@@ -1,4 +1,4 @@
-"""A run's folder before, after and without its writer: made, read, put together into `run.h5`, brought back after a crash."""
+"""A run's folder: created, read, assembled into `run.h5`, and recovered after a crash."""
 
 import json
 import shutil
@@ -30,7 +30,10 @@ from rfca_rig.recording.sums import read_sums, write_sums
 
 
 def write_run(folder: Path, told: Watcher = unwatched) -> Steps[Path]:
-    """Comes to the path of `run.h5`. Raises BadInput, naming the file, where a stage is damaged; RigError, DiskFull."""
+    """Assembles `run.h5` from the other files; the result of the steps is its path.
+
+    Raises BadInput, naming the file, where a stage is damaged; RigError, DiskFull.
+    """
     header, ending = read_header(folder), read_ending(folder)
     with being_made(folder / RECORDING) as made:
         static = yield from _copy_stages(made, counted(stage_files(folder), told), header.source)
@@ -40,15 +43,17 @@ def write_run(folder: Path, told: Watcher = unwatched) -> Steps[Path]:
 
 
 def _copy_stages(made: FileBeingMade, files: Iterable[Path], source: Source) -> Steps[tuple[StaticStage, ...]]:
-    """Strokes and raw stages into groups of their own, numbered anew; comes to the static stages, which are one table."""
+    """Copies strokes and raw stages into groups of their own with new numbers; the result is the static stages, which form one table."""
     make_strokes(made.root)
     static: list[StaticStage] = []
     for path in files:
         with opened(path) as (stage, _):
             static += read_static(stage)
             for kind in (STROKES, RAW):
+                # By number, not by name: "1000" sorts before "999".
                 for number in sorted(stage.get(kind, ()), key=int):
                     yield from _copy_stage(stage[kind][number], _place(made.root, kind), source)
+        # After each stage: writes that the disk refused stay in memory, which must not grow.
         made.check()
     return tuple(static)
 
@@ -73,22 +78,24 @@ def _finish(made: FileBeingMade, folder: Path, known: Recording, ending: Ending 
 
 
 def create(folder: Path, header: Recording) -> None:
-    """Begins a run: the folder with `run.json` and the ballast in it, on disk when this returns.
+    """Begins a run: makes the folder with `run.json` and the disk reserve, on disk when this returns.
 
-    `header` gives title, source, believed, known_to and provenance. Raises BadInput where there is a run already, RigError when the
-    disk refuses.
+    `header` has title, source, nominal model, known_to and provenance. Raises BadInput where there is a run already, RigError when the disk
+    refuses.
     """
     if (folder / HEADER).exists() or (folder / RECORDING).exists():
         raise BadInput(f"{folder}: holds a run already; recordings are never written over, choose another place")
     with refusals(folder, "cannot be made"):
         (folder / STAGES).mkdir(parents=True, exist_ok=True)
     write_header(folder, header)
+    # Before anything moves: a disk without this room must refuse the run, not end it.
     Ballast(folder).lay()
+    # The new folder's own name must survive a power cut, too.
     sync_folder(folder.parent)
 
 
 def discard(folder: Path) -> None:
-    """Takes everything away again; for a run that ended before it recorded anything."""
+    """Removes the folder; for a run that ended before it recorded anything."""
     shutil.rmtree(folder)
 
 
@@ -97,7 +104,7 @@ def is_run(folder: Path) -> bool:
 
 
 def read_stages(folder: Path) -> Recording:
-    """Everything that the run recorded so far, from its stage files; of a run that has not ended, its provenance says so.
+    """Everything that the run recorded so far, from its stage files. The provenance of a run that has not ended says so.
 
     Raises BadInput, naming the file, where one is damaged.
     """
@@ -107,7 +114,7 @@ def read_stages(folder: Path) -> Recording:
 
 
 def read_without_samples(folder: Path) -> Recording:
-    """What `read_stages` gives, but for strokes and raw stages, which take memory."""
+    """The same as `read_stages` without strokes and raw stages, which need memory."""
     ending, strokes = read_ending(folder), 0
     static: list[StaticStage] = []
     for path in stage_files(folder):
@@ -119,7 +126,7 @@ def read_without_samples(folder: Path) -> Recording:
 
 
 def as_seen(recorded: tuple[StaticStage, ...], ending: Ending | None) -> tuple[StaticStage, ...]:
-    """The static stages with what their photos showed, where the run's end has read those."""
+    """The static stages with the angles read from their photos, where the run's end has them."""
     return recorded if ending is None or ending.static is None else ending.static
 
 
@@ -135,9 +142,9 @@ def merged(header: Recording, stages: Iterable[Recording]) -> Recording:
 
 
 def build(folder: Path, told: Watcher = unwatched) -> Path:
-    """Puts `run.h5` together from the other files, the same bytes every time, and sums up all. Returns its path.
+    """Assembles `run.h5` from the other files, the same bytes every time, and writes the checksums of all. Returns its path.
 
-    `told` hears how many of the stages are in it.
+    `told` is called with the number of stages copied so far.
     """
     path = at_once(write_run(folder, told))
     write_sums(folder)
@@ -145,16 +152,18 @@ def build(folder: Path, told: Watcher = unwatched) -> Path:
 
 
 def close_journals(folder: Path) -> int:
-    """After a crash: makes stage files of what was in progress, takes away the ballast and what was half written.
+    """Makes stage files of unfinished stages after a crash, and removes the disk reserve and half-written files.
 
-    Returns how many journals there were. Raises BadInput where the run is still going on.
+    Returns the number of journals. Raises BadInput where the run is still going on.
     """
     check_over(folder)
     header, found = read_header(folder), journals(folder)
     for journal in found:
         path = journal.with_suffix(STAGE)
+        # The crash may have come after the stage file was put in place and before its journal was removed.
         if not path.is_file():
             at_once(write_stage(journal, path, header))
+        # Only after its stage file is on disk: a crash in between costs nothing.
         remove(journal)
     for half in folder.rglob(f"*{WRITING}"):
         remove(half)
@@ -163,16 +172,19 @@ def close_journals(folder: Path) -> int:
 
 
 def reopen(folder: Path, event: Mapping[str, object]) -> None:
-    """A run that is over goes on: `event` is added to its events, on disk, then what only a run has that has ended is taken away.
+    """Continues a finished run: adds `event` to its events, on disk, then removes the files that only a finished run has.
 
-    Raises BadInput where it is not over, RigError when the disk refuses.
+    Raises BadInput where the run is still going on, RigError when the disk refuses.
     """
     events = GrowingFile(folder / EVENTS)
     lock(events)
     try:
+        # A crash may have left part of a line, to which the new event would be joined.
         events.cut_to(whole_lines((folder / EVENTS).read_bytes()))
         events.append((json.dumps(event, ensure_ascii=False) + "\n").encode())
+        # The event first: after a crash in between, the run still shows that and why it was continued.
         events.force()
+        # The checksums go first: without them, no check compares the remaining files with outdated hashes.
         for name in (SUMS, RECORDING, ENDING):
             remove(folder / name)
         Ballast(folder).lay()
@@ -181,7 +193,7 @@ def reopen(folder: Path, event: Mapping[str, object]) -> None:
 
 
 def is_whole(folder: Path) -> bool:
-    """Whether nothing is left to be brought back: `run.h5` can be read, nothing is in progress, and all is summed up."""
+    """Whether nothing needs recovery: `run.h5` is readable, no stage is unfinished, and the checksums exist."""
     if journals(folder):
         return False
     try:

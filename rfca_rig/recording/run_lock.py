@@ -1,4 +1,4 @@
-"""Who writes into a run's folder: one process at a time, told by a lock that vanishes with it."""
+"""Lock of a run's folder: one process writes at a time. The lock ends with its process."""
 
 import importlib
 import os
@@ -10,24 +10,26 @@ from rfca_rig.recording.layout import EVENTS
 
 
 def lock(events: GrowingFile) -> None:
-    """Holds the run's lock until the file is closed. Raises BadInput where another process holds it.
+    """Locks the run until the file is closed. Raises BadInput where another process has the lock.
 
-    Windows, and network disks without locks, go without.
+    On Windows, and on network disks without locks, there is no lock.
     """
     if os.name == "nt":
         return
     fcntl = importlib.import_module("fcntl")
     try:
+        # On the open file, not by a file of its own: the system releases it however the process ends.
         fcntl.flock(events.handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         events.close()
         raise BadInput(f"{events.path.parent}: the run is still going on; wait for its end") from None
     except OSError:
-        return  # a disk without locks
+        # A disk without locks must not prevent a run.
+        return
 
 
 def check_over(folder: Path) -> None:
-    """Raises BadInput where the run in `folder` is still going on. Leaves a file of events there, if only an empty one."""
+    """Raises BadInput where the run in `folder` is still going on. Creates an empty file of events where there is none."""
     events = GrowingFile(folder / EVENTS)
     lock(events)
     events.close()

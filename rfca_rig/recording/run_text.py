@@ -1,4 +1,4 @@
-"""What a run writes in words: what it began with, how it ended, and what happened in between."""
+"""Text files of a run: its header, its end, and the events in between."""
 
 import json
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ INTERRUPTED = "interrupted"
 
 @dataclass(frozen=True)
 class Ending:
-    """How a run ended: text by name, and its static stages with what was read off their photos since they were recorded."""
+    """How a run ended: text by name, and its static stages with the angles read from their photos."""
 
     provenance: Mapping[str, str]
     static: tuple[StaticStage, ...] | None = None
@@ -26,6 +26,7 @@ class Ending:
 
 def write_header(folder: Path, header: Recording) -> None:
     """`run.json`, from a recording without strokes and stages."""
+    # The key `believed` belongs to the file format; in the code it is `nominal`.
     texts = {name: getattr(header, name) for name in ("title", "source", "known_to", "provenance")}
     _write(folder / HEADER, {"format": FORMAT, "believed": header.nominal} | texts)
 
@@ -33,17 +34,17 @@ def write_header(folder: Path, header: Recording) -> None:
 def read_header(folder: Path) -> Recording:
     """The recording as it was before its first stage. Raises BadInput where there is none, or none of this format."""
     path = folder / HEADER
-    said = _read(path)
-    if said.get("format") != FORMAT:
-        raise BadInput(f"{path}: format {said.get('format')!r}, where {FORMAT!r} is needed")
+    content = _read(path)
+    if content.get("format") != FORMAT:
+        raise BadInput(f"{path}: format {content.get('format')!r}, where {FORMAT!r} is needed")
     try:
-        return Recording(said["title"], said["source"], said["believed"], said["known_to"], (), (), said["provenance"])
+        return Recording(content["title"], content["source"], content["believed"], content["known_to"], (), (), content["provenance"])
     except LookupError as error:
         raise BadInput(f"{path}: {error} is missing") from None
 
 
 def write_ending(folder: Path, ending: Ending) -> None:
-    """`end.json`; for once nothing moves any more."""
+    """Writes `end.json`; to be called when nothing moves any more."""
     _write(folder / ENDING, asdict(ending))
 
 
@@ -52,37 +53,38 @@ def read_ending(folder: Path) -> Ending | None:
     path = folder / ENDING
     if not path.is_file():
         return None
-    said = _read(path)
+    content = _read(path)
     try:
-        static = None if said["static"] is None else tuple(static_stage_of(stage) for stage in said["static"])
-        return Ending(said["provenance"], static)
+        static = None if content["static"] is None else tuple(static_stage_of(stage) for stage in content["static"])
+        return Ending(content["provenance"], static)
     except (LookupError, TypeError) as error:
         raise BadInput(f"{path}: is not the end of a run: {error}") from None
 
 
 def run_provenance(folder: Path, known: Recording, ending: Ending | None, strokes: int) -> Mapping[str, str]:
-    """Where a run with so many strokes and the static stages of `known` comes from, and how it ended; one that has not ended says so."""
+    """Provenance of a run with so many strokes and the static stages of `known`, and how it ended, or that it has not."""
     found = {**known.provenance, "events": events_text(folder)}
     if ending is None:
-        said = f"the run ended without being finished, after {strokes} strokes and {len(known.static)} static stages"
-        return {**found, INTERRUPTED: said}
+        interruption = f"the run ended without being finished, after {strokes} strokes and {len(known.static)} static stages"
+        return {**found, INTERRUPTED: interruption}
     return {**found, **ending.provenance}
 
 
 def events_text(folder: Path) -> str:
-    """The whole lines of `events.jsonl`; what a crash left of another one is passed over."""
+    """The complete lines of `events.jsonl`; part of a line, from a crash, is ignored."""
     path = folder / EVENTS
     content = path.read_bytes() if path.is_file() else b""
+    # Damaged bytes must not keep the other events from being read.
     return content[: whole_lines(content)].decode(errors="replace")
 
 
 def whole_lines(content: bytes) -> int:
-    """How many bytes they take."""
+    """Number of bytes that the complete lines take."""
     return content.rfind(b"\n") + 1
 
 
 def events_of(folder: Path) -> list[dict[str, Any]]:
-    """What happened, in its order. Raises BadInput, with the line, for what is no event."""
+    """The events in order. Raises BadInput, with the line, for a line that is no event."""
     events = []
     for number, line in enumerate(events_text(folder).splitlines(), start=1):
         try:

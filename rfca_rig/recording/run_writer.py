@@ -1,4 +1,4 @@
-"""What keeps a run: takes the blocks of the control loop one by one, and knows when a stage is safe."""
+"""Writes a run: takes the blocks of the control loop one by one, and knows when a stage is safe on disk."""
 
 from collections import deque
 from collections.abc import Callable
@@ -20,9 +20,9 @@ from rfca_rig.recording.stage_file import Written, write_stage
 class RunWriter:
     """Owns the folder of a run while it goes on.
 
-    A stage that ends is safe in its journal, and made into its file by `work`, step by step, while the next may go on already.
-    `acknowledged` stages are on disk, whatever comes. A full disk costs the ballast: what is under way is still kept, and `complaint`
-    says from then on that the run must stop.
+    A stage that ends is safe in its journal. `work` makes its file from it, step by step, while the next stage may go on already.
+    `acknowledged` stages are on disk, whatever happens later. A full disk uses up the reserve: what is under way is still recorded, and
+    `complaint` then says that the run must stop.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -31,11 +31,13 @@ class RunWriter:
         self._header = read_header(folder)
         self._events = GrowingFile(folder / EVENTS)
         lock(self._events)
+        # A crash may have left part of a line, to which the next event would be joined.
         self._events.cut_to(whole_lines((folder / EVENTS).read_bytes()))
         self._ballast = Ballast(folder)
         self._number = next_number(folder)
         self._journal: GrowingFile | None = None
         self._waiting: list[bytes] = []
+        # Stages whose journal is complete and whose file is still to be made, oldest first.
         self._ended: deque[int] = deque()
         self._making: Steps[Written | None] | None = None
         self.acknowledged = 0
@@ -45,23 +47,24 @@ class RunWriter:
         """Raises RigError where the disk refuses for good. Samples reach the disk with `flush`, the file of a stage with `work`."""
         match block.kind:
             case BlockKind.EVENT:
-                self._kept(lambda: self._events.append(block.payload + b"\n"))
+                self._write_or_use_reserve(lambda: self._events.append(block.payload + b"\n"))
             case BlockKind.BEGIN:
                 self._begin(block)
             case BlockKind.SAMPLES | BlockKind.START:
+                # Gathered until `flush`: one system call for a tick's blocks.
                 self._waiting.append(framed(block))
             case BlockKind.END:
                 self._end(block)
 
     def flush(self) -> None:
-        """Hands to the system what was taken: it survives this process, though not yet a power cut."""
+        """Hands everything taken to the system: it then survives this process, though not yet a power cut."""
         waiting, self._waiting = b"".join(self._waiting), []
         if self._journal is not None and waiting:
             journal = self._journal
-            self._kept(lambda: journal.append(waiting))
+            self._write_or_use_reserve(lambda: journal.append(waiting))
 
     def work(self) -> bool:
-        """Takes a step towards the files of stages that have ended; False where there is nothing to do. Raises as `take` does."""
+        """Does one step towards the files of ended stages; False where there is nothing to do. Raises as `take` does."""
         if not self._ended:
             return False
         number = self._ended[0]
@@ -73,33 +76,36 @@ class RunWriter:
             self._making = None
             self._ended.popleft()
             self._acknowledge(journal, path, done.value)
+        # Once the reserve is released there is room again: the file is begun anew with the next step.
         except DiskFull as full:
             self._making = None
             self._use_ballast(full)
         return True
 
     def work_off(self) -> None:
-        """Returns when every stage that has ended is acknowledged."""
+        """Returns when every ended stage is acknowledged."""
         while self.work():
             pass
 
     def keep_picture(self, name: str, picture: Picture) -> None:
-        """Returns when the photo is on disk, at that path from the run's folder. Raises RigError where the disk refuses for good."""
-        self._kept(lambda: write_picture(self._folder / name, picture))
+        """Returns when the photo is on disk, at that path in the run's folder. Raises RigError where the disk finally refuses."""
+        self._write_or_use_reserve(lambda: write_picture(self._folder / name, picture))
 
     def force(self) -> None:
-        """Returns when what was flushed survives a power cut too."""
+        """Returns when everything flushed is on disk, and so survives a power cut too."""
         if self._journal is not None:
             self._journal.force()
         self._events.force()
 
     def close(self, why: str) -> None:
-        """Ends the run; a stage in progress is cut short, because of `why`. The ballast is taken away."""
+        """Ends the run; a stage in progress is cut short for the reason `why`. Removes the reserve."""
         try:
             if self._journal is not None:
                 self._end(End(cut_short=why).block())
             self.work_off()
             self.take(event_block({"event": "run ends", "why": why}))
+            # The event that names the end is the last word of the run; it must be on disk before the lock is
+            # released.
             self._events.force()
         finally:
             self._events.close()
@@ -120,18 +126,20 @@ class RunWriter:
         self._ended.append(number)
 
     def _acknowledge(self, journal: Path, path: Path, written: Written | None) -> None:
-        """Says that the stage is on disk, and takes the journal away. One whose photo is not there is kept, but not acknowledged."""
+        """Records that the stage is on disk, and removes its journal. A stage without its photo is kept, but not acknowledged."""
         if written is not None:
             photo = written.end.static.photo if written.end.static else ""
             has_photo = not photo or (self._folder / photo).is_file()
             self.acknowledged += has_photo
-            said = written.event(f"{STAGES}/{path.name}", **({} if has_photo else {"photo": f"{photo} is lost"}))
-            self._kept(lambda: self._events.append(said))
+            event = written.event(f"{STAGES}/{path.name}", **({} if has_photo else {"photo": f"{photo} is lost"}))
+            self._write_or_use_reserve(lambda: self._events.append(event))
             self._events.force()
+        # Only after the event is on disk: as long as the journal exists, a crash loses neither samples nor the record
+        # of them.
         remove(journal)
 
-    def _kept(self, write: Callable[[], object]) -> None:
-        """Writes, if need be into the room of the ballast."""
+    def _write_or_use_reserve(self, write: Callable[[], object]) -> None:
+        """Runs `write`; on a full disk once more, in the room of the reserve."""
         try:
             write()
         except DiskFull as full:
@@ -139,8 +147,9 @@ class RunWriter:
             write()
 
     def _use_ballast(self, full: DiskFull) -> None:
-        """Gives its room to what the disk refused. Raises that where there is none left."""
+        """Releases the reserve for what the disk refused. Raises that error where the reserve is used up."""
         if not self._ballast.release():
             raise full
         self.complaint = f"stopped: disk full: {full}"
+        # Forces the removal to disk, so that its room is really free before the write is tried again.
         sync_folder(self._folder)

@@ -1,7 +1,7 @@
-"""A checksum behind the end of an HDF5 file, where every reader of HDF5 passes over it.
+"""A checksum behind the end of an HDF5 file, where HDF5 readers ignore it.
 
-HDF5 reads a file with flipped bits as if they were meant, and can search a damaged index for ever. Whoever opens the file for
-writing cuts the seal off; such a file counts as edited, not as damaged.
+HDF5 takes flipped bits for data, and may search a damaged index for ever. Opening the file for writing cuts the seal off; such a file
+counts as edited, not as damaged.
 """
 
 import hashlib
@@ -15,18 +15,19 @@ PIECE = 1 << 20
 
 
 def seal_of(content_sha256: bytes) -> bytes:
-    """What to put behind the content with that digest."""
+    """The seal for content with that digest."""
     return _MARK + content_sha256
 
 
 def is_broken(path: Path) -> bool:
-    """Whether there is a seal and the content is not what was sealed. Raises OSError."""
+    """Whether there is a seal that does not match the content. Raises OSError."""
     with path.open("rb") as file:
         length = file.seek(0, 2) - _LENGTH
         if length < 0:
             return False
         file.seek(length)
         seal = file.read()
+        # No seal: an edited file, or one of another program, neither of which is damage.
         if not seal.startswith(_MARK):
             return False
         file.seek(0)
@@ -40,4 +41,5 @@ def _pieces(file: BinaryIO, length: int) -> Iterator[bytes]:
     while length > 0:
         piece = file.read(min(PIECE, length))
         yield piece
+        # A file that shrinks meanwhile gives empty pieces; without this the loop would not end.
         length = length - len(piece) if piece else 0

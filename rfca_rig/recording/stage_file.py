@@ -1,7 +1,7 @@
-"""From the journal of a stage to its file. A stage that ends in good order goes the same way as one that a crash left.
+"""Makes a stage's file from its journal. A stage that ends in good order goes the same way as one that a crash left.
 
-The journal is gone through twice, once to learn how long the stage is and when it began, once to copy; a stage of hours takes no more
-memory than one of seconds.
+The journal is read twice: once to learn how long the stage is and when it began, once to copy. A stage of hours takes no more memory than
+one of seconds.
 """
 
 import json
@@ -30,7 +30,11 @@ INTERRUPTED = "the recording was interrupted"
 
 @dataclass(frozen=True)
 class Survey:
-    """What a journal holds. Per stream, in the order of the forms: how many samples, and the offset of the device's clock to the host's."""
+    """Content of a journal.
+
+    Per stream, in the order of `begin.forms`: `lengths` are numbers of samples, `host_offsets_s` what to add to the device's clock to get
+    the host's.
+    """
 
     begin: Begin
     start: CommandedStart
@@ -41,25 +45,40 @@ class Survey:
 
 @dataclass(frozen=True)
 class Written:
-    """A stage on disk: samples by stream, SHA-256 of its file, and as whom it ended."""
+    """A stage on disk: samples by stream, SHA-256 of its file, and the block with which it ended."""
 
     samples: Mapping[str, int]
     sha256: str
     end: End
 
     def event(self, name: str, **about: str) -> bytes:
-        """The line that says so."""
+        """The stage's line for `events.jsonl`."""
         why = self.end.cut_short
-        what = {"event": "stage cut short", "why": why} if why else {"event": "stage recorded"}
-        said = {**what, "file": name, "sha256": self.sha256, "samples": self.samples, **about}
-        return (json.dumps(said, ensure_ascii=False) + "\n").encode()
+        outcome = {"event": "stage cut short", "why": why} if why else {"event": "stage recorded"}
+        event = {**outcome, "file": name, "sha256": self.sha256, "samples": self.samples, **about}
+        return (json.dumps(event, ensure_ascii=False) + "\n").encode()
 
 
 def write_stage(journal: Path, path: Path, header: Recording) -> Steps[Written | None]:
-    """Puts what the journal holds up to its last whole block into a file of its own; None, and no file, where it holds no sample.
+    """Writes a journal, up to its last whole block, into a stage file; the result is None, without a file, where it holds no sample.
 
-    The stage counts as recorded when the last step is done. Raises RigError, DiskFull; BadInput for blocks that are whole and yet
-    make no sense.
+    The stage counts as recorded when the last step is done.
+
+    Parameters
+    ----------
+    journal : Path
+        The journal of one stage.
+    path : Path
+        Where the stage file goes.
+    header : Recording
+        Title and source of the run.
+
+    Raises
+    ------
+    RigError, DiskFull
+        The disk refused.
+    BadInput
+        Blocks are whole and yet make no sense.
     """
     with _sense_in(journal):
         survey = yield from _survey(journal)
@@ -83,6 +102,7 @@ def _sense_in(journal: Path) -> Iterator[None]:
 def _survey(journal: Path) -> Steps[Survey | None]:
     blocks = blocks_in(journal)
     first = next(blocks, None)
+    # A journal whose first block never reached the disk whole names no stage and no columns.
     if first is None or first.kind is not BlockKind.BEGIN:
         return None
     begin, found = Begin.of(first), _Found()
@@ -90,20 +110,22 @@ def _survey(journal: Path) -> Steps[Survey | None]:
     for stream, rows in found.batches(begin, journal):
         counts[stream].add(rows)
         yield
+    # Without a commanded start the stage was cut short before it; times then count from the first sample.
     first_s = min((count.first_s for count in counts if count.length), default=0.0)
     lengths, offsets_s = tuple(count.length for count in counts), tuple(count.offset_s for count in counts)
     return Survey(begin, found.start or CommandedStart(first_s), found.end, lengths, offsets_s)
 
 
 class _Found:
-    """What the blocks said besides samples."""
+    """Commanded start and end of a stage, as its blocks say."""
 
     def __init__(self) -> None:
         self.start: CommandedStart | None = None
+        # What holds unless an END block follows: a crash writes none.
         self.end = End(cut_short=INTERRUPTED)
 
     def batches(self, begin: Begin, journal: Path) -> Iterator[tuple[int, Rows]]:
-        """The samples of a journal, each batch with the number of its stream."""
+        """The samples of a journal, in batches of ROWS_PER_CHUNK, each with the number of its stream."""
         gathering = RowBatches(begin.forms, ROWS_PER_CHUNK)
         for block in blocks_in(journal):
             match block.kind:
@@ -117,7 +139,7 @@ class _Found:
 
 
 class _Count:
-    """Of one stream."""
+    """Length, first host time and clock offset of one stream."""
 
     def __init__(self) -> None:
         self.length, self.first_s, self.offset_s = 0, 0.0, np.inf
@@ -126,6 +148,7 @@ class _Count:
         if len(rows):
             self.first_s = self.first_s if self.length else float(rows[HOST_TIME][0])
             self.length += len(rows)
+            # The least delay of all samples is nearest to none; see `rows.host_offset_s`.
             self.offset_s = min(self.offset_s, host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME]))
 
 
@@ -148,12 +171,14 @@ def _fill(made: FileBeingMade, survey: Survey, journal: Path, header: Recording)
         target = group[link(forms[stream].name)]
         for column in forms[stream].columns:
             write_rows(target, column.name, filled[stream], rows[column.name])
+        # One offset for the whole stage: times keep the device's even spacing, free of the jitter of arrival.
         write_rows(target, TIME, filled[stream], rows[DEVICE_TIME] + (survey.host_offsets_s[stream] - survey.start.start_s))
         filled[stream] += len(rows)
+        # After each batch: writes that the disk refused stay in memory, which must not grow.
         made.check()
         yield
 
 
 def bare(header: Recording) -> Recording:
-    """What a stage's file repeats of its run's header."""
+    """The part of the run's header that every stage file repeats."""
     return replace(header, nominal={}, known_to={}, strokes=(), static=(), provenance={})

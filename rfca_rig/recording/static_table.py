@@ -14,10 +14,12 @@ from rfca_rig.recording.strokes import BEFORE, height_mm
 
 GROUP = "static"
 DIRECTION_BYTES = 16
-NOT_COUNTED = -1  # strokes before; older files have no such column, nor held_s
+# Value of `strokes_before` where strokes were not counted; older files have neither this column nor `held_s`.
+NOT_COUNTED = -1
 
 _SETTLED = {None: -1, False: 0, True: 1}
-_TEXTS = ("photo", "overlay", "photo_doubts")  # utf-8; files from before there were cameras have none
+# UTF-8; files from before there were cameras have none.
+_TEXTS = ("photo", "overlay", "photo_doubts")
 _PLAIN = {"shaft_angle_rad": "rad", "fy_N": "N", "fz_N": "N", "tx_Nm": "N m"}
 
 
@@ -74,6 +76,7 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
         return ()
     group = parent[GROUP]
     hinges = int(group.attrs["hinges"])
+    # Columns that older files lack are read only where they exist.
     std = json.loads(group.attrs["std"])
     nominal = [name for name in _hinge_std_names(hinges) if name in group]
     names = ["height_mm", "stage", *_PLAIN, *_hinge_names(hinges), *nominal, *(f"std_{name}" for name in std), "settled"]

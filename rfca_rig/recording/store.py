@@ -1,7 +1,7 @@
 """A recording as one HDF5 file, `rfca-recording/1`.
 
     /            attributes format, title, source
-    /believed    JSON text: leg, ground, sensor, drive as believed
+    /believed    JSON text: leg, ground, sensor, drive of the nominal model
     /known_to    JSON text: one standard deviation of each nominal value
     /provenance  JSON text: text by name
     /strokes/001 attributes height_mm, speed_rad_s, repeat; a group per stream, see `strokes`
@@ -36,7 +36,7 @@ SOURCES = ("SIM", "REAL", "IMPORT")
 
 
 def write_recording(recording: Recording, path: Path) -> Path:
-    """Writes the recording to `path`, whole or not at all; the same recording gives the same bytes every time. Returns `path`.
+    """Writes the recording to `path`, complete or not at all; the same recording always gives the same bytes. Returns `path`.
 
     Raises RigError when the disk refuses, ValueError for columns that are not equally long rows of numbers.
     """
@@ -50,7 +50,7 @@ def write_recording(recording: Recording, path: Path) -> Path:
 
 
 def mark_recording(file: h5py.Group, recording: Recording, has_strokes: bool) -> None:
-    """What there is of it besides strokes and stages."""
+    """Writes everything except strokes and stages."""
     file.attrs["format"] = FORMAT
     file.attrs["title"] = recording.title
     file.attrs["source"] = recording.source
@@ -76,16 +76,16 @@ def read_recording(path: Path) -> Recording:
 
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[h5py.File, Source]]:
-    """The file, once its seal is found whole. Raises BadInput for one that is damaged or of another kind, here or within the block."""
-    with _damage_in(path), h5py.File(path, "r") as file:
-        yield file, _checked_source(path, file)
+    """Yields the open file and its source, after its seal was checked. Raises BadInput for a damaged file or another format."""
+    with _report_damage(path), h5py.File(path, "r") as file:
+        yield file, _read_source(path, file)
 
 
-def _checked_source(path: Path, file: h5py.File) -> Source:
+def _read_source(path: Path, file: h5py.File) -> Source:
     found = file.attrs.get("format")
     if found != FORMAT:
-        said = f"format {found!r}" if found else "an HDF5 file without format attribute"
-        raise BadInput(f"{path}: {said}, where a recording of format {FORMAT!r} is needed")
+        description = f"format {found!r}" if found else "an HDF5 file without format attribute"
+        raise BadInput(f"{path}: {description}, where a recording of format {FORMAT!r} is needed")
     source = file.attrs["source"]
     if source not in SOURCES:
         raise ValueError(f"source {source!r} is none of {', '.join(SOURCES)}")
@@ -93,21 +93,24 @@ def _checked_source(path: Path, file: h5py.File) -> Source:
 
 
 @contextmanager
-def _damage_in(path: Path) -> Iterator[None]:
-    """Whatever HDF5 or the layout stumbles over means one thing to the user: this file is not a whole recording."""
+def _report_damage(path: Path) -> Iterator[None]:
+    """Turns any error of HDF5 or of the layout into one message: this file is not a whole recording."""
     if not path.is_file():
         raise BadInput(f"{path}: is not there")
     try:
+        # Before HDF5 opens it: a damaged index can make the library search for ever.
         if is_broken(path):
             raise ValueError("its checksum does not match, so bytes were changed after it was written")
         yield
+    # h5py raises nearly any of these for damaged bytes, depending on where they are.
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError) as error:
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise BadInput(f"{path}: is not a whole recording of format {FORMAT!r}: {said[:160]}") from error
+        message = " ".join(str(error).split()) or type(error).__name__
+        raise BadInput(f"{path}: is not a whole recording of format {FORMAT!r}: {message[:160]}") from error
 
 
 def _write_text(file: h5py.File, name: str, content: Mapping[str, Any]) -> None:
-    """As a dataset, because HDF5 attributes end at 64 kB and a plan may be longer."""
+    """Writes a dataset, because HDF5 attributes end at 64 kB and a plan may be longer."""
+    # Without track_times the file holds no date of its making, so that equal recordings give equal bytes.
     text = json.dumps(dict(content), ensure_ascii=False).encode()
     file.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8", len(text)), track_times=False)
 

@@ -1,7 +1,7 @@
-"""Strokes as HDF5 groups, and the streams of theirs and of other stages.
+"""Strokes as HDF5 groups, and the streams of strokes and other stages.
 
-Each stream is a group of equally long 1-d datasets with its own `t_s`, to which the others are bound as a dimension scale: that is
-how xarray, MATLAB and HDFView find the axis.
+Each stream is a group of equally long 1-d datasets with its own `t_s`, to which the others are bound as a dimension scale: that is how
+xarray, MATLAB and HDFView find the axis.
 """
 
 import json
@@ -17,7 +17,8 @@ from rfca_rig.recording.rows import ColumnForm, Rows, StreamForm
 
 GROUP = "strokes"
 TIME = "t_s"
-BEFORE = "strokes_before"  # an attribute of strokes that were counted
+# Attribute of strokes that were counted: how many the leg had made before.
+BEFORE = "strokes_before"
 _TIME_FORM = ColumnForm(TIME, "<f8", "s")
 
 
@@ -65,7 +66,8 @@ def write_streams(group: h5py.Group, streams: Mapping[str, Stream], source: Sour
 
 
 def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], source: Source) -> None:
-    """Streams of so many samples that wait for their values."""
+    """Streams of the given numbers of samples, still without values."""
+    # An iterator would be used up by the names, before the streams are made.
     streams = list(streams)
     names = [form.name for form, _ in streams]
     group.attrs["order"] = json.dumps(names)
@@ -75,7 +77,7 @@ def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], s
 
 
 def write_rows(group: h5py.Group, column: str, at: int, values: Rows) -> None:
-    """Values of a column or of the TIME of a stream that was made, from sample `at` on."""
+    """Writes `values` (n,) of a column, or of TIME, from sample `at` on."""
     if len(values):
         group[link(column)][at : at + len(values)] = np.ascontiguousarray(values)
 
@@ -94,7 +96,7 @@ def read_streams(group: h5py.Group, source: Source) -> dict[str, Stream]:
 
 
 def copy_streams(source_group: h5py.Group, target_group: h5py.Group, source: Source) -> Iterator[None]:
-    """All streams of a stage, bit by bit and some at a time. Raises ValueError where one is not of the recording's source."""
+    """Copies all streams of a stage unchanged, a chunk per step. Raises ValueError where one is not of the recording's source."""
     groups = dict(streams_in(source_group, source))
     make_streams(target_group, [_form_in(name, group) for name, group in groups.items()], source)
     for name, group in groups.items():
@@ -148,6 +150,7 @@ def _check_stream(group: h5py.Group, source: Source) -> None:
 
 
 def height_mm(height_m: float) -> float:
-    """In mm without the dust of binary fractions: 0.215 m is 215 mm, and reading 215 mm gives 0.215 m again."""
+    """In mm without binary rounding errors: 0.215 m becomes 215 mm, and reading 215 mm gives 0.215 m again."""
     clean = round(1e3 * height_m, 9)
+    # Rounded only where reading gives back the very same number: the height is a key that plans are compared by.
     return clean if clean / 1e3 == height_m else 1e3 * height_m

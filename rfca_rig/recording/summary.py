@@ -1,4 +1,4 @@
-"""How much a recording on disk holds, told without holding it in memory."""
+"""Counts of what a recording on disk holds, without holding it in memory."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,9 +20,10 @@ SEQUENCE = "rdt_sequence"
 
 @dataclass(frozen=True)
 class RecordingSummary:
-    """Counts. `samples` are per name of stream, `missing` the records that the sensor's own numbers leave out, per stream that has any.
+    """Counts of a recording. `samples` are by name of the stream.
 
-    `cut_short` are the labels of stages that were.
+    `missing` has, for each stream with gaps, the number of records that the sensor's own numbering leaves out. `cut_short` are the labels
+    of stages that were.
     """
 
     strokes: int
@@ -37,16 +38,17 @@ class RecordingSummary:
 
 
 def tally_of(path: Path, thorough: bool = True) -> RecordingSummary:
-    """Reads every value once, a piece at a time, because that is what finds all damage; otherwise trusts the file's seal.
+    """Counts what the file holds. `thorough` reads every value once, a piece at a time; otherwise the file's seal is trusted.
 
     Raises BadInput for a file that is damaged or of another kind.
     """
     with opened(path) as (file, source):
-        strokes, raw = _numbered(file[STROKES]), _numbered(file[RAW]) if RAW in file else []
+        strokes, raw = _in_order(file[STROKES]), _in_order(file[RAW]) if RAW in file else []
         samples: Counter[str] = Counter()
         missing = []
         for name, group in _streams((*strokes, *raw), source):
             samples[name] += len(group[TIME])
+            # Only reading every chunk finds all damage: HDF5 decodes a chunk no earlier.
             if thorough:
                 _read_through(group)
             missing += [gone for gone in _missing(group) if gone]
@@ -55,7 +57,7 @@ def tally_of(path: Path, thorough: bool = True) -> RecordingSummary:
 
 
 def together(tallies: Iterable[RecordingSummary]) -> RecordingSummary:
-    """Of several recordings of one run as of one."""
+    """The sum of several recordings of one run."""
     parts = list(tallies)
     samples: Counter[str] = Counter()
     for part in parts:
@@ -65,7 +67,7 @@ def together(tallies: Iterable[RecordingSummary]) -> RecordingSummary:
     return RecordingSummary(strokes, static, raw, dict(samples), missing, tuple(label for part in parts for label in part.cut_short))
 
 
-def _numbered(group: h5py.Group) -> list[h5py.Group]:
+def _in_order(group: h5py.Group) -> list[h5py.Group]:
     return [group[number] for number in sorted(group, key=int)]
 
 
@@ -81,7 +83,7 @@ def _read_through(stream: h5py.Group) -> None:
 
 
 def _missing(stream: h5py.Group) -> Iterator[int]:
-    """What the device's own numbers say is missing between the first sample and the last."""
+    """Number of records missing between the first sample and the last, by the device's own numbering."""
     if link(SEQUENCE) in stream and len(stream[SEQUENCE]):
         numbers = stream[SEQUENCE]
         yield int(numbers[-1]) - int(numbers[0]) + 1 - len(numbers)

@@ -1,4 +1,4 @@
-"""SHA-256 of every file of a finished run, in the form that sha256sum writes and checks."""
+"""SHA-256 of every file of a finished run, in the format of sha256sum."""
 
 import hashlib
 from pathlib import Path
@@ -10,21 +10,23 @@ from rfca_rig.recording.layout import BALLAST, SUMS, WRITING
 
 def write_sums(folder: Path) -> None:
     """`SHA256SUMS`, the last file of a run."""
+    # Sorted, so that the same run gives the same bytes.
     files = sorted(file for file in folder.rglob("*") if file.is_file() and _belongs(file))
     write_atomically(folder / SUMS, "".join(f"{sum_line(file, folder)}\n" for file in files).encode())
 
 
 def sum_line(file: Path, folder: Path) -> str:
-    """The line of sha256sum for a file in the folder, without its end."""
+    """A file's line in the format of sha256sum, without the line end."""
     return f"{sha256_of(file)}  {file.relative_to(folder).as_posix()}"
 
 
 def _belongs(file: Path) -> bool:
+    # The reserve is gone after the run, and files being written are not part of it.
     return file.name not in (SUMS, BALLAST) and file.suffix != WRITING
 
 
 def read_sums(folder: Path) -> dict[str, str]:
-    """Hash by path from the folder; nothing for a run that has not been finished. Raises BadInput for lines that are none."""
+    """Hash by path in the folder; empty for a run that has not been finished. Raises BadInput for malformed lines."""
     path = folder / SUMS
     if not path.is_file():
         return {}

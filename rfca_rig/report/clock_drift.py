@@ -1,4 +1,4 @@
-"""How far each device's clock went from the host's, from the two times that every sample carries."""
+"""Drift of each device's clock relative to the host's, from the two times that every sample carries."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,16 +12,19 @@ from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME
 
 Floats = NDArray[np.float64]
 
+# From each block of this length, the sample with the shortest delay counts.
 BLOCK_S = 0.25
+# A line through fewer points says little about a slope.
 FEWEST_BLOCKS = 4
 
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """`ppm` more time on the device than on the host, over `span_s` of `blocks` quarters of a second.
+    """Clock drift of one device: `ppm`, positive where the device's clock is faster than the host's.
 
-    `half_ppm` is the most that uneven arrival can feign: the loop looks only so often, so that a sample may be early or late by all that
-    is seen of it, at either end. No confidence level: such errors are no noise.
+    It comes from `blocks` blocks of a quarter of a second over `span_s`. `half_ppm` bounds the error from uneven arrival: the loop polls
+    only so often, so that a sample at either end may be early or late by the whole observed spread. It is a bound without a confidence
+    level, because such errors are not noise.
     """
 
     device: str
@@ -32,10 +35,10 @@ class ClockDrift:
 
 
 def clock_drifts(recording: Recording) -> list[ClockDrift]:
-    """Of each device whose samples carry both clocks.
+    """Drift of each device whose samples carry both clocks.
 
-    A sample arrives late, never early: in each quarter of a second the one that came soonest counts. A device that was started anew
-    within the run counts since then.
+    A sample arrives late, never early: in each quarter of a second, the sample with the shortest delay counts. Where a device was
+    restarted within the run, only samples since the last restart count.
     """
     stages: Sequence[Stroke | RawStage] = (*recording.strokes, *recording.raw)
     names = dict.fromkeys(name for stage in stages for name in stage.streams if name != CYCLES)
@@ -44,25 +47,27 @@ def clock_drifts(recording: Recording) -> list[ClockDrift]:
 
 
 def _drift(device: str, streams: Sequence[Stream]) -> ClockDrift | None:
-    pairs = sorted(pair for stream in streams for pair in _soonest(stream))
+    pairs = sorted(pair for stream in streams for pair in _shortest_delays(stream))
     host_s, device_s = np.array(pairs).reshape(-1, 2).T
-    anew = np.flatnonzero(np.diff(device_s) < 0.0)
-    since = int(anew[-1]) + 1 if len(anew) else 0
+    restarts = np.flatnonzero(np.diff(device_s) < 0.0)
+    since = int(restarts[-1]) + 1 if len(restarts) else 0
     host_s, ahead_s = host_s[since:], (device_s - host_s)[since:]
     if len(host_s) < FEWEST_BLOCKS or np.ptp(host_s) < BLOCK_S:
         return None
+    # Least squares of (device - host) over host time: the slope is the drift itself, a small number without cancellation.
     centred = host_s - host_s.mean()
     slope = float(centred @ ahead_s) / float(centred @ centred)
     uneven_s = float(np.ptp(ahead_s - slope * centred))
+    # The worst case: the whole spread of one sign at the first block, of the other sign at the last one.
     span_s = float(np.ptp(host_s))
     return ClockDrift(device, 1e6 * slope, 2e6 * uneven_s / span_s, span_s, len(host_s))
 
 
-def _soonest(stream: Stream) -> Iterator[tuple[float, float]]:
-    """(host, device) of the sample of each block that was under way for the shortest time."""
+def _shortest_delays(stream: Stream) -> Iterator[tuple[float, float]]:
+    """Host and device time in s of the sample with the shortest delay in each block."""
     if HOST_TIME not in stream.columns or DEVICE_TIME not in stream.columns:
         return
-    host_s, device_s = (_on_its_clock(stream, name) for name in (HOST_TIME, DEVICE_TIME))
+    host_s, device_s = (_clock_time(stream, name) for name in (HOST_TIME, DEVICE_TIME))
     if not len(host_s):
         return
     block = ((host_s - host_s[0]) // BLOCK_S).astype(int)
@@ -73,7 +78,7 @@ def _soonest(stream: Stream) -> Iterator[tuple[float, float]]:
         yield float(host_s[best]), float(device_s[best])
 
 
-def _on_its_clock(stream: Stream, name: str) -> Floats:
-    """Without the offset, which counts from the stage's start."""
+def _clock_time(stream: Stream, name: str) -> Floats:
+    """Times (m,) in s without the column's offset, which refers to the start of the stage: all stages share one clock then."""
     column = stream.columns[name]
     return np.asarray(column.raw.astype(np.float64) * column.conversion)

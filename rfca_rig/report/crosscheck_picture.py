@@ -1,4 +1,4 @@
-"""Contact force curves of the model and of MuJoCo, one condition beside the other, the difference below on a scale of its own."""
+"""Figure of the cross-check: contact force of the model and of MuJoCo for each condition, with the difference below on its own scale."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,9 +16,11 @@ COLUMN_IN, HEIGHT_IN = 3.3, 3.6
 
 
 def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) -> None:
-    """Writes `path`, whose ending decides the format. Raises BadInput where it cannot."""
+    """Writes a picture of the checked conditions to `path`, whose ending decides the format. Raises BadInput where that fails."""
+    # The ending is checked before anything is drawn.
     check_picture_path(path)
     with drawing():
+        # A fixed salt makes ids in the SVG, and so its bytes, the same each time; fonttype "none" keeps text as text.
         mpl.rcParams.update({"svg.hashsalt": "crosscheck", "svg.fonttype": "none"})
         figure = Figure(figsize=(COLUMN_IN * len(checked), HEIGHT_IN), layout="constrained")
         axes = figure.subplots(2, len(checked), squeeze=False, sharex="col", sharey="row", height_ratios=(2.2, 1.0))
@@ -37,5 +39,6 @@ def _draw(force: Axes, difference: Axes, one: CheckedCondition) -> None:
     force.set_title(f"{one.label}: {one.stroke_pct:.2g} %", fontsize=9.2)
     difference.plot(t_s, one.contact_N - one.theirs.normal_N, color=MEASURED, lw=0.6)
     difference.set_xlabel("time from the start of the motion (s)")
+    # Only the contact is of interest: the axis shows it with 50 ms on either side.
     touching = t_s[(one.contact_N > 0.0) | (one.theirs.normal_N > 0.0)]
     force.set_xlim(float(np.min(touching)) - 0.05, float(np.max(touching)) + 0.05)

@@ -14,7 +14,22 @@ __all__ = ["terminal_lines", "write_diagnosis"]
 
 
 def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = None) -> None:
-    """All files into `out`, made where it is not there; the same bytes for the same diagnosis. Raises RigError where the disk refuses."""
+    """Writes all files of a diagnosis into `out`, which is made where it does not exist. The same diagnosis gives the same bytes.
+
+    Parameters
+    ----------
+    diagnosis
+        The result to write.
+    out
+        Folder of the report.
+    origin
+        Command, recordings and version for the foot of the page; None for a page that no command made.
+
+    Raises
+    ------
+    RigError
+        Where a file cannot be written.
+    """
     tables = (parameters_table(diagnosis), nominal_values_table(diagnosis), ruled_out_table(diagnosis), before_after_table(diagnosis))
     contents = {"diagnosis.json": as_json(diagnosis), **table_files(tables)}
     write_all(out, {"diagnosis.html": page(diagnosis, origin or Origin(), tuple(contents)), **contents})

@@ -1,4 +1,4 @@
-"""diagnosis.json, the diagnosis for other programs: format rfca-diagnosis/2, which keeps every key of /1."""
+"""diagnosis.json, the diagnosis for other programs, in format rfca-diagnosis/2, which keeps every key of version 1."""
 
 import json
 from collections.abc import Mapping
@@ -12,25 +12,26 @@ from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MapCell, NamedEffect, Value
 
 FORMAT = "rfca-diagnosis/2"
+# More than a diagnosis knows, and few enough that rounding errors of different machines do not show.
 DIGITS = 7
 
 
 def as_json(diagnosis: Diagnosis) -> str:
-    """The document; what is not known is null."""
+    """The JSON document; unknown values are null."""
     return json.dumps(plain(document(diagnosis)), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
-    """First the keys that the format fixes, then what this program adds."""
+    """Content of diagnosis.json: first the keys that the format requires, then additional ones."""
     return {
         "format": FORMAT,
         "verdict": diagnosis.verdict,
-        "located": [_located(place) for place in diagnosis.located],
+        "located": [_place_record(place) for place in diagnosis.located],
         "effects": [_effect(effect) for effect in diagnosis.effects],
         "not_seen": [
             {"id": one.id, "would_have_seen": one.would_have_seen} for one in diagnosis.not_seen if one.would_have_seen is not None
         ],
-        "fit": _figures(diagnosis),
+        "fit": _misfits(diagnosis),
         "unexplained": diagnosis.unexplained,
         "next_experiment": diagnosis.next_experiment,
         "grade": diagnosis.grade,
@@ -48,7 +49,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "believed_values": {name: _value(value) for name, value in diagnosis.believed_values.items()},
         "priors": {name: _value(value) for name, value in diagnosis.priors.items()},
-        "remaining": [_located(place) for place in diagnosis.remaining],
+        "remaining": [_place_record(place) for place in diagnosis.remaining],
         "moved_priors": [asdict(one) for one in diagnosis.moved_priors],
         "remarks": diagnosis.remarks,
         "settings": diagnosis.settings,
@@ -78,7 +79,7 @@ def _law(stated: StatedLaw) -> dict[str, Any]:
 
 
 def plain(value: object) -> Any:
-    """The same in JSON's own types; numbers to seven digits, what is not finite as null."""
+    """A value in JSON's own types: arrays (m, ...) as nested lists, numbers with seven digits, NaN and infinity as null."""
     if isinstance(value, Mapping):
         return {str(name): plain(each) for name, each in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
@@ -86,11 +87,12 @@ def plain(value: object) -> Any:
     if isinstance(value, np.generic):
         return plain(value.item())
     if isinstance(value, float):
+        # Adding 0.0 turns -0.0 into 0.0.
         return float(f"{value:.{DIGITS}g}") + 0.0 if isfinite(value) else None
     return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
-def _located(place: Located) -> dict[str, Any]:
+def _place_record(place: Located) -> dict[str, Any]:
     return {
         "signal": place.signal,
         "experiment": place.experiment,
@@ -119,8 +121,8 @@ def _value(value: Value) -> dict[str, float]:
     return {"value": value.value, "std": value.std}
 
 
-def _figures(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Forces with their noise floor; errors of the valley have none."""
+def _misfits(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Misfits before and after: forces with their noise floor, errors of the valley, which have none, without."""
     floored = {name: _before_after(each) | {"noise_floor": each.noise_floor} for name, each in _with_floor(diagnosis).items()}
     return floored | {name: _before_after(each) for name, each in diagnosis.valley.items()}
 

@@ -1,4 +1,4 @@
-"""The map of a diagnosis: where model and recordings part, by signal, phase and condition, and how far beyond what could be expected."""
+"""Residual map of a diagnosis: where model and recordings differ by signal, phase and condition, relative to the expected difference."""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -10,18 +10,21 @@ from rfca_rig.diagnosis.result import Diagnosis, MapCell
 from rfca_rig.report.diagnosis_wording import SIGMA, decimals, rounded, significant
 from rfca_rig.report.named_units import shown
 
+# Borders of the colours, in standard deviations of the expected difference.
 EDGES = (2.0, 3.0, 5.0, 10.0)
 BAND_WORDS = tuple(f"{words} {SIGMA}" for words in ("below 2", "2 to 3", "3 to 5", "5 to 10", "above 10"))
 ORDER = (*PHASES, "loading", "unloading")
 
 
-MOST_COLUMNS = 18  # that fit across a sheet of paper with a number in each
-SPARSE = 1.5  # a grid with more places than this per condition is no grid
+# Columns with a number in each that fit across a sheet of paper.
+MOST_COLUMNS = 18
+# A grid with more places than this per condition would be mostly empty, and is not used.
+SPARSE = 1.5
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Labels of rows and of columns, each perhaps one empty label; `at` gives the place's condition where there is one."""
+    """Labels of rows and columns, each perhaps a single empty label; `at` maps a (row, column) to its condition where there is one."""
 
     rows: tuple[str, ...]
     columns: tuple[str, ...]
@@ -29,17 +32,26 @@ class Grid:
 
 
 def condition_grid(conditions: Sequence[str], times: int) -> Grid:
-    """The grid with the fewest rows that, set `times` side by side, is not too broad. Labels are as "215 mm, 2.433 rad/s"."""
+    """The grid with the fewest rows that fits on the page.
+
+    Parameters
+    ----------
+    conditions
+        Labels, as in "215 mm, 2.433 rad/s".
+    times
+        Number of phases: the grid's columns appear once for each of them.
+    """
     distinct = tuple(dict.fromkeys(conditions))
     beside = Grid(("",), distinct, {("", label): label for label in distinct})
     below = Grid(distinct, ("",), {(label, ""): label for label in distinct})
-    grids = [beside, *_crossed(distinct)]
+    grids = [beside, *_cross_grids(distinct)]
     fitting = [grid for grid in grids if times * len(grid.columns) <= MOST_COLUMNS]
+    # A list of all conditions below each other always fits.
     return min(fitting, key=lambda grid: len(grid.rows), default=below) if len(distinct) > 1 else below
 
 
-def _crossed(conditions: Sequence[str]) -> list[Grid]:
-    """First by second part of the labels, and the other way round; nothing where that leaves many places empty."""
+def _cross_grids(conditions: Sequence[str]) -> list[Grid]:
+    """Height by speed and speed by height, from the two parts of the labels; empty where many places would be empty."""
     parts = [label.split(", ", 1) for label in conditions]
     if any(len(part) != 2 for part in parts):
         return []
@@ -63,7 +75,7 @@ def _number_first(label: str) -> tuple[float, str]:
 
 @dataclass(frozen=True)
 class Shade:
-    """One cell as it is shown: `band` counts the colours, `located` frames it. Empty text where nothing was recorded."""
+    """One cell as shown: `band` is the index of its colour, `located` frames it. Empty text where nothing was recorded."""
 
     text: str
     band: int
@@ -73,7 +85,7 @@ class Shade:
 
 @dataclass(frozen=True)
 class MapRow:
-    """One row of one signal; `label` says which condition, or part of it."""
+    """One row of one signal; `label` is a condition, or the part of it that the rows stand for."""
 
     label: str
     shades: tuple[Shade, ...]
@@ -81,7 +93,7 @@ class MapRow:
 
 @dataclass(frozen=True)
 class Map:
-    """One experiment's map: each phase spans `columns`, each signal its rows."""
+    """Map of one experiment: each phase spans `columns`, each signal its rows; `corner` is the unit of the columns."""
 
     experiment: str
     corner: str
@@ -99,7 +111,7 @@ def maps_of(diagnosis: Diagnosis) -> list[Map]:
 
 
 def band(sigmas: float) -> int:
-    """Which colour: the number of edges reached."""
+    """Index of the colour: the number of EDGES reached."""
     return bisect_right(EDGES, sigmas) if isfinite(sigmas) else 0
 
 
@@ -120,6 +132,7 @@ def _rows(cells: Sequence[MapCell], phases: Sequence[str], grid: Grid, located: 
     by_place = {(cell.phase, cell.condition): cell for cell in cells}
     across = [(phase, column) for phase in phases for column in grid.columns]
     largest = max((abs(cell.size) for cell in cells if isfinite(cell.size)), default=0.0)
+    # One number of decimals for all cells of a signal, so that they can be compared at a glance.
     places = max(0, decimals(largest, 3 if largest >= 1.0 else 2))
     return tuple(
         MapRow(row, tuple(_shade(by_place.get((phase, grid.at.get((row, column), ""))), places, located) for phase, column in across))

@@ -41,12 +41,23 @@ NOTHING_LEFT = {
     "unexplained": "The whole difference shown above.",
 }
 MEMORY = "The force differs between a rising and a falling argument: no single curve is right, and the band holds both dotted branches."
+# Of the alternative hypotheses, the page lists so many at most, and none below this probability.
 SHOWN_RIVALS = 7
 NEGLIGIBLE = 0.001
 
 
 def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str:
-    """The page as HTML; `files` lie beside it."""
+    """The page as HTML.
+
+    Parameters
+    ----------
+    diagnosis
+        The result to show.
+    origin
+        Command, recordings and version for the foot of the page.
+    files
+        Names of the files beside the page, which it links.
+    """
     probability = diagnosis.probability
     shown_rivals, other_rivals = _rivals(diagnosis.rivals)
     return template("diagnosis.html").render(
@@ -88,8 +99,9 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
 
 
 def _nuisance(name: str, value: Value, prior: Value | None) -> tuple[str, str, str, str]:
-    """Words, unit, value after the fit, and what it was before."""
+    """A nuisance parameter: words, unit, value after the fit, value before it."""
     words, unit = words_and_unit(name)
+    # Parameters of the fit state their unit, which their names need not carry.
     if name in PARAMETERS:
         unit = PARAMETERS[name].unit
     return words, unit, within_90(value), "" if prior is None else within_90(prior)
@@ -112,7 +124,7 @@ def _place(place: Located, diagnosis: Diagnosis) -> dict[str, str]:
 
 
 def _conditions(place: Located, diagnosis: Diagnosis) -> str:
-    """All of them by their number, some by their names."""
+    """Conditions of a place: "all 12" where every condition shows it, else their labels."""
     every = {cell.condition for cell in diagnosis.cells if (cell.signal, cell.experiment) == (place.signal, place.experiment)}
     if len(place.conditions) > 1 and every == set(place.conditions):
         return f"all {len(every)}"
@@ -144,25 +156,28 @@ def _law(stated: StatedLaw) -> dict[str, Any]:
 
 
 def _rivals(rivals: Sequence[Rival]) -> tuple[list[dict[str, Any]], str]:
-    """The likeliest, with nothing missing and something unlisted in any case; and in words what the others come to."""
+    """The most probable hypotheses, and in words how many others there are with which total probability.
+
+    "Nothing missing" and "something unlisted" are always among the former: a reader looks for them.
+    """
     ranked = sorted(rivals, key=lambda rival: -rival.probability)
-    most = max((rival.log_evidence for rival in ranked), default=0.0)
-    kept = [r for place, r in enumerate(ranked) if r.ids in ((), ("unknown",)) or (place < SHOWN_RIVALS and r.probability >= NEGLIGIBLE)]
-    rest = [rival.probability for rival in ranked if rival not in kept]
+    best_evidence = max((rival.log_evidence for rival in ranked), default=0.0)
+    listed = [r for place, r in enumerate(ranked) if r.ids in ((), ("unknown",)) or (place < SHOWN_RIVALS and r.probability >= NEGLIGIBLE)]
+    rest = [rival.probability for rival in ranked if rival not in listed]
     others = f"{counted(len(rest), 'other')}, together {percent(sum(rest))}" if rest else ""
-    return [_rival(rival, most) for rival in kept], others
+    return [_rival(rival, best_evidence) for rival in listed], others
 
 
-def _rival(rival: Rival, most: float) -> dict[str, Any]:
+def _rival(rival: Rival, best_evidence: float) -> dict[str, Any]:
     return {
         "name": hypothesis(rival.ids),
         "probability": percent(rival.probability),
         "bar": round(100.0 * rival.probability, 1),
-        "behind": significant(rival.log_evidence - most) if rival.log_evidence < most else "0",
+        "behind": significant(rival.log_evidence - best_evidence) if rival.log_evidence < best_evidence else "0",
         "model_error": f"{significant(100.0 * rival.model_error, 2)} %",
     }
 
 
 def _not_seen(one: NotSeen) -> dict[str, str]:
-    seen: Mapping[str, float] = one.would_have_seen or {}
-    return {"id": one.id, "left_out": meaning(one.id), "size": sizes(seen)}
+    detectable: Mapping[str, float] = one.would_have_seen or {}
+    return {"id": one.id, "left_out": meaning(one.id), "size": sizes(detectable)}

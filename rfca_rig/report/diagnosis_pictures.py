@@ -1,4 +1,4 @@
-"""Before and after: every condition's mean signal with both models, small multiples on one scale, one picture for each signal."""
+"""Figures of signals before and after, one for each signal: mean of every condition with both models, small multiples on one scale."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,9 +19,11 @@ from rfca_rig.report.text import counted
 Floats = NDArray[np.float64]
 
 DASHES = (0, (3.2, 1.8))
-COLUMNS = 210  # of all panels side by side together
+# Resolution of a line, over all panels side by side together: two points for each column keep every peak.
+COLUMNS = 210
 USUAL_ACROSS, MOST_ACROSS = 3, 4
-TICK = 0.045  # share of a panel's height that marks the start of a window
+# Share of a panel's height that marks the start of a window.
+TICK = 0.045
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Picture:
 
 
 def pictures_of(overlays: Sequence[SignalOverlay], across: int | None = None) -> list[Picture]:
-    """One picture for each signal, in the order of the overlays; `across` panels side by side, or as many as suit the conditions."""
+    """One picture for each signal, in the order of the overlays; `across` panels side by side, None for as many as suit the conditions."""
     signals = dict.fromkeys(overlay.signal for overlay in overlays)
     return [_picture(name, [each for each in overlays if each.signal == name], across) for name in signals]
 
@@ -42,10 +44,10 @@ def pictures_of(overlays: Sequence[SignalOverlay], across: int | None = None) ->
 def _picture(signal: str, overlays: Sequence[SignalOverlay], across: int | None) -> Picture:
     conditions = counted(len(overlays), "condition")
     caption = f"Means over the repeats of {conditions}, all on one scale; how far repeats scatter is in the noise floor of the table above."
-    return Picture(shown(signal), _drawn(signal, overlays, across or _across([overlay.condition for overlay in overlays])), caption)
+    return Picture(shown(signal), _draw_panels(signal, overlays, across or _across([overlay.condition for overlay in overlays])), caption)
 
 
-def _drawn(signal: str, overlays: Sequence[SignalOverlay], across: int) -> str:
+def _draw_panels(signal: str, overlays: Sequence[SignalOverlay], across: int) -> str:
     with drawing():
         figure, panels = panels_of(len(overlays), across)
         for axes, overlay in zip(panels, overlays, strict=True):
@@ -57,16 +59,17 @@ def _drawn(signal: str, overlays: Sequence[SignalOverlay], across: int) -> str:
 
 
 def _across(conditions: Sequence[str]) -> int:
-    """As many panels side by side as the first height has conditions, where that makes a good row."""
+    """Panels side by side: as many as the first height has conditions, so that a row shows one height; else three."""
     alike = sum(label.split(", ")[0] == conditions[0].split(", ")[0] for label in conditions)
     return alike if 1 < alike <= MOST_ACROSS else min(USUAL_ACROSS, len(conditions))
 
 
 def _draw(axes: Axes, overlay: SignalOverlay, columns: int) -> None:
-    """Models are broken where they start from the measured state again, and all lines where nothing is compared."""
+    """Draws one condition. Lines of models are interrupted where a window starts from the measured state again, all lines in gaps."""
     t_s, starts_s = overlay.t_s, overlay.starts_s
     windows = np.searchsorted(t_s, starts_s)
     gaps = 1 + np.flatnonzero(np.diff(t_s) > 1.5 * np.median(np.diff(t_s))) if starts_s.size else windows
+    # Drawn from back to front: the measured line is the thinnest, and must stay visible where all coincide.
     for values, color, lw, dashes, breaks in (
         (overlay.after, SIMULATED, 2.8, "-", windows),
         (overlay.before, OTHER, 1.1, DASHES, windows),
@@ -81,11 +84,22 @@ def _draw(axes: Axes, overlay: SignalOverlay, columns: int) -> None:
 
 
 def _broken(t_s: Floats, values: Floats, breaks: NDArray[np.intp], columns: int) -> tuple[Floats, Floats]:
-    """The known points of a line with NaN at its breaks, at most two points for each of its columns."""
+    """Finite points of a line, with NaN at its breaks, at most two for each column.
+
+    Parameters
+    ----------
+    t_s, values
+        The line, both (m,); `values` may hold NaN.
+    breaks
+        Indices (k,) before which the line is interrupted.
+    columns
+        Resolution of the whole line.
+    """
     pieces = []
     for at, piece in zip(np.split(t_s, breaks), np.split(values, breaks), strict=True):
         known = np.isfinite(piece)
         if known.any():
             share = max(2, round(columns * known.sum() / len(t_s)))
             pieces += [*(np.append(part, np.nan) for part in envelope(at[known], piece[known], share))]
+    # Pieces alternate between times and values; the last NaN ends nothing.
     return (np.concatenate(pieces[::2])[:-1], np.concatenate(pieces[1::2])[:-1]) if pieces else (np.empty(0), np.empty(0))

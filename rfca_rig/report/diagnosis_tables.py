@@ -1,4 +1,4 @@
-"""What a diagnosis found, as tables: parameters with intervals, before and after, rivals, what was ruled out and at what size."""
+"""Tables of a diagnosis: parameters with intervals, nuisance parameters, misfits before and after, detection limits."""
 
 from collections.abc import Mapping
 from math import isfinite
@@ -9,6 +9,7 @@ from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.table import Table, TableColumn, TableRow, places
 from rfca_rig.report.table import Value as Shown
 
+# Decimals of misfits at most.
 MOST_PLACES = 4
 ALL_DATA, HELD_OUT, PRIOR = "all data", "predicted from the others", "prior"
 
@@ -25,10 +26,10 @@ PARAMETERS = (
 
 
 def parameters_table(diagnosis: Diagnosis) -> Table:
-    """Of every effect that was named, or is likeliest without being claimed."""
+    """Parameters of every stated effect, or of the most probable ones where none is claimed."""
     claim = "What the model lacks" if diagnosis.verdict == "named" else "Likeliest of the catalogue, not claimed"
     rows = tuple(
-        TableRow({"effect": effect.id.replace("_", " "), "probability": effect.probability, **_measured(name, value)})
+        TableRow({"effect": effect.id.replace("_", " "), "probability": effect.probability, **_value_cells(name, value)})
         for effect in diagnosis.effects
         for name, value in effect.parameters.items()
     )
@@ -36,7 +37,7 @@ def parameters_table(diagnosis: Diagnosis) -> Table:
 
 
 def nominal_values_table(diagnosis: Diagnosis) -> Table:
-    """The nuisance parameters, as the recordings leave them, with their priors."""
+    """Nuisance parameters after the fit, with their priors."""
     priors = {name: {"prior_value": value.value, "prior_std": value.std} for name, value in diagnosis.priors.items()}
     columns = (
         TableColumn("parameter", "Nuisance parameter"),
@@ -44,21 +45,22 @@ def nominal_values_table(diagnosis: Diagnosis) -> Table:
         TableColumn("prior_value", "Before", over=PRIOR),
         TableColumn("prior_std", "Std.", over=PRIOR),
     )
-    rows = tuple(TableRow({**_measured(name, value), **priors.get(name, {})}) for name, value in diagnosis.believed_values.items())
+    rows = tuple(TableRow({**_value_cells(name, value), **priors.get(name, {})}) for name, value in diagnosis.believed_values.items())
     return Table("believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows)
 
 
-def _measured(name: str, value: Value) -> dict[str, Shown]:
+def _value_cells(name: str, value: Value) -> dict[str, Shown]:
     words, unit = words_and_unit(name)
     half = STDS_90 * value.std
-    said: dict[str, Shown] = {"parameter": words, "value": value.value, "unit": unit}
+    cells: dict[str, Shown] = {"parameter": words, "value": value.value, "unit": unit}
+    # A parameter without a finite uncertainty has no interval.
     if not (isfinite(half) and half > 0.0):
-        return said
-    return {**said, "half_90": half, "std": value.std, "low_90": value.value - half, "high_90": value.value + half}
+        return cells
+    return {**cells, "half_90": half, "std": value.std, "low_90": value.value - half, "high_90": value.value + half}
 
 
 def before_after_table(diagnosis: Diagnosis) -> Table:
-    """The forces signal by signal, then Table II's valley; what was held out beside what was fitted."""
+    """Misfits before and after: forces signal by signal, then the valley of Table II; held-out values beside fitted ones."""
     names = dict.fromkeys([*diagnosis.fit, *(name.removeprefix("held_out_") for name in diagnosis.held_out)])
     rows = [_row("signals", name, diagnosis.fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
     rows += [_row("Table II", name, each) for name, each in diagnosis.valley.items()]
@@ -85,7 +87,7 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
 
 
 def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> TableRow:
-    """All of one line with as many places as the smallest needs for two digits."""
+    """One line. All its numbers have as many decimals as the smallest one needs for two digits, so that they can be compared."""
     floors = [each.noise_floor for each in (fit, held_out) if each is not None and each.noise_floor is not None]
     numbers = {
         "before": fit.before if fit else None,
@@ -100,7 +102,10 @@ def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | No
 
 
 def ruled_out_table(diagnosis: Diagnosis) -> Table:
-    """Looked for and not found, with the size from which on each would have been seen; those without could not have been."""
+    """Detection limits: effects that were not found, with the size from which each would have been detected.
+
+    An effect without a size could not have been detected in these data.
+    """
     rows = [
         TableRow({"effect": one.id.replace("_", " "), "means": meaning(one.id), **size})
         for one in diagnosis.not_seen

@@ -1,4 +1,4 @@
-"""A diagnosis in at most fifteen lines of a terminal, verdict first."""
+"""Summary of a diagnosis for a terminal: at most fifteen lines, the verdict first."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -12,20 +12,21 @@ from rfca_rig.report.text import counted
 
 WIDTH = 80
 MOST_LINES = 15
-PLACES = 3  # of those located, the largest
-FIGURES = 3  # the forces; hinge angles stand on the page
-ASCII = str.maketrans(
-    {"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", "²": "2", "³": "3", SIGMA: "sigma"}
-)  # a console may know no more
+# Of the located differences, the largest.
+PLACES = 3
+# Of the misfits, the forces; hinge angles are on the page.
+FIGURES = 3
+# A console may have no other characters.
+ASCII = str.maketrans({"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", "²": "2", "³": "3", SIGMA: "sigma"})
 
 
 def terminal_lines(diagnosis: Diagnosis) -> list[str]:
-    """The lines, each at most 80 characters; what comes last gives way where there is too much to say."""
+    """Lines of at most 80 characters. Where there is too much to show, the last items are dropped."""
     probability = diagnosis.probability
     verdict = diagnosis.grade.upper() + (f" ({percent(probability)})" if probability is not None else "")
-    said = [(f"{verdict}: {diagnosis.sentence}", 3)]
-    said += [(text, 2) for text in _body(diagnosis)]
-    lines = [line for text, most in said for line in _wrapped(text, most)]
+    items = [(f"{verdict}: {diagnosis.sentence}", 3)]
+    items += [(text, 2) for text in _body(diagnosis)]
+    lines = [line for text, max_lines in items for line in _wrap(text, max_lines)]
     return lines[:MOST_LINES]
 
 
@@ -47,18 +48,18 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
     if failed and diagnosis.grade != "nothing missing":
         yield "not identified: " + "; ".join(f"{criterion.name} ({criterion.found})" for criterion in failed)
     yield from (f"unexplained: {text}" for text in diagnosis.unexplained[:1])
-    yield from _looked_for(diagnosis)
+    yield from _detection_summary(diagnosis)
     if diagnosis.next_experiment:
         yield "next: " + "; ".join(f"{name}: {text}" for name, text in entries(diagnosis.next_experiment))
 
 
 def _effect(effect: NamedEffect) -> str:
-    values = ", ".join(_measured(name, value) for name, value in effect.parameters.items())
+    values = ", ".join(_value_text(name, value) for name, value in effect.parameters.items())
     others = f"; cannot be told from {', '.join(effect.cannot_tell_from)}" if effect.cannot_tell_from else ""
     return f"{effect.id} ({percent(effect.probability)}): {values} (90 %){others}"
 
 
-def _measured(name: str, value: Value) -> str:
+def _value_text(name: str, value: Value) -> str:
     words, unit = words_and_unit(name)
     return f"{words} {within_90(value)} {unit}".strip()
 
@@ -84,12 +85,12 @@ def _change(figure: BeforeAfter) -> str:
     return f"{significant(figure.before, 2)} -> {significant(figure.after, 2)}"
 
 
-def _looked_for(diagnosis: Diagnosis) -> Iterable[str]:
+def _detection_summary(diagnosis: Diagnosis) -> Iterable[str]:
     ruled_out = sum(one.would_have_seen is not None for one in diagnosis.not_seen)
     if diagnosis.not_seen:
         yield f"ruled out: {counted(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
 
 
-def _wrapped(text: str, most: int) -> Sequence[str]:
+def _wrap(text: str, most: int) -> Sequence[str]:
     one_line = " ".join(text.translate(ASCII).split())
     return textwrap.wrap(one_line, WIDTH, subsequent_indent="  ", max_lines=most, placeholder=" ...")

@@ -1,4 +1,4 @@
-"""What a diagnosis says, in words and numbers for a reader."""
+"""Words and numbers of a diagnosis as text for a reader: rounding, intervals, probabilities, names."""
 
 from collections.abc import Mapping, Sequence
 from math import floor, isfinite, log10
@@ -8,31 +8,32 @@ from rfca_rig.model.catalogue import catalogue
 from rfca_rig.report.named_units import shown, words_and_unit
 from rfca_rig.report.text import NO_BREAK, NOTHING, number
 
-STDS_90 = 1.645  # half of a 90 % interval of a normal distribution, in standard deviations
+# Half of a 90 % interval of a normal distribution, in standard deviations.
+STDS_90 = 1.645
 SIGMA = "\u03c3"
 UNKNOWN = "unknown"
 UNLISTED = "something that the catalogue does not list"
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """Rounded to so many digits, written out; an en dash for what is not known."""
+    """A value with `digits` significant digits, without an exponent; an en dash for an unknown one."""
     if value is None or not isfinite(value):
         return NOTHING
     return rounded(value, decimals(value, digits))
 
 
 def decimals(size: float, digits: int) -> int:
-    """Places behind the point that show `size` with so many digits; negative where it ends before the point."""
+    """Decimals that show `size` with so many significant digits; negative where it is rounded to tens or hundreds."""
     return digits - 1 - floor(log10(abs(size))) if size and isfinite(size) else 0
 
 
 def rounded(value: float, places: int) -> str:
-    """With so many places behind the point; negative ones round to tens, hundreds."""
+    """A value with `places` decimals; negative ones round to tens or hundreds."""
     return number(round(value, places), max(places, 0)) if isfinite(value) else NOTHING
 
 
 def within_90(value: Value) -> str:
-    """Value ± half of the 90 % interval, both to the second digit of the latter; the value alone where nothing is known of its spread."""
+    """Value ± half of the 90 % interval, both to the second digit of the latter; the value alone without a known uncertainty."""
     half = STDS_90 * value.std
     if not (isfinite(half) and half > 0.0 and isfinite(value.value)):
         return significant(value.value, 4)
@@ -41,24 +42,24 @@ def within_90(value: Value) -> str:
 
 
 def percent(probability: float) -> str:
-    """A probability, never shown as certain."""
-    said = f"{100.0 * probability:.0f}"
+    """A probability in percent, never shown as certain: neither 0 nor 100."""
+    text = f"{100.0 * probability:.0f}"
     if probability < 0.0005:
-        said = "< 0.1"
+        text = "< 0.1"
     elif probability >= 0.9995:
-        said = "> 99.9"
+        text = "> 99.9"
     elif not 0.01 <= probability < 0.99:
-        said = f"{100.0 * probability:.1f}"
-    return f"{said} %".replace(" ", NO_BREAK) if isfinite(probability) else NOTHING
+        text = f"{100.0 * probability:.1f}"
+    return f"{text} %".replace(" ", NO_BREAK) if isfinite(probability) else NOTHING
 
 
 def chance(p_value: float) -> str:
-    """A p-value; below a thousandth only that."""
+    """A p-value as text; small ones as "< 0.001"."""
     return "< 0.001" if p_value < 0.0005 else significant(p_value, 1 if p_value < 0.1 else 2)
 
 
 def meaning(effect_id: str) -> str:
-    """What a model without this effect lacks, in the catalogue's words; empty for an id that it does not hold."""
+    """What a model without this effect lacks, in the catalogue's words; empty for an id that is not in the catalogue."""
     if effect_id == UNKNOWN:
         return UNLISTED
     effect = catalogue().get(effect_id)
@@ -66,21 +67,21 @@ def meaning(effect_id: str) -> str:
 
 
 def hypothesis(ids: Sequence[str]) -> str:
-    """A rival's name."""
+    """Name of a hypothesis: the ids of its effects."""
     if not ids:
         return "nothing missing"
     return " and ".join(dict.fromkeys(UNLISTED if name == UNKNOWN else name for name in ids))
 
 
 def moved_prior(one: MovedPrior) -> str:
-    """A nuisance parameter that had to leave its prior, in words."""
+    """Sentence on a nuisance parameter that moved beyond its prior."""
     words, unit = one.name.replace("_", " "), f"{NO_BREAK}{one.unit}" if one.unit else ""
     now, prior = f"{significant(one.now.value)}{unit}", f"{significant(one.prior.value)} ± {significant(one.prior.std, 2)}{unit}"
     return f"{words} moved to {now}, {abs(one.deviations):.1f} prior deviations from {prior}: it is wrong, or something acts like it"
 
 
 def sizes(values: Mapping[str, float]) -> str:
-    """As in "half gap 0.12 deg, rate 0.2 N/s"."""
+    """Values by name in words, as in "half gap 0.12 deg, rate 0.2 N/s"."""
     return ", ".join(_size(name, value) for name, value in values.items())
 
 
@@ -90,14 +91,14 @@ def _size(name: str, value: float) -> str:
 
 
 def entries(values: Mapping[str, object]) -> list[tuple[str, str]]:
-    """(name in words, value in words) of what may be nested; a part of a part is named by both."""
-    found: list[tuple[str, str]] = []
+    """Pairs (name, value) in words of a mapping that may be nested; an inner entry has both names, as in "outer: inner"."""
+    pairs: list[tuple[str, str]] = []
     for name, value in values.items():
         if isinstance(value, Mapping) and value:
-            found += [(f"{shown(str(name))}: {inner}", text) for inner, text in entries(value)]
+            pairs += [(f"{shown(str(name))}: {inner}", text) for inner, text in entries(value)]
         else:
-            found.append((shown(str(name)), plain(value)))
-    return found
+            pairs.append((shown(str(name)), plain(value)))
+    return pairs
 
 
 def plain(value: object) -> str:

@@ -1,4 +1,7 @@
-"""Writes the files of an exam: exam.html for people, exam.json for programs, exam.csv with a line for each case, tables for papers."""
+"""Writes the files of an exam (the blind benchmark of the diagnosis).
+
+exam.html is for people, exam.json for programs, exam.csv has a line for each case, and tables as CSV and LaTeX are for papers.
+"""
 
 import json
 from dataclasses import asdict, fields
@@ -23,7 +26,7 @@ HEADER = ("case", "kind", "truth", "verdict", "named", "probability", "outcome",
 
 
 def write_exam(exam: Examined, out: Path) -> None:
-    """All files into `out`, which is there. Raises RigError where the disk refuses."""
+    """Writes all files into the existing folder `out`. Raises RigError where a file cannot be written."""
     taken_out = (taken_out_table(exam.taken_out),) if exam.taken_out else ()
     tables = (bars_table(bars(exam.marks)), ways_table(exam.ways), *taken_out, confusion_table(exam.cases))
     contents = {"exam.json": as_json(exam), "exam.csv": as_csv(exam), **table_files(tables)}
@@ -31,7 +34,7 @@ def write_exam(exam: Examined, out: Path) -> None:
 
 
 def as_csv(exam: Examined) -> str:
-    """A line for each case; several effects are joined by +, and the probability is that of the least sure name."""
+    """A line for each case. Several effects are joined by +; the probability is that of the least certain name."""
     rows = tuple(TableRow(dict(zip(HEADER, _line(case), strict=True))) for case in exam.cases)
     return table_as_csv(Table("exam", "", tuple(TableColumn(name) for name in HEADER), rows))
 
@@ -39,40 +42,40 @@ def as_csv(exam: Examined) -> str:
 def _line(case: MarkedCase) -> list[str]:
     probability = f"{min(case.probabilities):.4f}" if case.probabilities else ""
     seconds = "" if case.seconds is None else f"{case.seconds:.1f}"
-    said = [case.verdict, "+".join(case.named), probability, case.outcome, seconds]
-    return [case.id, case.kind, "+".join(case.concealed), *said, f"{case.strength:.3f}", f"{case.left:.3g}"]
+    answer = [case.verdict, "+".join(case.named), probability, case.outcome, seconds]
+    return [case.id, case.kind, "+".join(case.concealed), *answer, f"{case.strength:.3f}", f"{case.left:.3g}"]
 
 
 def as_json(exam: Examined) -> str:
-    """Bars, all marks, and every case; what is not known is null."""
+    """The JSON document: required scores (bars), all scores (marks), and every case; unknown values are null."""
     document = {
         "format": FORMAT,
         "version": __version__,
         "seed": exam.plan.seed,
         "numbers": exam.plan.numbers,
         "bars": [asdict(bar) | {"passed": bar.passed} for bar in bars(exam.marks)],
-        "marks": _marks(exam.marks),
+        "marks": _scores(exam.marks),
         "follow_ups": [asdict(way) for way in exam.ways],
-        "taken_out": _mark_all(exam.taken_out),
+        "taken_out": _ablation_scores(exam.taken_out),
         "cases": [asdict(case) for case in exam.cases],
     }
     return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _marks(marks: Marks) -> dict[str, Any]:
-    said = {field.name: _mark(getattr(marks, field.name)) for field in fields(marks)}
+def _scores(marks: Marks) -> dict[str, Any]:
+    scores = {field.name: _plain_score(getattr(marks, field.name)) for field in fields(marks)}
     confused = [{"truth": true, "named": called, "count": count} for (true, called), count in sorted(marks.confusion.items())]
-    return said | {"confusion": confused}
+    return scores | {"confusion": confused}
 
 
-def _mark_all(found: TakenOut | None) -> dict[str, Any] | None:
-    return None if found is None else {field.name: _mark(getattr(found, field.name)) for field in fields(found)}
+def _ablation_scores(found: TakenOut | None) -> dict[str, Any] | None:
+    return None if found is None else {field.name: _plain_score(getattr(found, field.name)) for field in fields(found)}
 
 
-def _mark(value: object) -> object:
-    """A share with its bounds; other values as they are."""
+def _plain_score(value: object) -> object:
+    """A share with its confidence bounds; other values unchanged."""
     if isinstance(value, Share):
         return {"hits": value.hits, "of": value.of, "value": value.value, "lower": value.lower, "upper": value.upper}
     if isinstance(value, tuple):
-        return [_mark(each) for each in value]
+        return [_plain_score(each) for each in value]
     return asdict(value) if hasattr(value, "__dataclass_fields__") else value  # type: ignore[call-overload]

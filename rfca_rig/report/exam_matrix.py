@@ -1,4 +1,4 @@
-"""Who was called what: concealed physics against what was said of it."""
+"""Confusion matrix of an exam: hidden effects in rows, answers in columns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from rfca_rig.exam.scored import MarkedCase
 from rfca_rig.exam.sizes import SPANS
 
 SEVERAL = "several names"
+# Kinds of cases with one hidden effect or none. Cases with several have no single row.
 ROWS_OF = (cases.SINGLE, cases.WRONG_LAW, cases.STRANGER, cases.MISLABEL, cases.NOTHING, cases.MODEL_ERROR)
 SHADES = {RIGHT: "right", CLASS: "class", WRONG: "wrong", EXTRA: "wrong"}
 WORST_FIRST = ("wrong", "", "class", "right")
@@ -17,7 +18,7 @@ WORST_FIRST = ("wrong", "", "class", "right")
 
 @dataclass(frozen=True)
 class MatrixCell:
-    """How many cases; `shade` is that of the worst answer among them, "" for one that is neither right nor a false name."""
+    """Number of cases; `shade` is that of the worst answer among them, "" for one that is neither right nor a false name."""
 
     count: int
     shade: str
@@ -25,7 +26,7 @@ class MatrixCell:
 
 @dataclass(frozen=True)
 class MatrixRow:
-    """What is concealed, and a cell for each column; None where nobody was."""
+    """A hidden effect, and a cell for each column; None for a cell without cases."""
 
     concealed: str
     cells: tuple[MatrixCell | None, ...]
@@ -33,7 +34,7 @@ class MatrixRow:
 
 @dataclass(frozen=True)
 class Matrix:
-    """Rows by kind. `names` of the columns are effects, the last `verdicts` of them no names."""
+    """Rows by kind of case. The columns are effects (`names`), then answers without a single name (`verdicts`)."""
 
     names: tuple[str, ...]
     verdicts: tuple[str, ...]
@@ -41,37 +42,37 @@ class Matrix:
 
 
 def matrix_of(marked: Sequence[MarkedCase]) -> Matrix:
-    """Of the kinds that conceal one thing or nothing; columns that are empty are left out."""
+    """Matrix of the kinds with one hidden effect or none; empty columns are omitted."""
     shown = [case for case in marked if case.kind in ROWS_OF]
-    said = {_said(case) for case in shown}
-    names = tuple(name for name in SPANS if name in said) + tuple(sorted(said - set(SPANS) - {SEVERAL, *VERDICTS}))
-    verdicts = tuple(each for each in (SEVERAL, *VERDICTS) if each in said)
+    answers = {_answer(case) for case in shown}
+    names = tuple(name for name in SPANS if name in answers) + tuple(sorted(answers - set(SPANS) - {SEVERAL, *VERDICTS}))
+    verdicts = tuple(each for each in (SEVERAL, *VERDICTS) if each in answers)
     by_kind = [(kind, [case for case in shown if case.kind == kind]) for kind in ROWS_OF]
     return Matrix(names, verdicts, tuple((kind, _rows(of_kind, (*names, *verdicts))) for kind, of_kind in by_kind if of_kind))
 
 
-def _said(case: MarkedCase) -> str:
+def _answer(case: MarkedCase) -> str:
     if len(case.named) > 1:
         return SEVERAL
     return case.named[0] if case.named else case.verdict
 
 
 def _rows(marked: Sequence[MarkedCase], columns: Sequence[str]) -> tuple[MatrixRow, ...]:
-    concealed = sorted({_concealed(case) for case in marked}, key=_place)
-    return tuple(_row(name, [case for case in marked if _concealed(case) == name], columns) for name in concealed)
+    hidden_effects = sorted({_hidden(case) for case in marked}, key=_place)
+    return tuple(_row(name, [case for case in marked if _hidden(case) == name], columns) for name in hidden_effects)
 
 
-def _concealed(case: MarkedCase) -> str:
+def _hidden(case: MarkedCase) -> str:
     return " and ".join(case.concealed) or "nothing"
 
 
 def _place(name: str) -> tuple[int, str]:
-    """Effects in the order of the columns, so that right names stand on a diagonal."""
+    """Sort key that puts effects in the order of the columns, so that right answers are on the diagonal."""
     return (list(SPANS).index(name), "") if name in SPANS else (len(SPANS), name)
 
 
 def _row(name: str, marked: Sequence[MarkedCase], columns: Sequence[str]) -> MatrixRow:
-    return MatrixRow(name, tuple(_cell([case for case in marked if _said(case) == column]) for column in columns))
+    return MatrixRow(name, tuple(_cell([case for case in marked if _answer(case) == column]) for column in columns))
 
 
 def _cell(marked: Sequence[MarkedCase]) -> MatrixCell | None:

@@ -33,12 +33,22 @@ PASSED = {True: "passed", False: "failed", None: "none"}
 
 
 def page(exam: Examined, files: Sequence[str] = (), version: str = __version__) -> str:
-    """The page as HTML; `files` lie beside it."""
+    """The page as HTML.
+
+    Parameters
+    ----------
+    exam
+        The scored exam.
+    files
+        Names of the files beside the page, which it links.
+    version
+        Version of the program, for the foot of the page.
+    """
     marks, all_bars = exam.marks, bars(exam.marks)
     judged = [bar for bar in all_bars if bar.passed is not None]
     return template("exam.html").render(
         sheets=("verdict.css", "exam.css"),
-        origin=Origin(_command(exam), (), version, "of the same cases"),
+        origin=Origin(_command_line(exam), (), version, "of the same cases"),
         files=files,
         of=f"Blind exam of the diagnosis: {exam.words}, rfca-rig {__version__}",
         sentence=_sentence(marks, len(exam.cases)),
@@ -65,24 +75,25 @@ def page(exam: Examined, files: Sequence[str] = (), version: str = __version__) 
 
 
 def share_text(value: float, trimmed: bool = True) -> str:
-    """As in "2.5 %"; "80 %" where trimmed, else "80.0 %"."""
+    """A share in percent, as in "2.5 %"; a trailing ".0" is removed where `trimmed`."""
     if not isfinite(value):
         return NOTHING
-    said = number(100.0 * value, 1)
-    return f"{said.removesuffix('.0') if trimmed else said}{NO_BREAK}%"
+    text = number(100.0 * value, 1)
+    return f"{text.removesuffix('.0') if trimmed else text}{NO_BREAK}%"
 
 
 def _sentence(marks: Marks, count: int) -> str:
-    """What was asked, and the worst that can happen: a name that is false."""
+    """Standfirst: number of cases, and of false names, which are the worst answers."""
     names, null = marks.false_discoveries, marks.null_false_claims
-    said = f"{counted(count, 'campaign')} of another simulator, truths under seal: "
+    text = f"{counted(count, 'campaign')} of another simulator, truths under seal: "
     were = "was" if names.of == 1 else "were"
-    said += f"{names.hits} of {counted(names.of, 'name')} {were} false" if names.of else "nothing was named"
-    return f"{said}; {null.hits or 'none'} of {null.of} campaigns that lack nothing were given a name." if null.of else f"{said}."
+    text += f"{names.hits} of {counted(names.of, 'name')} {were} false" if names.of else "nothing was named"
+    return f"{text}; {null.hits or 'none'} of {null.of} campaigns that lack nothing were given a name." if null.of else f"{text}."
 
 
 def _bar(bar: Bar) -> dict[str, str]:
     limits = [("at least", bar.at_least), ("at most", bar.at_most)]
+    # A limit above 1 is no share, but a mean number, and is not shown in percent.
     plain = any(limit is not None and limit > 1.0 for _, limit in limits)
     text = _plain if plain else share_text
     worse = "above" if bar.at_least is not None else "below"
@@ -116,7 +127,7 @@ def _pictures(exam: Examined) -> Mapping[str, str]:
 
 
 def _power(marks: Marks) -> str:
-    """As in "below 0.5: 0 of 3; from 0.5: 1 of 2"."""
+    """Detection rate by size of the effect, as in "below 0.5: 0 of 3; from 0.5: 1 of 2"."""
     limits = (f"below {POWER_AT[0]:g}", *(f"from {at:g}" for at in POWER_AT))
     return "; ".join(f"{limit}: {share.hits} of {share.of}" for limit, share in zip(limits, marks.power, strict=True) if share.of)
 
@@ -160,8 +171,8 @@ def _time(marked: Sequence[MarkedCase]) -> str:
     return f"{each}; all {len(seconds)} together {total / 3600.0:.1f} h."
 
 
-def _command(exam: Examined) -> str:
-    """What writes and marks the same cases again."""
+def _command_line(exam: Examined) -> str:
+    """Command line that writes and scores the same cases again."""
     numbers = {kind: number for kind, number in exam.plan.numbers.items() if number}
     only = next(iter(numbers)) if len(numbers) == 1 else None
     options = {"--out": "exam", "--seed": exam.plan.seed, "--cases": sum(numbers.values()), "--kind": only}

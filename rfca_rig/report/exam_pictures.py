@@ -1,4 +1,4 @@
-"""The pictures of an exam: stated probabilities against what came true, power against size, errors of parameters, gap closed."""
+"""Figures of an exam: calibration of probabilities, power over strength, errors of parameters, share of the misfit removed."""
 
 from collections.abc import Callable, Sequence
 from html import escape
@@ -17,10 +17,13 @@ from rfca_rig.report.inline_svg import inline_svg
 from rfca_rig.report.style import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing
 
 WIDTH_IN, HEIGHT_IN = 4.3, 3.1
-LINE_IN = 0.17  # of one effect among the parameters
-SMALLEST, LARGEST = 1e-3, 10.0  # relative errors beyond are drawn at the border
-ASKED = (cases.SINGLE, cases.PAIR)  # whose values and models are marked
-# drawn from below: outcomes, colour, words
+# Height of the line of one effect in the figure of parameters.
+LINE_IN = 0.17
+# Relative errors beyond these are drawn at the border.
+SMALLEST, LARGEST = 1e-3, 10.0
+# Kinds of cases whose parameters and fitted models are scored.
+SCORED_KINDS = (cases.SINGLE, cases.PAIR)
+# Parts of a stacked bar from below: outcomes, colour, words. The part without outcomes takes all that no other part lists.
 PARTS = (
     ((RIGHT,), MEASURED, "right"),
     ((CLASS,), ALIKE, "in its class"),
@@ -30,32 +33,32 @@ PARTS = (
 
 
 def reliability(found: ClaimCalibration) -> str:
-    """Share of claims that are right against the probability that was stated, with 90 % bounds; how many claims stand above."""
-    return _drawn(lambda axes: _reliability(axes, found), HEIGHT_IN, "share of claims that are right against the stated probability")
+    """Reliability diagram: share of right claims over the stated probability, with 90 % bounds; numbers of claims above."""
+    return _draw_figure(lambda axes: _reliability(axes, found), HEIGHT_IN, "share of claims that are right against the stated probability")
 
 
 def power(marked: Sequence[MarkedCase]) -> str:
-    """What came of one effect, by fifths of its strength."""
+    """Shares of outcomes for single effects over their strength, in bins of equal width."""
     single = [case for case in marked if case.kind == cases.SINGLE]
-    return _drawn(lambda axes: _power(axes, single), HEIGHT_IN, "what came of one effect, by its strength")
+    return _draw_figure(lambda axes: _power(axes, single), HEIGHT_IN, "what came of one effect, by its strength")
 
 
 def parameter_errors(marked: Sequence[MarkedCase]) -> str:
-    """The relative error of each parameter of a true name, by effect; hollow where the truth is outside the 90 % interval."""
-    deviations = [each for case in marked if case.kind in ASKED for each in case.deviations]
+    """Relative error of each parameter of a right answer, by effect; hollow where the truth is outside the 90 % interval."""
+    deviations = [each for case in marked if case.kind in SCORED_KINDS for each in case.deviations]
     effects = sorted({each.effect for each in deviations}, reverse=True)
     height_in = max(HEIGHT_IN, 0.75 + LINE_IN * len(effects))
-    return _drawn(lambda axes: _errors(axes, deviations, effects), height_in, "relative errors of parameters by effect", left_in=1.75)
+    return _draw_figure(lambda axes: _errors(axes, deviations, effects), height_in, "relative errors of parameters by effect", left_in=1.75)
 
 
 def gaps(marked: Sequence[MarkedCase]) -> str:
-    """How many right names close how much of the gap on conditions that were held out; what got worse stands left of 0."""
-    right = [case for case in marked if case.kind in ASKED and case.outcome == RIGHT]
+    """Histogram of the share of the misfit on held-out conditions that right answers remove; cases that got worse are left of 0."""
+    right = [case for case in marked if case.kind in SCORED_KINDS and case.outcome == RIGHT]
     closed = [case.gap_closed for case in right if case.gap_closed is not None]
-    return _drawn(lambda axes: _gaps(axes, closed), HEIGHT_IN, "share of the gap that right names close on held-out conditions")
+    return _draw_figure(lambda axes: _gaps(axes, closed), HEIGHT_IN, "share of the gap that right names close on held-out conditions")
 
 
-def _drawn(draw: Callable[[Axes], None], height_in: float, label: str, left_in: float = 0.6) -> str:
+def _draw_figure(draw: Callable[[Axes], None], height_in: float, label: str, left_in: float = 0.6) -> str:
     with drawing():
         figure = Figure(figsize=(WIDTH_IN, height_in))
         box = (left_in / WIDTH_IN, 0.5 / height_in, (WIDTH_IN - left_in - 0.22) / WIDTH_IN, (height_in - 0.8) / height_in)
@@ -67,6 +70,7 @@ def _reliability(axes: Axes, found: ClaimCalibration) -> None:
     axes.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, lw=0.7, ls=(0, (3, 2)), zorder=0)
     for count, mean, right in found.bins:
         if count:
+            # Two one-sided bounds of 95 % (Clopper and Pearson) make an interval of 90 %.
             share = Share(round(count * right), count)
             axes.plot([mean, mean], [share.lower, share.upper], color=MEASURED, lw=1.1)
             axes.plot([mean], [right], ls="", marker="o", ms=5.5, mfc=MEASURED, mec="white", mew=0.8)
@@ -77,16 +81,17 @@ def _reliability(axes: Axes, found: ClaimCalibration) -> None:
 
 
 def _power(axes: Axes, single: Sequence[MarkedCase]) -> None:
+    # A strength of exactly 1 belongs to the last bin.
     level = np.array([min(int(case.strength * cases.LEVELS), cases.LEVELS - 1) for case in single], dtype=int)
-    whole = np.bincount(level, minlength=cases.LEVELS)
+    total = np.bincount(level, minlength=cases.LEVELS)
     centres = (np.arange(cases.LEVELS) + 0.5) / cases.LEVELS
-    below, named = np.zeros(cases.LEVELS), {each for outcomes, _, _ in PARTS for each in outcomes}
+    below, listed = np.zeros(cases.LEVELS), {each for outcomes, _, _ in PARTS for each in outcomes}
     for outcomes, colour, words in PARTS:
-        inside = np.array([case.outcome in outcomes if outcomes else case.outcome not in named for case in single], dtype=bool)
-        share = np.bincount(level[inside], minlength=cases.LEVELS) / np.maximum(whole, 1)
+        inside = np.array([case.outcome in outcomes if outcomes else case.outcome not in listed for case in single], dtype=bool)
+        share = np.bincount(level[inside], minlength=cases.LEVELS) / np.maximum(total, 1)
         axes.bar(centres, share, 0.86 / cases.LEVELS, bottom=below, color=colour, label=words)
         below = below + share
-    for x, count in zip(centres, whole, strict=True):
+    for x, count in zip(centres, total, strict=True):
         axes.text(x, 1.02, str(count), ha="center", va="bottom", fontsize=SMALL, color="#555555")
     _unit_axes(axes)
     axes.set_xlabel("strength, from hardly visible (0) to gross (1)")
@@ -96,6 +101,7 @@ def _power(axes: Axes, single: Sequence[MarkedCase]) -> None:
 def _unit_axes(axes: Axes) -> None:
     axes.set_xlim(0.0, 1.0)
     axes.set_ylim(0.0, 1.0)
+    # Markers on the border of the unit square are not cut in half.
     for spread in (axes.lines, axes.collections):
         for each in spread:
             each.set_clip_on(False)
@@ -108,6 +114,7 @@ def _errors(axes: Axes, deviations: Sequence[Deviation], effects: Sequence[str])
         axes.plot(x, [effects.index(each.effect) for each in some], ls="", marker="o", ms=4.2, mfc=face, mec=edge, mew=0.9, alpha=0.85)
     axes.set_xscale("log")
     axes.set_xlim(0.8 * SMALLEST, 1.25 * LARGEST)
+    # The goal for the median error of parameters in the exam.
     axes.axvline(0.1, color=FAINT, lw=0.7, ls=(0, (3, 2)), zorder=0)
     axes.set_xticks([0.001, 0.01, 0.1, 1.0, 10.0], ["0.1 %", "1 %", "10 %", "100 %", "1000 %"])
     axes.minorticks_off()
@@ -118,9 +125,11 @@ def _errors(axes: Axes, deviations: Sequence[Deviation], effects: Sequence[str])
 
 def _gaps(axes: Axes, closed: Sequence[float]) -> None:
     edges = np.linspace(-0.2, 1.1, 14)
+    # Values beyond the axis count in the outermost bins.
     axes.hist(np.clip(closed, edges[0] + 1e-9, edges[-1] - 1e-9), edges.tolist(), color=ALIKE, edgecolor="white", linewidth=0.8)
     if closed:
         axes.axvline(float(np.median(closed)), color=MEASURED, lw=1.4)
+    # The goal for the median share in the exam.
     axes.axvline(0.8, color=FAINT, lw=0.7, ls=(0, (3, 2)))
     axes.set_xlim(edges[0], edges[-1])
     axes.set_xlabel("share of the gap closed (1: down to the noise)")

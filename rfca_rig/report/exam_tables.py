@@ -1,4 +1,4 @@
-"""An exam as tables: the bars, what came of the next experiments, and who was called what."""
+"""Tables of an exam: required scores (bars), results of follow-up experiments, ablation of the catalogue, and the confusion matrix."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -14,7 +14,7 @@ PASSED = {True: "passed", False: "failed", None: "no case"}
 
 
 def bars_table(all_bars: Sequence[Bar]) -> Table:
-    """Each bar with its goal, what was reached, the counts, and how bad it may still be with 95 % confidence."""
+    """Required scores: goal, value reached, counts, and the worst value that is still compatible at 95 % confidence."""
     rows = tuple(TableRow(_bar(bar), marked=bar.passed is False) for bar in all_bars)
     columns = (
         TableColumn("mark", "Mark"),
@@ -35,7 +35,7 @@ def _bar(bar: Bar) -> dict[str, Value]:
 
 
 def ways_table(ways: Sequence[Way]) -> Table:
-    """Experiments that were proposed in open cases, against others."""
+    """Experiments that were proposed in undecided cases, compared with other choices."""
     rows = tuple(TableRow({"arm": way.arm, "settled": f"{way.settled} of {way.of}", "experiments": way.experiments}) for way in ways)
     columns = (
         TableColumn("arm", "Next experiments"),
@@ -50,19 +50,19 @@ def ways_table(ways: Sequence[Way]) -> Table:
 
 
 def taken_out_table(found: TakenOut) -> Table:
-    """The effects that were called something else when they were not in the catalogue."""
+    """Effects that were given another name after they had been removed from the catalogue."""
     columns = (TableColumn("concealed", "Concealed"), TableColumn("named", "Named"), TableColumn("probability", "Probability", digits=3))
     caption = f"{found.words[0].upper()}{found.words[1:]}."
-    return Table("taken-out", caption, columns, tuple(TableRow(_named_instead(each)) for each in found.named))
+    return Table("taken-out", caption, columns, tuple(TableRow(_false_name(each)) for each in found.named))
 
 
-def _named_instead(each: Named) -> dict[str, Value]:
+def _false_name(each: Named) -> dict[str, Value]:
     named = " and ".join(each.named)
     return {"concealed": each.effect.replace("_", " "), "named": named.replace("_", " "), "probability": each.probability}
 
 
 def confusion_table(marked: Sequence[MarkedCase]) -> Table:
-    """What is concealed against what was named; numbers of cases, none where nobody was."""
+    """Confusion matrix: numbers of cases by hidden effect (rows) and answer (columns); empty where there is no case."""
     matrix = matrix_of(marked)
     names = (*matrix.names, *matrix.verdicts)
     columns = tuple(TableColumn(name.replace(" ", "_"), name.replace("_", " "), upright=True) for name in names)

@@ -1,4 +1,4 @@
-"""All files of a report into its folder."""
+"""Writes the files of a report into its folder."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -10,7 +10,7 @@ from rfca_rig.report.table_files import as_csv, as_tex
 
 
 def write_all(out: Path, contents: Mapping[str, str]) -> None:
-    """Texts by their names; the folder is made where it is not there. Raises RigError where the disk refuses."""
+    """Writes texts by their file names; `out` is made where it does not exist. Raises RigError where a file cannot be written."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -20,6 +20,9 @@ def write_all(out: Path, contents: Mapping[str, str]) -> None:
 
 
 def table_files(tables: Iterable[Table]) -> dict[str, str]:
-    """CSV and LaTeX of each, by their names; also of one without rows, lest that of an earlier report stay beside the page."""
+    """CSV and LaTeX of each table, by file name.
+
+    A table without rows is written too: otherwise the file of an earlier report would remain beside the page.
+    """
     each = (((f"{table.name}.csv", as_csv(table)), (f"{table.name}.tex", as_tex(table))) for table in tables)
     return {name: text for pair in each for name, text in pair}

@@ -1,4 +1,4 @@
-"""A measured law as a table for other programs, and in one sentence."""
+"""A measured residual law as CSV for other programs, and as one sentence."""
 
 import csv
 import io
@@ -9,7 +9,10 @@ from rfca_rig.recording.atomic import write_atomically
 
 
 def write_law_table(path: Path, law: MeasuredLaw) -> None:
-    """Writes CSV: knots, values and standard deviations; the whole law beside them where the model has a part of it. Raises RigError."""
+    """Writes knots, values and standard deviations as CSV, and the whole law where the model has a part of it already.
+
+    Raises RigError where the file cannot be written.
+    """
     unit = law.unit.replace(" ", "") or "relative"
     columns = {law.argument: law.knots, f"residual_{unit}": law.values, f"residual_std_{unit}": law.std}
     if law.whole is not None and law.whole_std is not None:
@@ -22,7 +25,7 @@ def write_law_table(path: Path, law: MeasuredLaw) -> None:
 
 
 def describe_law(stated: StatedLaw) -> str:
-    """Beside what the law was measured, and what it removes."""
+    """States which effects the model had when the law was measured, and which share of the held-out misfit the law removes."""
     law = stated.law
     beside = " and ".join(law.base) or "the model without effects"
     instead = f", in place of what {' and '.join(stated.instead_of)} states there" if stated.instead_of else ""

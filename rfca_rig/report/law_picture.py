@@ -1,4 +1,4 @@
-"""A measured law with its band, and what the catalogue says beside it: one small picture."""
+"""Small figure of a measured residual law with its uncertainty band, and the law of the catalogue for comparison."""
 
 from html import escape
 
@@ -10,7 +10,8 @@ from rfca_rig.report.inline_svg import inline_svg
 from rfca_rig.report.style import ALIKE, FAINT, MEASURED, OTHER, SMALL, drawing
 
 WIDTH_IN, HEIGHT_IN = 4.4, 2.5
-BAND = 2.0  # standard deviations
+# Half width of the band in standard deviations.
+BAND = 2.0
 DASHES = (0, (3.2, 1.8))
 WORDS = {
     "rate_rad_s": "rate of the hinge",
@@ -29,7 +30,7 @@ WORDS = {
 
 
 def measured_law_picture(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
-    """The residual law, its band of two standard deviations, the catalogue's law, and both branches where it has memory, as inline SVG."""
+    """The residual law as inline SVG: its band of two standard deviations, the catalogue's law, and both branches where it has memory."""
     with drawing():
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), layout="constrained")
         axes = figure.subplots()

@@ -1,4 +1,4 @@
-"""report.html of recordings in windows: signals of each recording, measured and simulated, with nominal and with fitted values."""
+"""report.html of pendulums and mechanisms: signals of each recording, measured and simulated, with nominal and with fitted values."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,8 @@ from rfca_rig.report.templates import template
 from rfca_rig.report.text import MINUS
 
 PAGE = "report.html"
-MOST_SHOWN = 12  # recordings whose signals are drawn: those that the model misses most
+# Recordings whose signals are drawn: those with the largest errors.
+MOST_SHOWN = 12
 ACROSS = 2
 
 ERRORS = "Rms error"
@@ -51,24 +52,24 @@ SIGNALS = tuple(TableColumn(key) for key in ("run", "signal", "t_s", "measured",
 
 @dataclass(frozen=True)
 class MotionsReport:
-    """What a page of motions says beside the fit.
+    """Texts and names of a page of motions, besides the fit.
 
     Parameters
     ----------
     kind
         What was recorded, as in "swings of a pendulum".
     title
-        Of the recordings.
+        Title of the recordings.
     nominal
-        Where the nominal values stand, as in "pendulum.toml".
+        Source of the nominal values, as in "pendulum.toml".
     stem
-        What the names of the files beside the page begin with.
+        Beginning of the names of the files beside the page.
     file_format
-        Of the JSON file.
+        Format name in the JSON file.
     window_s
-        Length of a window.
+        Length of a window in s.
     remainders
-        Pictures of what the nominal model lacks in each joint.
+        Figures of the torque in each joint that the nominal model lacks.
     """
 
     kind: str
@@ -86,7 +87,7 @@ class MotionsReport:
 
 
 def pendulum_report(campaign: PendulumCampaign, model_file: str | None) -> MotionsReport:
-    """What the page says of a pendulum; `model_file` names the file that the nominal values are from, if not the campaign's own."""
+    """Texts of the page of a pendulum; `model_file` is the file of the nominal values where it is not the campaign's own."""
     return MotionsReport(
         kind="swings of a pendulum",
         title=campaign.title,
@@ -98,7 +99,7 @@ def pendulum_report(campaign: PendulumCampaign, model_file: str | None) -> Motio
 
 
 def mechanism_report(experiment: Experiment, comparison: MechanismComparison) -> MotionsReport:
-    """What the page says of a mechanism."""
+    """Texts of the page of a mechanism."""
     return MotionsReport(
         kind="motions of a mechanism",
         title=experiment.title,
@@ -111,9 +112,26 @@ def mechanism_report(experiment: Experiment, comparison: MechanismComparison) ->
 
 
 def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Origin) -> None:
-    """report.html, and its tables as CSV, LaTeX and JSON, into `out`. Raises RigError where the disk refuses."""
+    """Writes report.html and its tables as CSV, LaTeX and JSON.
+
+    Parameters
+    ----------
+    report
+        Texts and names of the page.
+    fit
+        Measured and simulated signals in windows, nominal and fitted.
+    out
+        Folder of the report.
+    origin
+        Command, recordings and version for the foot of the page.
+
+    Raises
+    ------
+    RigError
+        Where a file cannot be written.
+    """
     tables = (_error_table(report, fit), *((_shift_table(report, fit),) if fit.shifts else ()))
-    overlays, recordings = list(_worst(fit)), len({one.condition for one in fit.overlays})
+    overlays, recordings = list(_worst_recordings(fit)), len({one.condition for one in fit.overlays})
     shown = len({one.condition for one in overlays})
     contents = {
         report.json_file: json.dumps({"title": report.title, **fit.plain(report.file_format)}, indent=1) + "\n",
@@ -141,6 +159,7 @@ def _error_table(report: MotionsReport, fit: WindowFit) -> Table:
         caption += "Held-out: each condition of about four windows is predicted with values fitted to all others."
     columns = (*ALWAYS, *OF_FIT) if fit.shifts else ALWAYS
     feet = tuple(Foot(f"All recordings: {', '.join(filter(None, words_and_unit(e.signal)))}", _errors(e), digits=5) for e in fit.totals)
+    # For a single recording the totals would repeat its own errors.
     is_one = len({error.run for error in fit.errors}) == 1
     return Table(f"{report.stem}-errors", caption, columns, tuple(map(_error_row, fit.errors)), () if is_one else feet)
 
@@ -164,7 +183,7 @@ def _shift_table(report: MotionsReport, fit: WindowFit) -> Table:
 
 
 def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
-    """All that is drawn, means over bins."""
+    """All signals that are drawn, as means over bins."""
     rows = [
         TableRow(dict(zip(("run", "signal", "t_s", "measured", "nominal", "fitted"), (one.condition, one.signal, *values), strict=True)))
         for one in fit.overlays
@@ -173,8 +192,9 @@ def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
     return Table(f"{report.stem}-signals", "", SIGNALS, tuple(rows))
 
 
-def _worst(fit: WindowFit) -> Iterator[SignalOverlay]:
-    """The signals of the recordings that the model misses most, in their order; without a fit nothing is drawn as fitted."""
+def _worst_recordings(fit: WindowFit) -> Iterator[SignalOverlay]:
+    """Signals of the recordings with the largest errors, in their order. Without a fit, NaN takes the place of the fitted signal."""
+    # Errors of different signals have different units: each is divided by that signal's error over all recordings.
     usual = {total.signal: total.fitted for total in fit.totals}
     misses: dict[str, float] = {}
     for error in fit.errors:

@@ -1,4 +1,4 @@
-"""Names that carry their unit, read aloud: half_gap_deg is "half gap" in deg, tx_Nm is "tx" in N m."""
+"""Splits names that end in their unit into words and unit: half_gap_deg is "half gap" in deg, tx_Nm is "tx" in N m."""
 
 import re
 
@@ -7,23 +7,25 @@ UNIT_WORDS = {"Nm": "N m", "pct": "%", "Ns": "N s"} | {
     for unit in ("N", "m", "mm", "ppm", "kHz", "s", "ms", "kg", "g", "rad", "deg", "Hz", "V", "A", "W", "J", "K", "degC", "relative")
 }
 POWERS = {"": "", "2": "²", "3": "³", "1p5": "^1.5"}
-SPEEDS = (["m", "s"], ["mm", "s"], ["rad", "s"], ["deg", "s"])  # speed_m_s: the one quotient that is written without "per"
+# speed_m_s: the only quotients that names write without "per".
+SPEEDS = (["m", "s"], ["mm", "s"], ["rad", "s"], ["deg", "s"])
 
 
 def words_and_unit(name: str) -> tuple[str, str]:
-    """The name in words and its unit, empty where it carries none. The value is not converted."""
+    """The name in words and its unit, empty where it has none. The value is not converted."""
     tokens = name.split("_")
     start = len(tokens)
+    # Backwards from the end, as long as parts are units; the first part is always a word, as in "s" or "m_kg".
     while start > 1 and (tokens[start - 1] == "per" or _unit(tokens[start - 1])):
         start -= 1
     if tokens[-1] == "per":
         start = len(tokens)
     words = re.sub(r"\bhinge(\d)", r"hinge \1", " ".join(tokens[:start]))
-    return words, _joined(tokens[start:])
+    return words, _join_units(tokens[start:])
 
 
 def shown(name: str) -> str:
-    """As in "half gap, deg"."""
+    """The name in words with its unit, as in "half gap, deg"."""
     words, unit = words_and_unit(name)
     return f"{words}, {unit}" if unit else words
 
@@ -33,7 +35,7 @@ def _unit(token: str) -> str | None:
     return UNIT_WORDS[found[1]] + POWERS[found[2]] if found and found[1] in UNIT_WORDS else None
 
 
-def _joined(tokens: list[str]) -> str:
+def _join_units(tokens: list[str]) -> str:
     if tokens in SPEEDS:
         return "/".join(tokens)
     words = [token if token == "per" else str(_unit(token)) for token in tokens]

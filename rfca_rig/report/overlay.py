@@ -1,4 +1,4 @@
-"""One condition drawn in the manner of the paper's Fig. 7 (c) to (f), with the residual below on a scale of its own."""
+"""Figure of one condition in the manner of the paper's Fig. 7 (c) to (f), with the residual below on its own scale."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,20 +17,28 @@ from rfca_rig.report.style import FAINT, MEASURED, SIMULATED, SIMULATED_EDGE, SM
 
 Floats = NDArray[np.float64]
 
+# Resolution of a line, two points for each column.
 COLUMNS = 330
-MOST_POINTS = 24000  # of all lines together; with many repeats each is drawn coarser
+# Points of all lines of a figure together; with many repeats each line is drawn coarser.
+MOST_POINTS = 24000
 SIZE_IN = (4.9, 3.5)
 FORCE_BOX = (0.125, 0.43, 0.86, 0.465)
 RESIDUAL_BOX = (0.125, 0.13, 0.86, 0.195)
-RULER_AT, WORDS_AT = 1.03, 1.13  # above the frame, in heights of the force axes
-WORD_SHARE = 0.1  # of the width, which "lift-off" takes
+# Positions above the frame, in heights of the force axes.
+RULER_AT, WORDS_AT = 1.03, 1.13
+# Share of the width that the word "lift-off" takes.
+WORD_SHARE = 0.1
 REST_DRAWN_S = 0.1
-BEFORE_VALLEY_S = 0.01  # half the width of a valley's parabola
+# Half the width of the parabola that is fitted to a valley.
+BEFORE_VALLEY_S = 0.01
 
 
 @dataclass(frozen=True)
 class OverlayDrawing:
-    """The drawing as inline SVG, with what its caption has to say of its scales."""
+    """The figure as inline SVG, with the scales that its caption states.
+
+    The residual axis spans +-`residual_limit_N`; `beyond_N` is the largest residual where that is larger, else None.
+    """
 
     svg: str
     force_span_N: float
@@ -40,10 +48,17 @@ class OverlayDrawing:
 
 
 def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
-    """Measured strokes thin and dark, simulated broad and light, valleys and the regions I to III marked; residual in its own axes.
+    """Draws measured strokes thin and dark, simulated ones broad and light, with valleys and regions I to III; the residual below.
 
-    The residual's scale covers everything up to the first valley, measured or simulated: where one stroke has let go and the other not,
-    the residual is as large as the force itself. What goes beyond is cut at the frame and told in `beyond_N`.
+    The residual's scale covers everything up to the first valley, measured or simulated. After it, one stroke may have left the ground and
+    the other not: the residual is then as large as the force itself. It is cut at the frame and stated in `beyond_N`.
+
+    Parameters
+    ----------
+    compared
+        The condition, with repeats and simulated strokes.
+    salt
+        Seed of the ids in the SVG, different for each figure of a page.
     """
     limit_N, beyond_N = _residual_scale(compared)
     columns = min(COLUMNS, MOST_POINTS // (2 * (2 * len(compared.repeats) + len(compared.simulated))))
@@ -80,7 +95,7 @@ def _mark_valleys(axes: Axes, valleys: Iterable[object], *, marker: str, mfc: st
 
 
 def _mark_phases(axes: Axes, phases: StrokePhases, end_s: float) -> None:
-    """Borders with their words, and between them the regions on a ruler above the frame."""
+    """Draws the borders of the phases with their words, and the regions between them on a ruler above the frame."""
     across = axes.get_xaxis_transform()
     for at_s, word, side in _border_words(phases, end_s):
         axes.plot([at_s, at_s], [0.0, WORDS_AT], color=FAINT, lw=0.5, ls=(0, (2, 2)), zorder=0, transform=across, clip_on=False)
@@ -92,7 +107,10 @@ def _mark_phases(axes: Axes, phases: StrokePhases, end_s: float) -> None:
 
 
 def _border_words(phases: StrokePhases, end_s: float) -> list[tuple[float, str, str]]:
-    """Time, word and side of each border within the frame; a lift-off near the right edge has its word on the left where there is room."""
+    """Time, word and alignment of each border within the frame.
+
+    The word of a lift-off near the right edge is put on its left where there is room.
+    """
     width_s = end_s + REST_DRAWN_S
     last = phases.lift_off_s > end_s - WORD_SHARE * width_s and phases.lift_off_s - phases.valley_s > WORD_SHARE * width_s
     words = [
@@ -116,7 +134,7 @@ def _draw_residual(axes: Axes, compared: ComparedCondition, limit_N: float, colu
 
 
 def _residual_scale(compared: ComparedCondition) -> tuple[float, float | None]:
-    """(a round number that covers the residual up to the first valley, the greatest residual if it is beyond)."""
+    """Limit of the residual axis, a round number in N; and the largest residual where it exceeds that, else None."""
     valleys = [s.valley for s in compared.simulated] + [r.valley for r in compared.repeats]
     first_s = min((v.time_s for v in valleys if isinstance(v, Valley)), default=np.inf) - BEFORE_VALLEY_S
     before, anywhere = 0.0, 0.0
@@ -124,6 +142,7 @@ def _residual_scale(compared: ComparedCondition) -> tuple[float, float | None]:
         size = np.nan_to_num(np.abs(repeat.residual_N))
         before = max(before, float(size[repeat.t_s < first_s].max(initial=0.0)))
         anywhere = max(anywhere, float(size.max(initial=0.0)))
+    # At least 1 N: a finer scale would show nothing but noise.
     limit_N = _round_up(max(before, 1.0))
     return limit_N, anywhere if anywhere > limit_N else None
 

@@ -1,7 +1,7 @@
-"""A page as PDF, printed by a browser that is on this machine: the very page, drawn by what it was made for.
+"""A page as PDF, printed by a browser of this machine, so that it looks as it does on the screen.
 
-Chromium, Chrome, Edge and Brave print without a window. WeasyPrint was tried instead and draws these pages slower, with broken lines of
-the figures unbroken and clipped curves unclipped, and needs libraries of the system too.
+Chromium, Chrome, Edge and Brave print without a window. WeasyPrint was tried instead: it is slower, joins lines of the figures that are
+interrupted, ignores clipping of curves, and needs system libraries as well.
 """
 
 import os
@@ -29,28 +29,31 @@ PLACES = (
     "C:/Program Files (x86)/Microsoft/Edge/Application/msedge.exe",
 )
 WITHIN_S = 120.0
+# No window, no network traffic of the browser itself, no page header or footer.
 QUIET = (
     "--headless", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
     "--disable-sync", "--disable-extensions", "--no-pdf-header-footer",
 )  # fmt: skip
+# Dates in the PDF, which are replaced so that the same page gives the same bytes.
 DATE = re.compile(rb"/(CreationDate|ModDate) \(D:\d{14}\+00'00'\)")
+# Links to other files; those within the page begin with "#" and stay.
 LINK = re.compile(r'<a href="(?!#)[^"]*">')
 
 
 def find_browser() -> Path:
-    """One that can print. Raises BadInput with what to do where there is none."""
-    named = os.environ.get(VARIABLE)
-    found = shutil.which(named) if named else next(filter(None, map(shutil.which, (*NAMES, *PLACES))), None)
+    """A browser that can print. Raises BadInput with advice where there is none."""
+    chosen = os.environ.get(VARIABLE)
+    found = shutil.which(chosen) if chosen else next(filter(None, map(shutil.which, (*NAMES, *PLACES))), None)
     if found is None:
         missing = (
-            f"{named!r}, which {VARIABLE} names, is not there" if named else "no Chromium, Chrome, Edge or Brave is there to print with"
+            f"{chosen!r}, which {VARIABLE} names, is not there" if chosen else "no Chromium, Chrome, Edge or Brave is there to print with"
         )
         raise BadInput(f"--pdf: {missing}; install one, name it with {VARIABLE}, or open the page in any browser and print it to a file")
     return Path(found)
 
 
 def print_pdfs(browser: Path, pages: Iterable[Path]) -> list[Path]:
-    """Each page as PDF beside it, of the same bytes for the same page and browser. Raises RigError where the browser fails."""
+    """Prints each page to a PDF beside it. The same page and browser give the same bytes. Raises RigError where the browser fails."""
     return [_print(browser, page) for page in pages]
 
 
@@ -58,16 +61,19 @@ def _print(browser: Path, page: Path) -> Path:
     target = page.with_suffix(".pdf")
     with tempfile.TemporaryDirectory(prefix="rfca-rig-") as folder:
         copy, printed = Path(folder) / page.name, Path(folder) / target.name
-        copy.write_text(LINK.sub("<a>", page.read_text("utf-8")), "utf-8")  # a browser would tell the whole path of what is linked
-        said = _run([str(browser), *QUIET, *_as_root(), f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}", copy.as_uri()])
+        # The browser would write the absolute path of every linked file into the PDF.
+        copy.write_text(LINK.sub("<a>", page.read_text("utf-8")), "utf-8")
+        # A profile in the temporary folder: the user's own profile is neither read nor changed.
+        message = _run([str(browser), *QUIET, *_as_root(), f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}", copy.as_uri()])
+        # The file tells success: browsers report warnings on stderr when all went well.
         if not printed.is_file():
-            raise RigError(f"{page}: {browser.name} made no PDF of it: {said or 'without a word'}; open the page and print it to a file")
+            raise RigError(f"{page}: {browser.name} made no PDF of it: {message or 'without a word'}; open the page and print it to a file")
         write_atomically(target, DATE.sub(rb"/\1 (D:20000101000000+00'00')", printed.read_bytes()))
     return target
 
 
 def _run(command: list[str]) -> str:
-    """The last thing that it said."""
+    """Runs a command and returns the last line of its stderr, or the error that kept it from running."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=WITHIN_S, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -76,5 +82,5 @@ def _run(command: list[str]) -> str:
 
 
 def _as_root() -> list[str]:
-    """Chromium refuses to be run by root, as in a container, with its sandbox."""
+    """Option for running as root, as in a container: Chromium refuses its sandbox there."""
     return ["--no-sandbox"] if sys.platform != "win32" and os.geteuid() == 0 else []

@@ -1,4 +1,4 @@
-"""The forces at the peak of the strokes: JSON as rfca-peak-forces/1, and as a `Table`, of which CSV and LaTeX are made."""
+"""Forces at the peak of the strokes: as JSON in format rfca-peak-forces/1, and as a `Table` for CSV and LaTeX."""
 
 import json
 from collections.abc import Sequence
@@ -12,8 +12,10 @@ from rfca_rig.report.table2_files import rounded_or_none
 
 FORMAT = "rfca-peak-forces/1"
 MEASURED, SIMULATED = "Measured peak", "Simulated peak"
-PAPER_CONDITION = Condition(0.155, 15.0, ())  # the paper's impact test, section IV.A
-PAPER_PEAK_N = (188.0, 232.0)  # fy and fz there, printed without signs
+# The paper's impact test, section IV.A: 155 mm and 15 rad/s.
+PAPER_CONDITION = Condition(0.155, 15.0, ())
+# fy and fz there, which the paper prints without signs.
+PAPER_PEAK_N = (188.0, 232.0)
 
 COLUMNS = (
     TableColumn("height_mm", "Rack height", set_value=True),
@@ -39,13 +41,16 @@ COLUMNS = (
 
 
 def peaks_as_json(rows: Sequence[PeakForceRow]) -> str:
-    """The document; what is not known is null."""
+    """The JSON document; unknown values are null."""
     document = {"format": FORMAT, "rows": [peak_record(row) for row in rows]}
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def peaks_as_table(rows: Sequence[PeakForceRow], shaft_words: str) -> Table:
-    """In the order of the paper's text, with its own peak below where a row has its condition. `shaft_words` as for Table II."""
+    """The table of peak forces, with the paper's own peak below where a row has its condition.
+
+    `shaft_words` states how the simulated shaft turned, as for Table II.
+    """
     return Table(
         name="peak-forces",
         caption="Forces on the sensor at the instant when |F|, with |F|² = fy² + fz², is largest in the stroke. The instant is one sample. "
@@ -58,12 +63,12 @@ def peaks_as_table(rows: Sequence[PeakForceRow], shaft_words: str) -> Table:
 
 
 def peak_record(row: PeakForceRow) -> dict[str, Any]:
-    """The row by the keys of rfca-peak-forces/1."""
+    """A row under the keys of rfca-peak-forces/1."""
     return {
         "height_mm": rounded_or_none(1e3 * row.height_m, 3),
         "speed_rad_s": rounded_or_none(row.speed_rad_s, 5),
         "repeats": row.repeats,
-        **_measured(row.measured),
+        **_measurement(row.measured),
         "simulated_force_N": rounded_or_none(row.simulated.force_N.mean, 4),
         "simulated_fy_N": rounded_or_none(row.simulated.fy_N.mean, 4),
         "simulated_fz_N": rounded_or_none(row.simulated.fz_N.mean, 4),
@@ -75,7 +80,7 @@ def peak_record(row: PeakForceRow) -> dict[str, Any]:
     }
 
 
-def _measured(peaks: PeakSpread) -> dict[str, float | None]:
+def _measurement(peaks: PeakSpread) -> dict[str, float | None]:
     return {
         "measured_force_N": rounded_or_none(peaks.force_N.mean, 4),
         "measured_force_std_N": rounded_or_none(peaks.force_N.std, 4),
@@ -89,12 +94,13 @@ def _measured(peaks: PeakSpread) -> dict[str, float | None]:
 
 
 def _notes(row: PeakForceRow) -> list[str]:
-    """What a reader would take wrongly: the largest force of a fast stroke may be the pull of the leg in the air."""
+    """Notes against a wrong reading: the largest force of a fast stroke may be the pull of the leg in the air."""
     in_the_air = ["simulated: the leg is off the ground at its peak"] if row.simulated_touching is False else []
     return [*row.refused, *in_the_air]
 
 
 def _foot(rows: Sequence[PeakForceRow]) -> tuple[Foot, ...]:
+    # By label, which is rounded: floats from files may differ from 0.155 and 15.0 in the last digits.
     if not any(PAPER_CONDITION.label == Condition(row.height_m, row.speed_rad_s, ()).label for row in rows):
         return ()
     fy_N, fz_N = PAPER_PEAK_N

@@ -1,4 +1,4 @@
-"""What stands at the end of every page: the command that makes it again, the recordings with their hashes, the version."""
+"""Provenance at the foot of every page: the command that makes it again, the recordings with their hashes, the version."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,10 @@ PROGRAM = "rfca-rig"
 
 @dataclass(frozen=True)
 class Origin:
-    """`command` as it is to be typed, "" where no command made the page; `again` says what of the page it brings."""
+    """Origin of a page.
+
+    `command` is the command line, "" where no command made the page. `again` states what it reproduces, by default the same bytes.
+    """
 
     command: str = ""
     recordings: tuple["RecordingSource", ...] = ()
@@ -25,7 +28,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class RecordingSource:
-    """One recording: SIM, REAL or IMPORT, where it was found, and a hash of what it is made of."""
+    """One recording: SIM, REAL or IMPORT (`mark`), where it was read, and a hash; `hashed` names the files that the hash covers."""
 
     mark: str
     title: str
@@ -36,7 +39,7 @@ class RecordingSource:
 
 @dataclass(frozen=True)
 class PageLink:
-    """A page that stands beside this one."""
+    """Link to a page in the same folder."""
 
     file: str
     words: str
@@ -44,9 +47,9 @@ class PageLink:
 
 @dataclass(frozen=True)
 class Told:
-    """What a page says of itself, and which stand beside it.
+    """Origin of a page, the pages beside it, and the model.
 
-    `model_file` names the one model that all was held against; None for what was believed of each.
+    `model_file` names the model that all recordings were compared with; None where each was compared with its own nominal model.
     """
 
     origin: Origin
@@ -55,9 +58,9 @@ class Told:
 
 
 def typed(*words: str | PurePath, options: Mapping[str, object] | None = None) -> str:
-    """The command line: `words` first, then those `options` that are not None or False; True stands for a bare option.
+    """The command line: `words` first, then `options` that are not None or False; True stands for a bare option.
 
-    Of an absolute path only the last part is told: a page is sent on, and need not say where its maker keeps things.
+    Only the last part of an absolute path is shown: pages are passed on, and need not show the folders of their author.
     """
     given = [shown_path(word) if isinstance(word, PurePath) else word for word in words]
     for name, value in (options or {}).items():
@@ -67,28 +70,44 @@ def typed(*words: str | PurePath, options: Mapping[str, object] | None = None) -
 
 
 def shown_path(path: PurePath) -> str:
+    """A path as a page shows it: only the last part of an absolute one."""
     return path.name if path.is_absolute() else path.as_posix()
 
 
 def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recording]) -> Origin:
-    """Of a page about the recordings that were found at the paths, and of more that were recorded meanwhile. Raises OSError."""
-    found = tuple(_recorded(path, recording.source, recording.title) for path, recording in zip(paths, recordings, strict=False))
+    """Origin of a page about recordings.
+
+    Parameters
+    ----------
+    command
+        The command line, from `typed`.
+    paths
+        Where the first recordings were read.
+    recordings
+        All recordings; those beyond `paths` were made by the command itself, and have no path.
+
+    Raises
+    ------
+    OSError
+        Where a recording cannot be read for its hash.
+    """
+    found = tuple(_recording_source(path, recording.source, recording.title) for path, recording in zip(paths, recordings, strict=False))
     later = tuple(RecordingSource(recording.source, recording.title) for recording in recordings[len(paths) :])
     return Origin(command, (*found, *later), version_text())
 
 
 def imported(command: str, path: Path, title: str) -> Origin:
-    """Of a page about data of another kind, which came from elsewhere. Raises OSError."""
-    return Origin(command, (_recorded(path, "IMPORT", title),), version_text())
+    """Origin of a page about imported data, read at `path`. Raises OSError."""
+    return Origin(command, (_recording_source(path, "IMPORT", title),), version_text())
 
 
 def untold(recordings: Sequence[Recording]) -> Origin:
-    """Of recordings that were not read from anywhere."""
+    """Origin of a page about recordings in memory, which have neither path nor hash."""
     return Origin("", tuple(RecordingSource(recording.source, recording.title) for recording in recordings))
 
 
 def version_text() -> str:
-    """With the state of the source where this program runs from a checkout."""
+    """Version of the program, with the git revision where it runs from a checkout."""
     state = source_state()
     revision = state["git_revision"]
     if revision in (NOT_A_CHECKOUT, UNKNOWN):
@@ -96,6 +115,6 @@ def version_text() -> str:
     return f"{__version__}, git {revision[:12]}{', changed since' if state['git_dirty'] == 'yes' else ''}"
 
 
-def _recorded(path: Path, mark: str, title: str) -> RecordingSource:
+def _recording_source(path: Path, mark: str, title: str) -> RecordingSource:
     known = fingerprint(path)
     return RecordingSource(mark, title, shown_path(path), known.of, known.sha256)

@@ -1,4 +1,4 @@
-"""Names that carry their unit, taken apart for a reader: k0_Nm_per_rad is "k0" in N m/rad."""
+"""Parameters of a model as lines of a table, with units from their names: k0_Nm_per_rad is "k0" in N m/rad."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -7,6 +7,7 @@ from typing import Any
 from rfca_rig.model.parameters import LawTable, RigModel
 from rfca_rig.model.tabulated_law import kind_of
 
+# Ending of the name: unit shown, factor. The first match counts, so longer endings come before their parts ("_Nm_per_rad", "_rad").
 UNITS = {
     "_Nm_s_per_rad": ("N m s/rad", 1.0),
     "_Nm_per_rad": ("N m/rad", 1.0),
@@ -36,7 +37,10 @@ class ParameterLine:
 
 
 def quantities_of(rig: RigModel) -> list[ParameterLine]:
-    """Every parameter of the model that has a value and is not switched off, section by section; new ones appear by themselves."""
+    """Every parameter of the model that has a value and is not switched off, section by section.
+
+    It goes through the fields of the dataclasses, so that new parameters appear without a change here.
+    """
     sections = [
         _quantity(section, parameter.name, value)
         for section in SECTIONS

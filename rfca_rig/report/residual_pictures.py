@@ -1,4 +1,4 @@
-"""Residuals over position and speed of a joint: what the model lacks shows as a step, a slope or a wave."""
+"""Figures of residuals over position and speed of a joint, where omitted physics shows as a step, a slope or a wave."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,8 @@ from rfca_rig.report.style import FAINT, MEASURED, OTHER, SIMULATED, drawing
 
 Floats = NDArray[np.float64]
 
-MOST_POINTS = 400  # of one series in one panel
+# Points of one series in one panel.
+MOST_POINTS = 400
 LEFT_IN, BETWEEN_IN, RIGHT_IN, TOP_IN = 0.76, 0.32, 0.2, 0.08
 POSITION, SPEED = "_position_", "_speed_"
 
@@ -34,7 +35,10 @@ class _Series:
 
 
 def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> list[Picture]:
-    """A picture for each position and each speed: measured less nominal, and where `with_fit` less fitted."""
+    """One picture for each position and each speed: measured minus nominal, and with `with_fit` also measured minus fitted.
+
+    Arrays of the overlays are (m,). A signal that does not belong to a joint has no picture.
+    """
     states = {(one.condition, one.signal): one for one in overlays}
     found = []
     for signal in dict.fromkeys(one.signal for one in overlays):
@@ -42,7 +46,8 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
         position_name, speed_name = f"{joint}{POSITION}{unit}", f"{joint}{SPEED}{unit}_s"
         here = [one for one in overlays if one.signal == signal]
         if (here[0].condition, position_name) not in states:
-            continue  # no signal of a joint
+            continue
+        # A speed that was not recorded is derived from the position.
         positions = [states[one.condition, position_name] for one in here]
         speeds = [states.get((one.condition, speed_name)) for one in here]
         position = np.concatenate([one.measured for one in positions])
@@ -56,7 +61,7 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
 
 
 def _split(signal: str) -> tuple[str, str]:
-    """Joint, and the unit of its position, of a position or a speed; empty for other signals."""
+    """Joint and unit of its position, from the name of a position or a speed; empty for other signals."""
     for kind in (SPEED, POSITION):
         joint, found, unit = signal.rpartition(kind)
         if found:
@@ -65,12 +70,12 @@ def _split(signal: str) -> tuple[str, str]:
 
 
 def _speed_of(position: SignalOverlay) -> Floats:
-    """From means of bins, where no speed was recorded."""
+    """Speed (m,) by central differences of the binned position, where no speed was recorded."""
     return np.asarray(np.gradient(position.measured, position.t_s))
 
 
 def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
-    """A picture for each joint: the torque that acts in the recorded motion and that the nominal model lacks."""
+    """One picture for each joint: the torque that the recorded motion requires and the nominal model lacks."""
     found = []
     for one in joints:
         unit = "m" if one.is_slide else "rad"
@@ -95,6 +100,7 @@ def _draw(name: str, position: str, series: Sequence[_Series]) -> str:
         for axes, part in ((left, "position"), (right, "speed")):
             axes.axhline(0.0, color=FAINT, lw=0.6)
             for one in series:
+                # Every n-th point, n rounded up: more points only blacken the panel.
                 every = max(1, -(-len(one.residual) // MOST_POINTS))
                 axes.plot(getattr(one, part)[::every], one.residual[::every], ls="", marker=".", ms=3.4, mew=0.0, color=one.color)
         left.set_ylabel(f"residual ({unit})")

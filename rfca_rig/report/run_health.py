@@ -1,4 +1,4 @@
-"""How a run went, in words: how it ended, what the shaft did then, how the sensor's zero went, what was lost, who measured."""
+"""Health of a run in words: its end, the shaft's motion after it, drift of the sensor's zero, losses, devices."""
 
 import hashlib
 import json
@@ -13,38 +13,40 @@ from rfca_rig.report.text import counted, number
 
 Pairs = list[tuple[str, str]]
 
+# Longer texts of the provenance are shown as length and hash.
 LONGEST_TEXT = 160
 DEVICES = ("motor_", "sensor_", "camera")
 HEALTH = ("sensor_records", "tare_drift")  # begin like a device, and say how the run went
-TOLD_ELSEWHERE = (
+# Keys that another part of the page shows.
+SHOWN_ELSEWHERE = (
     "events", "limits", "resumed", "ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms",
     "ended_in_stage", "standstill", "tare_drift", "sensor_records", "recorder_samples", "interrupted",
 )  # fmt: skip
 
 
 def health(story: RunStory) -> Pairs:
-    """What is known of it, each with its limit where it has one."""
-    kept = story.recording.provenance
-    said = {
-        "ended": _ended(kept),
-        "in or after": kept.get("ended_in_stage", ""),
-        "began": kept.get("started_at", ""),
-        "lasted": f"{float(kept['lasted_s']):.1f} s" if "lasted_s" in kept else "",
-        "shaft, once the torque was gone": kept.get("standstill", ""),
+    """Health of a run: pairs of name and text, with the limit where there is one."""
+    known = story.recording.provenance
+    texts = {
+        "ended": _end_text(known),
+        "in or after": known.get("ended_in_stage", ""),
+        "began": known.get("started_at", ""),
+        "lasted": f"{float(known['lasted_s']):.1f} s" if "lasted_s" in known else "",
+        "shaft, once the torque was gone": known.get("standstill", ""),
         "longest gap of the control loop": _gap(story),
-        "records of the sensor": kept.get("sensor_records", ""),
-        "samples to the recorder": kept.get("recorder_samples", ""),
-        "drift of the sensor\u2019s zero": kept.get("tare_drift", ""),
+        "records of the sensor": known.get("sensor_records", ""),
+        "samples to the recorder": known.get("recorder_samples", ""),
+        "drift of the sensor\u2019s zero": known.get("tare_drift", ""),
         "zero of the sensor at rest": _tares(story.events),
-        "went on": _resumed(kept),
+        "went on": _resume_text(known),
     }
-    return [(name, text) for name, text in said.items() if text]
+    return [(name, text) for name, text in texts.items() if text]
 
 
-def _ended(kept: Mapping[str, str]) -> str:
-    if "ended" not in kept:
-        return kept.get("interrupted", "")
-    return f"{kept['ended']} (exit status {kept.get('exit_status', '?')}, reason {kept.get('reason', '?')})"
+def _end_text(known: Mapping[str, str]) -> str:
+    if "ended" not in known:
+        return known.get("interrupted", "")
+    return f"{known['ended']} (exit status {known.get('exit_status', '?')}, reason {known.get('reason', '?')})"
 
 
 def _gap(story: RunStory) -> str:
@@ -54,7 +56,7 @@ def _gap(story: RunStory) -> str:
 
 
 def _tares(events: Sequence[Mapping[str, Any]]) -> str:
-    """fz and its scatter over all rests."""
+    """Mean and standard deviation of fz over all rests in the air."""
     fz_N = [float(event["fz_N"]) for event in events if event["event"] == "tare"]
     if not fz_N:
         return ""
@@ -62,28 +64,28 @@ def _tares(events: Sequence[Mapping[str, Any]]) -> str:
     return f"fz {number(float(np.mean(fz_N)), 3)}{spread} N, mean and standard deviation over {counted(len(fz_N), 'rest')} in the air"
 
 
-def _resumed(kept: Mapping[str, str]) -> str:
-    times = json.loads(kept.get("resumed", "[]"))
-    return "; ".join(f"at {event['utc']}{_changed(event)}, had stopped: {event['stopped']}" for event in times)
+def _resume_text(known: Mapping[str, str]) -> str:
+    times = json.loads(known.get("resumed", "[]"))
+    return "; ".join(f"at {event['utc']}{_changes_text(event)}, had stopped: {event['stopped']}" for event in times)
 
 
-def _changed(event: Mapping[str, Any]) -> str:
+def _changes_text(event: Mapping[str, Any]) -> str:
     changes = ", ".join(f"{name} {brief(str(value))}" for name, value in event.get("rig_changes", {}).items())
     return f" with {changes}" if changes else ""
 
 
 def devices(kept: Mapping[str, str]) -> Pairs:
-    """What they said of themselves."""
+    """What the devices reported of themselves: pairs of name and text."""
     return [(_words(name), brief(text)) for name, text in sorted(kept.items()) if name.startswith(DEVICES) and not _is_elsewhere(name)]
 
 
 def provenance(kept: Mapping[str, str]) -> Pairs:
-    """What has no other place on the page."""
-    return [(_words(n), brief(text)) for n, text in sorted(kept.items()) if not n.startswith(DEVICES) and n not in TOLD_ELSEWHERE]
+    """Provenance that no other part of the page shows: pairs of name and text."""
+    return [(_words(n), brief(text)) for n, text in sorted(kept.items()) if not n.startswith(DEVICES) and n not in SHOWN_ELSEWHERE]
 
 
 def _is_elsewhere(name: str) -> bool:
-    return name in TOLD_ELSEWHERE or name.startswith("camera_file")
+    return name in SHOWN_ELSEWHERE or name.startswith("camera_file")
 
 
 def _words(name: str) -> str:
@@ -91,9 +93,10 @@ def _words(name: str) -> str:
 
 
 def brief(text: str) -> str:
-    """Short text as it stands, but of a path only its last part; of long text its length and a hash to know it by."""
+    """Short text unchanged, but only the last part of an absolute path; length and hash of a long text."""
     if len(text) > LONGEST_TEXT or "\n" in text.strip():
         return f"text of {counted(len(text.splitlines()), 'line')}, sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]}…"
+    # Both kinds: a recording may come from another system. PureWindowsPath also splits at "/".
     if PurePosixPath(text).is_absolute() or PureWindowsPath(text).is_absolute():
         return PureWindowsPath(text).name
     return text

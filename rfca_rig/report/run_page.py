@@ -1,4 +1,4 @@
-"""run.html: how a run went, one self-contained page."""
+"""run.html: one self-contained page on how a run went."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +14,9 @@ from rfca_rig.report.templates import template
 from rfca_rig.report.text import counted, in_thousands, unbroken
 
 DONE = "done"
+# Stiffness checks that the page lists; the CSV has all.
 MOST_CHECKS = 20
+# Key of a limit, words, unit shown, factor to that unit.
 LIMIT_WORDS = (
     ("force_N", "force", "N", 1.0),
     ("torque_Nm", "moment", "N m", 1.0),
@@ -30,8 +32,20 @@ LIMIT_WORDS = (
 
 
 def page(story: RunStory, tables: Sequence[Table], told: Told, files: Sequence[str]) -> str:
-    """The page as HTML; `tables` are those of `run_tables_of`."""
-    recording, kept = story.recording, story.recording.provenance
+    """The page as HTML.
+
+    Parameters
+    ----------
+    story
+        The run.
+    tables
+        Stages, conditions and stiffness checks, from `tables_of`.
+    told
+        Origin of the page and links to others.
+    files
+        Names of the files beside the page, which it links.
+    """
+    recording, known = story.recording, story.recording.provenance
     stages, done, checks = tables
     shown, stages_shown = run_pictures.traced(story.parts), run_pictures.static_shown(recording.static)
     return template("run.html").render(
@@ -48,76 +62,76 @@ def page(story: RunStory, tables: Sequence[Table], told: Told, files: Sequence[s
         done=done,
         limits=_limits(story),
         health=[(name, unbroken(text)) for name, text in health(story)],
-        stages=_few(stages),
+        stages=_first_and_marked(stages),
         stages_file=next((name for name in files if name.endswith("-stages.csv")), ""),
         left_out=max(len(stages.rows) - MOST_ROWS, 0),
         traces=run_pictures.traces(shown, story.rig) if shown else "",
-        traced=_traced(len(shown), sum(part.trace is not None for part in story.parts)),
+        traced=_traces_caption(len(shown), sum(part.trace is not None for part in story.parts)),
         static=run_pictures.static_forces(stages_shown) if stages_shown else "",
         static_count=_of(len(stages_shown), len(recording.static), "stage"),
         cycles=run_pictures.over_cycles(story) if run_pictures.has_cycles(recording) else "",
         cycle_count=counted(sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"),
-        checks=_evenly(checks),
+        checks=_thin_out(checks),
         check_count=len(checks.rows),
         check_picture=run_pictures.over_checks(checks) if checks.rows else "",
         clocks=clocks_table(recording),
         events=events_table(story.events),
-        devices=devices(kept),
-        provenance=provenance(kept),
+        devices=devices(known),
+        provenance=provenance(known),
     )
 
 
 def tables_of(story: RunStory) -> tuple[Table, Table, Table]:
-    """Those that are also written as CSV and LaTeX: stages, conditions, stiffness checks."""
+    """Tables that are also written as CSV and LaTeX: stages, conditions, stiffness checks."""
     return stages_table(story), done_table(story), checks_table(story)
 
 
 def _limits(story: RunStory) -> list[tuple[str, str]]:
-    """Those that changed when the run went on with both values."""
-    said = []
+    """Limits of the run; one that changed when the run was resumed has both values."""
+    lines = []
     for key, words, unit, factor in LIMIT_WORDS:
         if key in story.limits:
             first, last = (f"{factor * limits[key]:.4g} {unit}" for limits in (story.limits, story.last_limits))
-            said.append((words, first if first == last else f"{first}, later {last}"))
-    return said
+            lines.append((words, first if first == last else f"{first}, later {last}"))
+    return lines
 
 
-def _few(stages: Table) -> Table:
-    """The first rows, and all that were cut short."""
+def _first_and_marked(stages: Table) -> Table:
+    """The first rows, and all marked ones: stages that were cut short."""
     rows = tuple(row for place, row in enumerate(stages.rows) if place < MOST_ROWS or row.marked)
     return Table(stages.name, stages.caption, stages.columns, rows)
 
 
-def _evenly(checks: Table) -> Table:
-    """So many checks as a reader looks at, first and last among them, and all beyond the limit."""
+def _thin_out(checks: Table) -> Table:
+    """Evenly chosen checks with the first and the last, and all beyond the limit."""
     count = len(checks.rows)
-    kept = {round(part * (count - 1) / (MOST_CHECKS - 1)) for part in range(MOST_CHECKS)} if count > MOST_CHECKS else set(range(count))
-    return replace(checks, rows=tuple(row for place, row in enumerate(checks.rows) if place in kept or row.marked))
+    chosen = {round(part * (count - 1) / (MOST_CHECKS - 1)) for part in range(MOST_CHECKS)} if count > MOST_CHECKS else set(range(count))
+    return replace(checks, rows=tuple(row for place, row in enumerate(checks.rows) if place in chosen or row.marked))
 
 
 def _stamp(story: RunStory) -> tuple[str, str]:
-    """(how it looks, what it says): done, a trip's code, stopped, imported."""
-    kept: Mapping[str, str] = story.recording.provenance
-    reason = kept.get("reason", "")
+    """Class of the style sheet and text of the stamp: done, a trip's code, stopped, imported."""
+    known: Mapping[str, str] = story.recording.provenance
+    reason = known.get("reason", "")
     if story.recording.source == "IMPORT":
         return "not", "imported"
     if reason == DONE:
         return "named", DONE
-    if _has_tripped(kept):
+    if _has_tripped(known):
         return "unexplained", f"tripped {reason}"
     return "unexplained", reason.replace("-", " ") or "not ended"
 
 
 def _sentence(story: RunStory) -> str:
-    kept = story.recording.provenance
-    ended, interrupted = kept.get("ended", ""), kept.get("interrupted", "")
+    known = story.recording.provenance
+    ended, interrupted = known.get("ended", ""), known.get("interrupted", "")
     if story.recording.source == "IMPORT":
         return "Recorded elsewhere: what was not imported is not told here."
     if ended == DONE:
         return "The whole plan was carried out."
     if not ended:
         return unbroken(f"{interrupted[:1].upper()}{interrupted[1:]}." if interrupted else "The run was never brought to its end.")
-    explained = f" What {kept['reason']} means, and what to do: rfca-rig trip {kept['reason']}." if _has_tripped(kept) else ""
+    explained = f" What {known['reason']} means, and what to do: rfca-rig trip {known['reason']}." if _has_tripped(known) else ""
     return unbroken(f"The run ended before its plan did: {ended}.{explained}")
 
 
@@ -126,7 +140,7 @@ def _has_tripped(kept: Mapping[str, str]) -> bool:
 
 
 def _share(story: RunStory, done: Table) -> dict[str, str] | None:
-    """How much of the plan was done."""
+    """Share of the plan that was done; None without a plan."""
     planned = sum(int(str(row.values["planned"])) for row in done.rows if row.values.get("planned") is not None)
     if not planned:
         return None
@@ -144,17 +158,17 @@ def _loads_sentence(story: RunStory) -> str:
         return "No force was recorded."
     peak, part = max(peaks, key=lambda each: each[0].force_N)
     limit, expected = part.begun.limits.get("force_N") if part.begun else None, part.expected
-    said = f"The largest force was {peak.force_N:.1f} N, in {part.label}"
-    said += f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
-    said += f"; the model expected {expected.force_N:.1f} N there" if expected else ""
-    return unbroken(f"{said}.")
+    sentence = f"The largest force was {peak.force_N:.1f} N, in {part.label}"
+    sentence += f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
+    sentence += f"; the model expected {expected.force_N:.1f} N there" if expected else ""
+    return unbroken(f"{sentence}.")
 
 
-def _traced(shown: int, of: int) -> str:
+def _traces_caption(shown: int, of: int) -> str:
     strokes = _of(shown, of, "stroke")
     return f"{strokes}, each measured once, on one scale. Expected: the model as it was believed, with the shaft as commanded."
 
 
 def _of(shown: int, of: int, what: str) -> str:
-    """How many are shown, where that is not all."""
+    """Number of items, and how many of them are shown where that is not all."""
     return counted(of, what) if shown == of else f"{shown} of {counted(of, what)}, evenly over the run"

@@ -1,4 +1,4 @@
-"""A run part by part: every stroke, static stage and block of cycles that was recorded, with its peak, its limit, and what was expected."""
+"""Parts of a run: every recorded stroke, static stage and block of cycles, with peak load, limit, and load predicted by the model."""
 
 import json
 from collections import defaultdict
@@ -25,13 +25,15 @@ from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stream, S
 Floats = NDArray[np.float64]
 Kind = Literal["stroke", "static stage", "cycles", "cut short"]
 
+# Sampling of simulated strokes for their peak loads.
 SAMPLE_S = 1e-3
-LIMITS = "limits."  # as changes of the rig file are named
+# Prefix of limits among the changes of a rig file.
+LIMITS = "limits."
 
 
 @dataclass(frozen=True)
 class ForceTrace:
-    """fz over the time from the commanded start, both (m,)."""
+    """fz in N over the time in s from the commanded start, both (m,)."""
 
     t_s: Floats
     fz_N: Floats
@@ -39,7 +41,7 @@ class ForceTrace:
 
 @dataclass(frozen=True)
 class PartBeginning:
-    """When a part began: its place among the events, the rig's clock, and the limits in force then, by name."""
+    """Beginning of a part: its index among the events, the time on the rig's clock, and the limits in force then, by name."""
 
     place: int
     t_s: float
@@ -48,9 +50,10 @@ class PartBeginning:
 
 @dataclass(frozen=True)
 class RunPart:
-    """One thing that was recorded; `ended` says why it was cut short, "" for a whole one. `begun` is None where no event tells.
+    """One recorded part. `ended` is the reason why it was cut short, "" for a complete one. `begun` is None where no event states it.
 
-    `peak` is over the axes that were recorded; it and `expected` are None where nobody knows. `count` is of cycles, else 1.
+    `peak` is over the recorded axes, `expected` the load that the nominal model predicts; both are None where unknown. `count` is the
+    number of cycles, else 1.
     """
 
     kind: Kind
@@ -67,9 +70,9 @@ class RunPart:
 
 @dataclass(frozen=True)
 class RunStory:
-    """A recording as a run: its plan where it holds one, its events, its parts in their order.
+    """A recording as a run: its plan where it holds one, its events, and its parts in order of time.
 
-    `limits` are those it began with, by name, `last_limits` those it ended with: a run may go on with another rig file.
+    `limits` are those at the start, by name, `last_limits` those at the end: a run may be resumed with another rig file.
     """
 
     recording: Recording
@@ -82,30 +85,31 @@ class RunStory:
 
 
 def story_of(recording: Recording) -> RunStory:
-    """Whatever the recording holds of it; a plan of another version, or a belief that makes no model, are done without."""
+    """The run in a recording. A plan of another version, or a nominal model that cannot be read, is left out."""
     plan, rig = _plan(recording), _rig(recording)
     events = tuple(_events(recording.provenance.get("events", "")))
     limits = json.loads(recording.provenance.get("limits", "{}"))
     begun, last_limits = _beginnings(events, limits)
-    parts = sorted(_parts(recording, _Expected(plan, rig), begun), key=lambda part: part.begun.place if part.begun else -1)
+    parts = sorted(_parts(recording, _PredictedLoads(plan, rig), begun), key=lambda part: part.begun.place if part.begun else -1)
     return RunStory(recording, plan, rig, limits, last_limits, events, tuple(parts))
 
 
 def _beginnings(
     events: Sequence[Mapping[str, Any]], limits: Mapping[str, float]
 ) -> tuple[dict[str, list[PartBeginning]], Mapping[str, float]]:
-    """Of each label, for a stage that was cut short may have been done again; and the limits in the end."""
+    """Beginnings by label, several where a stage was cut short and repeated; and the limits at the end."""
     begun: dict[str, list[PartBeginning]] = defaultdict(list)
     for place, event in enumerate(events):
         if event["event"] == "stage begins":
             begun[event["stage"]].append(PartBeginning(place, event["t_s"], limits))
+        # A resumed run states what changed in its rig file; from then on the new limits are in force.
         changed = {name.removeprefix(LIMITS): value for name, value in event.get("rig_changes", {}).items() if name.startswith(LIMITS)}
         limits = {**limits, **{name: float(value) for name, value in changed.items() if name in limits}}
     return begun, limits
 
 
 def _events(text: str) -> Iterator[Mapping[str, Any]]:
-    """Line by line; what is no event, as somebody else's file may hold, is passed over."""
+    """Events line by line. Lines that are not events, as in files of other programs, are ignored."""
     for line in text.splitlines():
         try:
             event = json.loads(line)
@@ -129,8 +133,8 @@ def _rig(recording: Recording) -> RigModel | None:
         return None
 
 
-class _Expected:
-    """What the nominal model expects, by the labels of the plan's stages, else by condition."""
+class _PredictedLoads:
+    """Loads that the nominal model predicts, by the labels of the plan's stages, otherwise by condition."""
 
     def __init__(self, plan: Plan | None, rig: RigModel | None) -> None:
         self._rig = rig
@@ -142,22 +146,23 @@ class _Expected:
             except SimulationFailed:
                 return
             self._by_label = {stage.label: load for stage, load in loads.items()}
-            self._by_label |= {_turning(stage.label): load for stage, load in loads.items() if isinstance(stage, Cycles)}
+            self._by_label |= {_cycle_condition(stage.label): load for stage, load in loads.items() if isinstance(stage, Cycles)}
 
     def of(self, label: str) -> Load | None:
-        """Cycles that were gone on with have other numbers than the plan's, and the same condition."""
-        return self._by_label.get(label, self._by_label.get(_turning(label)))
+        """Load of a stage by its label."""
+        # Resumed cycles have other numbers in their label than the plan's, but the same condition.
+        return self._by_label.get(label, self._by_label.get(_cycle_condition(label)))
 
     def of_stroke(self, label: str, stroke: Stroke) -> Load | None:
-        """Of a stroke that no plan foresaw, as long as it was recorded."""
+        """Load of a stroke; one that is not in a plan is simulated over its recorded duration, once for each condition."""
         if label in self._by_label:
             return self._by_label[label]
         condition = stroke.height_m, stroke.speed_rad_s
         if condition not in self._by_condition:
-            self._by_condition[condition] = self._simulated(stroke)
+            self._by_condition[condition] = self._simulate(stroke)
         return self._by_condition[condition]
 
-    def _simulated(self, stroke: Stroke) -> Load | None:
+    def _simulate(self, stroke: Stroke) -> Load | None:
         if self._rig is None:
             return None
         end_s = max(float(stream.t_s[-1]) for stream in stroke.streams.values())
@@ -168,13 +173,13 @@ class _Expected:
         return Load(float(np.hypot(found.fy_N, found.fz_N).max(initial=0.0)), float(np.abs(found.tx_Nm).max(initial=0.0)))
 
 
-def _turning(label: str) -> str:
-    """The condition of cycles: "222.8 mm, 6 rad/s" of "cycles 1 to 10, 222.8 mm, 6 rad/s"."""
+def _cycle_condition(label: str) -> str:
+    """Condition in the label of cycles: "222.8 mm, 6 rad/s" of "cycles 1 to 10, 222.8 mm, 6 rad/s"."""
     return label.partition(", ")[2]
 
 
-def _parts(recording: Recording, expected: _Expected, begun: Mapping[str, list[PartBeginning]]) -> Iterator[RunPart]:
-    """Each label's beginnings are used up in their order."""
+def _parts(recording: Recording, expected: _PredictedLoads, begun: Mapping[str, list[PartBeginning]]) -> Iterator[RunPart]:
+    """All parts. Stages that were cut short come first, because each label's beginnings are used up in order of time."""
     whole = {stage.label: stage for stage in recording.raw if not stage.cut_short}
     for cut in (stage for stage in recording.raw if stage.cut_short):
         yield _cut_short(cut, expected, _next(begun, cut.label))
@@ -185,6 +190,7 @@ def _parts(recording: Recording, expected: _Expected, begun: Mapping[str, list[P
         yield _cycles(stage, expected, _next(begun, stage.label))
     holds = [stage for stage in whole.values() if CYCLES not in stage.streams]
     for place, static in enumerate(recording.static):
+        # Samples belong to means one for one, or it is not known which belong to which.
         raw = holds[place] if len(holds) == len(recording.static) else None
         yield _static(static, raw, expected, _next(begun, raw.label) if raw else None)
 
@@ -197,7 +203,7 @@ def _condition(height_m: float, speed_rad_s: float) -> str:
     return f"{1e3 * height_m:g} mm, {speed_rad_s:g} rad/s"
 
 
-def _stroke(stroke: Stroke, label: str, expected: _Expected, begun: PartBeginning | None) -> RunPart:
+def _stroke(stroke: Stroke, label: str, expected: _PredictedLoads, begun: PartBeginning | None) -> RunPart:
     condition = _condition(stroke.height_m, stroke.speed_rad_s)
     fz = stroke.channel("fz_N")
     trace = ForceTrace(*fz) if fz is not None and len(fz[0]) else None
@@ -205,7 +211,7 @@ def _stroke(stroke: Stroke, label: str, expected: _Expected, begun: PartBeginnin
     return RunPart("stroke", label, condition, begun, _samples(stroke.streams), *loads, trace=trace)
 
 
-def _static(stage: StaticStage, raw: RawStage | None, expected: _Expected, begun: PartBeginning | None) -> RunPart:
+def _static(stage: StaticStage, raw: RawStage | None, expected: _PredictedLoads, begun: PartBeginning | None) -> RunPart:
     condition = f"{1e3 * stage.height_m:g} mm"
     if raw is None:
         angle = f"{np.degrees(stage.shaft_angle_rad):.1f} deg"
@@ -215,13 +221,13 @@ def _static(stage: StaticStage, raw: RawStage | None, expected: _Expected, begun
     return RunPart("static stage", raw.label, condition, begun, _samples(raw.streams), *loads)
 
 
-def _cycles(stage: RawStage, expected: _Expected, begun: PartBeginning | None) -> RunPart:
+def _cycles(stage: RawStage, expected: _PredictedLoads, begun: PartBeginning | None) -> RunPart:
     count = len(stage.streams[CYCLES].t_s)
     loads = _peak(stage.streams), expected.of(stage.label)
-    return RunPart("cycles", stage.label, _turning(stage.label), begun, count, *loads, count=count)
+    return RunPart("cycles", stage.label, _cycle_condition(stage.label), begun, count, *loads, count=count)
 
 
-def _cut_short(stage: RawStage, expected: _Expected, begun: PartBeginning | None) -> RunPart:
+def _cut_short(stage: RawStage, expected: _PredictedLoads, begun: PartBeginning | None) -> RunPart:
     trace = next((ForceTrace(s.t_s, s.columns["fz_N"].values) for s in stage.streams.values() if "fz_N" in s.columns and len(s.t_s)), None)
     count = len(stage.streams[CYCLES].t_s) if CYCLES in stage.streams else 1
     condition = f"{1e3 * stage.height_m:g} mm"
@@ -234,7 +240,7 @@ def _samples(streams: Mapping[str, Stream]) -> int:
 
 
 def _peak(streams: Mapping[str, Stream]) -> Load | None:
-    """Of all axes of the force that were recorded, and of the moment, as the limits see them; of cycles as they were counted."""
+    """Peak force and moment over all recorded axes, as the limits use them; for cycles from the table of their peaks."""
     if CYCLES in streams:
         return Load(*(float(streams[CYCLES].columns[name].values.max(initial=0.0)) for name in ("peak_force_N", "peak_moment_Nm")))
     columns = {name: stream.columns[name].values for stream in streams.values() for name in WRENCH if name in stream.columns}
@@ -243,5 +249,5 @@ def _peak(streams: Mapping[str, Stream]) -> Load | None:
 
 
 def _largest(axes: Sequence[Floats]) -> float:
-    """Of their length as a vector; NaN where nothing was recorded."""
+    """Largest vector length over samples of the axes, each (m,); NaN where nothing was recorded."""
     return float(np.sqrt(np.sum(np.square(axes), axis=0)).max()) if axes and len(axes[0]) else float("nan")

@@ -1,4 +1,4 @@
-"""A run in pictures: a small trace of every stroke, forces over the shaft's angle of static stages, peaks and stiffness over cycles."""
+"""Figures of a run: a small trace of every stroke, static forces over the shaft angle, peaks and stiffness over cycles."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -26,11 +26,14 @@ from rfca_rig.report.text import in_thousands
 
 Floats = NDArray[np.float64]
 
+# Limits that keep the page readable and small.
 MOST_TRACES = 40
 MOST_STAGES = 60
 ACROSS = 5
+# Resolution of lines, two points for each column: of a small panel, and of a figure across the page.
 TRACE_COLUMNS = 60
 CYCLE_COLUMNS = 300
+# Sampling of simulated strokes, fine enough for a small panel.
 SAMPLE_S = 2e-3
 WIDE_IN = (8.6, 2.5)
 BOX = (0.08, 0.19, 0.91, 0.74)
@@ -39,7 +42,7 @@ FORCES = {"fy_N": "fy (N)", "fz_N": "fz (N)", "tx_Nm": "tx (N m)"}
 
 
 def traced(parts: Sequence[RunPart]) -> list[RunPart]:
-    """Those with a trace; of too many the ones cut short and others evenly over the run."""
+    """Parts with a trace; of too many, those cut short and others evenly over the run."""
     with_trace = [part for part in parts if part.trace is not None]
     if len(with_trace) <= MOST_TRACES:
         return with_trace
@@ -48,7 +51,7 @@ def traced(parts: Sequence[RunPart]) -> list[RunPart]:
 
 
 def traces(parts: Sequence[RunPart], rig: RigModel | None) -> str:
-    """fz over time, each stroke in a panel of its own over what the model expects of it as commanded."""
+    """fz over time, each stroke in its own panel, over the stroke that the model predicts for the commanded motion."""
     label = f"fz over time of {len(parts)} strokes, measured and expected"
     across = min(ACROSS, max(len(parts), 3))
     with drawing():
@@ -64,7 +67,7 @@ def _trace(axes: Axes, part: RunPart, rig: RigModel | None) -> None:
     assert trace is not None
     condition = _height_and_speed(part.label)
     if rig is not None and condition is not None:
-        expected = _expected(rig, *condition, round(float(trace.t_s[-1]), 2))
+        expected = _predict_stroke(rig, *condition, round(float(trace.t_s[-1]), 2))
         if expected is not None:
             axes.plot(*envelope(*expected, TRACE_COLUMNS), color=SIMULATED, lw=1.9, solid_capstyle="round")
     axes.plot(*envelope(trace.t_s, trace.fz_N, TRACE_COLUMNS), color=MEASURED, lw=0.8)
@@ -75,13 +78,14 @@ def _trace(axes: Axes, part: RunPart, rig: RigModel | None) -> None:
 
 
 def _height_and_speed(label: str) -> tuple[float, float] | None:
-    """(m, rad/s) of a stroke's label; None of another's."""
+    """Height in m and speed in rad/s from the label of a stroke; None for another label."""
     words = label.replace(",", "").split()
     return (1e-3 * float(words[1]), float(words[3])) if words[:1] == ["flap"] else None
 
 
+# Repeats of a condition share one simulation; the end is rounded to 10 ms by the caller so that they find it.
 @cache
-def _expected(rig: RigModel, height_m: float, speed_rad_s: float, end_s: float) -> tuple[Floats, Floats] | None:
+def _predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, end_s: float) -> tuple[Floats, Floats] | None:
     try:
         found = stroke_at_speed(rig, height_m, speed_rad_s, np.arange(-0.1, end_s, SAMPLE_S))
     except SimulationFailed:
@@ -90,17 +94,17 @@ def _expected(rig: RigModel, height_m: float, speed_rad_s: float, end_s: float) 
 
 
 def static_shown(stages: Sequence[StaticStage]) -> list[StaticStage]:
-    """All, or of too many whole sequences of loading evenly over the run, the first and the last among them."""
+    """All static stages, or, of too many, complete loading sequences evenly over the run with the first and the last."""
     if len(stages) <= MOST_STAGES:
         return list(stages)
-    pieces = np.split(np.arange(len(stages)), _anew(stages))
+    pieces = np.split(np.arange(len(stages)), _sequence_starts(stages))
     count = max(2, MOST_STAGES * len(pieces) // len(stages))
-    kept = sorted({round(place) for place in np.linspace(0, len(pieces) - 1, count)})
-    return [stages[place] for number in kept for place in pieces[number]]
+    chosen = sorted({round(place) for place in np.linspace(0, len(pieces) - 1, count)})
+    return [stages[place] for number in chosen for place in pieces[number]]
 
 
 def static_forces(stages: Sequence[StaticStage]) -> str:
-    """Means over the shaft's angle, a line for each height; on the way back hollow."""
+    """Means over the shaft angle, a line for each height; hollow markers for unloading."""
     heights = sorted({stage.height_m for stage in stages})
     with drawing():
         figure = Figure(figsize=WIDE_IN)
@@ -117,7 +121,7 @@ def _static(axes: Axes, stages: Sequence[StaticStage], name: str, dashes: str | 
     x = np.degrees([stage.shaft_angle_rad for stage in stages])
     y = np.array([getattr(stage, name) for stage in stages])
     std = np.array([stage.std.get(name, 0.0) for stage in stages])
-    for piece in np.split(np.arange(len(x)), _anew(stages)):
+    for piece in np.split(np.arange(len(x)), _sequence_starts(stages)):
         axes.plot(x[piece], y[piece], color=MEASURED, lw=0.7, ls=dashes)
     axes.vlines(x, y - std, y + std, color=MEASURED, lw=0.6)
     for direction, face in (("loading", MEASURED), ("unloading", PAPER)):
@@ -125,20 +129,20 @@ def _static(axes: Axes, stages: Sequence[StaticStage], name: str, dashes: str | 
         axes.plot(x[of_it], y[of_it], ls="", marker="o", ms=3.0, mfc=face, mec=MEASURED, mew=0.7)
 
 
-def _anew(stages: Sequence[StaticStage]) -> list[int]:
-    """Where the shaft came back from the front to load the leg anew."""
+def _sequence_starts(stages: Sequence[StaticStage]) -> list[int]:
+    """Indices at which the shaft has returned to a smaller angle to load the leg again."""
     pairs = enumerate(pairwise(stages), start=1)
     return [place for place, (a, b) in pairs if b.direction == "loading" and b.shaft_angle_rad < a.shaft_angle_rad]
 
 
 def over_cycles(story: RunStory) -> str:
-    """The largest force of each cycle, and the least fz, over their number; what the model expects, and the limit where it is near."""
+    """Largest force and smallest fz of each cycle over its number, with the force that the model predicts."""
     found = cycle_table(story.recording)
     order = np.argsort(found.numbers, kind="stable")
     numbers = found.numbers[order].astype(float)
     expected = next((part.expected for part in story.parts if part.kind == "cycles" and part.expected), None)
     with drawing():
-        figure, axes = _wide()
+        figure, axes = _wide_figure()
         if expected is not None:
             axes.axhline(expected.force_N, color=SIMULATED, lw=2.2)
         for values, dashes in ((found.peak_force_N[order], "-"), (found.min_fz_N[order], (0, (3, 1.5)))):
@@ -151,12 +155,12 @@ def over_cycles(story: RunStory) -> str:
 
 
 def over_checks(checks: Table) -> str:
-    """Drift of the stiffness over the cycles before each check, with its interval, between the limits."""
+    """Drift of the stiffness with its interval over the number of cycles before each check, between the limits."""
     rows = [row.values for row in checks.rows]
     x, drift, half = (np.array([float(str(row[key])) for row in rows]) for key in ("cycles", "drift_pct", "half_pct"))
     limit = max(float(str(row["limit_pct"])) for row in rows)
     with drawing():
-        figure, axes = _wide()
+        figure, axes = _wide_figure()
         axes.axhline(0.0, color=FAINT, lw=0.6)
         for side in (-limit, limit):
             axes.axhline(side, color=BAD, lw=0.9, ls=(0, (5, 2)))
@@ -169,16 +173,17 @@ def over_checks(checks: Table) -> str:
         return inline_svg(figure, "checks", "drift of the stiffness over cycles, between its limits")
 
 
-def _wide() -> tuple[Figure, Axes]:
+def _wide_figure() -> tuple[Figure, Axes]:
     figure = Figure(figsize=WIDE_IN)
     return figure, figure.add_axes(BOX)
 
 
 def _count_below(axes: Axes) -> None:
-    """Whole numbers written out."""
+    """Labels the x axis with whole numbers, grouped by thousands."""
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.xaxis.set_major_formatter(lambda value, _: in_thousands(f"{value:.0f}"))
 
 
 def has_cycles(recording: Recording) -> bool:
+    """Whether the recording holds cycles of a fatigue run."""
     return len(cycle_table(recording).numbers) > 0

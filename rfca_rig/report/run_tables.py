@@ -1,4 +1,4 @@
-"""A run as tables: what of its plan was done, its parts, its clocks, what happened."""
+"""Tables of a run: parts, conditions planned and done, clock drift, events, stiffness checks."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,9 +13,13 @@ from rfca_rig.report.clock_drift import clock_drifts
 from rfca_rig.report.run_parts import RunPart, RunStory
 from rfca_rig.report.table import Table, TableColumn, TableRow, Value
 
-MOST_ROWS = 60  # on the page; the CSV holds all
+# Rows on the page; the CSV has all.
+MOST_ROWS = 60
+# Events that every run has, which the table of events leaves out.
 ORDINARY = ("stage begins", "stage recorded", "clocks", "tare", "cycles counted", "run ends")
-TOLD = ("event", "t_s", "utc", "ending", "stopped_at", "sha256", "worst_loop_gap_ms", "standstill", "tare_drift")
+# Keys of an event that the page shows in another place.
+SHOWN_ELSEWHERE = ("event", "t_s", "utc", "ending", "stopped_at", "sha256", "worst_loop_gap_ms", "standstill", "tare_drift")
+# Half of a 95 % interval of a normal distribution, in standard deviations.
 STDS_95 = 1.96
 
 LOADS = (
@@ -29,7 +33,7 @@ LOADS = (
 
 
 def stages_table(story: RunStory) -> Table:
-    """A row for each part, cut short or whole."""
+    """A row for each part, complete or cut short."""
     columns = (
         TableColumn("begun_s", "Begins", digits=1),
         TableColumn("stage", "Stage"),
@@ -56,21 +60,21 @@ def _stage(part: RunPart) -> dict[str, Value]:
 
 
 def loads_sentence(story: RunStory) -> str:
-    """What the columns of loads are."""
+    """Sentence on the columns of loads, with the limits of force and moment."""
     limits = story.limits
-    said = (
+    text = (
         "Peak: the largest single sample of all axes together, as the limits see it. Expected: force in the plane of motion and moment "
         "about the shaft, by the model as it was believed"
     )
     if "force_N" not in limits:
-        return f"{said}. No limits are recorded."
+        return f"{text}. No limits are recorded."
     later = story.last_limits
     changed = f", later {later['force_N']:g} N and {later['torque_Nm']:g} N m" if later != limits else ""
-    return f"{said}. Limits {limits['force_N']:g} N and {limits['torque_Nm']:g} N m{changed}."
+    return f"{text}. Limits {limits['force_N']:g} N and {limits['torque_Nm']:g} N m{changed}."
 
 
 def _loads(part: RunPart) -> dict[str, Value]:
-    """With the limits in force when the part began."""
+    """Cells of loads; shares refer to the limits in force when the part began."""
     peak, expected, limits = part.peak, part.expected, part.begun.limits if part.begun else {}
     force, torque = limits.get("force_N"), limits.get("torque_Nm")
     return {
@@ -84,11 +88,12 @@ def _loads(part: RunPart) -> dict[str, Value]:
 
 
 def done_table(story: RunStory) -> Table:
-    """By condition: planned, done, and the scatter of the peaks."""
-    planned = _planned(story)
+    """A row for each condition: number planned, number done, and scatter of the peaks."""
+    planned = _plan_counts(story)
+    # Of what was cut short only cycles count as done, as many as were recorded.
     done = [part for part in story.parts if part.kind != "cut short" or part.count > 1]
     kinds = {key: [part for part in done if _key(part) == key] for key in dict.fromkeys([*planned, *(_key(part) for part in done)])}
-    rows = tuple(_done_row(key, planned.get(key), parts) for key, parts in kinds.items())
+    rows = tuple(_condition_row(key, planned.get(key), parts) for key, parts in kinds.items())
     columns = (
         TableColumn("kind", "What"),
         TableColumn("condition", "Condition"),
@@ -110,7 +115,7 @@ def _key(part: RunPart) -> tuple[str, str]:
     return kind, part.condition if part.kind != "cut short" else part.label.partition(", ")[2]
 
 
-def _planned(story: RunStory) -> dict[tuple[str, str], int]:
+def _plan_counts(story: RunStory) -> dict[tuple[str, str], int]:
     if story.plan is None:
         return {}
     counts: dict[tuple[str, str], int] = {}
@@ -122,12 +127,13 @@ def _planned(story: RunStory) -> dict[tuple[str, str], int]:
     return counts
 
 
-def _done_row(key: tuple[str, str], planned: int | None, parts: Sequence[RunPart]) -> TableRow:
+def _condition_row(key: tuple[str, str], planned: int | None, parts: Sequence[RunPart]) -> TableRow:
     peaks = [part.peak.force_N for part in parts if part.peak is not None]
     count = sum(part.count for part in parts)
     values: dict[str, Value] = {"kind": key[0], "condition": key[1], "planned": planned, "done": count}
     values["largest_peak_force_N"] = max(peaks, default=None)
     values["expected_force_N"] = max((part.expected.force_N for part in parts if part.expected is not None), default=None)
+    # Static stages of one height have different angles: their mean peak would mean nothing.
     if peaks and key[0] != "static stage":
         std = float(np.std(peaks, ddof=1)) if len(peaks) > 1 else None
         values |= {"mean_peak_force_N": float(np.mean(peaks)), "std_peak_force_N": std}
@@ -135,7 +141,7 @@ def _done_row(key: tuple[str, str], planned: int | None, parts: Sequence[RunPart
 
 
 def clocks_table(recording: Recording) -> Table:
-    """Each device's clock against the host's."""
+    """Clock drift of each device relative to the host."""
     rows = tuple(
         TableRow({"device": d.device, "drift_ppm": d.ppm, "half_ppm": d.half_ppm, "span_s": d.span_s, "blocks": d.blocks})
         for d in clock_drifts(recording)
@@ -155,16 +161,16 @@ def clocks_table(recording: Recording) -> Table:
 
 
 def events_table(events: Sequence[Mapping[str, Any]]) -> Table:
-    """What happened besides the ordinary."""
+    """Events other than those that every run has."""
     rows = tuple(TableRow(_event(event)) for event in events if event["event"] not in ORDINARY)
     columns = (TableColumn("t_s", "At", digits=2), TableColumn("event", "Event"), TableColumn("about", "What of it"))
     return Table("events", "By the rig's clock, which begins with the run.", columns, rows[:MOST_ROWS])
 
 
 def _event(event: Mapping[str, Any]) -> dict[str, Value]:
-    about = {name: value for name, value in event.items() if name not in TOLD}
-    said = "; ".join(f"{name.replace('_', ' ')} {_plain(value)}" for name, value in about.items())
-    return {"t_s": event.get("t_s"), "event": event["event"], "about": said}
+    about = {name: value for name, value in event.items() if name not in SHOWN_ELSEWHERE}
+    text = "; ".join(f"{name.replace('_', ' ')} {_plain(value)}" for name, value in about.items())
+    return {"t_s": event.get("t_s"), "event": event["event"], "about": text}
 
 
 def _plain(value: object) -> str:
@@ -174,7 +180,7 @@ def _plain(value: object) -> str:
 
 
 def checks_table(story: RunStory) -> Table:
-    """How the stiffness drifted since the first check of a fatigue run."""
+    """Drift of the stiffness since the first check of a fatigue run; no rows for other runs."""
     checks = [stage for stage in story.plan.stages if isinstance(stage, StiffnessCheck)] if story.plan else []
     before = _cycles_before(story)
     drifts = [(check, stiffness_drift(story.recording.static, check.holds, check.number)) for check in checks if check.number > 1]
@@ -201,7 +207,7 @@ def checks_table(story: RunStory) -> Table:
 
 
 def _cycles_before(story: RunStory) -> dict[int, int]:
-    """The planned number of cycles that each check comes after, strokes among them."""
+    """Planned number of cycles before each check by its number; a single stroke counts as a cycle."""
     found, turned = {}, 0
     for stage in story.plan.stages if story.plan else ():
         match stage:

@@ -1,4 +1,4 @@
-"""Many small panels on one scale: numbers only at the left and below, the quantities once."""
+"""Small multiples: many panels on one scale, with tick labels only at the left and the bottom of the grid."""
 
 from collections.abc import Sequence
 
@@ -6,18 +6,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+# Sizes in inches of the whole figure, a panel, and the margins for labels and titles.
 WIDTH_IN = 8.6
 PANEL_IN = 1.3
 LEFT_IN, BOTTOM_IN, TOP_IN, GAP_IN = 0.62, 0.5, 0.26, 0.28
 
 
 def height_in(count: int, across: int) -> float:
-    """Of the figure that holds them."""
+    """Height in inches of a figure of `count` panels, `across` side by side."""
+    # -(-a // b) is a divided by b, rounded up.
     return BOTTOM_IN + -(-count // across) * (TOP_IN + PANEL_IN)
 
 
 def panels_of(count: int, across: int) -> tuple[Figure, list[Axes]]:
-    """A figure with axes row by row, all on the scales of the first."""
+    """A figure of `count` panels, `across` side by side, with axes row by row; all share the scales of the first."""
     high_in = height_in(count, across)
     figure = Figure(figsize=(WIDTH_IN, high_in))
     width_in = (WIDTH_IN - LEFT_IN - (across - 1) * GAP_IN - 0.05) / across
@@ -32,7 +34,7 @@ def panels_of(count: int, across: int) -> tuple[Figure, list[Axes]]:
 
 
 def mark_axes(panels: Sequence[Axes], across: int, below: str, beside: str) -> None:
-    """`below` and `beside` are the quantities with their units."""
+    """Labels the outer panels: `below` and `beside` are the quantities with their units."""
     for place, axes in enumerate(panels):
         axes.tick_params(labelleft=place % across == 0, labelbottom=place + across >= len(panels))
         if place % across == 0:
@@ -42,5 +44,6 @@ def mark_axes(panels: Sequence[Axes], across: int, below: str, beside: str) -> N
 
 
 def title(axes: Axes, text: str) -> Text:
-    """Above the panel, from its left."""
+    """Sets a title above the panel, aligned left."""
+    # parse_math=False: a "$" in a label is a character.
     return axes.set_title(text, loc="left", fontsize=8.8, pad=3.0, parse_math=False)

@@ -1,4 +1,4 @@
-"""The recordings of a report, each with the model it is held against and a name that no other has."""
+"""Recordings of a report, each with the model it is compared with and a unique name."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from rfca_rig.recording.model import Recording
 
 @dataclass(frozen=True)
 class GivenModel:
-    """A model that a report was asked to hold all recordings against, and the name of its file."""
+    """A model that all recordings of a report are compared with, and the name of its file."""
 
     file: str
     rig: RigModel
@@ -24,9 +24,9 @@ class GivenModel:
 
 @dataclass(frozen=True)
 class ComparedSource:
-    """One recording compared condition by condition; `rows` and `peaks` go with `compared`, one for one.
+    """One recording compared with a model condition by condition; `rows` and `peaks` correspond to `compared` one to one.
 
-    `rig` is None where nothing was believed and there is no stroke to hold a model against.
+    `rig` is None where the recording has no nominal model and no stroke to compare.
     """
 
     name: str
@@ -46,24 +46,40 @@ class ComparedSource:
 def compare_sources(
     recordings: Sequence[Recording], shaft: Shaft, given: GivenModel | None = None, watcher: Watcher = unwatched
 ) -> tuple[ComparedSource, ...]:
-    """Each recording against the `given` model, or, where none is given, against the model it was believed to follow.
+    """Compares each recording with the `given` model, or with its own nominal model where none is given.
 
-    Raises BadInput where the nominal values make no model, SimulationFailed.
+    Parameters
+    ----------
+    recordings
+        Recordings to compare.
+    shaft
+        How the simulated shaft turns, see `analysis.matched_simulation`.
+    given
+        A model for all recordings; None for each recording's own.
+    watcher
+        Progress callback: number of conditions done, number of conditions.
+
+    Raises
+    ------
+    BadInput
+        Where nominal values do not make a model.
+    SimulationFailed
+        Where a stroke cannot be simulated.
     """
-    names = _distinct([recording.title for recording in recordings])
+    names = _number_equal_titles([recording.title for recording in recordings])
     conditions = [len(conditions_of(recording.strokes)) for recording in recordings]
     return tuple(
-        _compared(name, recording, shaft, given, _part(watcher, sum(conditions[:number]), sum(conditions)))
+        _compare(name, recording, shaft, given, _offset_watcher(watcher, sum(conditions[:number]), sum(conditions)))
         for number, (name, recording) in enumerate(zip(names, recordings, strict=True))
     )
 
 
-def _part(watcher: Watcher, before: int, of: int) -> Watcher:
-    """For one recording, of the conditions of all."""
+def _offset_watcher(watcher: Watcher, before: int, of: int) -> Watcher:
+    """A watcher for one recording that reports to the one for all conditions; `before` is the number done before."""
     return lambda done, _: watcher(before + done, of)
 
 
-def _compared(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None, watcher: Watcher) -> ComparedSource:
+def _compare(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None, watcher: Watcher) -> ComparedSource:
     if given is None and not recording.strokes and not recording.nominal:
         return ComparedSource(name, recording, None, ())
     rig = nominal_model(recording.nominal) if given is None else given.rig
@@ -71,6 +87,6 @@ def _compared(name: str, recording: Recording, shaft: Shaft, given: GivenModel |
     return ComparedSource(name, recording, rig, tuple(compare_condition(rig, condition, shaft) for condition in conditions))
 
 
-def _distinct(titles: Sequence[str]) -> list[str]:
+def _number_equal_titles(titles: Sequence[str]) -> list[str]:
     """Equal titles are numbered in their order."""
     return [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]

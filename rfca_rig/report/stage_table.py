@@ -1,4 +1,4 @@
-"""The static stages of a recording as tables: means after settling and hinge angles, with their scatter where the recording tells it."""
+"""Tables of static stages: means after settling and hinge angles, with their scatter where the recording states it."""
 
 from collections.abc import Sequence
 
@@ -23,20 +23,20 @@ BEND = TableColumn("bend_deg", "Bend", digits=1)
 
 
 def stage_tables(name: str, stages: Sequence[StaticStage]) -> list[Table]:
-    """Readings, and hinge angles where there are any; a stage that had not settled is marked."""
+    """Tables of readings, and of hinge angles where there are any; a stage that had not settled is marked."""
     if not stages:
         return []
     rows = tuple(TableRow(_values(stage), marked=stage.settled is False) for stage in stages)
     readings = f"{name}, readings: means after settling, ± one standard deviation of a single sample where the recording tells it."
-    found = [Table("static-readings", readings, (*STAGE, *READINGS), rows)]
+    tables = [Table("static-readings", readings, (*STAGE, *READINGS), rows)]
     if any(np.isfinite(stage.hinge_deg).any() for stage in stages):
         hinges = (
             f"{name}, hinge angles of each link against the one before it, ± one standard deviation where their photo tells it. "
             "Bend: between first and last link, the sum of the hinge angles without sign."
         )
         columns = (*STAGE, *_hinge_columns(len(stages[0].hinge_deg)), BEND, TableColumn("photo_doubts", role="note"))
-        found.append(Table("hinge-angles", hinges, columns, rows))
-    return found
+        tables.append(Table("hinge-angles", hinges, columns, rows))
+    return tables
 
 
 def _hinge_columns(count: int) -> tuple[TableColumn, ...]:
@@ -60,6 +60,7 @@ def _values(stage: StaticStage) -> dict[str, Value]:
         "bend_deg": stage.bend_deg,
         "photo_doubts": stage.photo_doubts,
     }
+    # The shaft angle, the first of them, is shown in degrees above.
     for name in MEANS[1:]:
         base, unit = name.split("_")
         values |= {name: getattr(stage, name), f"{base}_std_{unit}": stage.std.get(name)}

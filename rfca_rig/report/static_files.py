@@ -1,4 +1,4 @@
-"""The static experiment for other programs: every stage and hinge as a table, and static.json as rfca-static/1."""
+"""Results of the static experiment for other programs: every stage and hinge as a table, and static.json in format rfca-static/1."""
 
 import json
 from collections.abc import Sequence
@@ -17,17 +17,17 @@ FORMAT = "rfca-static/1"
 
 
 def stages_table(result: StaticResult, sources: Sequence[StaticSource]) -> Table:
-    """A row for each stage and hinge: readings, angle, torque, their standard deviations, the curve's torque, and the ends that touch."""
+    """A row for each stage and hinge: readings, angle, torque, standard deviations, torque of the curve, and link ends in contact."""
     rows = [
         {
             "source": sources[result.data.recording[row]].name,
-            "height_mm": _rounded(1e3 * stage.height_m, 3),
+            "height_mm": _round(1e3 * stage.height_m, 3),
             "stage": stage.stage,
             "direction": stage.direction,
-            "shaft_angle_rad": _rounded(stage.shaft_angle_rad, 6),
-            "fy_N": _rounded(stage.fy_N, 4),
-            "fz_N": _rounded(stage.fz_N, 4),
-            "tx_Nm": _rounded(stage.tx_Nm, 5),
+            "shaft_angle_rad": _round(stage.shaft_angle_rad, 6),
+            "fy_N": _round(stage.fy_N, 4),
+            "fz_N": _round(stage.fz_N, 4),
+            "tx_Nm": _round(stage.tx_Nm, 5),
             "links_touching": " ".join(str(end + 1) for end in result.found.ends[row]),
             "hinge": hinge + 2,
             **_angle(result, row, hinge),
@@ -42,97 +42,108 @@ def _angle(result: StaticResult, row: int, hinge: int) -> dict[str, Any]:
     points = result.points
     phi = points.phi_rad[row, hinge]
     return {
-        "angle_deg": _rounded(np.degrees(phi), 4),
-        "angle_std_deg": _rounded(np.degrees(points.phi_std_rad[row, hinge]), 4),
-        "torque_Nm": _rounded(points.torque_Nm[row, hinge], 5),
-        "torque_std_Nm": _rounded(points.torque_std_Nm[row, hinge], 5),
-        "curve_torque_Nm": _rounded(result.curve.torque_Nm(np.array([phi]))[0][0], 5),
+        "angle_deg": _round(np.degrees(phi), 4),
+        "angle_std_deg": _round(np.degrees(points.phi_std_rad[row, hinge]), 4),
+        "torque_Nm": _round(points.torque_Nm[row, hinge], 5),
+        "torque_std_Nm": _round(points.torque_std_Nm[row, hinge], 5),
+        "curve_torque_Nm": _round(result.curve.torque_Nm(np.array([phi]))[0][0], 5),
         "turned": {1.0: "bending", -1.0: "unbending"}.get(float(points.turned[row, hinge]), ""),
     }
 
 
 def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold]) -> str:
-    """The document; what is not known is null."""
+    """The JSON document; unknown values are null.
+
+    Parameters
+    ----------
+    result
+        The torque-rotation curve and what it was found from.
+    sources
+        Recordings in the order of `result.data.recording`.
+    elastica
+        Curves that the elastica predicts for the paper's strip.
+    """
     curve = whole_curve(result.curve)
     document = {
         "format": FORMAT,
         "sources": [{"name": source.name, "source": source.recording.source} for source in sources],
         **summary(result),
-        "hinges": [{"hinge": c.hinge, "stiffer_relative": _rounded(c.stiffer, 6), "std": _rounded(c.std, 6)} for c in result.hinges],
+        "hinges": [{"hinge": c.hinge, "stiffer_relative": _round(c.stiffer, 6), "std": _round(c.std, 6)} for c in result.hinges],
         "common": [
-            {"what": d.says, "unit": d.unit, "value": _rounded(d.value, 6), "std": _rounded(d.std, 6), "known_to": _rounded(d.prior_std, 6)}
+            {"what": d.says, "unit": d.unit, "value": _round(d.value, 6), "std": _round(d.std, 6), "known_to": _round(d.prior_std, 6)}
             for d in result.systematic_errors
         ],
         "elastica": [
-            {"holds": e.says, "free_mm": _rounded(1e3 * e.free_m, 3), "k0_Nm_per_rad": _rounded(e.k0_Nm_per_rad, 5),
-             "k2_per_rad2": _rounded(e.k2_per_rad2, 5)}
+            {"holds": e.says, "free_mm": _round(1e3 * e.free_m, 3), "k0_Nm_per_rad": _round(e.k0_Nm_per_rad, 5),
+             "k2_per_rad2": _round(e.k2_per_rad2, 5)}
             for e in elastica
         ],
-        "curve": [{column.key: _rounded(row.values[column.key], 6) for column in curve.columns} for row in curve.rows],
+        "curve": [{column.key: _round(row.values[column.key], 6) for column in curve.columns} for row in curve.rows],
     }  # fmt: skip
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def summary(result: StaticResult) -> dict[str, Any]:
-    """The values, their intervals, and what has to be said of them."""
+    """Values with their intervals, and remarks on them, as in static.json."""
     values, form, errors, loop = result.values, result.form, result.found.errors, result.loop
     low, high = sorted(abs(float(np.degrees(angle))) for angle in result.curve.range_rad)
     return {
         "stages": len(result.data.stages),
         "angles": int(result.data.seen.sum()),
-        "range_deg": [_rounded(low, 3), _rounded(high, 3)],
+        "range_deg": [_round(low, 3), _round(high, 3)],
         "most_bent": _most_bent(result),
         "k0_Nm_per_rad": _value(values.k0_Nm_per_rad, values.k0_std, values.reach),
         "k2_per_rad2": _value(values.k2_per_rad2, values.k2_std, values.reach),
-        "correlation": _rounded(values.correlation, 4),
+        "correlation": _round(values.correlation, 4),
         "law": {
-            "holds": form.holds, "chance": float(f"{form.chance:.3g}"), "apart_Nm": _rounded(form.apart_Nm, 5),
-            "apart_relative": _rounded(form.apart_relative, 5), "at_deg": _rounded(np.degrees(form.at_rad), 3),
+            "holds": form.holds, "chance": float(f"{form.chance:.3g}"), "apart_Nm": _round(form.apart_Nm, 5),
+            "apart_relative": _round(form.apart_relative, 5), "at_deg": _round(np.degrees(form.at_rad), 3),
         },
         "rest_angles": _rests(result),
-        "loop": None if loop is None else {"half_Nm": _rounded(loop.half_Nm, 6), "std_Nm": _rounded(loop.std_Nm, 6), "seen": loop.seen},
+        "loop": None if loop is None else {"half_Nm": _round(loop.half_Nm, 6), "std_Nm": _round(loop.std_Nm, 6), "seen": loop.seen},
         "noise": {
-            "hinge_deg": _rounded(np.degrees(errors.hinge_std_rad), 4) if (result.data.unstated & result.data.seen).any() else None,
-            "stated_angles_times": _rounded(errors.stated_factor, 4) if (~result.data.unstated & result.data.seen).any() else None,
-            "fz_N": _rounded(errors.force_factor * float(np.median(result.data.force_std[:, 1])), 5),
+            "hinge_deg": _round(np.degrees(errors.hinge_std_rad), 4) if (result.data.unstated & result.data.seen).any() else None,
+            "stated_angles_times": _round(errors.stated_factor, 4) if (~result.data.unstated & result.data.seen).any() else None,
+            "fz_N": _round(errors.force_factor * float(np.median(result.data.force_std[:, 1])), 5),
         },
         "remarks": remarks(result),
     }  # fmt: skip
 
 
 def _most_bent(result: StaticResult) -> dict[str, Any] | None:
-    """The stage with the largest angle between first and last link."""
+    """The stage with the largest angle between first and last link; None where no stage has all hinge angles."""
     stage = result.most_bent
     if stage is None:
         return None
     return {
-        "bend_deg": _rounded(stage.bend_deg, 3),
-        "height_mm": _rounded(1e3 * stage.height_m, 3),
+        "bend_deg": _round(stage.bend_deg, 3),
+        "height_mm": _round(1e3 * stage.height_m, 3),
         "stage": stage.stage,
-        "shaft_angle_deg": _rounded(np.degrees(stage.shaft_angle_rad), 3),
+        "shaft_angle_deg": _round(np.degrees(stage.shaft_angle_rad), 3),
     }
 
 
 def _rests(result: StaticResult) -> dict[str, Any] | None:
-    """Beside the law, or beside the measured curve where the law does not hold; null where they count as exact."""
+    """Rest angles fitted with the law, or with the measured curve where the law does not hold; None where they count as exact."""
     rests = result.rests[0 if result.form.holds else 1]
     if rests is None:
         return None
     return {
-        "deg": [_rounded(each, 4) for each in np.degrees(rests.rest_rad)],
-        "std_deg": [_rounded(each, 4) for each in np.degrees(rests.std_rad)],
-        "mean_std_deg": _rounded(np.degrees(rests.common_std_rad), 4),
-        "correlation_with_stiffness": _rounded(rests.with_stiffness, 4),
+        "deg": [_round(each, 4) for each in np.degrees(rests.rest_rad)],
+        "std_deg": [_round(each, 4) for each in np.degrees(rests.std_rad)],
+        "mean_std_deg": _round(np.degrees(rests.common_std_rad), 4),
+        "correlation_with_stiffness": _round(rests.with_stiffness, 4),
     }
 
 
 def _value(value: float, std: float, reach: float) -> dict[str, Any]:
     return {
-        "value": _rounded(value, 6),
-        "std": _rounded(std, 6),
-        "interval_95": [_rounded(value - reach * std, 6), _rounded(value + reach * std, 6)],
+        "value": _round(value, 6),
+        "std": _round(std, 6),
+        "interval_95": [_round(value - reach * std, 6), _round(value + reach * std, 6)],
     }
 
 
-def _rounded(value: Any, digits: int) -> float | None:
+def _round(value: Any, digits: int) -> float | None:
+    # Adding 0.0 turns -0.0 into 0.0.
     return round(float(value), digits) + 0.0 if np.isfinite(value) else None

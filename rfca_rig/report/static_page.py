@@ -1,4 +1,4 @@
-"""static.html: one self-contained page."""
+"""static.html: one self-contained page on the torque-rotation curve and the static stages."""
 
 from base64 import b64encode
 from collections.abc import Sequence
@@ -22,13 +22,14 @@ from rfca_rig.report.table import Table, TableRow, places
 from rfca_rig.report.templates import template
 from rfca_rig.report.text import NOTHING, counted, number, unbroken
 
+# Photos are embedded in the page: reduced to this width, and with this JPEG quality, to keep it small.
 WIDTH_PX = 420
 QUALITY = 82
 
 
 @dataclass(frozen=True)
 class StripPicture:
-    """One stage: its picture as the address of an <img>, or, where there is none to show, why."""
+    """Photo of one stage: `data` is the data URI of an <img>; where there is none, `missing` states why."""
 
     stage: StaticStage
     data: str
@@ -37,9 +38,9 @@ class StripPicture:
 
 
 def strip_of(source: StaticSource) -> list[StripPicture]:
-    """The stages of which a photo was kept, the overlay before the bare photo. A file that is gone is said to be, not refused."""
-    kept = [stage for stage in source.recording.static if stage.photo or stage.overlay]
-    return [_picture(source, stage) for stage in kept]
+    """Photos of the stages that have one, preferring the overlay. A missing file is reported on the page, and is not an error."""
+    with_photo = [stage for stage in source.recording.static if stage.photo or stage.overlay]
+    return [_picture(source, stage) for stage in with_photo]
 
 
 def _picture(source: StaticSource, stage: StaticStage) -> StripPicture:
@@ -48,11 +49,11 @@ def _picture(source: StaticSource, stage: StaticStage) -> StripPicture:
         image = read_picture(path)
     except BadInput as error:
         return StripPicture(stage, "", str(error).split(";")[0].replace(f"{path.parent}/", ""), stage.photo_doubts)
-    return StripPicture(stage, _address(image), "", stage.photo_doubts)
+    return StripPicture(stage, _data_uri(image), "", stage.photo_doubts)
 
 
-def _address(image: Image) -> str:
-    """As JPEG; the same picture gives the same bytes."""
+def _data_uri(image: Image) -> str:
+    """Data URI of the image (rows, columns, 3) as JPEG; the same image gives the same bytes."""
     rows, columns = image.shape[:2]
     if columns > WIDTH_PX:
         image = np.asarray(cv2.resize(image, (WIDTH_PX, max(1, round(rows * WIDTH_PX / columns))), interpolation=cv2.INTER_AREA), np.uint8)
@@ -63,12 +64,26 @@ def _address(image: Image) -> str:
 
 
 def strips_of(sources: Sequence[StaticSource]) -> list[tuple[str, list[StripPicture]]]:
-    """By source, those with pictures only."""
+    """Photos by source, of the sources that have any."""
     return [(source.name, strip) for source in sources if (strip := strip_of(source))]
 
 
 def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold], told: Told, files: Sequence[str]) -> str:
-    """The page as HTML. `told.model_file` names the model that was given instead of what was believed; `files` lie beside it."""
+    """The page as HTML.
+
+    Parameters
+    ----------
+    result
+        The torque-rotation curve and what it was found from.
+    sources
+        Recordings in the order of `result.data.recording`.
+    elastica
+        Curves that the elastica predicts for the paper's strip.
+    told
+        Origin of the page; `told.model_file` names the model that replaced the recordings' nominal one.
+    files
+        Names of the files beside the page, which it links.
+    """
     return template("static.html").render(
         sheets=("static.css",),
         origin=told.origin,
@@ -90,7 +105,7 @@ def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequen
         hinge_numbers=[check.hinge for check in result.hinges],
         loop_sentence=_loop(result),
         loop_seen=result.loop is not None and result.loop.seen,
-        common=_said_well(common_table(result)),
+        common=_with_apostrophes(common_table(result)),
         noise=_noise(result),
         gain_counts_as_exact=all(found.says != "gain of the force sensor" for found in result.systematic_errors),
         repeats=repeats_table(result, [source.name for source in sources]),
@@ -106,8 +121,8 @@ def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequen
     )
 
 
-def _said_well(table: Table) -> Table:
-    """With true apostrophes."""
+def _with_apostrophes(table: Table) -> Table:
+    """The table with typographic apostrophes."""
     return replace(
         table,
         rows=tuple(TableRow({**r.values, "what": str(r.values["what"]).replace("'", "\u2019")}, r.digits, r.marked) for r in table.rows),
@@ -129,7 +144,7 @@ def _values(result: StaticResult) -> list[dict[str, str]]:
 
 
 def _fit(value: float, error: float) -> str:
-    """With the digits that its error leaves."""
+    """A value with as many decimals as show two digits of its error."""
     return number(value, max(places(error, 2), 0) if error > 0.0 else 3)
 
 
@@ -138,6 +153,7 @@ def _standfirst(result: StaticResult) -> str:
     low, high = sorted(abs(float(np.degrees(angle))) for angle in curve.range_rad)
     grid = curve.grid_rad()
     torque, std = curve.torque_Nm(grid)
+    # A relative error is stated for large torques only: near zero torque it has no meaning.
     half = np.abs(torque) > 0.5 * np.abs(torque).max()
     share = 100 * float((curve.reach * std[half] / np.abs(torque[half])).max())
     law = "the law k₀ (φ + k₂ φ³) holds" if result.form.holds else "the law k₀ (φ + k₂ φ³) does not hold"
@@ -149,7 +165,7 @@ def _standfirst(result: StaticResult) -> str:
 
 
 def bend_sentence(result: StaticResult) -> str:
-    """How far the leg was bent, in the measure of the paper's bending test."""
+    """Sentence on the largest bend from first to last link, the measure of the paper's bending test."""
     stage = result.most_bent
     if stage is None:
         return "No stage has all hinge angles, so the bend from first to last link is not known."
@@ -169,7 +185,7 @@ def _rest_sentence(result: StaticResult) -> str:
 
 
 def _rest_angles(result: StaticResult) -> str:
-    """Those beside the law, or beside the measured curve where it does not hold."""
+    """Sentence on the rest angles fitted with the law, or with the measured curve where the law does not hold."""
     rests = result.rests[0 if result.form.holds else 1]
     if rests is None:
         return "The rest angles count as exact. State how well they are known as rest_angle_deg in [known_to] to have them found."
@@ -191,16 +207,16 @@ def _loop(result: StaticResult) -> str:
 
 
 def _noise(result: StaticResult) -> str:
-    errors, data, said = result.found.errors, result.data, []
+    errors, data, parts = result.found.errors, result.data, []
     stated = data.seen & ~data.unstated
     if (data.unstated & data.seen).any():
-        said.append(f"hinge angles err by {np.degrees(errors.hinge_std_rad):.2f}°, which the stages themselves tell")
+        parts.append(f"hinge angles err by {np.degrees(errors.hinge_std_rad):.2f}°, which the stages themselves tell")
     if stated.any():
         usual = float(np.degrees(np.median(data.hinge_std_rad[stated])))
-        said.append(f"hinge angles err as their photos state, {usual:.2f}° in the middle, times {errors.stated_factor:.1f}")
-    said.append(f"the mean of fz errs by {errors.force_factor * float(np.median(data.force_std[:, 1])):.3f} N")
+        parts.append(f"hinge angles err as their photos state, {usual:.2f}° in the middle, times {errors.stated_factor:.1f}")
+    parts.append(f"the mean of fz errs by {errors.force_factor * float(np.median(data.force_std[:, 1])):.3f} N")
     how = "errors of neighbouring hinges go together, as marks between them are shared" if errors.chained else "every hinge errs on its own"
-    return unbroken(f"One standard deviation: {'; '.join(said)}; {how}.")
+    return unbroken(f"One standard deviation: {'; '.join(parts)}; {how}.")
 
 
 def _photo(picture: StripPicture) -> dict[str, str]:
@@ -214,7 +230,7 @@ def _photo(picture: StripPicture) -> dict[str, str]:
 
 
 def _stages(result: StaticResult, sources: Sequence[StaticSource]) -> list[dict[str, Any]]:
-    """Lines of each source: readings and angles, torques below them."""
+    """Rows for each source: readings and angles, with torques below them."""
     tables = []
     for number_of, source in enumerate(sources):
         rows = [row for row, own in enumerate(result.data.recording) if own == number_of]

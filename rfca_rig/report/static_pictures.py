@@ -1,4 +1,4 @@
-"""Torque over rotation and its derivative, in the manner of the paper's Fig. 7 (b), and what single angles leave of them."""
+"""Figures of torque over rotation and its derivative, in the manner of the paper's Fig. 7 (b), and of the residuals of single angles."""
 
 from collections.abc import Callable, Sequence
 
@@ -29,38 +29,38 @@ FORETOLD_STYLES = ("held", "link", "k0")
 
 
 def torque_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str:
-    """Every measured angle with its torque, the curve with its band, the other form dashed, the elastica thin."""
+    """Torque over rotation: measured points, curve with band, the other form (law or spline) dashed, elastica thin."""
 
     def draw(axes: Axes) -> None:
-        _foretold(axes, elastica, lambda one: one.torque_Nm)
-        _curve(axes, result.curve, result.curve.torque_Nm, flips=True)
+        _draw_elastica(axes, elastica, lambda one: one.torque_Nm)
+        _draw_curve(axes, result.curve, result.curve.torque_Nm, flips=True)
         other = result.free if result.form.holds else result.law
         grid = other.grid_rad()
         axes.plot(_deg(other, grid), other.bends * other.torque_Nm(grid)[0], color=OTHER, lw=1.0, ls=DASHES["other"])
-        _points(axes, result)
+        _draw_points(axes, result)
         axes.set_ylim(*_limits(result))
         axes.set_ylabel("torque of a hinge (N m)")
 
-    return _drawn(draw, SIZE_IN, BOX, "torque", "torque of a hinge over its rotation, measured points, curve with band, elastica")
+    return _draw_figure(draw, SIZE_IN, BOX, "torque", "torque of a hinge over its rotation, measured points, curve with band, elastica")
 
 
 def stiffness_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str:
-    """The derivative with its band, the same forms."""
+    """Stiffness over rotation: derivative of the curve with its band, the other form dashed, elastica thin."""
 
     def draw(axes: Axes) -> None:
-        _foretold(axes, elastica, lambda one: one.stiffness_Nm_per_rad)
-        _curve(axes, result.curve, result.curve.stiffness_Nm_per_rad, flips=False)
+        _draw_elastica(axes, elastica, lambda one: one.stiffness_Nm_per_rad)
+        _draw_curve(axes, result.curve, result.curve.stiffness_Nm_per_rad, flips=False)
         other = result.free if result.form.holds else result.law
         grid = other.grid_rad()
         axes.plot(_deg(other, grid), other.stiffness_Nm_per_rad(grid)[0], color=OTHER, lw=1.0, ls=DASHES["other"])
         axes.set_ylim(bottom=0.0)
         axes.set_ylabel("equivalent stiffness (N m/rad)")
 
-    return _drawn(draw, SIZE_IN, BOX, "stiffness", "equivalent stiffness of a hinge over its rotation, with band")
+    return _draw_figure(draw, SIZE_IN, BOX, "stiffness", "equivalent stiffness of a hinge over its rotation, with band")
 
 
 def rest_picture(result: StaticResult) -> str:
-    """What every angle leaves of the curve, in newton metres, with its error from angle and forces together."""
+    """Residual torque of every angle in N m, with its error from angle and forces together."""
     curve, points = result.curve, result.points
 
     def draw(axes: Axes) -> None:
@@ -68,6 +68,7 @@ def rest_picture(result: StaticResult) -> str:
         known = np.isfinite(phi)
         phi = phi[known]
         off = curve.bends * (points.torque_Nm.ravel()[known] - curve.torque_Nm(phi)[0])
+        # An error of the angle shifts the curve's torque by stiffness times that error; it adds in quadrature to that of the forces.
         std = np.hypot(points.torque_std_Nm.ravel()[known], curve.stiffness_Nm_per_rad(phi)[0] * points.phi_std_rad.ravel()[known])
         x, back = _deg(curve, phi), points.turned.ravel()[known] < 0
         grid = curve.grid_rad()
@@ -82,10 +83,10 @@ def rest_picture(result: StaticResult) -> str:
         axes.set_xlim(left=0.0)
         axes.set_ylabel("off the curve (N m)")
 
-    return _drawn(draw, LOW_IN, LOW_BOX, "rest", "measured torques less the curve, over rotation")
+    return _draw_figure(draw, LOW_IN, LOW_BOX, "rest", "measured torques less the curve, over rotation")
 
 
-def _drawn(
+def _draw_figure(
     draw: Callable[[Axes], None], size_in: tuple[float, float], box: tuple[float, float, float, float], salt: str, label: str
 ) -> str:
     with drawing():
@@ -100,7 +101,7 @@ def _deg(curve: TorqueCurve, phi_rad: Floats) -> Floats:
     return np.asarray(np.degrees(curve.bends * phi_rad))
 
 
-def _curve(axes: Axes, curve: TorqueCurve, of: Callable[[Floats], tuple[Floats, Floats]], *, flips: bool) -> None:
+def _draw_curve(axes: Axes, curve: TorqueCurve, of: Callable[[Floats], tuple[Floats, Floats]], *, flips: bool) -> None:
     grid = curve.grid_rad()
     value, std = of(grid)
     value, x = value * (curve.bends if flips else 1.0), _deg(curve, grid)
@@ -109,12 +110,12 @@ def _curve(axes: Axes, curve: TorqueCurve, of: Callable[[Floats], tuple[Floats, 
     axes.set_xlim(min(0.0, float(x.min())), float(x.max()) * 1.02)
 
 
-def _foretold(axes: Axes, elastica: Sequence[Foretold], of: Callable[[Foretold], Floats]) -> None:
+def _draw_elastica(axes: Axes, elastica: Sequence[Foretold], of: Callable[[Foretold], Floats]) -> None:
     for one, style in zip(elastica, FORETOLD_STYLES, strict=False):
         axes.plot(np.degrees(one.phi_rad), of(one), color=FAINT, lw=1.0, ls=DASHES[style])
 
 
-def _points(axes: Axes, result: StaticResult) -> None:
+def _draw_points(axes: Axes, result: StaticResult) -> None:
     curve, points = result.curve, result.points
     known = np.isfinite(points.phi_rad)
     x, y = _deg(curve, points.phi_rad[known]), curve.bends * points.torque_Nm[known]
@@ -125,13 +126,13 @@ def _points(axes: Axes, result: StaticResult) -> None:
 
 
 def _dots(axes: Axes, x: Floats, y: Floats, back: NDArray[np.bool_]) -> None:
-    """Hinges that had turned back hollow."""
+    """Points (k,) over rotation (k,) in deg; hollow where `back` (k,) states that the hinge had turned back."""
     axes.plot(x[~back], y[~back], ls="", marker="o", ms=2.6, mfc=MEASURED, mec=MEASURED, mew=0.5)
     axes.plot(x[back], y[back], ls="", marker="o", ms=4.2, mfc=PAPER, mec=MEASURED, mew=0.8)
 
 
 def _limits(result: StaticResult) -> tuple[float, float]:
-    """All of the measured points, whatever the elastica does."""
+    """Limits of the torque axis: all measured points, whatever the elastica predicts."""
     torque = result.curve.bends * result.points.torque_Nm[np.isfinite(result.points.torque_Nm)]
     low, high = min(0.0, float(torque.min())), float(torque.max())
     return low - 0.02 * (high - low), high + 0.07 * (high - low)

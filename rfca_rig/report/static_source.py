@@ -9,7 +9,7 @@ from rfca_rig.recording.model import Recording
 
 @dataclass(frozen=True)
 class StaticSource:
-    """`folder` is what paths of photos count from."""
+    """One recording of static stages; paths of its photos are relative to `folder`."""
 
     name: str
     folder: Path
@@ -17,7 +17,7 @@ class StaticSource:
 
 
 def static_sources(paths: Sequence[Path], recordings: Sequence[Recording]) -> tuple[StaticSource, ...]:
-    """One for each recording; equal titles are numbered in their order."""
+    """One source for each recording, read at the path of the same place; equal titles are numbered in their order."""
     titles = [recording.title for recording in recordings]
     names = [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]
     folders = [path if path.is_dir() else path.parent for path in paths]

@@ -1,4 +1,4 @@
-"""What the static stages tell, as tables: the values, the curve with its stiffness, hinge by hinge, and what is common to all."""
+"""Tables of the static experiment: fitted values, curve with stiffness, differences between hinges, systematic errors."""
 
 from collections.abc import Sequence
 
@@ -10,8 +10,10 @@ from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.table import Table, TableColumn, TableRow, Value, as_sure
 
+# Step of the curve's table for reading; doubled until the table has FEW_LINES lines or less.
 TABLE_STEP_DEG = 2.5
 FEW_LINES = 12
+# Points of the curve for other programs.
 FULL_GRID = 101
 
 CURVE_COLUMNS = (
@@ -28,7 +30,7 @@ CURVE_COLUMNS = (
 
 
 def values_table(result: StaticResult) -> Table:
-    """k0 and k2 with standard deviation and 95 % interval."""
+    """k0 and k2 of the law k0 (phi + k2 phi^3), with standard deviation and 95 % interval."""
     values = result.values
     rows = (
         _value("k0", values.k0_Nm_per_rad, values.k0_std, values.reach, "N m/rad"),
@@ -49,21 +51,22 @@ def values_table(result: StaticResult) -> Table:
 
 def _value(name: str, value: float, std: float, reach: float, unit: str) -> TableRow:
     half = reach * std
-    said: dict[str, Value] = {"parameter": name, "value": value, "half_95": half, "unit": unit, "std": std}
-    return TableRow({**said, "low_95": value - half, "high_95": value + half})
+    cells: dict[str, Value] = {"parameter": name, "value": value, "half_95": half, "unit": unit, "std": std}
+    return TableRow({**cells, "low_95": value - half, "high_95": value + half})
 
 
 def curve_table(curve: TorqueCurve, angles: int) -> Table:
-    """A few rows over the range of the curve, for reading."""
+    """A few rows over the range of the curve, for reading, with bending positive; `angles` is the number of measured ones."""
     return _curve(curve, np.radians(_round_angles(curve)) * curve.bends, f"from {angles} hinge angles")
 
 
 def whole_curve(curve: TorqueCurve) -> Table:
-    """Over its whole range, for other programs; the signs are those of the hinge angles."""
+    """The curve over its whole range, for other programs; the signs are those of the hinge angles."""
     return _curve(curve, curve.grid_rad(FULL_GRID), "over the whole range", signed=True)
 
 
 def _curve(curve: TorqueCurve, phi: NDArray[np.float64], words: str, signed: bool = False) -> Table:
+    # Shown with bending positive, angle and torque change sign together; stiffness, their derivative, does not.
     side = 1.0 if signed else curve.bends
     torque, torque_std = curve.torque_Nm(phi)
     stiffness, stiffness_std = curve.stiffness_Nm_per_rad(phi)
@@ -93,7 +96,7 @@ def _curve_row(reach: float, angle: float, torque: float, torque_std: float, sti
 
 
 def _round_angles(curve: TorqueCurve) -> NDArray[np.float64]:
-    """In steps that make a dozen lines or less."""
+    """Round angles (n,) deg over the range of the curve, in steps that make FEW_LINES lines or less."""
     low, high = sorted(abs(float(np.degrees(angle))) for angle in curve.range_rad)
     step = TABLE_STEP_DEG
     while (high - low) / step > FEW_LINES:
@@ -102,7 +105,7 @@ def _round_angles(curve: TorqueCurve) -> NDArray[np.float64]:
 
 
 def hinges_table(result: StaticResult) -> Table:
-    """Each hinge against the curve of all; those that differ by more than chance are marked."""
+    """Stiffness of each hinge relative to the common curve; those that differ by more than chance are marked."""
     rows = tuple(
         TableRow({"hinge": one.hinge, "stiffer_pct": 100.0 * one.stiffer, "std_pct": 100.0 * one.std}, marked=one.differs)
         for one in result.hinges
@@ -113,7 +116,7 @@ def hinges_table(result: StaticResult) -> Table:
 
 
 def common_table(result: StaticResult) -> Table:
-    """What is the same in all stages and was not taken for exact."""
+    """Systematic errors: quantities that are the same in all stages and were fitted within their priors."""
     rows = tuple(
         TableRow(
             {"what": d.says, "off": d.value, "off_std": d.std, "known_to": float(f"{d.prior_std:.2g}"), "unit": d.unit}, marked=d.strained
@@ -131,7 +134,7 @@ def common_table(result: StaticResult) -> Table:
 
 
 def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
-    """The law from each recording alone; no rows for a single one."""
+    """The law fitted to each recording alone; no rows for a single recording."""
     rows = tuple(
         TableRow({"recording": name, "k0_Nm_per_rad": one.k0_Nm_per_rad, "k0_half": one.reach * one.k0_std,
              "k2_per_rad2": one.k2_per_rad2, "k2_half": one.reach * one.k2_std})
@@ -146,13 +149,13 @@ def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
 
 
 def elastica_table(foretold: Sequence[Foretold], result: StaticResult) -> Table:
-    """What the paper's strip would do, beside what was found."""
+    """Values that the elastica predicts for the paper's strip, with the measured ones below."""
     values = result.values
     rows: list[dict[str, Value]] = [
         {"held": one.says, "free_mm": 1e3 * one.free_m, "k0_Nm_per_rad": one.k0_Nm_per_rad, "k2_per_rad2": one.k2_per_rad2}
         for one in foretold
     ]
-    found: dict[str, Value] = {"held": "measured here", "k0_Nm_per_rad": values.k0_Nm_per_rad, "k2_per_rad2": values.k2_per_rad2}
+    measured: dict[str, Value] = {"held": "measured here", "k0_Nm_per_rad": values.k0_Nm_per_rad, "k2_per_rad2": values.k2_per_rad2}
     columns = (
         TableColumn("held", "The paper\u2019s strip, held"),
         TableColumn("free_mm", "Free", digits=1),
@@ -160,4 +163,4 @@ def elastica_table(foretold: Sequence[Foretold], result: StaticResult) -> Table:
         TableColumn("k2_per_rad2", "k2", digits=2),
     )
     caption = "Computed, two strips of 226 \u00d7 25.4 \u00d7 0.8 mm, 120 GPa; what was measured has its interval above."
-    return Table("elastica", caption, columns, (*(TableRow(row) for row in rows), TableRow(found)))
+    return Table("elastica", caption, columns, (*(TableRow(row) for row in rows), TableRow(measured)))

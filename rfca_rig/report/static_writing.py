@@ -23,7 +23,8 @@ from rfca_rig.report.static_tables import curve_table, hinges_table, values_tabl
 from rfca_rig.report.table_files import as_csv
 
 MODEL_NAME, CURVE_NAME = "model.toml", "model-curve.toml"
-FARTHEST_RAD = float(np.radians(85.0))  # the elastica's grooves meet at 90 degrees
+# Largest angle of the predicted elastica: its grooves meet at 90 degrees.
+FARTHEST_RAD = float(np.radians(85.0))
 
 
 def write_static_report(
@@ -35,14 +36,32 @@ def write_static_report(
     model_file: str | None = None,
     origin: Origin | None = None,
 ) -> None:
-    """All files into `out`, made where it is not there; the same bytes for the same input. Raises RigError where the disk refuses.
+    """Writes all files of the report. The same input gives the same bytes.
 
-    `nominal` and `known_to` are the sections that the stages were held against, `model_file` the file they came from where one was given.
+    Parameters
+    ----------
+    result
+        The torque-rotation curve and what it was found from.
+    sources
+        Recordings in the order of `result.data.recording`.
+    out
+        Folder of the report, made where it does not exist.
+    nominal, known_to
+        Sections of the nominal model and of its priors that the analysis used.
+    model_file
+        File that they came from; None for those of the recordings.
+    origin
+        Command, recordings and version for the foot of the page.
+
+    Raises
+    ------
+    RigError
+        Where a file cannot be written.
     """
     most_rad = min(max(abs(angle) for angle in result.curve.range_rad), FARTHEST_RAD)
     elastica = foretold(result.rig.leg, result.values.k0_Nm_per_rad, most_rad)
     writers = {MODEL_NAME: (can_be_written(result), write_calibration), CURVE_NAME: (can_curve_be_written(result), write_curve)}
-    told = Told(origin or untold([source.recording for source in sources]), (), model_file)
+    context = Told(origin or untold([source.recording for source in sources]), (), model_file)
     curve = curve_table(result.curve, int(result.data.seen.sum()))
     contents = {
         **table_files((values_table(result), hinges_table(result), curve)),
@@ -51,10 +70,11 @@ def write_static_report(
         "static.json": static_json(result, sources, elastica),
     }
     beside = (*contents, *(name for name, (is_possible, _) in writers.items() if is_possible))
-    write_all(out, {"static.html": page(result, sources, elastica, told, beside), **contents})
-    named = [f"{source.name} ({source.recording.source})" for source in sources]
+    write_all(out, {"static.html": page(result, sources, elastica, context, beside), **contents})
+    source_names = [f"{source.name} ({source.recording.source})" for source in sources]
     for name, (is_possible, write) in writers.items():
         if is_possible:
-            write(out / name, result, nominal, known_to, named)
+            write(out / name, result, nominal, known_to, source_names)
         else:
+            # A model of an earlier report must not remain beside a page that does not state it.
             (out / name).unlink(missing_ok=True)

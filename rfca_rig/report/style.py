@@ -1,7 +1,7 @@
-"""How every picture of every page looks: colours that mean one thing everywhere, line widths, sizes of letters.
+"""Common style of all figures: colours with one meaning everywhere, line widths, font sizes.
 
-Measured is a dark thin line over simulated, a broad lighter one: apart in greyscale and for every kind of colour vision, both at least
-3 : 1 against the paper and against each other (WCAG 2, graphics), and both seen where they coincide.
+Measured is a dark thin line over simulated, a broad lighter one. The two differ in greyscale and for every kind of colour vision. Both have
+a contrast of at least 3 : 1 to the paper and to each other (WCAG 2, graphics), and both remain visible where they coincide.
 """
 
 from collections.abc import Iterator
@@ -13,8 +13,10 @@ import matplotlib as mpl
 MEASURED = "#173f6b"
 SIMULATED = "#d07f0e"
 SIMULATED_EDGE = "#7a4500"
-OTHER = "#9a3a6a"  # the model before, another form of a law; always dashed besides
-BAD = "#b34a00"  # failed, false, over a limit
+# The model before a fit, or another form of a law; always dashed as well.
+OTHER = "#9a3a6a"
+# Failed, false, beyond a limit.
+BAD = "#b34a00"
 ALIKE = "#8fa9c6"
 PALE = "#e4e0d8"
 FAINT = "#8a8a8a"
@@ -29,6 +31,7 @@ STYLE: dict[Any, Any] = {
     "ytick.major.width": 0.6,
     "xtick.major.size": 3.0,
     "ytick.major.size": 3.0,
+    # Lines are decimated by `envelope`, which keeps every peak; no further point may be dropped.
     "path.simplify": False,
 }
 SMALL = 8.2
@@ -36,7 +39,7 @@ SMALL = 8.2
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Within it figures look alike on every machine: a reader's own matplotlibrc must not change a page."""
+    """Context in which figures look alike on every machine: a user's own matplotlibrc must not change a page."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(STYLE)
@@ -44,7 +47,7 @@ def drawing() -> Iterator[None]:
 
 
 def colours() -> dict[str, str]:
-    """By the names that templates and the style sheet use."""
+    """Colours by the names that templates and the style sheet use."""
     return {
         "measured": MEASURED,
         "simulated": SIMULATED,

@@ -1,4 +1,4 @@
-"""Writes what people read of a sweep: sweep.html and sweep.json beside sweep.h5 and sweep.csv."""
+"""Writes the summary of a sweep: sweep.html and sweep.json, beside sweep.h5 and sweep.csv."""
 
 import json
 from pathlib import Path
@@ -19,14 +19,19 @@ HTML, JSON = "sweep.html", "sweep.json"
 
 
 def write_summary(result: SweepResult, folder: Path, command: str) -> None:
-    """Both; the same result and command give the same bytes. Raises RigError where the disk refuses."""
-    found = explained(result)
-    write_atomically(folder / JSON, (json.dumps(summary(result, found), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
-    write_atomically(folder / HTML, page(result, found, command).encode())
+    """Writes sweep.html and sweep.json into `folder`.
+
+    The same result and command give the same bytes. Raises RigError where a file cannot be written.
+    """
+    sensitivities = explained(result)
+    write_atomically(
+        folder / JSON, (json.dumps(summary(result, sensitivities), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    )
+    write_atomically(folder / HTML, page(result, sensitivities, command).encode())
 
 
 def summary(result: SweepResult, found: list[Explained]) -> dict[str, Any]:
-    """What was varied and put out, the range of each output and where its ends are, what failed, sensitivities."""
+    """Content of sweep.json: varied and fixed quantities, outputs with their extremes and where those are, failures, sensitivities."""
     plan = result.plan
     return {
         "format": FORMAT,
@@ -45,10 +50,15 @@ def summary(result: SweepResult, found: list[Explained]) -> dict[str, Any]:
 
 def _output(result: SweepResult, place: int) -> dict[str, Any]:
     asked, values = result.plan.outputs[place], result.values[:, place]
-    said = {"name": asked.header, "words": asked.words, "equation": asked.output.equation, "source": asked.output.source}
+    description = {"name": asked.header, "words": asked.words, "equation": asked.output.equation, "source": asked.output.source}
+    # nanargmin raises an error where all values are NaN.
     if np.isnan(values).all():
-        return {**said, "lowest": None, "highest": None}
-    return {**said, "lowest": _end(result, values, int(np.nanargmin(values))), "highest": _end(result, values, int(np.nanargmax(values)))}
+        return {**description, "lowest": None, "highest": None}
+    return {
+        **description,
+        "lowest": _end(result, values, int(np.nanargmin(values))),
+        "highest": _end(result, values, int(np.nanargmax(values))),
+    }
 
 
 def _end(result: SweepResult, values: np.ndarray[Any, Any], case: int) -> dict[str, Any]:
@@ -62,19 +72,19 @@ def _sensitivity(each: Explained) -> dict[str, Any]:
 
 
 def lines(result: SweepResult) -> list[str]:
-    """The same for a terminal: the range of each output, and where its ends are."""
-    said = summary(result, [])
+    """Summary for a terminal: the extremes of each output, and where they are."""
+    content = summary(result, [])
     text = [f"{result.plan.title}: {counted(result.plan.count, 'case')}{_failures(result)}"]
-    for output in said["outputs"]:
+    for output in content["outputs"]:
         low, high = output["lowest"], output["highest"]
         text.append(
             f"{output['name']}: none" if low is None else f"{output['name']}: {_end_line(result, low)} to {_end_line(result, high)}"
         )
-    return text + [f"  {reason['cases']} times: {reason['reason']}" for reason in said["reasons"]]
+    return text + [f"  {reason['cases']} times: {reason['reason']}" for reason in content["reasons"]]
 
 
 def _end_line(result: SweepResult, end: dict[str, Any]) -> str:
-    """Where on the grid it is: a point that was drawn is one of many, and in sweep.csv."""
+    """An extreme with its point on the grid. Sampled values are left out: they are in sweep.csv."""
     place = [
         with_unit(name, value) for name, value in end["at"].items() if result.plan.samples is None or name not in result.plan.samples.names
     ]

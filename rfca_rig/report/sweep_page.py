@@ -1,4 +1,4 @@
-"""sweep.html: one self-contained page."""
+"""sweep.html: one self-contained page on a parameter sweep."""
 
 from typing import Any
 
@@ -25,10 +25,20 @@ DEFINITIONS = (
 
 
 def page(result: SweepResult, found: list[Explained], command: str) -> str:
-    """The page as HTML; `found` are the sensitivities, none for a grid."""
+    """The page as HTML.
+
+    Parameters
+    ----------
+    result
+        The sweep.
+    found
+        Sensitivities of outputs to sampled quantities; empty for a grid.
+    command
+        The command line, for the foot of the page.
+    """
     plan = result.plan
     figures, left_out = _figures(result, found)
-    without = [_title(asked) for asked in plan.outputs if asked not in _known(result)]
+    without = [_title(asked) for asked in plan.outputs if asked not in _with_values(result)]
     return template("sweep.html").render(
         sheets=[],
         origin=Origin(command, (), version_text()),
@@ -39,8 +49,8 @@ def page(result: SweepResult, found: list[Explained], command: str) -> str:
         left_out=left_out,
         without=without,
         sensitivities=table_of(found) if found else None,
-        varied=_varied(result),
-        outputs=_outputs(result),
+        varied=_quantities_table(result),
+        outputs=_outputs_table(result),
         reasons=result.reasons(),
         failed=result.failed,
     )
@@ -52,25 +62,25 @@ def _standfirst(result: SweepResult) -> str:
     if plan.samples:
         drawn = f"{plan.samples.n} points ({plan.samples.method}, seed {plan.samples.seed})"
         sides.append(f"{drawn} in {counted(len(plan.samples.names), 'range')}")
-    said = f"{counted(plan.count, 'case')}: {' times '.join(sides)}."
+    text = f"{counted(plan.count, 'case')}: {' times '.join(sides)}."
     if result.failed:
-        said += f" {counted(result.failed, 'case')} failed."
-    return said + (f" {counted(result.incomplete, 'case')} without some output." if result.incomplete else "")
+        text += f" {counted(result.failed, 'case')} failed."
+    return text + (f" {counted(result.incomplete, 'case')} without some output." if result.incomplete else "")
 
 
 def _figures(result: SweepResult, found: list[Explained]) -> tuple[list[dict[str, Any]], int]:
-    """Those of a grid or of samples, and how many combinations are not drawn."""
+    """Figures of a grid or of samples, and the number of combinations that are not drawn."""
     if result.plan.samples is not None:
         groups = list(drawn_groups(result.plan))
         shown_groups = groups[:MOST_GROUPS]
-        drawn = [_points_figure(result, asked, group, found) for group in shown_groups for asked in _known(result)]
+        drawn = [_points_figure(result, asked, group, found) for group in shown_groups for asked in _with_values(result)]
         return drawn, len(groups) - len(shown_groups)
     shown_views, there_are = views(result.plan)
-    return [_grid_figure(result, asked, view) for view in shown_views for asked in _known(result)], there_are - len(shown_views)
+    return [_grid_figure(result, asked, view) for view in shown_views for asked in _with_values(result)], there_are - len(shown_views)
 
 
-def _known(result: SweepResult) -> list[RequestedOutput]:
-    """The outputs that have a value anywhere."""
+def _with_values(result: SweepResult) -> list[RequestedOutput]:
+    """Outputs with a value for at least one case."""
     return [asked for asked in result.plan.outputs if not np.isnan(result.output(asked.header)).all()]
 
 
@@ -79,7 +89,7 @@ def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View) -> dic
     crosses = " Crosses: no value." if view.is_map and np.isnan(values).any() else ""
     return {
         "title": _title(asked),
-        "of": ", ".join(with_unit(*held) for held in view.facet),
+        "of": ", ".join(with_unit(*fixed_value) for fixed_value in view.facet),
         "svg": drawn_view(view, values, asked.header),
         "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}.{crosses}",
         "wide": False,
@@ -93,7 +103,7 @@ def _points_figure(result: SweepResult, asked: RequestedOutput, group: Drawn, fo
     titles = ["" if index is None else f"explains {number(index.index, 2)} ± {index.std:.2f}" for index in indices]
     return {
         "title": _title(asked),
-        "of": ", ".join(with_unit(*held) for held in group.at),
+        "of": ", ".join(with_unit(*fixed_value) for fixed_value in group.at),
         "svg": drawn_points(samples.ranges, points(samples), result.output(asked.header)[group.cases], titles, asked.header),
         "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}; above each panel the first-order share of variance.",
         "wide": len(samples.ranges) > 2,
@@ -104,10 +114,11 @@ def _title(asked: RequestedOutput) -> str:
     return asked.words[:1].upper() + asked.words[1:]
 
 
-def _varied(result: SweepResult) -> Table:
+def _quantities_table(result: SweepResult) -> Table:
     plan = result.plan
     rows = []
     for axis in plan.axes:
+        # Up to eight values are listed, of more only the ends.
         some = axis.values if len(axis.values) <= 8 else (axis.values[0], axis.values[-1])
         words = (", " if len(axis.values) <= 8 else " to ").join(map(shown, some))
         rows.append(_row(axis.name, words, "equal ratios" if axis.log else "", f"{len(axis.values)}"))
@@ -120,11 +131,11 @@ def _varied(result: SweepResult) -> Table:
 
 def _row(name: str, values: str, spacing: str, number: str) -> TableRow:
     words, unit = quantity(name).words, name_and_unit(name)[1]
-    said = ", ".join(filter(None, (f"{values} {unit}" if unit else values, spacing)))
-    return TableRow({"what": f"{words[:1].upper()}{words[1:]}", "values": said, "how_many": number, "column": name})
+    text = ", ".join(filter(None, (f"{values} {unit}" if unit else values, spacing)))
+    return TableRow({"what": f"{words[:1].upper()}{words[1:]}", "values": text, "how_many": number, "column": name})
 
 
-def _outputs(result: SweepResult) -> Table:
+def _outputs_table(result: SweepResult) -> Table:
     rows = tuple(
         TableRow({"what": _title(asked), "equation": formula(asked.output.equation), "source": asked.output.source, "column": asked.header})
         for asked in result.plan.outputs

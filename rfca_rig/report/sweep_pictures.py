@@ -1,4 +1,4 @@
-"""The pictures of a sweep: lines, maps with contours, points over each range that cases were drawn from."""
+"""Figures of a sweep: lines, maps with contours, and scatter plots over each sampled range."""
 
 from collections.abc import Sequence
 from html import escape
@@ -23,9 +23,13 @@ Floats = NDArray[np.float64]
 WIDTH_IN, HEIGHT_IN = 4.6, 3.3
 PANEL_IN, PANELS_HIGH_IN = 2.35, 2.3
 PANELS_ACROSS = 4
-MOST_POINTS = 1024  # of a panel, the first: more only blacken it, and every other point of Sobol's sequence lies in one half of a range
+# Points of a panel, the first ones: more only blacken it. Not every second point, because in a Sobol sequence those all lie
+# in one half of a range.
+MOST_POINTS = 1024
+# Contours of a map, about.
 LEVELS = 9
 SHADES = LinearSegmentedColormap.from_list("shades", ["#f3f0ea", PALE, ALIKE, MEASURED])
+# Colour, dashes and marker differ, so that lines can be told apart without colour.
 LINES = (
     (MEASURED, "-", "o"),
     (SIMULATED, "-", "s"),
@@ -37,7 +41,17 @@ LINES = (
 
 
 def drawn_view(view: View, values: Floats, header: str) -> str:
-    """The figure of one output as inline SVG; `values` (second or 1, x) as `View.values` gives them."""
+    """Figure of one output as inline SVG.
+
+    Parameters
+    ----------
+    view
+        The view of the grid to draw.
+    values
+        Values (k, n) from `View.values`, NaN for failed cases.
+    header
+        Name of the output with its unit.
+    """
     label = f"{name_and_unit(header)[0]} over {name_and_unit(view.x.name)[0]}"
     with drawing():
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), layout="constrained")
@@ -62,6 +76,7 @@ def _draw_lines(axes: Axes, view: View, values: Floats) -> None:
     if view.second is not None:
         axes.legend(frameon=False, fontsize=SMALL, handlelength=1.8)
     known = values[np.isfinite(values)]
+    # Where no value is negative the axis starts at 0, so that heights show ratios.
     if known.size and known.min() >= 0.0 and known.max() > 0.0:
         axes.set_ylim(0.0, 1.06 * float(known.max()))
     axes.margins(x=0.04)
@@ -78,7 +93,8 @@ def _set_scale(axes: Axes, x: Axis) -> None:
 
 
 def _draw_dots(axes: Axes, x: Floats, y: Floats) -> None:
-    """Lines of no length with round ends, all in one path: a quarter of what as many markers take."""
+    """Draws points (k,) as lines without length and with round ends, all in one path: a quarter of the bytes of markers."""
+    # NaN after each point interrupts the path.
     nowhere = np.full(x.size, np.nan)
     axes.plot(
         np.stack((x, x, nowhere), axis=1).ravel(),
@@ -91,7 +107,7 @@ def _draw_dots(axes: Axes, x: Floats, y: Floats) -> None:
 
 
 def _in_ratios(axis: XAxis | YAxis) -> None:
-    """A logarithmic scale with plain numbers at 1, 2, 5; with powers of ten where it spans many."""
+    """Sets a logarithmic scale: plain numbers at 1, 2, 5 for up to three decades, else powers of ten."""
     low, high = sorted(axis.get_data_interval())
     set_scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
     set_scale("log")
@@ -106,11 +122,13 @@ def _draw_map(figure: Figure, axes: Axes, x: Axis, y: Axis, values: Floats, head
     known = np.ma.masked_invalid(values)
     if known.count() and known.max() > known.min():
         levels = MaxNLocator(LEVELS).tick_values(float(known.min()), float(known.max()))
+        # Dark means a large magnitude: reversed where all values are negative.
         darkest_far_from_0 = SHADES.reversed() if known.max() <= 0.0 else SHADES
         shades = axes.contourf(across, up, known, levels=levels, cmap=darkest_far_from_0)
         lines = axes.contour(across, up, known, levels=levels[1:-1], colors="#1b1b1b", linewidths=0.5, linestyles="solid")
         axes.clabel(lines, fontsize=SMALL - 1.0, fmt=lambda level: shown(float(level)))
         figure.colorbar(shades, ax=axes, label=axis_label(header), aspect=30, pad=0.02)
+    # Failed cases are marked: a gap in a map could be taken for a value.
     missing = np.argwhere(np.isnan(values))
     axes.plot(across[missing[:, 1]], up[missing[:, 0]], ls="", marker="x", ms=4.5, mew=1.0, color=BAD, clip_on=False)
     for direction, axis in ((axes.xaxis, x), (axes.yaxis, y)):
@@ -120,7 +138,21 @@ def _draw_map(figure: Figure, axes: Axes, x: Axis, y: Axis, values: Floats, head
 
 
 def drawn_points(ranges: Sequence[Range], points: Floats, values: Floats, titles: Sequence[str], header: str) -> str:
-    """One panel for each range: `values` (n,) over `points` (n, ranges), a title above each."""
+    """Scatter plots of one output as inline SVG, one panel for each sampled quantity.
+
+    Parameters
+    ----------
+    ranges
+        The k sampled quantities.
+    points
+        Sampled points (n, k).
+    values
+        Output (n,), NaN for failed cases.
+    titles
+        Title of each panel.
+    header
+        Name of the output with its unit.
+    """
     rows, across = -(-len(ranges) // PANELS_ACROSS), min(len(ranges), PANELS_ACROSS)
     with drawing():
         figure = Figure(figsize=(PANEL_IN * across + 0.4, PANELS_HIGH_IN * rows), layout="constrained")

@@ -1,4 +1,4 @@
-"""How much each sampled quantity explains of each output, as a table of a page and of sweep.json."""
+"""Sensitivities of a sweep: first-order Sobol index of each output for each sampled quantity, for the page and sweep.json."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,12 +13,13 @@ from rfca_rig.sweep.result import SweepResult
 from rfca_rig.sweep.samples import shares
 from rfca_rig.sweep.sensitivity import FirstOrder, first_order
 
+# Combinations of the grid's values for which sensitivities are computed.
 MOST_GROUPS = 6
 
 
 @dataclass(frozen=True)
 class Explained:
-    """What one quantity explains of one output, in one combination of the grid's values; None where that cannot be told."""
+    """Sensitivity of one output to one quantity, for one combination of the grid's values; `found` is None where it is undetermined."""
 
     at: tuple[tuple[str, Value], ...]
     output: str
@@ -27,11 +28,11 @@ class Explained:
 
 
 def explained(result: SweepResult) -> list[Explained]:
-    """All of them, by output, then quantity. The bootstrap is seeded with the samples."""
-    return list(_explained(result))
+    """All sensitivities, by combination, output and quantity. The seed of the bootstrap is that of the samples."""
+    return list(_compute_sensitivities(result))
 
 
-def _explained(result: SweepResult) -> Iterator[Explained]:
+def _compute_sensitivities(result: SweepResult) -> Iterator[Explained]:
     samples = result.plan.samples
     if samples is None:
         return
@@ -40,12 +41,13 @@ def _explained(result: SweepResult) -> Iterator[Explained]:
         for asked in result.plan.outputs:
             values = result.output(asked.header)[group.cases]
             for place, name in enumerate(samples.names):
+                # A generator of its own for each quantity, so that the order of computation does not matter.
                 rng = np.random.default_rng((samples.seed, place))
                 yield Explained(group.at, asked.header, name, first_order(share[:, place], values, rng))
 
 
 def table_of(found: list[Explained]) -> Table:
-    """A line for each output, a column for each quantity, and what is left to interactions."""
+    """A row for each output, a column for each quantity, and the sum of its indices; what it lacks of 1 is due to interactions."""
     names = list(dict.fromkeys(each.name for each in found))
     columns = [TableColumn("at", role="group"), TableColumn("output")]
     for name in names:

@@ -1,10 +1,11 @@
-"""Names and values of a sweep as a reader wants them."""
+"""Names, values and equations of a sweep as text for a reader."""
 
 from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.text import MINUS
 from rfca_rig.sweep.quantities import Value
 
 DIGITS = 4
+# Replaced in this order: longer spellings come before their parts ("phi_i" before "phi").
 SIGNS = {
     "integral of ": "∫ ",
     "tau w": "τ ω",
@@ -21,33 +22,33 @@ SIGNS = {
 
 
 def name_and_unit(name: str) -> tuple[str, str]:
-    """strip.thickness_mm is "strip thickness" in mm, static_torque_Nm@60deg is "static torque at 60°" in N m."""
+    """Words and unit: strip.thickness_mm is "strip thickness" in mm, static_torque_Nm@60deg is "static torque at 60°" in N m."""
     plain, at, angle = name.partition("@")
     of, dot, last = plain.rpartition(".")
     words, unit = words_and_unit(last)
-    said = f"{of.replace('_', ' ')} {words}" if dot else words
-    return (f"{said} at {angle.removesuffix('deg')}°" if at else said), unit
+    text = f"{of.replace('_', ' ')} {words}" if dot else words
+    return (f"{text} at {angle.removesuffix('deg')}°" if at else text), unit
 
 
 def axis_label(name: str) -> str:
-    """As in "height (mm)"."""
+    """Label of an axis, as in "height (mm)"."""
     words, unit = name_and_unit(name)
     return f"{words} ({unit})" if unit else words
 
 
 def with_unit(name: str, value: Value) -> str:
-    """As in "height 215 mm", "strip material CFSP"."""
+    """Name with value and unit, as in "height 215 mm", "strip material CFSP"."""
     words, unit = name_and_unit(name)
     return f"{words} {shown(value)}{f' {unit}' if unit else ''}"
 
 
 def shown(value: Value) -> str:
-    """Four digits, with a true minus sign."""
+    """A value with four digits and a typographic minus sign."""
     return value if isinstance(value, str) else f"{value:.{DIGITS}g}".replace("-", MINUS)
 
 
 def formula(text: str) -> str:
-    """An equation in the signs of the field, where a page shows it."""
+    """An equation in mathematical signs, for a page."""
     for typed, sign in SIGNS.items():
         text = text.replace(typed, sign)
     return f"{MINUS}{text[1:]}" if text.startswith("-") else text

@@ -1,4 +1,4 @@
-"""Which pictures show a sweep: lines over one quantity, maps over two, points where cases were drawn."""
+"""Selects the figures of a sweep: lines over one quantity, maps over two, scatter plots for sampled cases."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,14 +14,17 @@ from rfca_rig.sweep.result import SweepResult
 
 Floats = NDArray[np.float64]
 
+# Lines of one figure that can still be told apart; more become a map.
 MOST_LINES = 6
+# Values along the shorter side from which on a grid is drawn as a map.
 FEWEST_OF_A_MAP = 5
+# Figures of one output at most.
 MOST_FACETS = 6
 
 
 @dataclass(frozen=True)
 class View:
-    """One way to see a grid: `x` along, `second` as lines or as the other side of a map, the rest held at `facet`."""
+    """One view of a grid: `x` is the horizontal axis, `second` gives lines or the vertical axis, the others are fixed at `facet`."""
 
     x: Axis
     second: Axis | None
@@ -29,12 +32,13 @@ class View:
     facet: tuple[tuple[str, Value], ...]
 
     def values(self, result: SweepResult, header: str) -> Floats:
-        """(second or 1, x) of an output."""
+        """Values (k, n) of an output, k along `second` (1 without), n along `x`; NaN for failed cases."""
         plan = result.plan
         grid = result.output(header).reshape([len(axis.values) for axis in plan.axes])
-        held = dict(self.facet)
-        picked = tuple(axis.values.index(held[axis.name]) if axis.name in held else slice(None) for axis in plan.axes)
-        left = [axis.name for axis in plan.axes if axis.name not in held]
+        fixed = dict(self.facet)
+        # A number removes an axis of the grid, a slice keeps it.
+        picked = tuple(axis.values.index(fixed[axis.name]) if axis.name in fixed else slice(None) for axis in plan.axes)
+        left = [axis.name for axis in plan.axes if axis.name not in fixed]
         order = [left.index(axis.name) for axis in (self.second, self.x) if axis is not None]
         return np.atleast_2d(np.transpose(grid[picked], order))
 
@@ -45,9 +49,10 @@ def is_named(axis: Axis) -> bool:
 
 
 def views(plan: SweepPlan) -> tuple[list[View], int]:
-    """The views of a grid, and how many there would have been without a limit. A sweep with samples has none."""
+    """The views of a grid, at most MOST_FACETS, and their number without that limit. A sweep with samples has none."""
     if plan.samples is not None or not plan.axes:
         return [], 0
+    # The horizontal axis is the one with the most numbers, so that a line has many points.
     x = max(plan.axes, key=lambda axis: (_is_a_line(axis), is_named(axis), len(axis.values)))
     others = sorted((axis for axis in plan.axes if axis is not x), key=lambda axis: -len(axis.values))
     second = others[0] if others else None
@@ -57,7 +62,7 @@ def views(plan: SweepPlan) -> tuple[list[View], int]:
 
 
 def _is_a_line(axis: Axis) -> bool:
-    """Two points are none: words are better to see along the bottom then."""
+    """Whether an axis gives a line: two points do not, and words are then easier to read along the bottom."""
     return not is_named(axis) and len(axis.values) > 2
 
 
@@ -69,14 +74,14 @@ def _as_map(x: Axis, second: Axis | None) -> bool:
 
 @dataclass(frozen=True)
 class Drawn:
-    """The cases of one combination of the grid's values beside samples: their slice of all cases."""
+    """Sampled cases of one combination of the grid's values, as a slice of all cases."""
 
     at: tuple[tuple[str, Value], ...]
     cases: slice
 
 
 def drawn_groups(plan: SweepPlan) -> Iterator[Drawn]:
-    """One for each combination of the grid, in order; none without samples."""
+    """Sampled cases for each combination of the grid, in order; none without samples."""
     if plan.samples is None:
         return
     n = plan.samples.n

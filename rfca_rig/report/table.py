@@ -1,4 +1,4 @@
-"""One table for everything that shows it: CSV for programs, LaTeX for a paper, HTML for a page, plain text for a terminal."""
+"""Tables independent of their format: CSV for programs, LaTeX for a paper, HTML for a page, plain text for a terminal."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,12 +15,26 @@ Role = Literal["value", "kept", "group", "note"]
 
 @dataclass(frozen=True)
 class TableColumn:
-    """One column; `key` heads it in CSV and carries the unit in its name, `head` is what a reader sees, the key in words if not given.
+    """One column of a table.
 
-    Numbers are shown with `digits` decimals, else with two digits of the uncertainty; `half` is the key of the column that holds it, one
-    standard deviation or half an interval, as the table's caption says. Neighbours with the same `over` stand under that heading.
-    A `set_value` was chosen, not measured, and is shown as it was typed; the head of an `upright` column of a broad table stands on end in
-    LaTeX. A "kept" column is in CSV only, a "group" divides the rows, a "note" stands below its row.
+    Parameters
+    ----------
+    key
+        Name in CSV, which ends in the unit.
+    head
+        Heading for a reader; by default the key in words.
+    digits
+        Decimals of numbers; by default as many as show two digits of the uncertainty.
+    half
+        Key of the column with the uncertainty: one standard deviation or half an interval, as the table's caption states.
+    over
+        Heading above this one, common to neighbouring columns.
+    role
+        A "kept" column is in CSV only, a "group" divides the rows, a "note" is shown below its row.
+    set_value
+        The values were chosen, not measured, and are shown as they were typed.
+    upright
+        The heading is rotated by 90 degrees in LaTeX, for tables with many columns.
     """
 
     key: str
@@ -34,18 +48,20 @@ class TableColumn:
 
     @property
     def title(self) -> str:
+        """Heading for a reader."""
         return self.head or words_and_unit(self.key)[0]
 
     @property
     def unit(self) -> str:
+        """Unit from the key, "" for none."""
         return words_and_unit(self.key)[1]
 
 
 @dataclass(frozen=True)
 class TableRow:
-    """Values by the keys of the columns; what is missing or None is not known. `digits` goes before those of the columns.
+    """Values by the keys of the columns; missing ones and None are unknown. `digits` overrides that of the columns.
 
-    A `marked` row is one to look at first, and set so that it is seen.
+    A `marked` row needs attention, and is highlighted.
     """
 
     values: Mapping[str, Value]
@@ -55,7 +71,7 @@ class TableRow:
 
 @dataclass(frozen=True)
 class Foot:
-    """A line below: words across the first columns, then values by their keys."""
+    """A line below the rows: words across the first columns, then values by their keys."""
 
     words: str
     values: Mapping[str, Value] = field(default_factory=dict)
@@ -64,7 +80,7 @@ class Foot:
 
 @dataclass(frozen=True)
 class Table:
-    """`name` is that of its files; the `caption` says what is shown, over how many repeats, and what stands behind a ±."""
+    """A table; `name` is that of its files. The `caption` states what is shown, over how many repeats, and the meaning of ±."""
 
     name: str
     caption: str
@@ -74,33 +90,35 @@ class Table:
 
     @property
     def shown(self) -> tuple[TableColumn, ...]:
+        """Columns that a reader sees; CSV has all."""
         return tuple(column for column in self.columns if column.role == "value")
 
     @cached_property
     def numeric(self) -> frozenset[str]:
-        """Keys of the columns that hold numbers, which stand to the right."""
+        """Keys of the columns that hold numbers, which are aligned right."""
         return frozenset(column.key for column in self.columns if any(_is_number(row.values.get(column.key)) for row in self.rows))
 
     def groups(self) -> list[tuple[str, tuple[TableRow, ...]]]:
-        """The rows by their group, without a name where there is one only."""
+        """The rows by their group; without a name where there is only one."""
+        # groupby joins neighbours only, so that rows keep their order.
         key = next((column.key for column in self.columns if column.role == "group"), "")
         groups = [(str(name), tuple(rows)) for name, rows in groupby(self.rows, lambda row: row.values.get(key) or "")]
         return groups if len(groups) > 1 else [("", self.rows)]
 
     def notes(self, row: TableRow) -> list[str]:
-        """What stands below the row, a line each."""
-        said = (row.values.get(column.key) for column in self.columns if column.role == "note")
-        return [str(text) for text in said if text]
+        """Notes below a row, a line each."""
+        texts = (row.values.get(column.key) for column in self.columns if column.role == "note")
+        return [str(text) for text in texts if text]
 
     def overs(self) -> list[tuple[str, int]]:
-        """Headings above the columns with how many each spans, "" where there is none; empty without any heading."""
+        """Headings above the columns with the number of columns each spans, "" where there is none; empty without any heading."""
         spans = [(over, len(list(columns))) for over, columns in groupby(self.shown, lambda column: column.over)]
         return spans if any(over for over, _ in spans) else []
 
 
 @dataclass(frozen=True)
 class TableCell:
-    """A value as text, with a plain minus sign; `half` is what follows a ±, "" for nothing. Both "" for what is not known."""
+    """A value as text with an ASCII minus sign; `half` is the uncertainty after ±, "" for none. Both are "" for an unknown value."""
 
     text: str
     half: str = ""
@@ -108,7 +126,7 @@ class TableCell:
 
 
 def cell(column: TableColumn, row: TableRow) -> TableCell:
-    """The value of the row, and its uncertainty where there is one."""
+    """The value of a column in a row as text, with its uncertainty where there is one."""
     value, half = row.values.get(column.key), row.values.get(column.half) if column.half else None
     if value is None or (isinstance(value, float) and not isfinite(value)):
         return TableCell("")
@@ -122,16 +140,18 @@ def cell(column: TableColumn, row: TableRow) -> TableCell:
 
 
 def foot_cell(column: TableColumn, foot: Foot) -> TableCell:
+    """The value of a column in a foot as text."""
     return cell(column, TableRow(foot.values, foot.digits))
 
 
 def head_span(table: Table, foot: Foot) -> int:
-    """How many of the shown columns the words of a foot may take."""
+    """Number of shown columns before the first value of a foot, which its words may span."""
     return next((place for place, column in enumerate(table.shown) if column.key in foot.values), len(table.shown))
 
 
 def rounded(value: float, digits: int) -> str:
-    """With so many decimals, negative ones for tens and hundreds; no minus where all digits shown are zero."""
+    """A value with `digits` decimals, negative ones for tens and hundreds; no minus where all digits shown are zero."""
+    # Adding 0.0 turns the -0.0 that rounding leaves into 0.0.
     return f"{round(value, digits) + 0.0:.{max(digits, 0)}f}"
 
 
@@ -144,7 +164,8 @@ def _digits(value: float, half: float | None, asked: int | None) -> int:
 
 
 def places(size: float, digits: int) -> int:
-    """Decimals that show `size` with so many digits; negative where it ends before the point."""
+    """Decimals that show `size` with so many digits; negative where it is rounded to tens or hundreds."""
+    # The exponent of the formatted text, which is rounded to seven digits first: 999.99999999 counts as 1000.
     return digits - 1 - (int(f"{abs(size):e}".partition("e")[2]) if size and isfinite(size) else 0)
 
 
@@ -153,7 +174,7 @@ def _is_number(value: Value) -> bool:
 
 
 def as_sure(column: TableColumn, rows: Sequence[TableRow]) -> TableColumn:
-    """The column with as many decimals in all rows as show two digits of the usual uncertainty."""
+    """The column with the same decimals in all rows, as many as show two digits of the median uncertainty."""
     halves = [row.values.get(column.half) for row in rows]
     known = sorted(float(half) for half in halves if isinstance(half, int | float) and isfinite(half) and half > 0)
     return replace(column, digits=max(places(known[len(known) // 2], 2), 0)) if known else column

@@ -1,4 +1,4 @@
-"""Table II for other programs: JSON as rfca-table2/1, and as a `Table`, of which CSV and LaTeX are made."""
+"""Table II of the paper: as JSON in format rfca-table2/1, and as a `Table` for CSV and LaTeX."""
 
 import json
 from typing import Any
@@ -33,7 +33,7 @@ COLUMNS = (
 
 
 def as_json(table: Table2) -> str:
-    """The document; what is not known is null."""
+    """The JSON document; unknown values are null."""
     average = {
         "time_error_pct": rounded_or_none(table.average_time_error_pct, 4),
         "force_error_pct": rounded_or_none(table.average_force_error_pct, 4),
@@ -43,7 +43,10 @@ def as_json(table: Table2) -> str:
 
 
 def as_table(table: Table2, shaft_words: str) -> Table:
-    """In the paper's layout, with its own averages below. `shaft_words` say how the simulated shaft turned."""
+    """Table II in the paper's layout, with the paper's own averages below.
+
+    `shaft_words` states how the simulated shaft turned.
+    """
     paper = dict(zip(("time_error_pct", "force_error_pct"), PAPER_AVERAGE_ERROR_PCT, strict=True))
     average = {"time_error_pct": table.average_time_error_pct, "force_error_pct": table.average_force_error_pct}
     averaged = counted(sum(row.time_error_pct is not None for row in table.rows), "condition")
@@ -61,12 +64,12 @@ def as_table(table: Table2, shaft_words: str) -> Table:
 
 
 def record(row: Compared) -> dict[str, Any]:
-    """The row by its keys: first those of rfca-table2/1, then what this program adds."""
+    """A row under its keys: first those of rfca-table2/1, then additional ones."""
     return {
         "height_mm": rounded_or_none(1e3 * row.height_m, 3),
         "speed_rad_s": rounded_or_none(row.speed_rad_s, 5),
         "repeats": row.repeats,
-        **_measured(row.time, row.fz),
+        **_measurement(row.time, row.fz),
         "simulated_time_s": rounded_or_none(row.simulated_time_s, 6),
         "simulated_fz_N": rounded_or_none(row.simulated_fz_N, 4),
         "time_error_pct": rounded_or_none(row.time_error_pct, 4),
@@ -79,7 +82,7 @@ def record(row: Compared) -> dict[str, Any]:
     }
 
 
-def _measured(time: Spread, fz: Spread) -> dict[str, float | None]:
+def _measurement(time: Spread, fz: Spread) -> dict[str, float | None]:
     return {
         "measured_time_s": rounded_or_none(time.mean, 6),
         "measured_time_std_s": rounded_or_none(time.std, 6),
@@ -89,5 +92,6 @@ def _measured(time: Spread, fz: Spread) -> dict[str, float | None]:
 
 
 def rounded_or_none(value: float | None, digits: int) -> float | None:
-    """For JSON: no minus where all digits are zero, and null for what is not known."""
+    """A rounded value for JSON: null where unknown, and no minus where all digits are zero."""
+    # Adding 0.0 turns -0.0 into 0.0.
     return None if value is None else round(value, digits) + 0.0

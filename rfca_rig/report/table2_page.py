@@ -1,4 +1,4 @@
-"""report.html: Table II, one self-contained page."""
+"""report.html: one self-contained page with Table II, the forces at the peak, and every stroke over the model."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -37,13 +37,27 @@ COLUMNS = (
 
 
 def model_table(rig: RigModel) -> Table:
-    """Part by part, in a lab's units."""
+    """Parameters of a model by section, in the units of a lab."""
     rows = [{"part": q.section, "parameter": q.name, "value": q.value, "unit": q.unit} for q in quantities_of(rig)]
     return Table("model", "", COLUMNS, tuple(TableRow(row) for row in rows))
 
 
 def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, told: Told) -> str:
-    """The page as HTML; `peaks` is the table of forces at the peak."""
+    """The page as HTML.
+
+    Parameters
+    ----------
+    sources
+        Recordings compared with their models.
+    table
+        Table II of all of them.
+    peaks
+        Table of the forces at the peak.
+    shaft
+        How the simulated shaft turned.
+    told
+        Origin of the page, links to others, and the given model.
+    """
     return template("table2.html").render(
         sheets=(),
         origin=told.origin,
@@ -75,12 +89,12 @@ def _standfirst(table: Table2) -> str:
 
 def _source(source: ComparedSource) -> dict[str, Any]:
     recording = source.recording
-    held = []
+    contents = []
     if recording.strokes:
-        held.append(f"{counted(len(recording.strokes), 'stroke')} at {counted(len(source.compared), 'condition')}")
+        contents.append(f"{counted(len(recording.strokes), 'stroke')} at {counted(len(source.compared), 'condition')}")
     if recording.static:
-        held.append(counted(len(recording.static), "static stage"))
-    return {"name": source.name, "mark": recording.source, "holds": " and ".join(held) or "nothing recorded"}
+        contents.append(counted(len(recording.static), "static stage"))
+    return {"name": source.name, "mark": recording.source, "holds": " and ".join(contents) or "nothing recorded"}
 
 
 def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, Any]]:
@@ -105,7 +119,7 @@ def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, 
 
 
 def _models(sources: Sequence[ComparedSource], model_file: str | None) -> list[dict[str, Any]]:
-    """One table for each model that differs from the others, with the sources that share it."""
+    """One table for each distinct model, with the sources that share it."""
     distinct = list(dict.fromkeys(source.rig for source in sources if source.rig is not None))
     tables = []
     for rig in distinct:
@@ -120,5 +134,5 @@ def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, sever
     known_to = sharing[0].recording.known_to
     if model_file or not known_to:
         return f"{what}{of_whom}."
-    said = ", ".join(f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float))
-    return f"{what}{of_whom}. One standard deviation of what was believed: {said}; what is not listed counts as exact."
+    stated = ", ".join(f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float))
+    return f"{what}{of_whom}. One standard deviation of what was believed: {stated}; what is not listed counts as exact."

@@ -1,4 +1,4 @@
-"""A table as a page shows it: true minus signs, an en dash for what is not known, units that stay with their numbers."""
+"""Tables for HTML: typographic minus signs, an en dash for unknown numbers, no line break between a number and its uncertainty."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from rfca_rig.report.text import MINUS, NO_BREAK, NOTHING, in_thousands
 
 @dataclass(frozen=True)
 class ShownCell:
-    """`right` for a column of numbers."""
+    """Text of a cell; `right` aligns a column of numbers."""
 
     text: str
     right: bool
@@ -16,7 +16,7 @@ class ShownCell:
 
 @dataclass(frozen=True)
 class ShownRow:
-    """One row, and what stands below it."""
+    """One row with the notes below it."""
 
     cells: tuple[ShownCell, ...]
     marked: bool
@@ -25,7 +25,7 @@ class ShownRow:
 
 @dataclass(frozen=True)
 class ShownFoot:
-    """`words` across `span` columns, then the rest."""
+    """A foot: `words` across `span` columns, then the other cells."""
 
     words: str
     span: int
@@ -34,7 +34,7 @@ class ShownFoot:
 
 @dataclass(frozen=True)
 class ShownTable:
-    """What the macro `table` in parts.html writes out."""
+    """Content for the macro `table` in parts.html."""
 
     heads: tuple[ShownCell, ...]
     units: tuple[str, ...]
@@ -44,7 +44,7 @@ class ShownTable:
 
 
 def shown_cells(table: Table) -> ShownTable:
-    """Every cell as text."""
+    """The table with every cell as text."""
     return ShownTable(
         heads=tuple(ShownCell(column.title, column.key in table.numeric) for column in table.shown),
         units=tuple(column.unit.replace(" ", NO_BREAK) for column in table.shown),
@@ -55,17 +55,17 @@ def shown_cells(table: Table) -> ShownTable:
 
 
 def _row(table: Table, row: TableRow) -> ShownRow:
-    cells = tuple(_shown(table, column, cell(column, row)) for column in table.shown)
+    cells = tuple(_to_cell(table, column, cell(column, row)) for column in table.shown)
     return ShownRow(cells, row.marked, tuple(table.notes(row)))
 
 
 def _foot(table: Table, foot: Foot) -> ShownFoot:
     span = head_span(table, foot)
-    cells = tuple(_shown(table, column, foot_cell(column, foot)) for column in table.shown[span:])
+    cells = tuple(_to_cell(table, column, foot_cell(column, foot)) for column in table.shown[span:])
     return ShownFoot(foot.words, span, cells)
 
 
-def _shown(table: Table, column: TableColumn, found: TableCell) -> ShownCell:
+def _to_cell(table: Table, column: TableColumn, found: TableCell) -> ShownCell:
     text = in_thousands(found.text).replace("-", MINUS) if found.is_number else found.text
     if found.half:
         text += f"{NO_BREAK}±{NO_BREAK}{found.half}"

@@ -1,4 +1,4 @@
-"""A table for other programs and for papers: CSV with all that is known, LaTeX with booktabs, plain text."""
+"""Tables as files: CSV with all columns for programs, LaTeX with booktabs for papers, plain text for terminals."""
 
 import csv
 import io
@@ -10,6 +10,7 @@ from rfca_rig.report.table import Foot, Table, TableCell, TableColumn, TableRow,
 UNKNOWN_TEX = "--"
 
 
+# Characters that LaTeX reads as commands, and characters beyond ASCII that the reports use.
 SPECIAL = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -40,33 +41,35 @@ SPECIAL = {
 }
 
 
+# The paper's symbols for quantities of the reports.
 SYMBOLS = {"|F|": "$|F|$", "fx": "$F_x$", "fy": "$F_y$", "fz": "$F_z$", "tx": "$T_x$", "k0": "$k_0$", "k2": "$k_2$"}
 
 
 def tex_head(text: str) -> str:
-    """A column's name; quantities that the paper has a symbol for by it."""
+    """Heading of a column in LaTeX, with the paper's symbols for its quantities."""
     return " ".join(SYMBOLS.get(word, tex_text(word)) for word in text.split(" "))
 
 
 def tex_text(text: str) -> str:
-    """Any text, as it reads; letters with accents are left to the document's encoding."""
+    """Any text with LaTeX's special characters escaped; letters with accents are left to the document's encoding."""
     return "".join(SPECIAL.get(character, character) for character in text)
 
 
 def tex_unit(unit: str) -> str:
-    """N m/rad with thin spaces; N/m^1.5 with a true exponent."""
+    """A unit in LaTeX: N m/rad with thin spaces, N/m^1.5 with an exponent."""
     base, _, power = unit.partition("^")
-    said = tex_text(base).replace(" ", r"\,")
-    return f"{said}$^{{{power}}}$" if power else said
+    text = tex_text(base).replace(" ", r"\,")
+    return f"{text}$^{{{power}}}$" if power else text
 
 
 def tex_number(text: str, half: str = "") -> str:
-    r"""A number in mathematics, so that its minus is one; with $\pm$ where there is an uncertainty."""
+    r"""A number in math mode, which sets a proper minus sign; with $\pm$ where there is an uncertainty."""
     return rf"${text} \pm {half}$" if half else f"${text}$"
 
 
 def as_csv(table: Table) -> str:
-    """A line a row with every column, headed by its key; numbers as they are, what is not known is empty."""
+    """The table as CSV: every column under its key, numbers with up to twelve digits, unknown values empty."""
+    # The same line ends on every system, so that files have the same bytes.
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([column.key for column in table.columns])
@@ -75,24 +78,24 @@ def as_csv(table: Table) -> str:
 
 
 def _plain(value: Value) -> Value:
-    """Numbers to twelve digits, more than anything measured has and fewer than differ between machines."""
+    """Numbers with twelve digits: more than any measurement has, and few enough that rounding errors of machines do not show."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return (float(f"{value:.12g}") + 0.0 if isfinite(value) else "") if isinstance(value, float) else value
 
 
 def as_tex(table: Table) -> str:
-    """A tabular, to be put into a document that loads booktabs; the caption stands in a comment above it."""
-    aligned = "".join("r" if column.key in table.numeric else "l" for column in table.shown)
+    """The table as a LaTeX tabular for a document that loads booktabs; the caption is in a comment above it."""
+    alignment = "".join("r" if column.key in table.numeric else "l" for column in table.shown)
     packages = "booktabs,graphicx" if any(column.upright for column in table.shown) else "booktabs"
-    lines = [rf"% needs \usepackage{{{packages}}}; {' '.join(table.caption.split())}", rf"\begin{{tabular}}{{{aligned}}}", r"\toprule"]
+    lines = [rf"% needs \usepackage{{{packages}}}; {' '.join(table.caption.split())}", rf"\begin{{tabular}}{{{alignment}}}", r"\toprule"]
     lines += _tex_heads(table)
     for name, rows in table.groups():
         lines.append(r"\midrule")
-        lines += [rf"\multicolumn{{{len(aligned)}}}{{l}}{{{tex_text(name)}}} \\"] if name else []
+        lines += [rf"\multicolumn{{{len(alignment)}}}{{l}}{{{tex_text(name)}}} \\"] if name else []
         for row in rows:
             lines.append(_tex_line([_tex_cell(column, cell(column, row), column.key in table.numeric) for column in table.shown]))
-            lines += [rf"\multicolumn{{{len(aligned)}}}{{l}}{{\quad {tex_text(note)}}} \\" for note in table.notes(row)]
+            lines += [rf"\multicolumn{{{len(alignment)}}}{{l}}{{\quad {tex_text(note)}}} \\" for note in table.notes(row)]
     lines += [r"\midrule", *(_tex_foot(table, foot) for foot in table.foot)] if table.foot else []
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
@@ -130,6 +133,7 @@ def _tex_line(cells: Sequence[str]) -> str:
 
 def _tex_cell(column: TableColumn, found: TableCell, is_number: bool) -> str:
     if not found.text:
+        # An upright table is a matrix of counts, where an empty cell means none.
         return UNKNOWN_TEX if is_number and not column.upright else ""
     if column.key == "unit":
         return tex_unit(found.text)
@@ -137,23 +141,23 @@ def _tex_cell(column: TableColumn, found: TableCell, is_number: bool) -> str:
 
 
 def as_text(table: Table) -> str:
-    """Columns for a terminal, in ASCII, without the feet and the notes."""
-    lines = [[_headed(column) for column in table.shown], *(row_texts(table, row) for row in table.rows)]
+    """The table as aligned columns of ASCII for a terminal, without feet and notes."""
+    lines = [[_head_text(column) for column in table.shown], *(row_texts(table, row) for row in table.rows)]
     widths = [max(len(line[place]) for line in lines) for place in range(len(table.shown))]
-    return "".join(f"{_aligned(table, line, widths)}\n" for line in lines)
+    return "".join(f"{_align(table, line, widths)}\n" for line in lines)
 
 
 def row_texts(table: Table, row: TableRow) -> list[str]:
-    """The shown cells of a row."""
+    """The shown cells of a row as ASCII text."""
     return [_text(cell(column, row)) for column in table.shown]
 
 
-def _aligned(table: Table, line: Sequence[str], widths: Sequence[int]) -> str:
+def _align(table: Table, line: Sequence[str], widths: Sequence[int]) -> str:
     placed = zip(line, widths, table.shown, strict=True)
     return "  ".join(text.rjust(width) if column.key in table.numeric else text.ljust(width) for text, width, column in placed).rstrip()
 
 
-def _headed(column: TableColumn) -> str:
+def _head_text(column: TableColumn) -> str:
     over = f"{column.over}: " if column.over else ""
     return f"{over}{column.title} ({column.unit})" if column.unit else f"{over}{column.title}"
 

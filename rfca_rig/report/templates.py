@@ -1,4 +1,4 @@
-"""The pages' templates and style sheets, which lie beside this file."""
+"""Loads the templates and style sheets of the pages, which are in this package."""
 
 from collections.abc import Iterable
 from functools import cache
@@ -13,13 +13,14 @@ from rfca_rig.report.text import MARK_MEANINGS
 
 
 def template(name: str) -> Template:
-    """A template that escapes what it is given and fails on what it is not."""
+    """A template that escapes the values it is given, and fails on a missing one."""
     return _environment().get_template(name)
 
 
 @cache
 def _environment() -> Environment:
-    """`words` turns an id into words; every template knows the colours, the meaning of the marks and the version."""
+    """Environment of all templates, with colours, meanings of the marks, version and the filters `words` and `by_stem`."""
+    # StrictUndefined: a misspelt name fails in tests instead of leaving a gap in a page.
     environment = Environment(
         loader=FunctionLoader(beside), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -36,7 +37,7 @@ def _environment() -> Environment:
 
 
 def by_stem(files: Iterable[str]) -> list[str]:
-    """As in "values.csv/.tex", "static.json": files that differ in their ending only are named once."""
+    """File names joined by stem, as in "values.csv/.tex", "static.json"."""
     stems: dict[str, list[str]] = {}
     for file in files:
         stem, dot, ending = file.rpartition(".")
@@ -45,5 +46,5 @@ def by_stem(files: Iterable[str]) -> list[str]:
 
 
 def beside(name: str) -> str:
-    """The text of a file."""
+    """Text of a template or style sheet of this package."""
     return resources.files("rfca_rig.report").joinpath(name).read_text("utf-8")

@@ -1,4 +1,4 @@
-"""Numbers and findings as the page says them."""
+"""Text of the pages: numbers with typographic signs, and sentences on compared strokes."""
 
 import re
 
@@ -9,7 +9,8 @@ from rfca_rig.report.overlay import OverlayDrawing
 NOTHING = "\u2013"  # en dash
 MINUS = "\u2212"
 NO_BREAK = "\u00a0"
-THIN = "\u202f"  # and no break
+# Narrow no-break space, the separator of thousands in SI.
+THIN = "\u202f"
 
 MARK_MEANINGS = {
     "SIM": "SIM was recorded on simulated twins: nothing in it was measured.",
@@ -38,14 +39,15 @@ REGIONS_DEFINITION = (
 
 
 def number(value: float | None, digits: int) -> str:
-    """With a true minus sign, and without the sign where all digits shown are zero."""
+    """A number with `digits` decimals and a typographic minus sign, without a sign where all digits shown are zero."""
     if value is None:
         return NOTHING
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", MINUS)
 
 
 def in_thousands(text: str) -> str:
-    """A number with more than four digits before the point in groups of three, as SI writes it."""
+    """Groups the digits of a number by thousands, as SI recommends for more than four digits before the point."""
+    # Digits after a point, or that continue a number, are excluded.
     return re.sub(r"(?<![\d.])\d{5,}", lambda whole: f"{int(whole[0]):,}".replace(",", THIN), text, count=1)
 
 
@@ -55,22 +57,23 @@ def spread(mean: float | None, std: float | None, digits: int) -> str:
 
 
 def unbroken(text: str) -> str:
-    """The same with its units tied to their numbers, so that no line begins with a unit."""
+    """The text with no-break spaces between numbers and units, so that no line begins with a unit."""
+    # "N" before the space is for "N m": the unit itself must not be broken either.
     return re.sub(r"(?<=[\dN]) (?=(?:N|mm|ms|m|rad/s|s|%)(?![\w]))", NO_BREAK, text)
 
 
 def counted(count: int, one: str, many: str | None = None) -> str:
-    """As in "1 stroke", "27 strokes"."""
+    """A count with its noun, as in "1 stroke", "27 strokes"."""
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 def repeats_sentence(compared: ComparedCondition) -> str:
-    """How many strokes are drawn, each by itself."""
+    """Sentence on the number of strokes that are drawn."""
     return f"fz over time, {counted(len(compared.repeats), 'repeat')}, each drawn by itself."
 
 
 def shaft_sentence(compared: ComparedCondition, shaft: Shaft) -> str:
-    """What turned the simulated shaft, with the speed."""
+    """Sentence on the motion of the simulated shaft, with its speed."""
     speeds = [model.shaft_speed_rad_s for model in compared.simulated]
     mean = f"{sum(speeds) / len(speeds):.3f} rad/s"
     taken_from = " and ".join(sorted({model.shaft_taken_from for model in compared.simulated}))
@@ -80,7 +83,7 @@ def shaft_sentence(compared: ComparedCondition, shaft: Shaft) -> str:
 
 
 def regions_sentence(compared: ComparedCondition, overlay: OverlayDrawing) -> str:
-    """The regions that are drawn, each with its end, and which strokes the borders are from."""
+    """Sentence on the regions drawn, with their ends and the strokes that the borders come from."""
     if len(overlay.regions) < 2:
         return "No regions II and III: neither a repeat nor the model touches the ground."
     first, *others = overlay.regions
@@ -90,7 +93,7 @@ def regions_sentence(compared: ComparedCondition, overlay: OverlayDrawing) -> st
 
 
 def rms_sentence(compared: ComparedCondition) -> str:
-    """The residual's root mean square, phase by phase."""
+    """Sentence on the root mean square of the residual in each phase."""
     rms = compared.rms_N()
     if not rms:
         return "There is no residual: fz was not recorded."
@@ -98,11 +101,11 @@ def rms_sentence(compared: ComparedCondition) -> str:
 
 
 def scales_sentence(overlay: OverlayDrawing) -> str:
-    """The two scales, since the eye would compare them otherwise, and what leaves the residual's."""
+    """Sentence on the two scales, which a reader might otherwise compare, and on what exceeds the residual's."""
     wide, narrow = overlay.force_span_N, 2.0 * overlay.residual_limit_N
-    said = f"The axis of the residual spans ±{overlay.residual_limit_N:g} N, {wide / narrow:.0f} times finer than the force axis."
+    sentence = f"The axis of the residual spans ±{overlay.residual_limit_N:g} N, {wide / narrow:.0f} times finer than the force axis."
     if wide / narrow < 1.5:
-        said = f"The axis of the residual spans ±{overlay.residual_limit_N:g} N."
+        sentence = f"The axis of the residual spans ±{overlay.residual_limit_N:g} N."
     if overlay.beyond_N is None:
-        return said
-    return f"{said} After the first valley the residual goes beyond it, to {overlay.beyond_N:.1f} N."
+        return sentence
+    return f"{sentence} After the first valley the residual goes beyond it, to {overlay.beyond_N:.1f} N."

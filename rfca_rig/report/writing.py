@@ -1,4 +1,4 @@
-"""Writes the report of some recordings: report.html with Table II and the forces at the peak, and a page about each run, run.html."""
+"""Writes the report of recordings: report.html with Table II and the forces at the peak, and run.html on each run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ from rfca_rig.report.text import SHAFT_WORDS
 
 @dataclass(frozen=True)
 class WrittenReport:
-    """The table, and the pages that were written."""
+    """Table II, and the paths of the pages."""
 
     table: Table2
     pages: tuple[Path, ...]
@@ -38,23 +38,45 @@ def write_report(
     origin: Origin | None = None,
     watcher: Watcher = unwatched,
 ) -> WrittenReport:
-    """Compares, draws, and writes all files into `out_dir`, which is made where it is not there.
+    """Compares recordings with their models, and writes all files of the report.
 
-    Every recording is held against the model it was believed to follow, or all against the `given` one. `shaft` says how the
-    simulated shaft turns, see `analysis.matched_simulation`. The same input gives the same bytes. Nothing is written before everything is
-    computed. Raises BadInput, SimulationFailed, and RigError where the disk refuses.
+    The same input gives the same bytes. Nothing is written before everything is computed.
+
+    Parameters
+    ----------
+    recordings
+        Recordings of strokes or static stages.
+    out_dir
+        Folder of the report, made where it does not exist.
+    shaft
+        How the simulated shaft turns, see `analysis.matched_simulation`.
+    given
+        A model to compare all recordings with; None for each recording's own nominal model.
+    origin
+        Command, recordings and version for the foot of the pages.
+    watcher
+        Progress callback: number of conditions done, number of conditions.
+
+    Raises
+    ------
+    BadInput
+        Where nominal values do not make a model.
+    SimulationFailed
+        Where a stroke cannot be simulated.
+    RigError
+        Where a file cannot be written.
     """
-    told = origin or untold(recordings)
+    page_origin = origin or untold(recordings)
     sources = compare_sources(recordings, shaft, given, watcher)
     table = Table2(tuple(row for source in sources for row in source.rows))
-    named = _run_pages(sources)
-    runs = {name: _run(name, source, told, place) for place, (name, source) in enumerate(named)}
-    links = tuple(PageLink(name, f"How {source.name} went" if len(named) > 1 else "How the run went") for name, source in named)
+    run_sources = _run_pages(sources)
+    runs = {name: _run(name, source, page_origin, place) for place, (name, source) in enumerate(run_sources)}
+    links = tuple(PageLink(name, f"How {source.name} went" if len(run_sources) > 1 else "How the run went") for name, source in run_sources)
     shown = as_table(table, SHAFT_WORDS[shaft])
     peaks = tuple(row for source in sources for row in source.peaks)
     shown_peaks = peaks_as_table(peaks, SHAFT_WORDS[shaft])
     contents = {
-        "report.html": page(sources, table, shown_peaks, shaft, Told(told, links, None if given is None else given.file)),
+        "report.html": page(sources, table, shown_peaks, shaft, Told(page_origin, links, None if given is None else given.file)),
         **table_files((shown, shown_peaks)),
         "table2.json": as_json(table),
         "peak-forces.json": peaks_as_json(peaks),
@@ -64,20 +86,21 @@ def write_report(
 
 
 def _run_pages(sources: Sequence[ComparedSource]) -> list[tuple[str, ComparedSource]]:
-    """The name of each one's page: run, or, of several, run-1, run-2."""
+    """File names of the pages: run.html, or, of several, run-1.html, run-2.html."""
     return [(f"run-{number}.html" if len(sources) > 1 else "run.html", source) for number, source in enumerate(sources, start=1)]
 
 
 def _run(name: str, source: ComparedSource, origin: Origin, place: int) -> dict[str, str]:
-    """The page about one run, with its tables."""
+    """The page on one run and its tables, by file name."""
     story = story_of(source.recording)
     tables = tables_of(story)
     written = [*tables, *stage_tables(source.name, source.recording.static)]
-    files = table_files(_named_for(name.removesuffix(".html"), table) for table in written if table.rows)
+    # Empty tables are left out: static stages, strokes and cycles have different ones.
+    files = table_files(_with_stem(name.removesuffix(".html"), table) for table in written if table.rows)
     own = replace(origin, recordings=origin.recordings[place : place + 1])
     return {name: run_page(story, tables, Told(own, (PageLink("report.html", "Held against the model"),)), tuple(files)), **files}
 
 
-def _named_for(stem: str, table: Table) -> Table:
-    """run-stages of the second of several pages is run-2-stages."""
+def _with_stem(stem: str, table: Table) -> Table:
+    """The table with the page's stem before its name, as in run-2-stages."""
     return replace(table, name=f"{stem}-{table.name}")

@@ -1,1 +1,1 @@
-"""Sweeps: any parameters of the model over grids or samples, any outputs; see `quantities` and `outputs` for what there is."""
+"""Sweeps: any parameters of the model over grids or samples, with any outputs; `quantities` and `outputs` list them."""

@@ -1,4 +1,4 @@
-"""Carries a sweep out: hands spans of cases to an executor, keeps what comes back on disk, and puts it together at the end."""
+"""Runs a sweep: sends ranges of cases to an executor, stores their results on disk, and merges them at the end."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,12 +22,35 @@ CASES = "cases"
 
 
 def carry_out(plan: SweepPlan, folder: Path, executor: TaskExecutor, clocks: Callable[[], Clock], told: Told) -> SweepResult:
-    """The whole sweep, from where it stands in `folder`; the same bytes there in the end, however often it was stopped on the way.
+    """Run the whole sweep, continuing from what `folder` already holds.
 
-    Results that came are on disk when this ends with an exception. Raises BadInput for a folder of another sweep, RigError, DiskFull.
+    Parameters
+    ----------
+    plan
+        The sweep.
+    folder
+        Where it is stored.
+    executor
+        Computes the cases.
+    clocks
+        Makes a clock for each measurement of time.
+    told
+        Progress callback.
+
+    Raises
+    ------
+    BadInput
+        Where the folder belongs to another sweep.
+    RigError, DiskFull
+        Where the disk refuses.
+
+    Notes
+    -----
+    The files are bitwise the same however often the sweep was interrupted. Results received before an exception are on disk.
     """
     shards = Shards(folder, settle(plan, folder))
     with shards.held():
+        # A finished sweep that stopped before its shards were removed only needs that.
         result = read_result(plan, folder)
         if result is None:
             _compute_missing(plan, shards, executor, clocks, told)
@@ -41,30 +64,32 @@ def _compute_missing(plan: SweepPlan, shards: Shards, executor: TaskExecutor, cl
     gaps = missing(plan.count, shards.spans())
     if not gaps:
         return
+    # Shards are sized by time, so that writing them costs little and an interruption loses little.
     size = measured_pace(plan, clocks()).cases_per_shard
-    here = plan.count - sum(map(len, gaps))
-    told(CASES, here, plan.count)
+    computed = plan.count - sum(map(len, gaps))
+    told(CASES, computed, plan.count)
     lost = []
     for span, rows in map_unordered(executor, partial(compute, plan), cut(gaps, size), clocks):
         if isinstance(rows, Failed):
             lost.append(span)
             continue
         shards.write(span, rows)
-        here += len(span)
-        told(CASES, here, plan.count)
+        computed += len(span)
+        told(CASES, computed, plan.count)
+    # A lost shard is tried again case by case, so that one case that ends its worker does not take its neighbours along.
     for span, found in map_unordered(executor, partial(compute, plan), cut(lost, 1), clocks):
         shards.write(span, _rows(plan, span, found))
-        here += 1
-        told(CASES, here, plan.count)
+        computed += 1
+        told(CASES, computed, plan.count)
 
 
 def _rows(plan: SweepPlan, span: CaseRange, found: Rows | Failed) -> Rows:
-    """One case, which is told as failed where it ends whoever computes it."""
+    """Rows of one case; a case that ends its worker counts as failed."""
     return failed(plan, span, found.reason) if isinstance(found, Failed) else found
 
 
 def merged(plan: SweepPlan, shards: Shards) -> SweepResult:
-    """All shards as one table, in the order of the cases. Raises BadInput for a shard that is damaged, or cannot be."""
+    """All shards as one table, in the order of the cases. Raises BadInput for a damaged shard, or for cases that are stored twice."""
     spans = shards.spans()
     if sum(map(len, spans)) != plan.count:
         raise BadInput(f"{shards.folder}: holds some cases twice; remove the folder, and the same command computes them anew")

@@ -1,4 +1,4 @@
-"""Computes cases: a row of outputs each, or why there is none."""
+"""Computes cases: a row of outputs for each, or the reason why there is none."""
 
 from dataclasses import dataclass
 
@@ -11,6 +11,7 @@ from rfca_rig.sweep.plan import SweepPlan
 
 Floats = NDArray[np.float64]
 
+# Remarks have a fixed width in the shards' files.
 LONGEST_REMARK = 200
 MISTAKE = "mistake in rfca-rig"
 
@@ -28,25 +29,25 @@ class CaseRange:
 
 @dataclass(frozen=True)
 class Rows:
-    """`values` (m, outputs), NaN where there is none, and for each case a remark that says why, else ""."""
+    """`values` (m, outputs), NaN where there is none, and a remark for each case that gives the reason, else ""."""
 
     values: Floats
     remarks: tuple[str, ...]
 
 
 def compute(plan: SweepPlan, span: CaseRange) -> Rows:
-    """The cases of a span, in their order. A case that fails is a row too."""
+    """The cases of a range, in their order. A failed case gives a row too."""
     rows = [case_row(plan, case) for case in range(span.first, span.last)]
     return Rows(np.array([values for values, _ in rows]).reshape(len(span), len(plan.outputs)), tuple(remark for _, remark in rows))
 
 
 def failed(plan: SweepPlan, span: CaseRange, reason: str) -> Rows:
-    """Rows of cases that nobody could compute."""
+    """Rows of cases that could not be computed."""
     return Rows(np.full((len(span), len(plan.outputs)), np.nan), (_short(reason),) * len(span))
 
 
 def case_row(plan: SweepPlan, case: int) -> tuple[list[float], str]:
-    """The outputs of one case and its remark. It depends on nothing but the plan and the number."""
+    """The outputs of one case and its remark. They depend only on the plan and the number of the case."""
     computed = Computed(plan.design(case))
     values, reasons = [], []
     for asked in plan.outputs:
@@ -54,13 +55,16 @@ def case_row(plan: SweepPlan, case: int) -> tuple[list[float], str]:
         try:
             value = asked.of(computed)
         except (Missing, RigError) as error:
+            # The text after the semicolon is advice for the user of a single command.
             reasons.append(str(error).split(";")[0])
-        except Exception as error:  # one case must not end a sweep of a million: it is told, and counted as failed
+        # One case must not end a sweep of a million: it is reported and counted as failed.
+        except Exception as error:
             reasons.append(f"{MISTAKE}: {type(error).__name__}: {error}")
         else:
             if not np.isfinite(value):
                 reasons.append(f"{asked.header} is not finite")
         values.append(value if np.isfinite(value) else float("nan"))
+    # One cause may spoil several outputs; it is stated once.
     return values, _short("; ".join(dict.fromkeys(reasons)))
 
 

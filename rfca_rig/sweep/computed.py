@@ -1,4 +1,4 @@
-"""What one case computes, each thing once and only where an output asks for it."""
+"""Intermediate results of one case, each computed once and only if an output needs it."""
 
 from functools import cached_property
 
@@ -18,23 +18,25 @@ from rfca_rig.sweep.design import SweepCase
 Floats = NDArray[np.float64]
 
 BEFORE_S = 0.1
-SAMPLES_PER_S = 4000  # power and impulse are sums over these; ten times as many move them by less than 1 in 10 000
-VALLEY_EVERY = 4  # the valley is sought at 1 kHz, as `rfca-rig predict` does
+# Power and impulse are sums over these; ten times as many change them by less than 1 in 10 000.
+SAMPLES_PER_S = 4000
+# The valley is evaluated at 1 kHz, as in `rfca-rig predict`.
+VALLEY_EVERY = 4
 
 
 class Missing(Exception):
-    """An output that this case does not have; the text says why."""
+    """An output that this case does not have, with the reason."""
 
 
 class Computed:
-    """One design, and its stroke once that is asked for."""
+    """One design and its stroke; arrays over the stroke are (m,)."""
 
     def __init__(self, design: SweepCase) -> None:
         self.design = design
 
     @cached_property
     def rig(self) -> RigModel:
-        """The model with strip and links in it."""
+        """The rig model with the design's strip and links."""
         return self.design.model()
 
     @cached_property
@@ -49,7 +51,7 @@ class Computed:
 
     @property
     def stroke(self) -> SimulatedStroke:
-        """From 0.1 s before the start to the end of the turn. Raises SimulationFailed, again each time."""
+        """From 0.1 s before the start to the end of the turn. Raises SimulationFailed, on every access."""
         if isinstance(self._stroke, SimulationFailed):
             raise self._stroke
         return self._stroke
@@ -57,6 +59,7 @@ class Computed:
     @cached_property
     def _stroke(self) -> SimulatedStroke | SimulationFailed:
         t_s = np.arange(-round(BEFORE_S * SAMPLES_PER_S), int(self._end_s * SAMPLES_PER_S) + 1, dtype=np.float64) / SAMPLES_PER_S
+        # The failure is cached too: otherwise every output of the case would simulate again.
         try:
             return stroke_following(self.rig, self.design.height_m, self.motion, t_s)
         except SimulationFailed as failed:
@@ -64,6 +67,7 @@ class Computed:
 
     @property
     def _end_s(self) -> float:
+        # The ramp covers half the angle of a turn at full speed, so the turn takes half a ramp longer.
         return self.design.turn_rad / self.design.speed_rad_s + 0.5 * self.rig.drive.ramp_s
 
     @cached_property
@@ -73,7 +77,7 @@ class Computed:
 
     @cached_property
     def normal_N(self) -> Floats:
-        """(m,) what the ground bears, all link ends together."""
+        """Normal force of the ground, (m,) in N, summed over the link ends."""
         return np.asarray(self.stroke.normal_N.sum(axis=1))
 
     @cached_property
@@ -88,14 +92,14 @@ class Computed:
 
     @cached_property
     def touchdown(self) -> int:
-        """The first sample in contact. Raises Missing where the leg touches nothing."""
+        """The first sample in contact. Raises Missing where the leg never touches."""
         if not self.normal_N.any():
             raise Missing("the leg does not touch the ground")
         return int((self.normal_N > 0.0).argmax())
 
     @cached_property
     def pressing(self) -> int:
-        """The sample of the greatest load while the leg presses: it touches, and touchdown, its first 30 ms, is over."""
+        """The sample of the greatest load while the leg presses: in contact, more than 30 ms after touchdown."""
         stroke = self.stroke
         pressed = (stroke.t_s >= stroke.t_s[self.touchdown] + TOUCHDOWN_LASTS_S) & (self.normal_N > 0.0)
         if not pressed.any():
@@ -103,9 +107,9 @@ class Computed:
         return int(np.where(pressed, -stroke.fz_N, -np.inf).argmax())
 
     def over_time(self, values: Floats) -> float:
-        """The integral of (m,) values over the stroke, from the start on.
+        """Integral of values (m,) over the stroke from the start on, by the trapezoidal rule (order 2).
 
-        A plain sum, because the rounding of a dot product may go with the number of threads.
+        It is a plain sum, because the rounding of a dot product may depend on the number of threads.
         """
         moving, t_s = values[self.moving], self.stroke.t_s[self.moving]
         return float(np.sum(0.5 * (moving[1:] + moving[:-1]) * np.diff(t_s)))

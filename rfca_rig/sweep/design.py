@@ -1,4 +1,4 @@
-"""One design of leg and stroke, and the rig model that comes of it."""
+"""One design of leg and stroke, and its rig model."""
 
 from dataclasses import dataclass, replace
 
@@ -14,9 +14,9 @@ FITTED_STRIP = paper_strips({material.name: material for material in table_1_mat
 
 @dataclass(frozen=True)
 class SweepCase:
-    """What one case simulates. `rig` is as believed, with its own links and strip; `strip`, `links` and `first_link_m` are put in last.
+    """One simulated design. `rig` is the nominal model with its own links and strip; `strip`, `links` and `first_link_m` are applied last.
 
-    So k0, k2 and hinge damping are always those of the nominal leg, from which other links and strips are derived.
+    k0, k2 and hinge damping are therefore always those of the nominal leg. Other links and strips are derived from it.
     """
 
     rig: RigModel
@@ -28,28 +28,30 @@ class SweepCase:
     first_link_m: float | None = None
 
     def model(self) -> RigModel:
-        """The rig model with strip and links in it. Raises BadInput for links that cannot be."""
+        """The rig model with strip and links applied. Raises BadInput for impossible links."""
         leg = self._leg()
         return replace(self.rig, leg=leg if self.links is None else with_links(leg, self.links))
 
     def cell_m(self) -> float:
-        """The length of strip that each hinge stands for; see `model.rediscretize`. Raises BadInput."""
+        """The length of strip that each hinge represents; see `model.rediscretize`. Raises BadInput."""
         leg = self._leg()
         hinges = len(leg.link_lengths_m) - 1
+        # Fewer hinges share the same strip, so each represents more of it.
         return cell_m(leg) * (1.0 if self.links is None else hinges / (self.links - 1))
 
     def _leg(self) -> Leg:
-        """With its strip and first link, not yet cut into other links."""
+        """With its strip and first link, before it is divided into other links."""
         leg = with_strip(self.rig, self.strip).leg
         return leg if self.first_link_m is None else with_first_link(leg, self.first_link_m)
 
 
 def with_strip(rig: RigModel, strip: Strip) -> RigModel:
-    """The rig with another strip in its leg: k0 in proportion to E I, and the difference of the strips' mass in proportion to the links'.
+    """The rig with another strip in its leg: k0 scales with E I, and the change of the strips' mass is spread over the links in proportion.
 
-    Hardening and hinge damping stay, as in `analysis.strips`.
+    Hardening and hinge damping are unchanged, as in `analysis.strips`.
     """
     fitted, leg = FITTED_STRIP, rig.leg
+    # The paper's strip leaves the rig bitwise as it is.
     if strip == fitted:
         return rig
     heavier = 1.0 + (strip.mass_kg - fitted.mass_kg) / sum(leg.link_masses_kg)
@@ -58,7 +60,7 @@ def with_strip(rig: RigModel, strip: Strip) -> RigModel:
 
 
 def with_effect_value(rig: RigModel, id_: str, name: str, value: float) -> RigModel:
-    """The rig with one parameter of an effect set; the effect is added where it is not there."""
+    """The rig with one parameter of an effect set; an effect that is absent is added."""
     if not any(present.id == id_ for present in rig.effects):
         return replace(rig, effects=(*rig.effects, PresentEffect(id_, ((name, value),))))
     return replace(rig, effects=tuple(_with_value(each, name, value) if each.id == id_ else each for each in rig.effects))

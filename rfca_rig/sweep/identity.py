@@ -1,4 +1,4 @@
-"""What a sweep is, to the last digit: a folder goes on with the very same sweep only."""
+"""Identity of a sweep: a folder is continued only with exactly the same sweep."""
 
 import hashlib
 import json
@@ -15,12 +15,12 @@ from rfca_rig.recording.atomic import refusals, write_atomically
 from rfca_rig.sweep.plan import SweepPlan
 
 FORMAT = "rfca-sweep/1"
-FILE = "plan.json"
+PLAN_FILE = "plan.json"
 MADE_WITH = "made_with"
 
 
 def document(plan: SweepPlan) -> dict[str, Any]:
-    """The plan with its model as plain data, and what computes it: an edited model gives other numbers."""
+    """The plan and its model as plain data, with the versions of the code, because changed code gives other numbers."""
     return {
         "format": FORMAT,
         "title": plan.title,
@@ -29,48 +29,54 @@ def document(plan: SweepPlan) -> dict[str, Any]:
         "grid": [{"name": axis.name, "values": list(axis.values)} for axis in plan.axes],
         "samples": asdict(plan.samples) if plan.samples else None,
         "outputs": [asked.header for asked in plan.outputs],
-        MADE_WITH: _made_with(),
+        MADE_WITH: _describe_code(),
     }
 
 
 def as_text(plan: SweepPlan) -> str:
+    """The document as JSON text, which is compared byte by byte."""
     return json.dumps(document(plan), indent=1, ensure_ascii=False) + "\n"
 
 
 def digest(text: str) -> str:
-    """By which shards and results know the plan."""
+    """SHA-256 that identifies the plan in shards and results."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def settle(plan: SweepPlan, folder: Path) -> str:
-    """Makes `folder` that of the plan, or finds that it is; returns the plan's digest. Raises BadInput where it is another's."""
+    """Prepare `folder` for the plan, or check that it belongs to it; returns the plan's digest. Raises BadInput for another
+    sweep's folder.
+    """
     with refusals(folder, "the folder cannot be made"):
         folder.mkdir(parents=True, exist_ok=True)
-    path, text = folder / FILE, as_text(plan)
+    path, text = folder / PLAN_FILE, as_text(plan)
     if not path.exists():
+        # A folder with other content was most likely named by mistake; nothing may be mixed into it.
         if strangers := sorted(each.name for each in folder.iterdir()):
             raise BadInput(f"{folder}: holds {strangers[0]}, which is of no sweep; give a new folder with --out")
         write_atomically(path, text.encode())
-    elif (found := path.read_text("utf-8", errors="replace")) != text:
-        raise BadInput(f"{folder}: {_difference(found, document(plan))}; give a new folder with --out, or remove this one")
+    elif (existing := path.read_text("utf-8", errors="replace")) != text:
+        raise BadInput(f"{folder}: {_difference(existing, document(plan))}; give a new folder with --out, or remove this one")
     return digest(text)
 
 
 def _difference(found: str, wanted: dict[str, Any]) -> str:
     try:
         there = json.loads(found)
+        # Through JSON and back, so that tuples compare equal to lists.
         differing = [key.replace("_", " ") for key, value in json.loads(json.dumps(wanted)).items() if there.get(key) != value]
     except (ValueError, AttributeError):
-        return f"{FILE} is damaged"
+        return f"{PLAN_FILE} is damaged"
     if differing == [MADE_WITH.replace("_", " ")]:
         unlike = [name for name, value in wanted[MADE_WITH].items() if there[MADE_WITH].get(name) != value]
         return f"its sweep was made with another {' and '.join(unlike)}, and results would not fit together"
     return f"holds a sweep with another {' and '.join(name for name in differing if name != 'made with') or 'form'}"
 
 
-def _made_with() -> dict[str, str]:
+def _describe_code() -> dict[str, str]:
+    # Everything that can change a result to the last digit: versions of the numerical packages, and hashes of our own sources.
     facts = facts_here()
-    kept = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
+    versions = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
     sources = "".join(source_hash(Path(package.__path__[0])) for package in (model, analysis, sweep))
     own = os.environ.get(FOLDER_VARIABLE)
-    return {**kept, "source": digest(sources)[:12], "own effects": source_hash(Path(own)) if own else "none"}
+    return {**versions, "source": digest(sources)[:12], "own effects": source_hash(Path(own)) if own else "none"}

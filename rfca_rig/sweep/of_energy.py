@@ -20,6 +20,7 @@ def energy_put_in_J(case: Computed) -> float:
 
 def dissipated_J(case: Computed) -> float:
     ends = [case.moving.start, -1]
+    # The work that is neither stored in links, springs, height nor floor was dissipated.
     before, after = mechanical_energy_J(case.chain, case.stroke.q_rad[ends], case.stroke.w_rad_s[ends])
     return energy_J(case) - float(after - before)
 

@@ -1,4 +1,4 @@
-"""Outputs that are forces of a stroke, in the sensor's axes and signs unless they say otherwise."""
+"""Outputs that are forces of a stroke, in the sensor's axes and signs unless stated otherwise."""
 
 import numpy as np
 
@@ -27,6 +27,7 @@ def peak_shaft_torque_Nm(case: Computed) -> float:
 
 
 def load_capacity_N(case: Computed) -> float:
+    # fz is negative where the ground pushes the leg up; a load is positive.
     return -float(case.stroke.fz_N[case.pressing])
 
 
@@ -51,4 +52,5 @@ def touchdown_s(case: Computed) -> float:
 
 
 def contact_time_s(case: Computed) -> float:
+    # The integral of an indicator counts the time of all contacts, also of separate ones.
     return case.over_time(np.where(case.normal_N > 0.0, 1.0, 0.0))

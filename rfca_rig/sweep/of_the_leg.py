@@ -1,4 +1,4 @@
-"""Outputs about hinges and strip, and at rest."""
+"""Outputs on hinges and strip, and on the leg at rest."""
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from rfca_rig.sweep.computed import Computed, Missing
 
 
 def largest_hinge_angle_rad(case: Computed) -> float:
+    # q_rad are absolute angles of the links; a hinge angle is the difference of two.
     return float(np.abs(np.diff(case.stroke.q_rad[case.moving], axis=1)).max())
 
 
@@ -34,6 +35,7 @@ def strip_used_pct(case: Computed) -> float:
 
 
 def strip_used_short_pct(case: Computed) -> float:
+    # The length over which the strip bends if k0 is its doing alone, as in `analysis.strips`.
     length_m = case.design.strip.bending_stiffness_Nm2 / case.rig.leg.k0_Nm_per_rad
     return 100.0 * largest_hinge_angle_rad(case) / length_m / case.design.strip.breaking_curvature_per_m
 

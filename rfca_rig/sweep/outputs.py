@@ -1,8 +1,8 @@
-"""What a sweep can put out: every output with its unit, its definition and where that comes from.
+"""Outputs of a sweep: each with its unit, its definition and its source.
 
-Over a stroke t runs from the commanded start, 0, to the end of the shaft's turn; N_k and F_k are what the ground does to the end of link k,
-up and along +y; fy, fz, tx are the sensor's; tau is the torque of the shaft, w its speed; phi_i are hinge angles. The leg presses where
-sum N_k > 0 and touchdown, the first 30 ms of contact, is over; t* is the moment of the greatest load, -fz, while it presses.
+Over a stroke, t runs from the commanded start, 0, to the end of the shaft's turn. N_k and F_k are the ground's forces on the end of link k,
+up and along +y. fy, fz, tx are the sensor's values; tau is the torque of the shaft, w its speed; phi_i are hinge angles. The leg presses
+where sum N_k > 0 and more than 30 ms have passed since touchdown. t* is the moment of the greatest load, -fz, while it presses.
 """
 
 import difflib
@@ -19,7 +19,10 @@ AT = "@"
 
 @dataclass(frozen=True)
 class Output:
-    """`value` is named as the output, which carries the unit. `at` names the argument, in degrees, of one that is written as name@60."""
+    """One output. `value` has the name of the output, which carries the unit.
+
+    `at` names the argument, in degrees, of an output that is written as name@60.
+    """
 
     value: Callable[..., float]
     words: str
@@ -32,8 +35,9 @@ class Output:
         return self.value.__name__
 
 
+# Sources that several outputs share.
 TABLE = "Table II, by the estimator of every report"
-TEST = "the paper's impact test (IV.A), “a driving force of 188 N under a load of 23.7 kg” for fy 188 N and fz 232 N at the peak"
+IMPACT_TEST = "the paper's impact test (IV.A), “a driving force of 188 N under a load of 23.7 kg” for fy 188 N and fz 232 N at the peak"
 SENSOR = "what the sensor reads"
 GROUND = "the ground's forces in the model"
 WORK = "work of the driven joint"
@@ -47,9 +51,9 @@ ALL = (
     Output(of_forces.valley_fz_N, "fz in the valley", "min fz between touchdown and lift-off", TABLE),
     Output(of_forces.peak_force_N, "largest force on the mount", "max |(fy, fz)|, the spike of touchdown included", SENSOR),
     Output(of_forces.peak_moment_Nm, "largest moment on the sensor", "max |tx|", SENSOR),
-    Output(of_forces.load_capacity_N, "load capacity, as a force", "-fz(t*)", TEST),
-    Output(of_forces.load_capacity_kg, "load capacity", "-fz(t*) / g", TEST),
-    Output(of_forces.driving_force_N, "driving force under that load", "-fy(t*); above 0 the ground pushes along +y", TEST),
+    Output(of_forces.load_capacity_N, "load capacity, as a force", "-fz(t*)", IMPACT_TEST),
+    Output(of_forces.load_capacity_kg, "load capacity", "-fz(t*) / g", IMPACT_TEST),
+    Output(of_forces.driving_force_N, "driving force under that load", "-fy(t*); above 0 the ground pushes along +y", IMPACT_TEST),
     Output(of_forces.impulse_Ns, "what the ground bears over a stroke", "integral of sum N_k dt", GROUND),
     Output(of_forces.driving_impulse_Ns, "net push along +y over a stroke", "integral of sum F_k dt", GROUND),
     Output(of_forces.touchdown_s, "first contact", "first t with sum N_k > 0", GROUND),
@@ -83,6 +87,7 @@ ALL = (
 )
 OUTPUTS: dict[str, Output] = {output.name: output for output in ALL}
 
+# Outputs of a sweep that names none.
 DEFAULT = (
     "valley_time_s",
     "valley_fz_N",
@@ -121,7 +126,7 @@ class RequestedOutput:
 
 
 def outputs_of(names: Sequence[str]) -> tuple[RequestedOutput, ...]:
-    """Raises BadInput for a name that is not known, or comes twice."""
+    """Parse the names of outputs. Raises BadInput for a name that is unknown or given twice."""
     found = tuple(asked(name) for name in names)
     if len(set(found)) < len(found):
         twice = next(each.header for place, each in enumerate(found) if each in found[:place])
@@ -130,7 +135,7 @@ def outputs_of(names: Sequence[str]) -> tuple[RequestedOutput, ...]:
 
 
 def asked(text: str) -> RequestedOutput:
-    """From "valley_fz_N" or "static_torque_Nm@60". Raises BadInput."""
+    """Parse "valley_fz_N" or "static_torque_Nm@60". Raises BadInput."""
     name, at, angle = text.strip().partition(AT)
     if name not in OUTPUTS:
         close = difflib.get_close_matches(name, OUTPUTS, n=1, cutoff=0.5)

@@ -1,4 +1,4 @@
-"""How long a case takes: a few, from all over the sweep, computed for their time alone."""
+"""Time per case, measured on a few cases from all over the sweep."""
 
 from dataclasses import dataclass
 
@@ -6,38 +6,42 @@ from rfca_rig.clock import Clock
 from rfca_rig.sweep.cases import CaseRange, case_row
 from rfca_rig.sweep.plan import SweepPlan
 
-MOST_S = 1.0
-MOST_CASES = 12
+# The measurement ends after this time or number of cases, whichever comes first.
+MAX_PILOT_S = 1.0
+MAX_PILOT_CASES = 12
+# Time that one shard should take.
 SHARD_S = 1.5
 BYTES_PER_NUMBER = 8
+# About 17 digits, a sign, a point and a comma.
 CSV_BYTES_PER_NUMBER = 20
 
 
 @dataclass(frozen=True)
 class Pace:
-    """Seconds of one core per case."""
+    """Seconds per case on one core."""
 
     seconds_per_case: float
 
     @property
     def cases_per_shard(self) -> int:
-        """So many that a shard takes well above a second."""
+        """Number of cases for which a shard takes well above a second."""
         return max(1, round(SHARD_S / self.seconds_per_case))
 
 
 def measured_pace(plan: SweepPlan, clock: Clock) -> Pace:
-    """Of this process. The first case is not counted: it loads what all need."""
-    count = min(MOST_CASES, plan.count)
+    """Pace of this process. The first case is not counted, because it loads and compiles what all cases need."""
+    count = min(MAX_PILOT_CASES, plan.count)
     case_row(plan, 0)
-    begun_s, done = clock.now_s(), 0
-    while done < count and clock.now_s() - begun_s < MOST_S:
+    start_s, done = clock.now_s(), 0
+    while done < count and clock.now_s() - start_s < MAX_PILOT_S:
+        # Cases are taken at the middle of equal parts: time differs along the axes.
         case_row(plan, ((2 * done + 1) * plan.count) // (2 * count))
         done += 1
-    return Pace(max((clock.now_s() - begun_s) / max(done, 1), 1e-6))
+    return Pace(max((clock.now_s() - start_s) / max(done, 1), 1e-6))
 
 
 def bytes_expected(plan: SweepPlan) -> int:
-    """Of sweep.h5 and sweep.csv together, roughly."""
+    """Rough size of sweep.h5 and sweep.csv together, in bytes."""
     columns = len(plan.varied) + len(plan.outputs) + 1
     return plan.count * columns * (BYTES_PER_NUMBER + CSV_BYTES_PER_NUMBER)
 

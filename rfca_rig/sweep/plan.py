@@ -1,4 +1,4 @@
-"""A sweep as data: what is varied over which values, what is put out, and the design of every case by its number."""
+"""A sweep as data: varied quantities with their values, outputs, and the design of every case by its number."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from rfca_rig.sweep.outputs import REST_AT, RequestedOutput
 from rfca_rig.sweep.quantities import Value, quantity
 from rfca_rig.sweep.samples import SweepSamples, points
 
-MOST_CASES = 10_000_000
+MAX_CASES = 10_000_000
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A grid over one quantity; `log` where its steps are ratios, which only figures need to know."""
+    """A grid over one quantity. `log` marks steps of equal ratio, which only figures need."""
 
     name: str
     values: tuple[Value, ...]
@@ -28,17 +28,17 @@ class Axis:
 
 
 def spaced(low: float, high: float, steps: int, log: bool) -> tuple[float, ...]:
-    """`steps` values, both ends included, cut to 12 digits so that a step of 0.1 leads to 0.3 and not to 0.30000000000000004."""
+    """`steps` values from `low` to `high`, both included, rounded to 12 digits so that a step of 0.1 gives 0.3, not 0.30000000000000004."""
     values = np.geomspace(low, high, steps) if log else np.linspace(low, high, steps)
     return tuple(float(f"{value:.12g}") for value in values)
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Every combination of the `axes`' values with every point of the `samples`. `fixed` are set in all cases.
+    """Every combination of the `axes`' values with every point of the `samples`. `fixed` values are set in all cases.
 
-    Case number i counts like the digits of a clock: samples run fastest, the first axis slowest. A plan travels to whoever computes
-    cases; points are drawn anew there from their seed.
+    Cases are numbered with the samples running fastest and the first axis slowest. The plan is sent to the workers, which draw the sample
+    points again from their seed.
     """
 
     title: str
@@ -50,28 +50,29 @@ class SweepPlan:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """The names of what differs from case to case, in the order of the columns."""
+        """Names of the varied quantities, in the order of the columns."""
         return (*(axis.name for axis in self.axes), *(self.samples.names if self.samples else ()))
 
     @cached_property
     def count(self) -> int:
-        """How many cases there are."""
+        """Number of cases."""
         return prod(len(axis.values) for axis in self.axes) * (self.samples.n if self.samples else 1)
 
     def point(self, case: int) -> tuple[Value, ...]:
-        """The values of what is varied, in the order of `varied`."""
+        """Values of the varied quantities, in the order of `varied`."""
         sampled: tuple[Value, ...] = ()
         if self.samples:
             case, row = divmod(case, self.samples.n)
             sampled = tuple(map(float, points(self.samples)[row]))
         on_grid: list[Value] = []
+        # Mixed-radix digits of the case number, the fastest one first.
         for axis in reversed(self.axes):
             case, place = divmod(case, len(axis.values))
             on_grid.append(axis.values[place])
         return (*reversed(on_grid), *sampled)
 
     def design(self, case: int) -> SweepCase:
-        """What the case simulates."""
+        """The design of a case."""
         design = SweepCase(self.rig)
         for name, value in (*self.fixed, *zip(self.varied, self.point(case), strict=True)):
             design = quantity(name).write(design, value)
@@ -79,17 +80,18 @@ class SweepPlan:
 
 
 def checked_plan(plan: SweepPlan) -> SweepPlan:
-    """The plan, once it is known that every value can be. Raises BadInput."""
+    """Return the plan after checking all of its values. Raises BadInput."""
     if not plan.varied:
         raise BadInput('nothing is varied; name what, as in --vary height_mm=195:255:13, or in the file with [[vary]] name = "height_mm"')
-    if plan.count > MOST_CASES:
-        raise BadInput(f"{plan.count} cases: at most {MOST_CASES} in one sweep; take fewer values")
+    if plan.count > MAX_CASES:
+        raise BadInput(f"{plan.count} cases: at most {MAX_CASES} in one sweep; take fewer values")
     _check_names((*(name for name, _ in plan.fixed), *plan.varied))
     for name, value in plan.fixed:
         _check_value(name, value)
     for axis in plan.axes:
         for value in axis.values:
             _check_value(axis.name, value)
+    # All limits but that of whole numbers are intervals, so the ends of a range are checked.
     for each in plan.samples.ranges if plan.samples else ():
         for value in (each.low, each.high):
             _check_value(each.name, value)
@@ -117,7 +119,7 @@ def _check_value(name: str, value: Value) -> None:
 
 
 def _check_effect(present: PresentEffect) -> None:
-    """An effect of which only some parameters are set."""
+    """Refuses an effect of which only some parameters are set."""
     try:
         resolved(present)
     except BadInput as error:

@@ -1,4 +1,4 @@
-"""What a sweep can vary, by the name under which columns and files know it."""
+"""Quantities that a sweep can vary, by their names in columns and files."""
 
 import difflib
 from collections.abc import Callable
@@ -20,10 +20,13 @@ from rfca_rig.sweep.design import SweepCase, with_effect_value
 
 Value = float | str
 
-UNIT_WORDS = {"N m": "Nm", "1/": "per_", "/": "_per_", " ": "_"}
-HEIGHT = "height"  # of a fit: how much higher the rack stands; here the height itself is named, and its error is an effect
+# Replaced in this order: the unit of k0, N m/rad, becomes Nm_per_rad.
+KEY_OF_UNIT = {"N m": "Nm", "1/": "per_", "/": "_per_", " ": "_"}
+# Parameter of a fit: the rack's offset. A sweep varies the height itself, and its error is an effect.
+HEIGHT = "height"
 
-BELIEVED = {
+# Descriptions of the nominal values, by the names of `analysis.fitting.parameters`.
+NOMINAL_WORDS = {
     "k0": "stiffness of a straight hinge",
     "k2": "hardening: torque is k0 (phi + k2 phi^3)",
     "hinge_damping": "damping of each hinge",
@@ -45,9 +48,10 @@ BELIEVED = {
 
 @dataclass(frozen=True)
 class Quantity:
-    """One thing that can be varied. `name` carries its unit; `why_not` says why a value cannot be; `choices` for one told in words.
+    """One quantity that can be varied. `name` carries its unit. `why_not` gives the reason against a value. `choices` lists the words of a
+    quantity that is no number.
 
-    `sets` is what it changes, where another name changes the same.
+    `sets` names what it changes, where another quantity changes the same.
     """
 
     name: str
@@ -59,7 +63,7 @@ class Quantity:
 
 
 def quantity(name: str) -> Quantity:
-    """The one of that name, also under its name in `fit` or in a model file. Raises BadInput for a name that is not known."""
+    """Look up a quantity by its name, also by its name in `fit` or in a model file. Raises BadInput for an unknown name."""
     known = quantities()
     canonical = aliases().get(name, name)
     if canonical not in known:
@@ -71,9 +75,10 @@ def quantity(name: str) -> Quantity:
 
 @cache
 def quantities() -> dict[str, Quantity]:
-    """All of them by name: the stroke, the strip, the links, what the model believes, effects."""
+    """All quantities by name: stroke, strip, links, nominal values, effects."""
     own = (*_of_the_stroke(), *_of_the_strip(), *_of_the_links())
     nominal = (_nominal(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT)
+    # The catalogue also holds effects of pendulums, which a leg cannot have.
     of_legs = (effect for _, effect in sorted(catalogue().items()) if effect.where != OF_PENDULUMS)
     effects = (_of_effect(effect.id, parameter) for effect in of_legs for parameter in effect.parameters)
     return {each.name: each for each in (*own, *nominal, *effects)}
@@ -81,7 +86,7 @@ def quantities() -> dict[str, Quantity]:
 
 @cache
 def aliases() -> dict[str, str]:
-    """The names that `fit` and model files have for the same, where they differ from those here."""
+    """Names of the same quantities in `fit` and model files, where they differ."""
     of_fit = {name: _with_unit(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT}
     return of_fit | {"friction_coefficient": "friction"}
 
@@ -131,11 +136,12 @@ def _of_the_links() -> tuple[Quantity, ...]:
 
 def _nominal(parameter: ModelParameter[Supposed]) -> Quantity:
     def write(at: SweepCase, value: Value) -> SweepCase:
+        # The parameters of a fit serve here too, so that both write the same value in the same way.
         return replace(at, rig=parameter.write(Supposed(at.rig), _number(value)).rig)
 
     return Quantity(
         _with_unit(parameter),
-        BELIEVED.get(parameter.name, parameter.name.replace("_", " ")),
+        NOMINAL_WORDS.get(parameter.name, parameter.name.replace("_", " ")),
         write,
         _limits_of(parameter),
         sets=parameter.name,
@@ -164,9 +170,10 @@ def _of_effect(id_: str, parameter: OfEffect) -> Quantity:
 
 
 def _with_unit(parameter: ModelParameter[Supposed]) -> str:
-    """As model files have it: k0 in N m/rad is k0_Nm_per_rad, k2 in 1/rad2 is k2_per_rad2."""
+    """Name as in model files: k0 in N m/rad is k0_Nm_per_rad, k2 in 1/rad2 is k2_per_rad2."""
+    # A dot in a key would start a sub-table in TOML.
     unit = parameter.unit.replace("m1.5", "m1p5")
-    for written, named in UNIT_WORDS.items():
+    for written, named in KEY_OF_UNIT.items():
         unit = unit.replace(written, named)
     return f"{parameter.name}_{unit}" if unit else parameter.name
 
@@ -185,7 +192,8 @@ def _material(at: SweepCase, value: Value) -> SweepCase:
 
 
 def _of_strip(field: str, at: SweepCase, value: Value) -> SweepCase:
-    metres = round(1e-3 * _number(value), 9)  # 0.8 mm is the paper's strip to the last bit
+    # 0.8 mm is then bitwise the thickness of the paper's strip.
+    metres = round(1e-3 * _number(value), 9)
     return replace(at, strip=replace(at.strip, thickness_m=metres) if field == "thickness_m" else replace(at.strip, width_m=metres))
 
 
@@ -203,6 +211,7 @@ def _finite(value: Value) -> str | None:
     return None if np.isfinite(value) else "must be a finite number"
 
 
+# Each of the following returns why a value is not allowed, or None.
 def _above_zero(value: Value) -> str | None:
     return _finite(value) or (None if _number(value) > 0.0 else "must be above 0")
 

@@ -1,4 +1,4 @@
-"""A whole sweep as one table, and its two files: sweep.h5 and sweep.csv."""
+"""Result of a whole sweep as one table, and its files sweep.h5 and sweep.csv."""
 
 import csv
 import io
@@ -28,41 +28,42 @@ CASE, REMARK = "case", "remark"
 
 @dataclass(frozen=True)
 class SweepResult:
-    """`values` (cases, outputs) with NaN where there is none; `remarks` say why, "" for nothing to say."""
+    """`values` (cases, outputs) with NaN where there is none; `remarks` give the reasons, "" for none."""
 
     plan: SweepPlan
     values: Floats
     remarks: tuple[str, ...]
 
     def varied(self, name: str) -> Floats | NDArray[np.str_]:
-        """(cases,) the values of what is varied, as text for what has names."""
+        """Values (cases,) of a varied quantity, as text for quantities with names."""
         place = self.plan.varied.index(name)
         return np.array([self.plan.point(case)[place] for case in range(self.plan.count)])
 
     def output(self, header: str) -> Floats:
-        """(cases,)"""
+        """Values (cases,) of an output."""
         return np.asarray(self.values[:, [asked.header for asked in self.plan.outputs].index(header)])
 
     @property
     def failed(self) -> int:
-        """Cases of which nothing could be computed."""
+        """Number of cases without any output."""
         return int(np.isnan(self.values).all(axis=1).sum())
 
     @property
     def incomplete(self) -> int:
-        """Cases that lack some output, but not all."""
+        """Number of cases that lack some outputs, but not all."""
         return int(np.isnan(self.values).any(axis=1).sum()) - self.failed
 
     @property
     def mistakes(self) -> int:
-        """Cases that met a mistake of this program."""
+        """Number of cases that hit an error of this program."""
         return sum(MISTAKE in remark for remark in self.remarks)
 
     def reasons(self) -> list[tuple[str, int]]:
-        """What the remarks say, most frequent first, numbers in them aside."""
+        """Reasons in the remarks with their counts, most frequent first; reasons that differ only in numbers are counted together."""
         counts: dict[str, int] = {}
         for remark in self.remarks:
             for reason in filter(None, remark.split("; ")):
+                # Messages contain times and forces of their own case, which would make every reason unique.
                 key = _without_numbers(reason)
                 counts[key] = counts.get(key, 0) + 1
         return sorted(counts.items(), key=lambda each: (-each[1], each[0]))
@@ -73,7 +74,10 @@ def _without_numbers(text: str) -> str:
 
 
 def write_result(result: SweepResult, folder: Path) -> None:
-    """Both files; the same result gives the same bytes. sweep.h5 comes last: where it stands, all is done. Raises RigError, DiskFull."""
+    """Write both files; the same result gives the same bytes. Raises RigError, DiskFull.
+
+    sweep.h5 is written last: if it exists, the sweep is complete.
+    """
     write_atomically(folder / CSV, _csv(result).encode())
     with being_made(folder / H5) as file:
         root, plan = file.root, result.plan
@@ -82,20 +86,23 @@ def write_result(result: SweepResult, folder: Path) -> None:
         columns += [(asked.header, f"{asked.words}: {asked.output.equation}", result.output(asked.header)) for asked in plan.outputs]
         columns.append((REMARK, "why an output is missing", np.array(result.remarks)))
         for name, words, values in columns:
+            # HDF5 stores text as bytes.
             data = np.array([each.encode() for each in values]) if values.dtype.kind == "U" else values
             dataset = root.create_dataset(name, data=data, compression=1, shuffle=True)
             dataset.attrs["long_name"] = words
+        # Raises here what the disk refused while the content was written.
         file.check()
         at_once(file.put_in_place())
 
 
 def read_result(plan: SweepPlan, folder: Path) -> SweepResult | None:
-    """What stands in the folder of a plan that was carried out; None where it was not. Raises BadInput for a damaged file."""
+    """Read the result of a plan from its folder; None where there is none. Raises BadInput for a damaged file."""
     path = folder / H5
     if not path.exists():
         return None
     try:
         with h5py.File(path) as file:
+            # The digest covers the model and the code, too.
             if digest(file.attrs["plan"]) != digest(as_text(plan)):
                 raise BadInput(f"{path}: is of another sweep; give a new folder with --out")
             values = np.stack([file[asked.header][()] for asked in plan.outputs], axis=1)
@@ -106,16 +113,16 @@ def read_result(plan: SweepPlan, folder: Path) -> SweepResult | None:
 
 
 def _csv(result: SweepResult) -> str:
-    """A line for each case, numbers to the last digit, nothing where there is no value."""
+    """One line per case, numbers with all digits, an empty cell where there is no value."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     plan = result.plan
     writer.writerow([CASE, *plan.varied, *(asked.header for asked in plan.outputs), REMARK])
     for case in range(plan.count):
         values = ["" if np.isnan(value) else repr(float(value)) for value in result.values[case]]
-        writer.writerow([case, *map(_written, plan.point(case)), *values, result.remarks[case]])
+        writer.writerow([case, *map(_format_value, plan.point(case)), *values, result.remarks[case]])
     return text.getvalue()
 
 
-def _written(value: float | str) -> str:
+def _format_value(value: float | str) -> str:
     return value if isinstance(value, str) else repr(float(value)).removesuffix(".0")

@@ -1,4 +1,4 @@
-"""Points spread over ranges: Latin hypercube or Sobol, from a seed that is part of the plan."""
+"""Sample points over ranges: Latin hypercube or Sobol, from a seed that is part of the plan."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -14,7 +14,7 @@ METHODS: tuple[Method, ...] = ("sobol", "latin hypercube")
 
 @dataclass(frozen=True)
 class Range:
-    """Even from `low` to `high`, or with `log` even in the logarithm."""
+    """Uniform from `low` to `high`, or uniform in the logarithm with `log`."""
 
     name: str
     low: float
@@ -24,7 +24,7 @@ class Range:
 
 @dataclass(frozen=True)
 class SweepSamples:
-    """`n` points in all the `ranges` at once. The same seed gives the same points, on any machine."""
+    """`n` points in all `ranges` together. The same seed gives the same points on any machine."""
 
     ranges: tuple[Range, ...]
     method: Method
@@ -37,7 +37,8 @@ class SweepSamples:
 
 
 def unbalanced(method: Method, n: int) -> str | None:
-    """Why a Sobol sequence should not be broken off after `n` points."""
+    """Why a Sobol sequence should not be cut off after `n` points, or None."""
+    # A power of 2 has exactly one bit.
     if method != "sobol" or n.bit_count() == 1:
         return None
     below = 1 << (n.bit_length() - 1)
@@ -46,7 +47,7 @@ def unbalanced(method: Method, n: int) -> str | None:
 
 @cache
 def points(samples: SweepSamples) -> Floats:
-    """(n, ranges)."""
+    """Sample points (n, ranges), in the units of their quantities."""
     unit = shares(samples)
     columns = [_between(each, unit[:, place]) for place, each in enumerate(samples.ranges)]
     return np.stack(columns, axis=1)
@@ -54,10 +55,11 @@ def points(samples: SweepSamples) -> Floats:
 
 @cache
 def shares(samples: SweepSamples) -> Floats:
-    """(n, ranges) the same as shares of each range, 0 to 1, which is what is drawn."""
+    """Sample points (n, ranges) as shares of each range, from 0 to 1, as they are drawn."""
     from scipy.stats import qmc  # noqa: PLC0415 - grids need not pay for it
 
     dimensions, rng = len(samples.ranges), np.random.default_rng(samples.seed)
+    # Both kinds are randomised by the seeded generator; scipy scrambles Sobol points by default.
     kind = qmc.Sobol if samples.method == "sobol" else qmc.LatinHypercube
     return np.asarray(kind(dimensions, seed=rng).random(samples.n))
 

@@ -1,6 +1,6 @@
-"""What was computed so far, on disk: an HDF5 file for each span of cases, either whole or not there.
+"""Computed cases on disk: an HDF5 file for each range of cases, either complete or absent.
 
-Which spans there are goes with how fast the cases were; what stands in their rows does not.
+The division into ranges depends on the speed of the cases; the content of their rows does not.
 """
 
 import io
@@ -17,6 +17,7 @@ from rfca_rig.recording.run_lock import lock
 from rfca_rig.sweep.cases import LONGEST_REMARK, CaseRange, Rows
 
 FOLDER, LOCK = "shards", "lock"
+# UTF-8 needs up to four bytes per character.
 TEXT = f"S{4 * LONGEST_REMARK}"
 
 
@@ -28,7 +29,7 @@ class Shards:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Within it no other process writes here. Raises BadInput where one does."""
+        """Within the context no other process writes here. Raises BadInput where one already does."""
         with refusals(self.folder, "the folder cannot be made"):
             self.folder.mkdir(exist_ok=True)
         file = GrowingFile(self.folder / LOCK)
@@ -39,7 +40,8 @@ class Shards:
             file.close()
 
     def write(self, span: CaseRange, rows: Rows) -> None:
-        """Returns when they are on disk. Raises RigError, DiskFull."""
+        """Write the rows of a range; on return they are on disk. Raises RigError, DiskFull."""
+        # Built in memory and written in one piece, so that a crash never leaves half a file.
         content = io.BytesIO()
         with h5py.File(content, "w") as file:
             file.attrs["plan"] = self._digest
@@ -48,12 +50,12 @@ class Shards:
         write_atomically(self._path(span), content.getvalue())
 
     def spans(self) -> list[CaseRange]:
-        """Of all shards there are, in order."""
+        """Ranges of all existing shards, in order."""
         names = (path.stem.split("-") for path in self.folder.glob("cases-*.h5"))
         return sorted((CaseRange(int(first), int(last)) for _, first, last in names), key=lambda span: span.first)
 
     def read(self, span: CaseRange) -> Rows:
-        """Raises BadInput where the file is damaged, or of another plan."""
+        """Read the rows of a range. Raises BadInput where the file is damaged, or of another plan."""
         path = self._path(span)
         try:
             with h5py.File(path) as file:
@@ -66,7 +68,7 @@ class Shards:
         return Rows(values, remarks)
 
     def clear(self) -> None:
-        """Takes all of them away, once their rows stand elsewhere."""
+        """Remove all shards, once their rows are stored in the result."""
         for path in self.folder.iterdir():
             remove(path)
         with refusals(self.folder, "cannot be removed"):
@@ -77,7 +79,7 @@ class Shards:
 
 
 def missing(count: int, there: Iterable[CaseRange]) -> list[CaseRange]:
-    """What of `count` cases no span covers."""
+    """Ranges of the `count` cases that `there`, in order, does not cover."""
     gaps, at = [], 0
     for span in there:
         if span.first > at:
@@ -87,5 +89,5 @@ def missing(count: int, there: Iterable[CaseRange]) -> list[CaseRange]:
 
 
 def cut(gaps: Iterable[CaseRange], size: int) -> list[CaseRange]:
-    """Spans of at most `size` cases."""
+    """Divide the gaps into ranges of at most `size` cases."""
     return [CaseRange(first, min(first + size, gap.last)) for gap in gaps for first in range(gap.first, gap.last, size)]

@@ -1,4 +1,4 @@
-"""A sweep file (sweeps/*.toml): what is varied, over what, and what is put out."""
+"""A sweep file (sweeps/*.toml): varied quantities, their values, and outputs."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -36,6 +36,7 @@ class VarySection(Section):
     @model_validator(mode="after")
     def _one_way(self) -> "VarySection":
         given = [each is not None for each in (self.from_, self.to, self.steps)]
+        # Either a list of values or a complete range, never a mixture.
         if any(given) if self.values is not None else not all(given):
             raise ValueError("takes either values, or all of from, to and steps")
         if self.values is None:
@@ -43,7 +44,7 @@ class VarySection(Section):
         return self
 
     def axis(self) -> Axis:
-        """The grid. Raises BadInput for a name that is not known."""
+        """The grid. Raises BadInput for an unknown name."""
         return Axis(quantity(self.name).name, self._values(), self.log)
 
     def _values(self) -> tuple[Value, ...]:
@@ -69,7 +70,7 @@ class RangeSection(Section):
         return self
 
     def range(self) -> Range:
-        """Raises BadInput for a name that is not known."""
+        """The range. Raises BadInput for an unknown name."""
         return Range(quantity(self.name).name, self.from_, self.to, self.log)
 
 
@@ -82,7 +83,7 @@ class SamplesSection(Section):
     vary: Annotated[tuple[RangeSection, ...], Field(min_length=1, strict=False)]
 
     @model_validator(mode="after")
-    def _balanced(self) -> "SamplesSection":
+    def _is_balanced(self) -> "SamplesSection":
         if reason := unbalanced(self.method, self.n):
             raise ValueError(reason)
         return self
@@ -110,12 +111,12 @@ class SweepFile(Section):
 
 
 def read_sweep(path: Path) -> SweepFile:
-    """The sweep in `path`; BadInput, with file and line, where it cannot be used."""
+    """Read the sweep in `path`. Raises BadInput, with file and line, where it cannot be used."""
     return read_toml(path, SweepFile)
 
 
 def plan_of(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
-    """The plan of a file that was read from `path`. Raises BadInput, with the line of what does not fit."""
+    """The plan of a file that was read from `path`. Raises BadInput with the line of the faulty key."""
     axes = tuple(_at(path, ("vary", place, "name"), section.axis) for place, section in enumerate(file.vary))
     samples = None
     if file.samples:
@@ -124,6 +125,7 @@ def plan_of(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
         samples = SweepSamples(ranges, section.method, section.n, section.seed)
     fixed = _at(path, ("fixed",), lambda: tuple((quantity(name).name, value) for name, value in flat(file.fixed)))
     outputs = _at(path, ("outputs",), lambda: outputs_of(file.outputs))
+    # The whole plan was checked, not a single key, so no line can be given.
     try:
         return checked_plan(SweepPlan(file.title, rig, fixed, axes, samples, outputs))
     except BadInput as error:
@@ -131,7 +133,7 @@ def plan_of(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
 
 
 def flat(fixed: Fixed) -> list[tuple[str, Value]]:
-    """TOML reads strip.thickness_mm = 0.8 as a table in a table."""
+    """Names with dots and their values: TOML reads strip.thickness_mm = 0.8 as a table in a table."""
     found: list[tuple[str, Value]] = []
     for name, value in fixed.items():
         found += [(f"{name}.{inner}", each) for inner, each in value.items()] if isinstance(value, dict) else [(name, value)]
@@ -139,7 +141,7 @@ def flat(fixed: Fixed) -> list[tuple[str, Value]]:
 
 
 def _at(path: Path, key: Key, make: Callable[[], Made]) -> Made:
-    """What `make` makes of the file's `key`; what it refuses is told with the line of that."""
+    """Calls `make`; its BadInput is extended by the line of `key`."""
     try:
         return make()
     except BadInput as error:

@@ -1,1 +1,1 @@
-"""The twins as a server in real time: their wires end in sockets and pseudo terminals that any program can open."""
+"""Real-time server for the twins: sockets and pseudo terminals that any program can open."""

@@ -1,4 +1,4 @@
-"""The Net F/T box's command interface: 20 bytes in, one reply out, over and over."""
+"""TCP port of the Net F/T box's command interface: commands of 20 bytes, one reply each."""
 
 from dataclasses import dataclass
 
@@ -9,37 +9,38 @@ from rfca_rig.twins.netft_box import NetFtBoxTwin
 
 
 @dataclass
-class _Talk:
+class _Connection:
     client: TcpClient
     rest: bytes = b""
 
 
 class CommandPort:
-    """Any number of clients at once. Commands that write are not answered."""
+    """Serves any number of clients at once. Write commands are not answered."""
 
     def __init__(self, box: NetFtBoxTwin, host: str, port: int) -> None:
         self._box = box
         self._listening = listening_tcp(host, port)
         self._host, self.port = self._listening.getsockname()
-        self._talks: list[_Talk] = []
+        self._connections: list[_Connection] = []
 
     def address(self) -> str:
         return f"Net F/T commands on TCP {self._host}:{self.port}"
 
     def poll(self, now_s: float) -> None:  # noqa: ARG002 (answers at once)
-        self._talks += [_Talk(client) for client in accept_all(self._listening)]
-        for talk in self._talks:
-            talk.rest += talk.client.receive()
-            while len(talk.rest) >= COMMAND_BYTES:
-                talk.client.send(self._box.answer(talk.rest[:COMMAND_BYTES]))
-                talk.rest = talk.rest[COMMAND_BYTES:]
-            talk.client.flush()
-        for talk in [talk for talk in self._talks if talk.client.done]:
-            self._talks.remove(talk)
-            talk.client.close()
+        self._connections += [_Connection(client) for client in accept_all(self._listening)]
+        for connection in self._connections:
+            connection.rest += connection.client.receive()
+            # TCP has no message borders: commands are cut from the byte stream by their length.
+            while len(connection.rest) >= COMMAND_BYTES:
+                connection.client.send(self._box.answer(connection.rest[:COMMAND_BYTES]))
+                connection.rest = connection.rest[COMMAND_BYTES:]
+            connection.client.flush()
+        for connection in [connection for connection in self._connections if connection.client.done]:
+            self._connections.remove(connection)
+            connection.client.close()
 
     def close(self) -> None:
-        for talk in self._talks:
-            talk.client.close()
-        self._talks.clear()
+        for connection in self._connections:
+            connection.client.close()
+        self._connections.clear()
         self._listening.close()

@@ -1,4 +1,4 @@
-"""Lines of text by which a person or a script commands the running server: on this machine only, whatever else is open."""
+"""TCP port for text commands to the running server, always on the loopback address only."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,52 +13,54 @@ VERBS = "on NAME, off NAME, off all, faults, status, height MM"
 
 
 @dataclass
-class _Talk:
+class _Connection:
     client: TcpClient
     rest: bytes = b""
 
 
 class ControlPort:
-    """Answers each line with lines of its own, the last of which begins with `ok` or `error`.
+    """Answers each line with one or more lines, the last of which begins with `ok` or `error`.
 
-    `set_height` takes metres; `status` gives one line on how the server is.
+    `set_height` takes metres; `status` returns the server's state in one line.
     """
 
     def __init__(self, panel: FaultPanel, port: int, set_height: Callable[[float], None], status: Callable[[], str]) -> None:
         self._panel = panel
         self._set_height = set_height
         self._status = status
+        # Faults and heights are for the local user, even if the device ports are open to the network.
         self._listening = listening_tcp(LOOPBACK, port)
         self.port = int(self._listening.getsockname()[1])
-        self._talks: list[_Talk] = []
+        self._connections: list[_Connection] = []
 
     def address(self) -> str:
         return f"control lines on TCP {LOOPBACK}:{self.port} ({VERBS})"
 
     def poll(self, now_s: float) -> None:  # noqa: ARG002 (commands act at once)
-        self._talks += [_Talk(client) for client in accept_all(self._listening)]
-        for talk in self._talks:
-            self._listen(talk)
-            talk.client.flush()
-        for talk in [talk for talk in self._talks if not talk.client.open]:
-            self._talks.remove(talk)
-            talk.client.close()
+        self._connections += [_Connection(client) for client in accept_all(self._listening)]
+        for connection in self._connections:
+            self._listen(connection)
+            connection.client.flush()
+        for connection in [connection for connection in self._connections if not connection.client.open]:
+            self._connections.remove(connection)
+            connection.client.close()
 
-    def _listen(self, talk: _Talk) -> None:
-        *lines, talk.rest = (talk.rest + talk.client.receive()).split(b"\n")
+    def _listen(self, connection: _Connection) -> None:
+        *lines, connection.rest = (connection.rest + connection.client.receive()).split(b"\n")
         for line in lines:
             answer = self._answer(line.decode("ascii", "replace").split())
-            talk.client.send("".join(f"{said}\n" for said in answer).encode("ascii", "replace"))
-        if len(talk.rest) > LONGEST_LINE:
-            talk.client.open = False
+            connection.client.send("".join(f"{reply}\n" for reply in answer).encode("ascii", "replace"))
+        # A client that never ends its line must not fill the memory.
+        if len(connection.rest) > LONGEST_LINE:
+            connection.client.open = False
 
     def _answer(self, words: list[str]) -> list[str]:
         try:
-            return [*self._obeyed(words), "ok"] if words else []
+            return [*self._execute(words), "ok"] if words else []
         except BadInput as error:
             return [f"error {error}"]
 
-    def _obeyed(self, words: list[str]) -> list[str]:
+    def _execute(self, words: list[str]) -> list[str]:
         match words:
             case ["on", name]:
                 self._panel.switch_on(name)
@@ -77,9 +79,9 @@ class ControlPort:
         return []
 
     def close(self) -> None:
-        for talk in self._talks:
-            talk.client.close()
-        self._talks.clear()
+        for connection in self._connections:
+            connection.client.close()
+        self._connections.clear()
         self._listening.close()
 
 

@@ -1,4 +1,4 @@
-"""What goes wrong inside a CubeMars / T-Motor AK drive. Its wire has faults as any other; heartbeat and watchdog of its own it has none."""
+"""Faults inside a CubeMars / T-Motor AK drive. It has no heartbeat and no watchdog of its own, so there are no faults of these."""
 
 from collections.abc import Callable, Mapping
 
@@ -10,6 +10,7 @@ from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
 
 JUMP_RAD = 0.5 * np.pi
+# Error codes of the drive.
 TOO_HOT, ENCODER, STALLED = 1, 5, 7
 CUBEMARS_FAULTS = (
     Fault("encoder-jump", "the encoder slips: the drive's position reads a quarter of a turn more from now on", once=True),
@@ -22,7 +23,7 @@ CUBEMARS_FAULTS = (
 
 
 def cubemars_events(motor: CubemarsMitTwin | CubemarsServoTwin) -> Mapping[str, Callable[[], None]]:
-    """What happens once inside the drive, by the name of the fault."""
+    """One-time events inside the drive, by the name of the fault."""
     return {
         "encoder-jump": lambda: motor.leap(JUMP_RAD),
         "over-temperature": lambda: motor.fail(TOO_HOT),

@@ -1,4 +1,4 @@
-"""What goes wrong inside a drive of any make."""
+"""Faults inside a drive of any make."""
 
 from collections.abc import Callable, Mapping
 from typing import Protocol
@@ -6,11 +6,12 @@ from typing import Protocol
 from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.thermal_model import Warmth
 
+# Heating rate of the fault `drive-hot` in K/s.
 FEVER_K_s = 5.0
 
 
 class Faultable(Protocol):
-    """What every motor twin has for that."""
+    """What every motor twin provides for these faults."""
 
     encoder: Encoder
     warmth: Warmth
@@ -19,14 +20,14 @@ class Faultable(Protocol):
 
 
 def drive_events(motor: Faultable) -> Mapping[str, Callable[[], None]]:
-    """What happens once, by the name of the fault."""
+    """One-time events inside the drive, by the name of the fault."""
 
-    def fall_ill() -> None:
+    def start_heating() -> None:
         motor.warmth.fever_K_s = FEVER_K_s
 
     return {
         "drive-restart": motor.restart,
-        "drive-hot": fall_ill,
+        "drive-hot": start_heating,
         "temperature-stuck": motor.warmth.stick,
         "encoder-frozen": motor.encoder.freeze,
     }

@@ -1,4 +1,4 @@
-"""What can go wrong on purpose: each fault by its name, switched while the server runs."""
+"""Catalogue of injected faults, and the panel that switches them while the server runs."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -8,13 +8,14 @@ from rfca_rig.errors import BadInput
 
 @dataclass(frozen=True)
 class Fault:
-    """`once` faults happen at the moment they are switched on; the others last until they are switched off."""
+    """A `once` fault happens when it is switched on; the others last until they are switched off."""
 
     name: str
     meaning: str
     once: bool = False
 
 
+# Names are used on the command line and in docs/fault-table.md.
 FORCE_FAULTS = (
     Fault("force-lost", "every tenth datagram is lost"),
     Fault("force-twice", "every tenth datagram comes twice"),
@@ -55,7 +56,7 @@ ODRIVE_FAULTS = (
 
 
 class FaultPanel:
-    """Which faults are on."""
+    """State of all faults."""
 
     def __init__(self, catalogue: Iterable[Fault]) -> None:
         self._known = {fault.name: fault for fault in catalogue}
@@ -63,11 +64,11 @@ class FaultPanel:
 
     def switch_on(self, name: str) -> None:
         """Raises BadInput for a name that is not in the catalogue."""
-        self._on.add(self._checked(name))
+        self._on.add(self._check_name(name))
 
     def switch_off(self, name: str) -> None:
         """Raises BadInput for a name that is not in the catalogue."""
-        self._on.discard(self._checked(name))
+        self._on.discard(self._check_name(name))
 
     def switch_all_off(self) -> None:
         self._on.clear()
@@ -79,25 +80,25 @@ class FaultPanel:
         return bool(self._on)
 
     def take(self, name: str) -> bool:
-        """Whether a fault that happens once is wanted; it is not wanted any more afterwards."""
-        wanted = name in self._on
+        """Whether a one-time fault is pending; clears it."""
+        is_pending = name in self._on
         self._on.discard(name)
-        return wanted
+        return is_pending
 
     def let_happen(self, events: Mapping[str, Callable[[], None]]) -> None:
-        """Each of the events that is wanted, once."""
+        """Runs each pending event once."""
         for name, happen in events.items():
             if self.take(name):
                 happen()
 
     def lines(self) -> list[str]:
-        """Every fault with its state and meaning."""
+        """One line per fault with its state and meaning."""
         return [
             f"{fault.name:<18} {'once' if fault.once else 'on  ' if self.is_on(fault.name) else 'off '} {fault.meaning}"
             for fault in self._known.values()
         ]
 
-    def _checked(self, name: str) -> str:
+    def _check_name(self, name: str) -> str:
         if name not in self._known:
             raise BadInput(f"no fault is called {name!r}; there are {', '.join(self._known)}")
         return name

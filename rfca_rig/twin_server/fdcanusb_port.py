@@ -1,4 +1,4 @@
-"""CAN-FD behind a fdcanusb, or the UART of a moteus, on a pseudo terminal; one client."""
+"""CAN-FD bus behind an fdcanusb adapter, or the UART of a moteus, on a pseudo terminal; one client."""
 
 import can
 
@@ -8,13 +8,14 @@ from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
 from rfca_rig.twin_server.shared_wire import SharedWire
 
+# Limit of the send queue in bytes.
 MOST_WAITING = 1 << 18
 
 
 class FdcanusbPort:
-    """Answers `can on`, `can off` and `can send`, and tells every frame of the bus; refuses everything else.
+    """Answers `can on`, `can off` and `can send`, and forwards every frame of the bus; refuses everything else.
 
-    Every line that goes out carries a checksum; once one that came in did, all must, as a moteus has it on its UART.
+    Every sent line carries a checksum. Once a received line had one, all must have one, as on the UART of a moteus.
     """
 
     def __init__(self, wire: SharedWire) -> None:
@@ -33,22 +34,23 @@ class FdcanusbPort:
         return self._terminal.path
 
     def poll(self, now_s: float) -> None:  # noqa: ARG002 (a serial adapter has no clock)
-        self._listen()
-        self._tell()
+        self._receive()
+        self._queue_frames()
         del self._waiting[: self._terminal.write(bytes(self._waiting)) if self._waiting else 0]
 
-    def _listen(self) -> None:
+    def _receive(self) -> None:
         try:
             lines, self._rest = fdcanusb.split(self._rest + self._terminal.read())
         except MalformedFrame as error:
             lines, self._rest = [], b""
             self._waiting += fdcanusb.line(f"ERR {error}")
-        for said in lines:
-            self._waiting += fdcanusb.line(self._answer(said))
+        for received in lines:
+            self._waiting += fdcanusb.line(self._answer(received))
 
-    def _answer(self, said: bytes) -> str:
+    def _answer(self, line: bytes) -> str:
         try:
-            text, has_checksum = fdcanusb.checked(said)
+            text, has_checksum = fdcanusb.checked(line)
+            # As soon as a client has sent a checksum, lines without one are refused as damaged.
             if self._checksums_asked and not has_checksum:
                 return "ERR checksum required"
             self._checksums_asked |= has_checksum
@@ -60,9 +62,10 @@ class FdcanusbPort:
         self._end.send(_message_of(frame))
         return "OK"
 
-    def _tell(self) -> None:
-        """An adapter with nobody reading drops frames; so does this one."""
+    def _queue_frames(self) -> None:
+        """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
         while (message := self._end.recv(timeout=0)) is not None:
+            # The adapter carries CAN-FD frames only.
             if message.is_fd and not message.is_error_frame and len(self._waiting) < MOST_WAITING:
                 self._waiting += fdcanusb.encode_received(_frame_of(message))
 

@@ -1,4 +1,4 @@
-"""The Net F/T box's web server: one page, one answer per connection."""
+"""Web server of the Net F/T box: one page, one response per connection."""
 
 from dataclasses import dataclass, replace
 
@@ -12,14 +12,14 @@ REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not All
 
 
 @dataclass
-class _Visit:
+class _Connection:
     client: TcpClient
     request: bytes = b""
     answered: bool = False
 
 
 class HttpPort:
-    """GET only. The faults of the box's pages act here: `http-busy`, and `force-scale`, which its configuration then says too."""
+    """Serves GET only. The faults `http-busy` and `force-scale` act here; the latter also changes the configuration page."""
 
     def __init__(self, box: NetFtBoxTwin, panel: FaultPanel, host: str, port: int) -> None:
         self._box = box
@@ -27,27 +27,29 @@ class HttpPort:
         self._as_set = box.configuration
         self._listening = listening_tcp(host, port)
         self._host, self.port = self._listening.getsockname()
-        self._visits: list[_Visit] = []
+        self._connections: list[_Connection] = []
 
     def address(self) -> str:
         return f"Net F/T pages on HTTP {self._host}:{self.port}"
 
     def poll(self, now_s: float) -> None:  # noqa: ARG002 (answers at once)
-        self._visits += [_Visit(client) for client in accept_all(self._listening)]
-        for visit in self._visits:
-            self._listen(visit)
-            visit.client.flush()
-        for visit in [visit for visit in self._visits if visit.client.done]:
-            self._visits.remove(visit)
-            visit.client.close()
+        self._connections += [_Connection(client) for client in accept_all(self._listening)]
+        for connection in self._connections:
+            self._listen(connection)
+            connection.client.flush()
+        for connection in [connection for connection in self._connections if connection.client.done]:
+            self._connections.remove(connection)
+            connection.client.close()
 
-    def _listen(self, visit: _Visit) -> None:
-        visit.request += visit.client.receive()
-        if visit.answered or (b"\r\n\r\n" not in visit.request and len(visit.request) <= LONGEST_REQUEST):
+    def _listen(self, connection: _Connection) -> None:
+        connection.request += connection.client.receive()
+        # The request is complete at the empty line; one that is too long is answered as far as it came.
+        if connection.answered or (b"\r\n\r\n" not in connection.request and len(connection.request) <= LONGEST_REQUEST):
             return
-        visit.answered = True
-        visit.client.send(_bytes(self._answer(visit.request.split(b"\r\n")[0].decode("ascii", "replace").split())))
-        visit.client.finish()
+        connection.answered = True
+        connection.client.send(_bytes(self._answer(connection.request.split(b"\r\n")[0].decode("ascii", "replace").split())))
+        # HTTP with "Connection: close": the client sees the end of the page by the end of the connection.
+        connection.client.finish()
 
     def _answer(self, words: list[str]) -> Page:
         if len(words) != 3 or not words[2].startswith("HTTP/1."):
@@ -57,13 +59,14 @@ class HttpPort:
         self._box.busy = self._panel.is_on("http-busy")
         doubled = 2.0 if self._panel.is_on("force-scale") else 1.0
         counts = self._as_set.counts_per_force * doubled, self._as_set.counts_per_torque * doubled
+        # Set again for each request, as the fault may have been switched since the last one.
         self._box.configuration = replace(self._as_set, counts_per_force=counts[0], counts_per_torque=counts[1])
         return self._box.page(words[1])
 
     def close(self) -> None:
-        for visit in self._visits:
-            visit.client.close()
-        self._visits.clear()
+        for connection in self._connections:
+            connection.client.close()
+        self._connections.clear()
         self._listening.close()
 
 

@@ -1,4 +1,4 @@
-"""Sockets to be reached by."""
+"""Listening sockets of the server."""
 
 import socket
 from ipaddress import ip_address
@@ -10,19 +10,20 @@ ANY_FREE = 0
 
 
 def listening_tcp(host: str, port: int) -> socket.socket:
-    """A listening socket that does not wait. Raises BadInput where host and port cannot be had."""
-    return _bound(socket.SOCK_STREAM, host, port)
+    """Opens a non-blocking listening TCP socket. Raises BadInput if host and port are not available."""
+    return _bind(socket.SOCK_STREAM, host, port)
 
 
 def bound_udp(host: str, port: int) -> socket.socket:
-    """A socket for datagrams that does not wait. Raises BadInput where host and port cannot be had."""
-    return _bound(socket.SOCK_DGRAM, host, port)
+    """Opens a non-blocking UDP socket. Raises BadInput if host and port are not available."""
+    return _bind(socket.SOCK_DGRAM, host, port)
 
 
-def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
+def _bind(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
     opened = socket.socket(socket.AF_INET, kind)
     try:
         if kind == socket.SOCK_STREAM:
+            # A restarted server can take its port again at once, although old connections are still in TIME_WAIT.
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((host, port))
         if kind == socket.SOCK_STREAM:

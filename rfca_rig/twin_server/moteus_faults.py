@@ -1,4 +1,4 @@
-"""What the faults of a moteus look like on its wire, and inside it."""
+"""Faults of a moteus, in its frames and inside the drive."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -14,6 +14,7 @@ from rfca_rig.twin_server.tampered_bus import with_data
 from rfca_rig.twins.moteus import MoteusTwin
 
 JUMP_TURNS = 1.0
+# Fault code of the drive.
 OVER_TEMPERATURE = 38
 MOTEUS_FAULTS = (
     Fault("encoder-jump", "the drive's position reads one turn more"),
@@ -24,24 +25,24 @@ MOTEUS_FAULTS = (
 
 
 class MoteusDialect:
-    """The frames of a moteus, as the faults on the wire see them."""
+    """Interprets the frames of a moteus for the bus faults."""
 
     def is_heartbeat(self, message: can.Message) -> bool:  # noqa: ARG002 (a moteus has none)
         return False
 
     def jumped(self, message: can.Message) -> can.Message:
-        """Answers with the position a turn further on."""
-        return with_data(message, moteus.encode([_jumped(item) for item in moteus.decode(message.data)]))
+        """The frame with the reported position shifted by one turn."""
+        return with_data(message, moteus.encode([_shift_position(item) for item in moteus.decode(message.data)]))
 
 
-def _jumped(item: Subframe) -> Subframe:
+def _shift_position(item: Subframe) -> Subframe:
     if not isinstance(item, Reply) or item.register != Register.POSITION:
         return item
     return replace(item, value=moteus.nearest(item.register, item.width, item.value + JUMP_TURNS))
 
 
 def moteus_events(motor: MoteusTwin) -> Mapping[str, Callable[[], None]]:
-    """What happens once inside the drive, by the name of the fault."""
+    """One-time events inside the drive, by the name of the fault."""
     return {
         "watchdog-trip": motor.time_out,
         "over-temperature": lambda: motor.fail(OVER_TEMPERATURE),

@@ -1,4 +1,4 @@
-"""What the faults of an ODrive look like on its wire, and inside it."""
+"""Faults of an ODrive, in its frames and inside the drive."""
 
 from collections.abc import Callable, Mapping
 
@@ -18,13 +18,13 @@ OVER_TEMPERATURE = {
 
 
 class OdriveDialect:
-    """The frames of CANSimple, as the faults on the wire see them."""
+    """Interprets CANSimple frames for the bus faults."""
 
     def is_heartbeat(self, message: can.Message) -> bool:
         return message.arbitration_id & 0x1F == OdriveCommand.HEARTBEAT
 
     def jumped(self, message: can.Message) -> can.Message:
-        """Encoder estimates one motor turn further on."""
+        """The frame with the encoder estimate shifted by one motor turn."""
         estimates = cansimple.decode(message.arbitration_id, message.data)
         if not isinstance(estimates, EncoderEstimates):
             return message
@@ -34,7 +34,7 @@ class OdriveDialect:
 
 
 def odrive_events(motor: OdriveTwin) -> Mapping[str, Callable[[], None]]:
-    """What happens once inside the drive, by the name of the fault."""
+    """One-time events inside the drive, by the name of the fault."""
     return {
         "watchdog-trip": lambda: motor.fail(WATCHDOG_EXPIRED[motor.dialect]),
         "over-temperature": lambda: motor.fail(OVER_TEMPERATURE[motor.dialect]),

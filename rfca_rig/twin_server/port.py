@@ -1,19 +1,19 @@
-"""What the server does with each of its openings to the outside."""
+"""Protocol of the server's ports."""
 
 from typing import Protocol
 
 
 class Port(Protocol):
-    """Never waits; the server calls it before and after each step of the twins."""
+    """A port to the outside. It never waits; the server polls it before and after each step of the twins."""
 
     def address(self) -> str:
-        """How to reach it, as a client is told."""
+        """Address of the port, as shown to the user."""
         ...
 
     def poll(self, now_s: float) -> None:
-        """Takes in what has arrived, gives out what is waiting. `now_s` is the server's clock."""
+        """Receives what has arrived, sends what is queued. `now_s` is the server's clock."""
         ...
 
     def close(self) -> None:
-        """May be called any number of times."""
+        """Closes the port. May be called any number of times."""
         ...

@@ -1,4 +1,4 @@
-"""A serial line in software: what a client opens as /dev/pts/N, seen from the device's side."""
+"""Pseudo terminal: a serial line that a client opens as /dev/pts/N, from the device's side."""
 
 import os
 import pty
@@ -6,7 +6,7 @@ import tty
 
 
 class PseudoTerminal:
-    """Bytes without echo or translation. The client's side is held open here too, so that clients may come and go."""
+    """Raw byte stream without echo or translation. The client's side stays open here too, so that clients may come and go."""
 
     def __init__(self) -> None:
         self._device_side, self._client_side = pty.openpty()
@@ -16,21 +16,21 @@ class PseudoTerminal:
         self._open = True
 
     def read(self) -> bytes:
-        """What has arrived; never waits."""
+        """All bytes that have arrived; never waits."""
         try:
             return os.read(self._device_side, 1 << 16)
         except BlockingIOError:
             return b""
 
     def write(self, data: bytes) -> int:
-        """How many bytes found room: nobody may be reading, and the line holds a few kilobytes."""
+        """Sends bytes; returns how many fitted. The line holds a few kilobytes until the client reads."""
         try:
             return os.write(self._device_side, data)
         except BlockingIOError:
             return 0
 
     def close(self) -> None:
-        """May be called any number of times."""
+        """Closes both sides. May be called any number of times."""
         if self._open:
             self._open = False
             os.close(self._device_side)

@@ -1,19 +1,20 @@
-"""Twins carried along by a real clock: one loop, one thread."""
+"""Real-time loop for the twins, in one thread."""
 
 from collections.abc import Callable, Sequence
 
 from rfca_rig.clock import Clock
 from rfca_rig.twin_server.port import Port
 
+# Period of the loop, and longest step of the twins after a delay, in s.
 PERIOD_S = 1e-3
 LONGEST_LEAP_S = 0.05
 
 
 class RealTimeLoop:
-    """Every millisecond: the ports take in, `process` brings the twins to now, beginning at 0, and the ports give out.
+    """Every millisecond the ports receive, `process` advances the twins to now, starting at 0, and the ports send.
 
-    Twins that the machine cannot carry fast enough lose time instead of falling further behind: a leap is at most 50 ms, and
-    what goes beyond is added to `slipped_s`. To their clients they then run slow, as a device with a bad crystal does.
+    If the machine is too slow, the twins lose time instead of falling further behind. A step is at most 50 ms, and the excess is added
+    to `slipped_s`. To their clients they then seem slow, like a device with a bad crystal.
     """
 
     def __init__(self, process: Callable[[float], None], clock: Clock) -> None:
@@ -23,17 +24,18 @@ class RealTimeLoop:
         self.slipped_s = 0.0
 
     def status(self) -> str:
-        """One line."""
+        """State of the loop in one line."""
         return f"running for {self._twins_s:.2f} s of the twins' time, {self.slipped_s:.2f} s behind the clock"
 
     def run(self, ports: Sequence[Port], step: Callable[[float], None], seconds: float) -> None:
-        """Goes on for that long from now, once only; `step(running_s)` is called in every round, and may end the loop by raising."""
+        """Runs for `seconds`; call it once only. `step(running_s)` is called in every cycle, and may end the loop by raising."""
         began_s = due_s = self._clock.now_s()
         while (now_s := self._clock.now_s()) < began_s + seconds:
             step(now_s - began_s)
             _poll(ports, now_s)
             self._carry(now_s - began_s)
             _poll(ports, now_s)
+            # After a delay the loop does not make up the missed cycles.
             due_s = max(due_s + PERIOD_S, self._clock.now_s())
             self._clock.wait_until(due_s)
 

@@ -1,4 +1,4 @@
-"""A CAN wire in this process that clients join and leave."""
+"""In-process CAN bus that clients join and leave."""
 
 import can
 
@@ -7,7 +7,7 @@ from rfca_rig.twins.can_wire import CanEnd
 
 
 class SharedWire:
-    """Every end hears what the others say, as on a real bus."""
+    """Every end receives what the others send, as on a real bus."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -19,14 +19,14 @@ class SharedWire:
         return end
 
     def leave(self, end: CanEnd) -> None:
-        """May be called more than once."""
+        """Removes an end. May be called more than once."""
         if end in self._ends:
             self._ends.remove(end)
             end.shutdown()
 
 
 def message_of(frame: ClassicFrame) -> can.Message:
-    """The frame for python-can."""
+    """Converts a classic frame to a python-can message."""
     return can.Message(
         arbitration_id=frame.can_id,
         data=frame.data,
@@ -37,11 +37,11 @@ def message_of(frame: ClassicFrame) -> can.Message:
 
 
 def is_classic(message: can.Message) -> bool:
-    """Whether `frame_of` can say it: neither CAN FD nor an error frame."""
+    """Whether `frame_of` can convert the message: neither CAN FD nor an error frame."""
     return not message.is_fd and not message.is_error_frame
 
 
 def frame_of(message: can.Message) -> ClassicFrame:
-    """The frame that python-can carries, which must be classic."""
+    """Converts a python-can message, which must be classic, to a frame."""
     remote = message.is_remote_frame
     return ClassicFrame(message.arbitration_id, b"" if remote else bytes(message.data), message.is_extended_id, remote, message.dlc)

@@ -1,16 +1,17 @@
-"""CAN behind a serial adapter on a pseudo terminal; one client, as on a real adapter."""
+"""CAN bus behind a serial adapter (slcan) on a pseudo terminal; one client, as on a real adapter."""
 
 from rfca_rig.codecs import slcan
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
 from rfca_rig.twin_server.shared_wire import SharedWire, frame_of, is_classic, message_of
 
+# Limit of the send queue in bytes.
 MOST_WAITING = 1 << 18
 VERSION, SERIAL_NUMBER = b"V1013", b"NTWIN"
 
 
 class SlcanPort:
-    """Answers opening and closing, bit rate, version, serial number, status, and frames; a bell refuses everything else."""
+    """Answers open, close, bit rate, version, serial number, status and frames; a bell character refuses everything else."""
 
     def __init__(self, wire: SharedWire) -> None:
         self._wire = wire
@@ -29,11 +30,11 @@ class SlcanPort:
         return self._terminal.path
 
     def poll(self, now_s: float) -> None:  # noqa: ARG002 (a serial adapter has no clock)
-        self._listen()
-        self._tell()
+        self._receive()
+        self._queue_frames()
         del self._waiting[: self._terminal.write(bytes(self._waiting)) if self._waiting else 0]
 
-    def _listen(self) -> None:
+    def _receive(self) -> None:
         try:
             lines, self._rest = slcan.split(self._rest + self._terminal.read())
         except MalformedFrame:
@@ -50,10 +51,11 @@ class SlcanPort:
             return self._send(line)
         if letter in "OLC":
             self._channel_open, self._listen_only = letter != "C", letter == "L"
+            # Frames from before the channel was opened are not delivered.
             self._waiting.clear()
             return slcan.END
-        told = {"V": VERSION, "N": SERIAL_NUMBER, "F": b"F00"}.get(letter, b"" if letter in "SsZMmXW" else None)
-        return slcan.REFUSED if told is None else told + slcan.END
+        answer = {"V": VERSION, "N": SERIAL_NUMBER, "F": b"F00"}.get(letter, b"" if letter in "SsZMmXW" else None)
+        return slcan.REFUSED if answer is None else answer + slcan.END
 
     def _send(self, line: str) -> bytes:
         if not self._channel_open or self._listen_only:
@@ -65,8 +67,8 @@ class SlcanPort:
         self._end.send(message_of(frame))
         return b"Z\r" if frame.extended else b"z\r"
 
-    def _tell(self) -> None:
-        """An adapter with nobody reading drops frames; so does this one."""
+    def _queue_frames(self) -> None:
+        """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
         while (message := self._end.recv(timeout=0)) is not None:
             if self._channel_open and is_classic(message) and len(self._waiting) < MOST_WAITING:
                 self._waiting += slcan.encode_frame(frame_of(message))

@@ -1,4 +1,4 @@
-"""CAN over TCP as socketcand serves it: any number of clients on one wire."""
+"""CAN over TCP in the protocol of socketcand: any number of clients on one bus."""
 
 from dataclasses import dataclass
 
@@ -10,12 +10,13 @@ from rfca_rig.twin_server.tcp_client import TcpClient, accept_all
 from rfca_rig.twins.can_wire import CanEnd
 
 NEVER = float("inf")
-FIRST_FRAME_S = 0.05  # clients expect the answer to `rawmode` alone in what they read next, so frames are held back that long
+# Clients expect the answer to `rawmode` alone in their next read, so frames are held back for this long.
+FIRST_FRAME_S = 0.05
 
 
 @dataclass
 class _Member:
-    """A client, its end of the wire, and from when on it is told frames; never unless it asked for raw mode."""
+    """A client, its end of the bus, and the time from which it is sent frames; never unless it requested raw mode."""
 
     client: TcpClient
     end: CanEnd
@@ -27,7 +28,7 @@ class _Member:
 class SocketcandPort:
     """Answers `open`, `rawmode`, `bcmmode`, `echo` and `send`; everything else is refused with an `error` message.
 
-    Every bus name is the one wire. Frames are stamped with the time since the epoch, `epoch_s` being that of the clock's zero.
+    Every bus name leads to the same bus. Frames carry the time since the epoch; `epoch_s` is that of the clock's zero.
     """
 
     def __init__(self, wire: SharedWire, host: str, port: int, epoch_s: float) -> None:
@@ -46,9 +47,9 @@ class SocketcandPort:
             self._members.append(_Member(client, self._wire.join()))
         for member in self._members:
             self._listen_to(member, now_s)
-            self._tell(member, now_s)
+            self._send_frames(member, now_s)
             member.client.flush()
-        self._let_go()
+        self._remove_closed()
 
     def _listen_to(self, member: _Member, now_s: float) -> None:
         received = member.client.receive()
@@ -56,6 +57,7 @@ class SocketcandPort:
             return
         try:
             messages, member.rest = socketcand.split(member.rest + received)
+        # A client that does not follow the protocol is disconnected.
         except MalformedFrame:
             member.client.open = False
             return
@@ -70,6 +72,7 @@ class SocketcandPort:
             member.is_open = True
             member.client.send(socketcand.OK)
         elif command in {"rawmode", "bcmmode"} and member.is_open:
+            # Only raw mode receives frames; `bcmmode` switches them off again.
             member.told_from_s = now_s + FIRST_FRAME_S if command == "rawmode" else NEVER
             member.client.send(socketcand.OK)
         elif command == "echo":
@@ -83,14 +86,16 @@ class SocketcandPort:
         except MalformedFrame:
             member.client.send(socketcand.error("could not parse send command"))
 
-    def _tell(self, member: _Member, now_s: float) -> None:
+    def _send_frames(self, member: _Member, now_s: float) -> None:
+        # Frames wait at the end of the bus until then.
         if now_s < member.told_from_s < NEVER:
             return
         while (message := member.end.recv(timeout=0)) is not None:
+            # The protocol carries neither remote frames nor CAN FD.
             if member.told_from_s < NEVER and is_classic(message) and not message.is_remote_frame:
                 member.client.send(socketcand.encode_frame(frame_of(message), self._epoch_s + now_s))
 
-    def _let_go(self) -> None:
+    def _remove_closed(self) -> None:
         for member in [member for member in self._members if not member.client.open]:
             self._members.remove(member)
             self._wire.leave(member.end)
@@ -99,5 +104,5 @@ class SocketcandPort:
     def close(self) -> None:
         for member in self._members:
             member.client.open = False
-        self._let_go()
+        self._remove_closed()
         self._listening.close()

@@ -1,4 +1,4 @@
-"""The drive's end of the CAN wire with its faults."""
+"""CAN bus with injected faults, between the drive twin and its clients."""
 
 from typing import Protocol
 
@@ -9,17 +9,17 @@ from rfca_rig.twin_server.faults import FaultPanel
 
 
 class DriveDialect(Protocol):
-    """What a fault must know of the drive's own frames."""
+    """Knowledge of the drive's frames that bus faults need."""
 
     def is_heartbeat(self, message: can.Message) -> bool: ...
 
     def jumped(self, message: can.Message) -> can.Message:
-        """The frame as it is with the encoder displaced; other frames as they are."""
+        """The frame with a displaced encoder position; other frames unchanged."""
         ...
 
 
 class NoDialect:
-    """For drives whose frames no fault looks into."""
+    """For drives without faults that depend on the content of frames."""
 
     def is_heartbeat(self, message: can.Message) -> bool:  # noqa: ARG002 (none is)
         return False
@@ -29,7 +29,7 @@ class NoDialect:
 
 
 class TamperedBus(can.BusABC):
-    """A bus for the twin; what the panel says happens to the frames that pass."""
+    """The twin's bus; the faults of the panel act on the frames that pass."""
 
     def __init__(self, end: can.BusABC, panel: FaultPanel, dialect: DriveDialect) -> None:
         super().__init__(channel=end.channel_info)
@@ -39,7 +39,8 @@ class TamperedBus(can.BusABC):
         self._dialect = dialect
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Raises can.CanOperationError once the end is shut."""
+        """Sends a frame with the active faults. Raises can.CanOperationError once the end is shut down."""
+        # Without faults, the usual case, a frame costs no further lookups.
         if self._panel.any_on():
             if self._panel.is_on("can-silent") or self._panel.is_on("bus-off"):
                 return
@@ -48,13 +49,15 @@ class TamperedBus(can.BusABC):
             if self._panel.is_on("encoder-jump"):
                 msg = self._dialect.jumped(msg)
             if self._panel.is_on("can-short"):
-                msg = _shortened(msg)
+                msg = _shorten(msg)
+            # The frame is sent here a first time.
             if self._panel.is_on("can-twice"):
                 self._end.send(msg, timeout)
         self._end.send(msg, timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         message = self._end.recv(timeout)
+        # A drive without a bus receives nothing: what arrives meanwhile is lost.
         while message is not None and self._panel.is_on("bus-off"):
             message = self._end.recv(timeout)
         if message is not None and self._panel.is_on("own-frame-echo"):
@@ -67,7 +70,7 @@ class TamperedBus(can.BusABC):
 
 
 def with_data(message: can.Message, data: bytes) -> can.Message:
-    """The same frame with other data, and the length that goes with it."""
+    """The same frame with other data, and the matching length."""
     return can.Message(
         arbitration_id=message.arbitration_id,
         data=data,
@@ -77,8 +80,8 @@ def with_data(message: can.Message, data: bytes) -> can.Message:
     )
 
 
-def _shortened(message: can.Message) -> can.Message:
-    """Without its last byte, or on CAN-FD of the next length that there is."""
+def _shorten(message: can.Message) -> can.Message:
+    """Removes the last byte; on CAN-FD as many as lead to the next valid length."""
     length = len(message.data) - 1
     if message.is_fd:
         length = max((one for one in FD_LENGTHS if one <= length), default=0)

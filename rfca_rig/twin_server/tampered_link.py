@@ -1,4 +1,4 @@
-"""The sensor's link with its faults: sits between the twin and the network."""
+"""Datagram link with injected faults, between the sensor twin and the network."""
 
 from dataclasses import replace
 
@@ -11,11 +11,12 @@ from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.udp_link import STARTS
 from rfca_rig.twins.datagram_link import DatagramLink
 
+# Faults of single datagrams hit every tenth one.
 EVERY = 10
 
 
 class TamperedLink:
-    """A link for the twin; what the panel says happens to its datagrams on the way."""
+    """The twin's link; the faults of the panel act on its datagrams."""
 
     def __init__(self, link: DatagramLink, panel: FaultPanel) -> None:
         self._link = link
@@ -29,7 +30,7 @@ class TamperedLink:
         self._stuck: Records | None = None
 
     def receive_all(self) -> list[bytes]:
-        """Requests, and those that a fault adds."""
+        """Received requests, with those that a fault adds."""
         requests: list[bytes] = []
         if self._panel.take("box-restart"):
             self._samples_before_restart = self._last_sample
@@ -37,6 +38,7 @@ class TamperedLink:
         self._stolen = self._stolen or self._panel.take("stream-stolen")
         for request in self._link.receive_all():
             command = _command(request)
+            # A new start request takes the stream back.
             self._stolen = self._stolen and command not in STARTS
             requests.append(request)
             if command == RdtCommand.SET_BIAS and self._panel.is_on("bias-stops-stream"):
@@ -45,21 +47,22 @@ class TamperedLink:
 
     def send(self, datagram: bytes) -> None:
         self._sent += 1
+        # The internal sample counter is the second word of a record; the last record of the datagram counts.
         self._last_sample = int.from_bytes(datagram[-RECORD_BYTES:][4:8], "big")
         if self._stolen or self._panel.is_on("force-silent"):
             return
-        if not self._panel.any_on() and self._untouched():
+        if not self._panel.any_on() and self._is_unaltered():
             self._link.send(datagram)
             return
-        for altered in self._on_the_way(encode_records(self._altered(decode_records(datagram)))):
+        for altered in self._apply_network_faults(encode_records(self._apply_box_faults(decode_records(datagram)))):
             self._link.send(altered)
 
-    def _untouched(self) -> bool:
-        """Whether nothing is left of an earlier fault: neither a restart's other counter nor a datagram held back."""
+    def _is_unaltered(self) -> bool:
+        """Whether no earlier fault has an after-effect: a shifted sample counter, or a datagram that is held back."""
         return self._samples_before_restart == 0 and self._overtaken is None
 
-    def _altered(self, records: Records) -> Records:
-        """What the box itself gets wrong."""
+    def _apply_box_faults(self, records: Records) -> Records:
+        """Applies the faults inside the box."""
         records = replace(records, ft_sequence=records.ft_sequence - np.uint32(self._samples_before_restart))
         if self._panel.is_on("force-scale"):
             records = replace(records, counts=np.clip(2 * records.counts.astype(np.int64), -(2**31) + 1, 2**31 - 1).astype(np.int32))
@@ -69,10 +72,10 @@ class TamperedLink:
         if self._stuck is not None:
             records = replace(records, counts=np.broadcast_to(self._stuck.counts[0], records.counts.shape).copy())
         self._frozen = (self._frozen or records) if self._panel.is_on("force-frozen") else None
-        return records if self._frozen is None else _standing_still(records, self._frozen)
+        return records if self._frozen is None else _repeat_sample(records, self._frozen)
 
-    def _on_the_way(self, datagram: bytes) -> list[bytes]:
-        """What the network and the box's network side get wrong, at every tenth datagram."""
+    def _apply_network_faults(self, datagram: bytes) -> list[bytes]:
+        """Applies the network faults, to every tenth datagram."""
         waiting, self._overtaken = self._overtaken, None
         if self._sent % EVERY == 0:
             if self._panel.is_on("force-lost"):
@@ -102,8 +105,8 @@ def _command(request: bytes) -> int | None:
         return None
 
 
-def _standing_still(records: Records, frozen: Records) -> Records:
-    """The sample of `frozen` over and over; the records' own numbers run on."""
+def _repeat_sample(records: Records, frozen: Records) -> Records:
+    """Records that repeat the sample of `frozen`; their record numbers run on."""
     return replace(
         records,
         ft_sequence=np.full_like(records.ft_sequence, frozen.ft_sequence[0]),

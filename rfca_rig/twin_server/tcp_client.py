@@ -1,17 +1,19 @@
-"""One connected client of a server that must not wait for it."""
+"""Non-blocking connection to one TCP client."""
 
 import socket
 from contextlib import suppress
 
+# Limit of the send queue, and largest read, in bytes.
 MOST_WAITING = 4 << 20
 BLOCK = 1 << 16
 
 
 class TcpClient:
-    """Bytes in and out without waiting. `open` turns false when the peer left, or stopped reading what it is sent."""
+    """Sends and receives without waiting. `open` becomes false when the client left, or stopped reading."""
 
     def __init__(self, connection: socket.socket) -> None:
         connection.setblocking(False)
+        # Small frames must not wait for the acknowledgement of the ones before (Nagle).
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._connection = connection
         self._waiting = bytearray()
@@ -19,7 +21,7 @@ class TcpClient:
         self.open = True
 
     def receive(self) -> bytes:
-        """What has arrived, at most 64 KiB of it."""
+        """Bytes that have arrived, at most 64 KiB."""
         try:
             received = self._connection.recv(BLOCK)
         except BlockingIOError:
@@ -31,11 +33,11 @@ class TcpClient:
         return received
 
     def send(self, data: bytes) -> None:
-        """Lets go of `data` now or, as far as the peer has no room, at the next `flush`."""
+        """Queues `data` for the next `flush`."""
         self._waiting += data
 
     def flush(self) -> None:
-        """Gives out what fits. A peer that left more than 4 MiB unread is let go: it would never catch up."""
+        """Sends what fits. A client with more than 4 MiB unread is disconnected: it would never catch up."""
         try:
             while self._waiting and self.open:
                 del self._waiting[: self._connection.send(self._waiting)]
@@ -45,12 +47,12 @@ class TcpClient:
             self.open = False
 
     def finish(self) -> None:
-        """To be closed once all is given out."""
+        """Marks the connection to be closed once everything is sent."""
         self._finishing = True
 
     @property
     def done(self) -> bool:
-        """Whether there is nothing left to do but `close`."""
+        """Whether only `close` is left to do."""
         return not self.open or (self._finishing and not self._waiting)
 
     def close(self) -> None:
@@ -61,7 +63,7 @@ class TcpClient:
 
 
 def accept_all(listening: socket.socket) -> list[TcpClient]:
-    """Everybody who has knocked since the last call."""
+    """Accepts all clients that have connected since the last call."""
     clients: list[TcpClient] = []
     while True:
         try:

@@ -1,4 +1,4 @@
-"""The sensor's end of the datagram link, over UDP: whoever asked last is answered."""
+"""The sensor twin's datagram link over UDP; records go to the client that sent the last start request."""
 
 import socket
 from contextlib import suppress
@@ -9,13 +9,14 @@ from rfca_rig.twin_server.listening import bound_udp
 
 STARTS = frozenset({RdtCommand.START_SINGLE, RdtCommand.START_BUFFERED})
 LONGEST_REQUEST = 2048
+# After a delay the twin sends many datagrams at once.
 SEND_BUFFER_BYTES = 1 << 20
 
 
 class UdpLink:
-    """Records go to where the last start request came from: a second client takes the stream away from the first, as on the box.
+    """Sends records to the source of the last start request: a second client takes the stream from the first, as on the box.
 
-    A datagram that the network refuses is lost, as it would be on the way.
+    A datagram that the network refuses is lost, like one lost on the way.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -40,7 +41,8 @@ class UdpLink:
                 request, sender = self._socket.recvfrom(LONGEST_REQUEST)
             except BlockingIOError:
                 return requests
-            except ConnectionError:  # an earlier datagram came back: its receiver is gone
+            # ICMP "port unreachable" for an earlier datagram: its receiver is gone.
+            except ConnectionError:
                 continue
             self._note(request, sender)
             requests.append(request)

@@ -1,1 +1,1 @@
-"""The other end of each wire: simulated devices that cannot be told from real ones by their bytes."""
+"""Device twins: simulated drives, sensors and cameras that exchange the same bytes as the real devices."""

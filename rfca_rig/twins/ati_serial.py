@@ -1,4 +1,4 @@
-"""The controller's side of the serial line: an ATI F/T Controller (CTL, CON) with its transducer."""
+"""Twin of an ATI F/T Controller (CTL, CON) with its transducer, on a serial line."""
 
 from dataclasses import dataclass
 from math import ceil
@@ -12,16 +12,17 @@ from rfca_rig.twins.ticks import Ticks
 
 Floats = NDArray[np.float64]
 
-BITS_PER_BYTE = 10  # a start bit, eight of data, a stop bit
+# A start bit, eight data bits, a stop bit.
+BITS_PER_BYTE = 10
 LONGEST_COMMAND = 80
 
 
 @dataclass(frozen=True)
 class AtiSerialTwinSettings:
-    """How the controller is set, and the transducer: standard deviation of its noise and range per axis, in N and N m.
+    """Settings of the controller, and noise standard deviation and range of the transducer per axis, in N and N m.
 
-    Scale of a Gamma SI-65-5 unless told otherwise. A record is sent at every n-th sample, with the smallest n that the line can
-    carry at `bits_per_s`.
+    The default scale is that of a Gamma SI-65-5. A record is sent at every n-th sample, with the smallest n that the line can carry
+    at `bits_per_s`.
     """
 
     counts_per_N: float = 20.0
@@ -33,9 +34,9 @@ class AtiSerialTwinSettings:
 
 
 class AtiSerialTwin:
-    """Echoes, obeys, prompts; streams after `QS` until the next carriage return. Speaks ASCII after power-up.
+    """Echoes commands, executes them and prompts; streams after `QS` until the next carriage return. Uses ASCII after power-up.
 
-    Brought forward step by step by a world: `take_requests`, `due`, then, after the plant moved, `measured`.
+    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `measured`.
     """
 
     def __init__(self, line: SerialLine, settings: AtiSerialTwinSettings, random: np.random.Generator) -> None:
@@ -52,14 +53,14 @@ class AtiSerialTwin:
 
     @property
     def form(self) -> RecordForm:
-        """How records are written at present."""
+        """The record format in use."""
         if not self._binary:
             return RecordForm.ASCII
         return RecordForm.BINARY_CHECKSUM if self._with_checksum else RecordForm.BINARY
 
     @property
     def record_rate_Hz(self) -> float:
-        """Records per second of a stream of the present form."""
+        """Record rate of a stream in the present format, in Hz."""
         return self._settings.sampling_Hz / self._every
 
     @property
@@ -68,12 +69,13 @@ class AtiSerialTwin:
         return max(1, ceil(self._settings.sampling_Hz * bits / self._settings.bits_per_s - 1e-9))
 
     def take_requests(self) -> None:
-        """Obeys what has come in. A line that is no command is answered by the prompt alone."""
+        """Executes received commands. A line that is not a command is answered by the prompt alone."""
         for number in self._line.read():
             self._hear(bytes([number]))
 
     def _hear(self, character: bytes) -> None:
         if character != END:
+            # While streaming only the carriage return counts; an echo would break up the records.
             if not self._streaming and len(self._typed) < LONGEST_COMMAND:
                 self._typed += character
                 self._line.write(character)
@@ -101,19 +103,21 @@ class AtiSerialTwin:
             self._biases = []
 
     def due(self, to_s: float) -> Floats:
-        """Sample times (m,) in the step that ends at `to_s`; none while nobody asked for any."""
+        """Sample times (m,) in s in the step that ends at `to_s`; none while no record was requested."""
         first = self._ticks.taken + 1
         times_s = self._ticks.until(to_s)
         if self._one_wanted or self._bias_wanted:
             return times_s
         every = self._every
+        # Every n-th sample of the grid since power-up, across the borders of steps.
         return times_s[(-first) % every :: every] if self._streaming else times_s[:0]
 
     def measured(self, wrench: Floats) -> None:
-        """Takes the true wrench (m, 6) at the times that were due, and sends a record for each."""
+        """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends a record for each."""
         if not len(wrench):
             return
         if self._bias_wanted:
+            # Biases form a stack: `SZ` clears all, the other command the last one.
             self._biases.append(wrench[-1].copy())
             self._bias_wanted = False
         if self._one_wanted:
@@ -124,10 +128,11 @@ class AtiSerialTwin:
             self._send(wrench)
 
     def _send(self, wrench: Floats) -> None:
-        felt = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
-        within = np.clip(felt, -self._full_scale, self._full_scale)
-        saturated = (within != felt).any(axis=1)
+        noisy = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
+        clipped = np.clip(noisy, -self._full_scale, self._full_scale)
+        # The range applies to the load itself; the bias is subtracted afterwards.
+        saturated = (clipped != noisy).any(axis=1)
         bias = self._biases[-1] if self._biases else np.zeros(6)
-        counts = np.clip(np.rint((within - bias) * self._counts_per_unit), -LARGEST_COUNT, LARGEST_COUNT).astype(int)
+        counts = np.clip(np.rint((clipped - bias) * self._counts_per_unit), -LARGEST_COUNT, LARGEST_COUNT).astype(int)
         for error, (fx, fy, fz, tx, ty, tz) in zip(saturated.tolist(), counts.tolist(), strict=True):
             self._line.write(encode_record(AtiRecord(int(error), (fx, fy, fz, tx, ty, tz)), self.form))

@@ -1,4 +1,4 @@
-"""A camera before a twin's leg: the picture drawn from how the plant stands at the moment."""
+"""Camera twin: renders the leg in the present configuration of the plant."""
 
 from typing import Protocol
 
@@ -16,23 +16,23 @@ Floats = NDArray[np.float64]
 
 
 class StandingLeg(Protocol):
-    """How a plant's leg stands now, as far as a camera sees it."""
+    """The present configuration of a plant's leg, as far as a camera sees it."""
 
     def link_angles_rad(self) -> Floats:
-        """Absolute angles (n,) of the links from the shaft outwards, from +y, positive downwards."""
+        """Absolute angles (n,) of the links in rad, from the shaft outwards, measured from +y, positive downwards."""
         ...
 
     def link_lengths_m(self) -> Floats:
-        """(n,)"""
+        """Lengths (n,) of the links in m, from the shaft outwards."""
         ...
 
     def ground_depth_m(self) -> float:
-        """How far the plate is below the shaft axis."""
+        """Depth of the plate below the shaft axis in m."""
         ...
 
 
 class CameraTwin:
-    """Every picture has chance disturbances of its own, from `random`; their kinds and sizes are `disturbance`'s."""
+    """Each picture gets new random disturbances from `random`; `disturbance` sets their kinds and sizes."""
 
     def __init__(
         self, leg: StandingLeg, plan: MarkPlan, camera: CameraModel, disturbance: Disturbance, random: np.random.Generator
@@ -44,7 +44,7 @@ class CameraTwin:
         self._random = random
 
     def expose(self) -> NDArray[np.uint8]:
-        """The picture (rows, columns, 3) uint8, blue green red, of the leg as it stands."""
+        """The image (rows, columns, 3) uint8 in BGR order of the leg in its present configuration."""
         leg = self._leg
         angles_rad, lengths_m, ground_m = leg.link_angles_rad(), leg.link_lengths_m(), leg.ground_depth_m()
         return render_leg(angles_rad, lengths_m, self._plan, self._camera, self._disturbance, self._random, ground_m)

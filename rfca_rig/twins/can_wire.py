@@ -1,4 +1,4 @@
-"""A CAN wire inside this process."""
+"""In-process CAN bus."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -8,10 +8,10 @@ import can
 
 
 class CanEnd(can.BusABC):
-    """One end of a wire: what is sent here arrives at every other end, in order and at once.
+    """One end of the bus: a frame sent here arrives at every other end, in order and at once.
 
-    python-can's own `virtual` bus does the same and works in its place; it copies each message deeply, behind locks for
-    threads, which costs half the time of a simulated rig. Here nobody changes a message after sending it.
+    python-can's `virtual` bus does the same and can replace it. It makes a deep copy of each message, behind thread locks, which
+    takes half the time of a simulated rig. Here no message is changed after sending, so none is copied.
     """
 
     def __init__(self, name: str, others: list["CanEnd"]) -> None:
@@ -22,7 +22,7 @@ class CanEnd(can.BusABC):
         self._open = True
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 (never full, so never waits)
-        """Raises can.CanOperationError once this end is shut."""
+        """Sends to all other open ends. Raises can.CanOperationError once this end is shut down."""
         self._check_open()
         for end in self._others:
             if end is not self and end._open:
@@ -43,7 +43,7 @@ class CanEnd(can.BusABC):
 
 @contextmanager
 def can_wire(name: str = "twin CAN wire", ends: int = 2) -> Iterator[tuple[CanEnd, ...]]:
-    """The ends of a wire of its own: the driver's, the twin's, and where wanted those of observers. Shut when the block ends."""
+    """Creates a bus with `ends` ends: driver, twin, and optional observers. They are shut down when the block ends."""
     wire: list[CanEnd] = []
     with ExitStack() as stack:
         for _ in range(ends):

@@ -1,4 +1,4 @@
-"""The drive's side of the CAN wire: a CubeMars / T-Motor AK drive in MIT mode on the motor that turns the shaft."""
+"""Twin of a CubeMars / T-Motor AK drive in MIT mode, on the CAN bus."""
 
 from dataclasses import dataclass, field, replace
 from math import remainder, tau
@@ -14,18 +14,20 @@ from rfca_rig.twins.plant import ShaftDrive, ShaftState
 from rfca_rig.twins.thermal_model import Warming, Warmth
 
 AT_REST = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
+# Time in s for which the drive does not answer after it has set its zero.
 ZEROING_S = 1.0
-ROTOR_TURN_RAD = tau / 9.0  # at the shaft: the encoder sits before the gear
+# One rotor turn at the shaft: the encoder sits before the gear.
+ROTOR_TURN_RAD = tau / 9.0
 
 
 @dataclass(frozen=True)
 class MitTwinSettings:
-    """How the drive is configured, and what kind of firmware it has.
+    """Configuration of the drive, and variant of its firmware.
 
-    `watchdog_s` None is a drive that goes on with its last command for ever; else the command is zeroed after that silence, and
-    the drive stays in MIT mode, as Ben Katz's firmware does (25 ms). `reply_id` None replies under the drive's own id.
-    `wraps`: the position field wraps at its ends, else it stops there. `tells_errors`: replies carry temperature and error.
-    `entering_error` is an error that every attempt to enter MIT mode ends in; 0 for a healthy drive.
+    With `watchdog_s` None the drive keeps its last command for ever. Otherwise the command is zeroed after that silence and the drive
+    stays in MIT mode, as in Ben Katz's firmware (25 ms). `reply_id` None replies under the drive's own id. `wraps`: the position
+    field wraps at its ends, else it stops there. `tells_errors`: replies carry temperature and error. `entering_error` is the error
+    that every attempt to enter MIT mode ends in; 0 for a healthy drive.
     """
 
     drive_id: int = 1
@@ -42,9 +44,9 @@ class MitTwinSettings:
 
 
 class CubemarsMitTwin:
-    """A `MotorTwin`: takes frames, answers each with how the shaft stands then, gives the torque on it.
+    """A `MotorTwin` that answers each frame with the state of the shaft at that time.
 
-    The last command stays in the drive over leaving and entering MIT mode; a driver that relies on the contrary jerks.
+    The drive keeps its last command across EXIT and ENTER; a driver that relies on the contrary causes a jerk.
     """
 
     def __init__(self, bus: can.BusABC, settings: MitTwinSettings) -> None:
@@ -64,12 +66,13 @@ class CubemarsMitTwin:
         self.warmth = Warmth(settings.warming)
 
     def take_frames(self, now_s: float) -> None:
-        """Obeys what has come in; frames that cannot be read are ignored. Commands feed the watchdog, special frames do not."""
+        """Executes received frames; invalid ones are ignored. Commands feed the watchdog, special frames do not."""
         while (message := self._bus.recv(timeout=0)) is not None:
             mine = message.arbitration_id == self._settings.drive_id and not message.is_extended_id
             if mine and not message.is_error_frame and not message.is_remote_frame and now_s >= self._mute_until_s:
                 self._take(message.data, now_s)
         limit_s = self._settings.watchdog_s
+        # Only the command is zeroed; the drive stays in MIT mode.
         if limit_s is not None and now_s - self._fed_s > limit_s:
             self._command = AT_REST
 
@@ -93,26 +96,27 @@ class CubemarsMitTwin:
             self._entered, self._error = entered, 0
 
     def fail(self, error: int) -> None:
-        """An error of the drive's own: it gives no torque until it enters MIT mode anew."""
+        """Puts the drive into an error: no torque until it enters MIT mode again."""
         self._error, self._entered = error, False
 
     def restart(self) -> None:
-        """Power off and on: not in MIT mode, and which turn of the rotor it is in is forgotten."""
+        """Power cycle: the drive is out of MIT mode and has lost its rotor turn count."""
         self._command, self._entered, self._error, self._restarts = AT_REST, False, 0, True
 
     def leap(self, by_rad: float) -> None:
-        """The encoder slips: from now on the drive reports another position."""
+        """Encoder slip: from now on the reported position is shifted by `by_rad`."""
         self._zero_rad += by_rad
 
     def refuse_with(self, error: int) -> None:
-        """Every attempt to enter MIT mode ends in this error from now on."""
+        """From now on every attempt to enter MIT mode ends in this error."""
         self._settings = replace(self._settings, entering_error=error)
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
-        """Answers what was asked, and gives the torque on the shaft until the next step, within the limit as of now."""
+        """Sends the pending answers; returns the torque law until the next step, limited at the present state."""
         if self._restarts:
-            self._restarts, told_rad = False, self._settings.direction * shaft.angle_rad + self._zero_rad
-            self._zero_rad += remainder(told_rad, ROTOR_TURN_RAD) - told_rad
+            self._restarts, reported_rad = False, self._settings.direction * shaft.angle_rad + self._zero_rad
+            # A single-turn encoder knows its position within a rotor turn only: whole turns are lost.
+            self._zero_rad += remainder(reported_rad, ROTOR_TURN_RAD) - reported_rad
         for _ in range(self._unanswered):
             self._reply(shaft)
         self._unanswered = 0
@@ -122,7 +126,8 @@ class CubemarsMitTwin:
             return ShaftDrive()
         free = self._law()
         torque_Nm, limit_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)), self._limit_Nm
-        return free if torque_Nm <= limit_Nm else _scaled(free, limit_Nm / torque_Nm)
+        # Beyond the limit the whole law is scaled down for one step, as in `SpeedLoop`.
+        return free if torque_Nm <= limit_Nm else _scale(free, limit_Nm / torque_Nm)
 
     def _law(self) -> ShaftDrive:
         command, direction = self._command, self._settings.direction
@@ -140,28 +145,29 @@ class CubemarsMitTwin:
         return self._ranges.torque_Nm if given_Nm is None else min(given_Nm, self._ranges.torque_Nm)
 
     def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
-        """Nothing becomes due: the drive speaks only when it is asked."""
+        """Advances the motor temperature. Nothing else becomes due, as the drive replies only when asked."""
         self.warmth.passed(elapsed_s, after.torque_Nm)
 
     def _reply(self, shaft: ShaftState) -> None:
-        settings, told = self._settings, self._settings.tells_errors
+        settings, has_errors = self._settings, self._settings.tells_errors
         angle_rad, speed_rad_s = self.encoder.told(settings.direction * shaft.angle_rad + self._zero_rad, shaft.speed_rad_s)
         code = cubemars_mit.position_code(self._ranges, angle_rad)
         reply = MitReply(
             drive_id=settings.drive_id,
+            # Firmware differs here: the position code wraps, or is limited to its range.
             position_code=code % POSITION_CODES if settings.wraps else min(max(code, 0), POSITION_CODES - 1),
             position_rad=0.0,
             speed_rad_s=settings.direction * speed_rad_s,
             torque_Nm=settings.direction * shaft.torque_Nm,
-            temperature_degC=min(round(self.warmth.told_degC), 255 - self._ranges.temperature_offset_degC) if told else None,
-            error=self._error if told else None,
+            temperature_degC=min(round(self.warmth.told_degC), 255 - self._ranges.temperature_offset_degC) if has_errors else None,
+            error=self._error if has_errors else None,
         )
         identifier = settings.drive_id if settings.reply_id is None else settings.reply_id
         data = cubemars_mit.encode_reply(self._ranges, reply)
         self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
 
 
-def _scaled(law: ShaftDrive, factor: float) -> ShaftDrive:
+def _scale(law: ShaftDrive, factor: float) -> ShaftDrive:
     return replace(
         law,
         feed_Nm=factor * law.feed_Nm,

@@ -1,4 +1,4 @@
-"""The drive's side of the CAN wire: a CubeMars / T-Motor AK drive in servo mode on the motor that turns the shaft."""
+"""Twin of a CubeMars / T-Motor AK drive in servo mode, on the CAN bus."""
 
 from dataclasses import dataclass, field, replace
 from math import degrees, floor, radians, remainder, tau
@@ -16,17 +16,19 @@ from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
 from rfca_rig.twins.thermal_model import Warming, Warmth
 from rfca_rig.twins.ticks import Ticks
 
-HOTTEST_degC = 127  # that its status can tell
-MOST_COUNT = 32_000  # where the manual says that the position of the status frame ends
+# Largest temperature of the signed byte in the status frame.
+HOTTEST_degC = 127
+# End of the position range of the status frame according to the manual.
+MOST_COUNT = 32_000
 
 
 @dataclass(frozen=True)
 class ServoTwinSettings:
-    """How the drive is configured, and what kind of firmware it has.
+    """Configuration of the drive, and variant of its firmware.
 
-    `watchdog_s` None is a drive that goes on with its last order for ever; else the torque is taken away after that silence.
-    `wraps`: the position of the status frame wraps at 16 bits, else it stops at +-3200 degrees. `ordered_error` is an error that
-    every order to turn ends in; 0 for a healthy drive.
+    With `watchdog_s` None the drive keeps its last command for ever, otherwise it is disabled after that silence. `wraps`: the
+    position of the status frame wraps at 16 bits, else it stops at +-3200 degrees. `ordered_error` is the error that every motion
+    command ends in; 0 for a healthy drive.
     """
 
     drive_id: int = 1
@@ -44,9 +46,9 @@ class ServoTwinSettings:
 
 
 class CubemarsServoTwin:
-    """A `MotorTwin`: takes frames, gives the torque on the shaft, sends its status on its own.
+    """A `MotorTwin` that sends its status cyclically.
 
-    Orders count at once and stay; a position is absolute, however often the shaft has turned before.
+    Commands take effect at once and stay in force. A position is absolute, however many turns the shaft has made before.
     """
 
     def __init__(self, bus: can.BusABC, settings: ServoTwinSettings) -> None:
@@ -54,7 +56,8 @@ class CubemarsServoTwin:
         self._settings = settings
         self._loop = SpeedLoop(settings.gains)
         self._wanted = SetPoint(ControlMode.TORQUE)
-        self._goal_rad: float | None = None  # of a position with a limit of speed; the set-point moves there
+        # Target of a position command with a speed limit; the set-point moves there.
+        self._goal_rad: float | None = None
         self._pace_rad_s = 0.0
         self._starts_pacing = False
         self._looping = False
@@ -68,7 +71,7 @@ class CubemarsServoTwin:
         self.warmth = Warmth(settings.warming)
 
     def take_frames(self, now_s: float) -> None:
-        """Obeys what has come in; frames that cannot be read are ignored."""
+        """Executes received frames; invalid ones are ignored."""
         while (message := self._bus.recv(timeout=0)) is not None:
             mine = message.is_extended_id and cubemars_servo.drive_of(message.arbitration_id) == self._settings.drive_id
             if mine and not message.is_error_frame and not message.is_remote_frame:
@@ -82,7 +85,8 @@ class CubemarsServoTwin:
         try:
             self._obey(cubemars_servo.decode(message.arbitration_id, message.data))
         except MalformedFrame:
-            return  # the firmware says nothing either
+            # The firmware does not report invalid frames either.
+            return
 
     def _obey(self, order: Message | None) -> None:
         match order:
@@ -100,7 +104,7 @@ class CubemarsServoTwin:
                 self._turn(ControlMode.POSITION, angle_rad=self._wanted.angle_rad, goal_rad=goal_rad)
 
     def _push(self, current_A: float) -> None:
-        """Current alone; zero lets go, and what was an error is over then."""
+        """Current control. Zero disables the motor and clears an error."""
         self._wanted = SetPoint(ControlMode.TORQUE, torque_Nm=current_A * self._torque_per_A)
         self._goal_rad, self._looping = None, False
         if current_A == 0.0:
@@ -119,37 +123,39 @@ class CubemarsServoTwin:
         self._looping = True
 
     def fail(self, error: int) -> None:
-        """An error of the drive's own: it lets go, and takes no order to turn before it was told to."""
+        """Puts the drive into an error: it is disabled, and ignores motion commands until a zero current clears it."""
         self._push(0.0)
         self._error = error
 
     def restart(self) -> None:
-        """Power off and on: without torque, and which turn of the rotor it is in is forgotten."""
+        """Power cycle: the drive is disabled and has lost its rotor turn count."""
         self._push(0.0)
         self._restarts = True
 
     def leap(self, by_rad: float) -> None:
-        """The encoder slips: from now on the drive reports another position."""
+        """Encoder slip: from now on the reported position is shifted by `by_rad`."""
         self._zero_deg += degrees(by_rad)
 
     def refuse_with(self, error: int) -> None:
-        """Every order to turn ends in this error from now on."""
+        """From now on every motion command ends in this error."""
         self._settings = replace(self._settings, ordered_error=error)
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
-        """The torque on the shaft until the next step."""
+        """Torque law on the shaft until the next step."""
         if self._restarts:
-            self._restarts, told_deg = False, self._zero_deg + self._settings.direction * degrees(shaft.angle_rad)
-            self._zero_deg += remainder(told_deg, 360.0 / self._settings.gear_ratio) - told_deg
+            self._restarts, reported_deg = False, self._zero_deg + self._settings.direction * degrees(shaft.angle_rad)
+            # A single-turn encoder knows its position within a rotor turn only: whole turns are lost.
+            self._zero_deg += remainder(reported_deg, 360.0 / self._settings.gear_ratio) - reported_deg
         if self._origin_wanted:
             self._origin_wanted, self._zero_deg = False, -self._settings.direction * degrees(shaft.angle_rad)
         if self._goal_rad is not None and self._starts_pacing:
+            # The moving set-point starts where the shaft is, not at an old set-point.
             self._wanted.angle_rad = shaft.angle_rad
         self._starts_pacing = False
         return self._loop.law(self._wanted, shaft)
 
     def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
-        """Takes in a step of the plant under `law` that ended at `now_s`, and reports what became due in it."""
+        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
         self._loop.passed(self._wanted, elapsed_s, before, after)
         self.warmth.passed(elapsed_s, after.torque_Nm)
         if self._goal_rad is not None:
@@ -160,12 +166,12 @@ class CubemarsServoTwin:
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
-        told_deg, speed_rad_s = self.encoder.told(self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s)
-        count = floor(told_deg / cubemars_servo.STATUS_DEG)
-        held = min(max(count, -MOST_COUNT), MOST_COUNT)
+        reported_deg, speed_rad_s = self.encoder.told(self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s)
+        count = floor(reported_deg / cubemars_servo.STATUS_DEG)
+        clipped = min(max(count, -MOST_COUNT), MOST_COUNT)
         wrapped = (count + cubemars_servo.STATUS_COUNTS // 2) % cubemars_servo.STATUS_COUNTS - cubemars_servo.STATUS_COUNTS // 2
         status = Status(
-            position_count=wrapped if self._settings.wraps else held,
+            position_count=wrapped if self._settings.wraps else clipped,
             speed_erpm=speed_rad_s * self._erpm_s_per_rad,
             current_A=torque_Nm / self._torque_per_A,
             temperature_degC=min(round(self.warmth.told_degC), HOTTEST_degC),

@@ -1,4 +1,4 @@
-"""A DAQ F/T transducer and the card that samples it: wrench to gage voltages through the inverse matrix, as 16 bit codes."""
+"""Twin of a DAQ F/T transducer and its sampling card: wrench to gage voltages by the inverse matrix, with 16 bit codes."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -17,9 +17,9 @@ CODES = 1 << 16
 
 @dataclass(frozen=True)
 class DaqFtTwinSettings:
-    """The card's clock and its store, the transducer's voltages without load, the spread of its noise per axis in N and N m.
+    """Sample rate and buffer of the card, unloaded voltages, and noise standard deviation per axis in N and N m.
 
-    A store that nobody empties within `store_s` runs over, and the oldest samples are lost.
+    If the buffer is not read within `store_s`, it overflows and the oldest samples are lost.
     """
 
     sampling_Hz: float = 15_000.0
@@ -30,7 +30,7 @@ class DaqFtTwinSettings:
 
 @dataclass
 class _Store:
-    """Blocks that wait to be read, and how many samples they hold."""
+    """Sample buffer of the card: blocks, and the number of samples in them."""
 
     blocks: deque[GageBlock] = field(default_factory=deque)
     held: int = 0
@@ -38,12 +38,13 @@ class _Store:
     def add(self, block: GageBlock, room: int) -> None:
         self.blocks.append(block)
         self.held += len(block.volts)
+        # Whole blocks are dropped, oldest first; the driver sees the gap in the sample counter.
         while self.held > room:
             self.held -= len(self.blocks.popleft().volts)
 
 
 class DaqFtTwin:
-    """Is itself what a driver reads voltages from. Brought forward step by step by a world: `due`, then `measured`."""
+    """Implements `GageVoltages`, so a driver reads from it directly. A world advances it in steps: `due`, then `measured`."""
 
     def __init__(self, calibration: TransducerCalibration, settings: DaqFtTwinSettings, random: np.random.Generator) -> None:
         self._calibration = calibration
@@ -56,7 +57,7 @@ class DaqFtTwin:
         self._store = _Store()
 
     def start(self) -> float:
-        """Samples count from 0 again; returns the samples per second."""
+        """Restarts the sample counter at 0; returns the sample rate in Hz."""
         self._running = True
         self._taken = 0
         self._store = _Store()
@@ -66,7 +67,7 @@ class DaqFtTwin:
         self._running = False
 
     def read(self) -> list[GageBlock]:
-        """What was sampled since the last call."""
+        """Blocks of voltages (m, channels) sampled since the last call."""
         blocks = list(self._store.blocks)
         self._store = _Store()
         return blocks
@@ -75,26 +76,27 @@ class DaqFtTwin:
         return {"card": "twin, 16 bit", "card_rate_Hz": f"{self._settings.sampling_Hz:.6g}"}
 
     def take_requests(self) -> None:
-        """A card obeys at once, so there is nothing to take in."""
+        """Does nothing: a card reacts to calls at once."""
 
     def due(self, to_s: float) -> Floats:
-        """Sample times (m,) in the step that ends at `to_s`; none while the card stands."""
+        """Sample times (m,) in s in the step that ends at `to_s`; none while the card is stopped."""
         times_s = self._ticks.until(to_s)
         return times_s if self._running else times_s[:0]
 
     def measured(self, wrench: Floats) -> None:
-        """Takes the true wrench (m, 6) at the times that were due."""
+        """Takes the true wrench (m, 6), in N and N m, at the times that were due."""
         if not len(wrench):
             return
-        felt = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
-        volts = self._coded(self._calibration.volts(felt, self._unloaded_V))
+        noisy = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
+        volts = self._digitise(self._calibration.volts(noisy, self._unloaded_V))
         if (temperature := self._calibration.temperature) is not None:
+            # The thermistor shows the reference temperature, at which no compensation is needed.
             volts = np.column_stack([volts, np.full(len(volts), temperature.reference_V)])
         self._store.add(GageBlock(self._taken, volts), round(self._settings.store_s * self._settings.sampling_Hz))
         self._taken += len(wrench)
 
-    def _coded(self, volts: Floats) -> Floats:
-        """As a 16 bit converter between the rails gives them; beyond the rails it gives its first or last code."""
+    def _digitise(self, volts: Floats) -> Floats:
+        """Quantises voltages (m, 6) to a 16 bit converter between the rails; beyond them it gives its first or last code."""
         lowest_V, highest_V = self._calibration.rails_V
         step_V = (highest_V - lowest_V) / CODES
         codes = np.clip(np.rint((volts - lowest_V) / step_V), 0, CODES - 1)

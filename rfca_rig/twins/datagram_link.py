@@ -1,4 +1,4 @@
-"""A datagram link inside this process: nothing is lost on it, and nothing waits."""
+"""In-process datagram link, without loss and without delay."""
 
 from collections import deque
 from typing import Protocol
@@ -7,7 +7,7 @@ from rfca_rig.errors import DeviceError
 
 
 class DatagramLink(Protocol):
-    """What a twin asks of its end, here or on a network."""
+    """A twin's end of a datagram link, in-process or on a network."""
 
     def send(self, datagram: bytes) -> None: ...
 
@@ -19,7 +19,7 @@ class DatagramLink(Protocol):
 
 
 class LinkEnd:
-    """One end; what is sent here is received there, in order."""
+    """One end; datagrams sent here are received at the other end in order."""
 
     def __init__(self, outgoing: deque[bytes], incoming: deque[bytes]) -> None:
         self._outgoing = outgoing
@@ -47,7 +47,7 @@ class LinkEnd:
 
 
 def datagram_link() -> tuple[LinkEnd, LinkEnd]:
-    """Both ends, for the driver and for the twin."""
-    there: deque[bytes] = deque()
-    back: deque[bytes] = deque()
-    return LinkEnd(there, back), LinkEnd(back, there)
+    """Creates both ends: the driver's and the twin's."""
+    to_twin: deque[bytes] = deque()
+    to_driver: deque[bytes] = deque()
+    return LinkEnd(to_twin, to_driver), LinkEnd(to_driver, to_twin)

@@ -1,7 +1,7 @@
-"""The leg as a camera sees it: black nylon shells with red marks before a black cloth, above an acrylic plate.
+"""Rendering of the leg for the camera twin: black nylon shells with red marks, a black cloth behind, an acrylic plate below.
 
-Drawn from outlines projected point by point, in linear light. Everything here is worked out on its own, from the leg's shape to the
-edge of a mark, so that a picture tells something about whoever measures it.
+Outlines are projected point by point and painted in linear light. The module shares no drawing or geometry code with the image
+analysis, so that the images are an independent test of it.
 """
 
 import cv2
@@ -17,15 +17,20 @@ from rfca_rig.vision.leg_marks import MarkPlan
 Floats = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
-HALF_THICKNESS_M = 0.0075  # the leg of the paper is 15 mm thick
+# The leg of the paper is 15 mm thick.
+HALF_THICKNESS_M = 0.0075
+# Reflectances in linear light, 1 is white; colours are blue, green, red.
 CLOTH, FOLDS = 0.012, 0.003
-SHELL = (0.015, 0.03)  # from the darkest to the lightest
+# Darkest and lightest shell.
+SHELL = (0.015, 0.03)
 PLATE: Colour = (0.05, 0.05, 0.045)
 FRAME: Colour = (0.38, 0.38, 0.38)
 RED: Colour = (0.025, 0.03, 0.5)
+# Distance of red objects behind the plane of the leg in m.
 BEHIND_M = 0.15
 FRAME_WIDTH_M = 0.02
-ROUND = 96  # corners of an outline that stands for a circle
+# Number of corners of the polygon for a circle.
+ROUND = 96
 
 
 def render_leg(
@@ -37,12 +42,37 @@ def render_leg(
     random: np.random.Generator,
     ground_depth_m: float | None = None,
 ) -> NDArray[np.uint8]:
-    """The picture (rows, columns, 3) uint8, blue green red, of a leg whose links (n,) stand at the absolute angles `q_rad`.
+    """Renders the leg.
 
-    `ground_depth_m` is how far the plate is below the shaft axis; None draws none. The same `random` gives the same picture.
-    Raises BadInput where the plan has marks beyond the leg, or fewer than the one to be hidden.
+    Parameters
+    ----------
+    q_rad : ndarray, shape (n,)
+        Absolute angles of the links.
+    link_lengths_m : ndarray, shape (n,)
+        Lengths of the links.
+    plan : MarkPlan
+        Positions and diameter of the red marks.
+    camera : CameraModel
+        Pose, projection and image size.
+    disturbance : Disturbance
+        Image disturbances.
+    random : Generator
+        Source of all random choices; the same state gives the same image.
+    ground_depth_m : float or None
+        Depth of the plate below the shaft axis; None draws no plate.
+
+    Returns
+    -------
+    ndarray, shape (rows, columns, 3)
+        The image, uint8, in BGR order.
+
+    Raises
+    ------
+    BadInput
+        If the plan has marks beyond the leg, or no mark with the index that is to be hidden.
     """
     _check(plan, len(link_lengths_m), disturbance.hidden_mark)
+    # Painted from back to front: cloth, red objects, plate, shells, glints, marks, frame.
     scene = _cloth(camera, random)
     hinges_m = _hinges(np.asarray(q_rad, np.float64), np.asarray(link_lengths_m, np.float64))
     shades = random.uniform(*SHELL, size=len(hinges_m) - 1)
@@ -68,13 +98,13 @@ def _check(plan: MarkPlan, links: int, hidden_mark: int | None) -> None:
 
 
 def _hinges(q_rad: Floats, link_lengths_m: Floats) -> Floats:
-    """(n + 1, 2): the shaft axis, each hinge, the tip, as (y, z), z up."""
+    """Points (n + 1, 2) in m: shaft axis, hinges and tip, as (y, z) with z up."""
     steps = link_lengths_m[:, None] * np.column_stack([np.cos(q_rad), -np.sin(q_rad)])
     return np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
 
 
 def _cloth(camera: CameraModel, random: np.random.Generator) -> Light:
-    """Black, with wide soft folds."""
+    """Black background (rows, columns, 3) with wide soft folds."""
     width, height = camera.image_size_px
     folds = cv2.resize(random.standard_normal((7, 9)).astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
     grey = np.clip(np.float32(CLOTH) + np.float32(FOLDS) * folds, 0.002, 1.0)
@@ -82,7 +112,7 @@ def _cloth(camera: CameraModel, random: np.random.Generator) -> Light:
 
 
 def _toward_camera(camera: CameraModel) -> float:
-    """+1 where the camera stands on the side of the plane to which x points, else -1."""
+    """+1 if the camera is on the +x side of the plane of the leg, else -1."""
     return float(np.sign(-(camera.rotation.T @ camera.translation_m)[0]))
 
 
@@ -96,14 +126,14 @@ def _circle(middle_m: Floats, radius_m: float) -> Floats:
 
 
 def _capsule(first_m: Floats, last_m: Floats, radius_m: float) -> Floats:
-    """Two half circles and the straight lines between them, in small steps since a lens bends lines."""
+    """Outline (k, 2): two half circles and the straight lines between them, in small steps because lens distortion bends lines."""
     along = (last_m - first_m) / np.hypot(*(last_m - first_m))
     across = np.array([-along[1], along[0]])
     half = np.linspace(-np.pi / 2, np.pi / 2, ROUND // 2)[:, None]
     far = last_m + radius_m * (np.cos(half) * along + np.sin(half) * across)
     near = first_m - radius_m * (np.cos(half) * along + np.sin(half) * across)
-    way = np.linspace(0.0, 1.0, 12)[1:-1, None]
-    return np.vstack([far, far[-1] + way * (near[0] - far[-1]), near, near[-1] + way * (far[0] - near[-1])])
+    fraction = np.linspace(0.0, 1.0, 12)[1:-1, None]
+    return np.vstack([far, far[-1] + fraction * (near[0] - far[-1]), near, near[-1] + fraction * (far[0] - near[-1])])
 
 
 def _paint_shells(scene: Light, hinges_m: Floats, shades: Floats, camera: CameraModel) -> None:
@@ -126,7 +156,7 @@ def _paint_marks(scene: Light, hinges_m: Floats, plan: MarkPlan, camera: CameraM
 
 
 def _paint_glint(scene: Light, hinges_m: Floats, camera: CameraModel, random: np.random.Generator) -> None:
-    """A streak along a link where its rounded edge throws the lamp back."""
+    """Paints a streak along a link where its rounded edge reflects the lamp."""
     link = int(random.integers(len(hinges_m) - 1))
     first_m, last_m = hinges_m[link], hinges_m[link + 1]
     along = (last_m - first_m) / np.hypot(*(last_m - first_m))
@@ -139,7 +169,7 @@ def _paint_glint(scene: Light, hinges_m: Floats, camera: CameraModel, random: np
 
 
 def _paint_red_thing(scene: Light, hinges_m: Floats, plan: MarkPlan, camera: CameraModel, random: np.random.Generator) -> None:
-    """A button or a piece of tape, some way behind the leg: the button may be as large as a mark, and as red."""
+    """Paints a button or a piece of tape behind the leg. The button may be as large and as red as a mark."""
     lowest, highest = hinges_m.min(axis=0) - 0.08, hinges_m.max(axis=0) + 0.08
     middle_m = random.uniform(lowest, highest)
     red = (RED[0], RED[1], RED[2] * random.uniform(0.6, 1.3))
@@ -155,7 +185,7 @@ def _paint_red_thing(scene: Light, hinges_m: Floats, plan: MarkPlan, camera: Cam
 def _paint_plate(
     scene: Light, hinges_m: Floats, shades: Floats, plan: MarkPlan, camera: CameraModel, depth_m: float, reflection: float
 ) -> None:
-    """The plate's upper face as far as the camera looks down on it, the leg mirrored in it, and its front edge."""
+    """Paints the upper face of the plate, the reflection of the leg in it, and its front edge."""
     toward = _toward_camera(camera)
     along = np.linspace(-0.15, 0.45, 40)
     front = np.column_stack([np.full(40, 0.1 * toward), along, np.full(40, -depth_m)])
@@ -166,6 +196,7 @@ def _paint_plate(
     covered = covered_share(scene.shape[:2], face_px)
     if reflection > 0.0 and covered is not None and _above(camera, depth_m):
         mirrored = scene.copy()
+        # The mirror image lies as far below the plate as the leg is above it.
         below_m = np.column_stack([hinges_m[:, 0], -2.0 * depth_m - hinges_m[:, 1]])
         _paint_shells(mirrored, below_m, shades, camera)
         _paint_marks(mirrored, below_m, plan, camera)
@@ -175,14 +206,14 @@ def _paint_plate(
 
 
 def _above(camera: CameraModel, depth_m: float) -> bool:
-    """Whether the camera looks onto the plate's upper face."""
+    """Whether the camera sees the upper face of the plate."""
     return bool(-(camera.rotation.T @ camera.translation_m)[2] > -depth_m)
 
 
 def _paint_frame(
     scene: Light, hinges_m: Floats, plan: MarkPlan, camera: CameraModel, hidden: int, hidden_share: float, random: np.random.Generator
 ) -> None:
-    """A bar across the link, its edge over the mark, nearer to the camera; so near a mark a lens bends no line that counts."""
+    """Paints a bar across the link whose edge covers part of the mark. So near a mark lens distortion of its lines is negligible."""
     mark = plan.marks[hidden]
     centre_m = _mark_centres(hinges_m, plan)[hidden]
     link_m = hinges_m[mark.link] - hinges_m[mark.link - 1]

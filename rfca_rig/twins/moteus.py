@@ -1,4 +1,4 @@
-"""The drive's side of the CAN-FD wire: a moteus on the motor that turns the shaft."""
+"""Twin of a moteus drive, on a CAN-FD bus."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -15,6 +15,7 @@ from rfca_rig.twins.moteus_loop import MoteusGains, MoteusLoop, PositionCommand,
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 from rfca_rig.twins.thermal_model import Warming, Warmth
 
+# Error codes of a refused register access.
 UNKNOWN_REGISTER, NOT_WRITEABLE, NOT_ALLOWED = 1, 2, 3
 FACTS: dict[int, float] = {
     Register.MODEL_NUMBER: 1,
@@ -25,15 +26,16 @@ FACTS: dict[int, float] = {
     Register.SERIAL_NUMBER_3: 3,
 }
 COMMANDABLE = frozenset({Mode.STOPPED, Mode.POSITION, Mode.ZERO_VELOCITY})
+# For all other command registers NaN means the default.
 NEEDS_NUMBER = frozenset({Register.COMMAND_FEEDFORWARD_TORQUE, Register.COMMAND_KP_SCALE, Register.COMMAND_KD_SCALE})
 
 
 @dataclass(frozen=True)
 class MoteusTwinSettings:
-    """How the drive is configured. `default_timeout_s` (servo.default_timeout_s) counts where a command gives none.
+    """Configuration of the drive. `default_timeout_s` (servo.default_timeout_s) applies if a command gives none.
 
-    `keeps_timeouts` False is a drive without a watchdog, `arming_fault` a fault code that every attempt to start ends in; 0 for a
-    healthy drive. In a timeout it brakes with at most `timeout_torque_Nm` (servo.timeout_max_torque_Nm).
+    With `keeps_timeouts` False the drive has no watchdog. `arming_fault` is the fault code that every attempt to start ends in; 0 for
+    a healthy drive. In a timeout the drive brakes with at most `timeout_torque_Nm` (servo.timeout_max_torque_Nm).
     """
 
     drive_id: int = 1
@@ -53,11 +55,11 @@ class MoteusTwinSettings:
 
 
 class MoteusTwin:
-    """Takes frames, gives the torque on the shaft, answers what it is asked. Brought forward step by step by a world:
+    """A `MotorTwin` that answers queries.
 
-    `take_frames`, `drive`, then, after the plant moved, `passed`. Answers leave in `drive`: of the shaft as it stands then, and of
-    the mode before the command that came with the question, as the firmware does. Trajectories under velocity or acceleration
-    limits are not planned: targets count at once. The diagnostic stream is not answered.
+    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `passed`. Answers are sent in `drive`. They
+    show the shaft at that time, and the mode before the command in the same frame, as the firmware does. Trajectories under velocity
+    or acceleration limits are not planned: targets take effect at once. The diagnostic stream is not answered.
     """
 
     def __init__(self, bus: can.BusABC, settings: MoteusTwinSettings) -> None:
@@ -74,7 +76,7 @@ class MoteusTwin:
         self._answers: list[Callable[[ShaftState], None]] = []
 
     def take_frames(self, now_s: float) -> None:
-        """Obeys what has come in; frames that cannot be read are ignored. Only a command, not a question, feeds the watchdog."""
+        """Executes received frames; invalid ones are ignored. Commands feed the watchdog, queries do not."""
         self._now_s = now_s
         while (message := self._bus.recv(timeout=0)) is not None:
             route = moteus.route_of(message.arbitration_id)
@@ -90,15 +92,17 @@ class MoteusTwin:
         try:
             subframes = moteus.decode(data)
         except MalformedFrame:
-            return  # the firmware says nothing either
-        asked = [item for item in subframes if isinstance(item, Read)]
+            # The firmware does not report invalid frames either.
+            return
+        reads = [item for item in subframes if isinstance(item, Read)]
+        # Saved before the writes: the answer shows the mode before the command in the same frame.
         mode, fault = self._mode, self._fault
         refusals = self._obey([item for item in subframes if isinstance(item, Write)])
-        if route.wants_reply and (asked or refusals):
-            self._answers.append(lambda shaft: self._answer(route, [*refusals, *self._told(asked, mode, fault, shaft)]))
+        if route.wants_reply and (reads or refusals):
+            self._answers.append(lambda shaft: self._answer(route, [*refusals, *self._read_registers(reads, mode, fault, shaft)]))
 
     def _obey(self, writes: list[Write]) -> list[Refusal]:
-        """Writing the mode sets all other commands back; what is written after it counts for that command alone."""
+        """Executes writes; returns the refused ones. Writing the mode resets all command registers; later writes set them again."""
         refusals: list[Refusal] = []
         ordered: int | None = None
         for write in writes:
@@ -106,14 +110,14 @@ class MoteusTwin:
                 ordered, self._command = int(write.value), PositionCommand()
             elif write.register == Register.MODE:
                 refusals.append(Refusal(write.register, NOT_ALLOWED, of_write=True))
-            elif (code := self._written(write)) != 0:
+            elif (code := self._write(write)) != 0:
                 refusals.append(Refusal(write.register, code, of_write=True))
         if ordered is not None:
             self._order(ordered)
         return refusals
 
-    def _written(self, write: Write) -> int:
-        """0, or why the register was not written."""
+    def _write(self, write: Write) -> int:
+        """Writes a command register; returns 0, or the error code."""
         rad, ratio, value = self._rad_per_turn, self._torque_ratio, write.value
         changes: dict[int, dict[str, float]] = {
             Register.COMMAND_POSITION: {"angle_rad": (value - self._settings.zero_turns) * rad},
@@ -140,7 +144,8 @@ class MoteusTwin:
         if mode == Mode.STOPPED:
             self._stop(Mode.STOPPED, 0)
         elif self._mode in {Mode.FAULT, Mode.TIMEOUT}:
-            return  # latched until it is stopped
+            # Latched until the drive is stopped.
+            return
         elif self._settings.arming_fault:
             self.fail(self._settings.arming_fault)
         else:
@@ -160,21 +165,22 @@ class MoteusTwin:
             self._mode = self._wanted
 
     def _check_watchdog(self) -> None:
+        # A command without a timeout uses the default; NaN switches the timeout off.
         running = self._mode not in {Mode.STOPPED, Mode.FAULT, Mode.TIMEOUT}
         limit_s = self._in_force.timeout_s or self._settings.default_timeout_s
         if running and self._settings.keeps_timeouts and not isnan(limit_s) and self._now_s - self._commanded_s > limit_s:
             self.time_out()
 
     def time_out(self) -> None:
-        """Brakes from now on, until it is stopped."""
+        """Watchdog timeout: the drive brakes until it is stopped."""
         self._stop(Mode.TIMEOUT, 0)
 
     def fail(self, code: int) -> None:
-        """A fault of the drive's own: the motor is without torque until it is stopped and commanded anew."""
+        """Puts the drive into a fault: no torque until it is stopped and commanded again."""
         self._stop(Mode.FAULT, code)
 
     def restart(self) -> None:
-        """Power off and on: without torque, its counter from zero."""
+        """Power cycle: no torque, and the millisecond counter starts at zero."""
         self._stop(Mode.STOPPED, 0)
         self._powered_s = self._now_s
 
@@ -183,7 +189,7 @@ class MoteusTwin:
         self._loop.reset()
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
-        """The torque on the shaft until the next step; answers what was asked before it."""
+        """Sends the pending answers; returns the torque law on the shaft until the next step."""
         answers, self._answers = self._answers, []
         for answer in answers:
             answer(shaft)
@@ -194,18 +200,18 @@ class MoteusTwin:
         return ShaftDrive()
 
     def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
-        """Takes in a step of the plant; a moteus reports nothing unasked."""
+        """Takes in a step of the plant. A moteus sends no reports unasked."""
         self.warmth.passed(elapsed_s, after.torque_Nm)
         if self._mode == Mode.POSITION:
             self._loop.passed(elapsed_s, before, after)
 
-    def _told(self, asked: list[Read], mode: int, fault: int, shaft: ShaftState) -> list[Subframe]:
+    def _read_registers(self, reads: list[Read], mode: int, fault: int, shaft: ShaftState) -> list[Subframe]:
         values = self._values(mode, fault, shaft)
         return [
             Reply(read.register, read.width, moteus.nearest(read.register, read.width, values[read.register]))
             if read.register in values
             else Refusal(read.register, UNKNOWN_REGISTER, of_write=False)
-            for read in asked
+            for read in reads
         ]
 
     def _values(self, mode: int, fault: int, shaft: ShaftState) -> dict[int, float]:
@@ -226,7 +232,7 @@ class MoteusTwin:
             Register.TEMPERATURE: self._settings.temperature_degC,
             Register.FAULT: fault,
             Register.COMMAND_TIMEOUT: self._in_force.timeout_s,
-            Register.MILLISECOND_COUNTER: _wrapped(int((self._now_s - self._powered_s) * 1e3 + 1e-6)),
+            Register.MILLISECOND_COUNTER: _wrap(int((self._now_s - self._powered_s) * 1e3 + 1e-6)),
         }
 
     def _answer(self, route: Route, subframes: list[Subframe]) -> None:
@@ -250,6 +256,6 @@ class MoteusTwin:
         return self._settings.direction * self._settings.gear_ratio
 
 
-def _wrapped(count: int) -> int:
-    """As a signed 32 bit number."""
+def _wrap(count: int) -> int:
+    """Wraps a count to a signed 32 bit number, as the register holds it."""
     return (count + (1 << 31)) % (1 << 32) - (1 << 31)

@@ -1,4 +1,4 @@
-"""The sensor's side of the datagram link: an ATI Net F/T NetBox with its transducer."""
+"""Twin of an ATI Net F/T NetBox with its transducer, on a datagram link."""
 
 from dataclasses import dataclass
 
@@ -18,10 +18,10 @@ LARGEST_COUNT = 2**31 - 1
 
 @dataclass(frozen=True)
 class NetFtTwinSettings:
-    """How the box is configured, and the transducer: standard deviation of its noise and range per axis, in N and N m.
+    """Configuration of the box, and noise standard deviation and range of the transducer per axis, in N and N m.
 
-    One record per `decimation` internal samples, `buffer_records` of them per datagram in buffered mode. Public drivers
-    disagree on whether setting the bias ends a running stream; `bias_stops_stream` chooses.
+    It sends one record per `decimation` internal samples, and `buffer_records` of them per datagram in buffered mode. Public drivers
+    disagree on whether setting the bias ends a running stream; `bias_stops_stream` selects it.
     """
 
     counts_per_N: float = 1e6
@@ -36,7 +36,7 @@ class NetFtTwinSettings:
 
 @dataclass
 class _Stream:
-    """What a start request asked for. `left` None is without end."""
+    """A running stream. `left` is the number of records still to send, None for an endless one."""
 
     records_per_datagram: int
     left: int | None
@@ -44,10 +44,10 @@ class _Stream:
 
 
 class NetFtTwin:
-    """Takes requests, samples on its own grid n / rate since power-up, sends records. Brought forward step by step by a world:
+    """Executes requests, samples on its own grid n / rate since power-up, and sends records.
 
-    `take_requests`, `due`, then, after the plant moved, `measured`. `keeps_measuring` has it sample once a step where nobody
-    listens to a stream, so that `latest` is of now.
+    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `measured`. With `keeps_measuring` it also
+    samples once per step without a stream, so that `latest` is up to date.
     """
 
     def __init__(self, link: DatagramLink, settings: NetFtTwinSettings, random: np.random.Generator) -> None:
@@ -67,7 +67,7 @@ class NetFtTwin:
         self._noise_std, self._full_scale = np.array(settings.noise_std), np.array(settings.full_scale)
 
     def take_requests(self) -> None:
-        """Obeys what has come in, the last one winning; what is not an RDT request is ignored, as the box does."""
+        """Executes received requests; the last one takes precedence. Other datagrams are ignored, as the box does."""
         for datagram in self._link.receive_all():
             try:
                 self._obey(decode_request(datagram))
@@ -85,28 +85,30 @@ class NetFtTwin:
             self._begin(None if self._settings.bias_stops_stream else self._stream)
 
     def bias(self) -> None:
-        """Takes what is felt at the next sample for zero."""
+        """Takes the load at the next sample as zero."""
         self._bias_wanted = True
 
     def latest(self) -> tuple[NDArray[np.int32], int]:
         """Counts (6,) and status of the newest sample."""
-        counts, status = self._digitised(self._latest)
+        counts, status = self._digitise(self._latest)
         return counts[0], int(status[0])
 
     def _begin(self, stream: _Stream | None) -> None:
+        # Any new request takes precedence; records still held for the old stream are dropped.
         if stream is not self._stream:
             self._stream = stream
             self._due, self._held = [], 0
 
     def due(self, to_s: float) -> Floats:
-        """Sample times (m,) in the step that ends at `to_s`; none while nobody listens and no bias is wanted."""
+        """Sample times (m,) in s in the step that ends at `to_s`; none without a stream and without a pending bias."""
         times_s = self._ticks.until(to_s)
         if self._stream is not None or self._bias_wanted:
             return times_s
+        # The grid runs on since power-up, even if no sample is needed.
         return times_s[-1:] if self.keeps_measuring else times_s[:0]
 
     def measured(self, wrench: Floats) -> None:
-        """Takes the true wrench (m, 6) at the times that were due, and sends the datagrams that are full."""
+        """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends the datagrams that are full."""
         if self._bias_wanted and len(wrench):
             self._bias, self._bias_wanted = wrench[-1].copy(), False
         if len(wrench):
@@ -114,6 +116,7 @@ class NetFtTwin:
         if self._stream is None or not len(wrench):
             return
         if self._held == 0:
+            # Internal sample number of the first held record, from which its counters follow.
             self._first_held = self._ticks.taken - len(wrench) + 1
         self._due.append(wrench)
         self._held += len(wrench)
@@ -122,28 +125,30 @@ class NetFtTwin:
 
     def _send_full(self, stream: _Stream) -> None:
         wrench = self._due[0] if len(self._due) == 1 else np.concatenate(self._due)
-        ready, size = self._ready(stream, len(wrench)), stream.records_per_datagram
+        ready, size = self._count_ready(stream, len(wrench)), stream.records_per_datagram
+        # Records are encoded in blocks of whole datagrams, as numpy calls cost more than the records themselves.
         at_once = MOST_RECORDS // size * size
         for begin in range(0, ready, at_once):
-            block = self._encoded(stream, wrench[begin : min(begin + at_once, ready)], self._first_held + begin)
+            block = self._encode(stream, wrench[begin : min(begin + at_once, ready)], self._first_held + begin)
             for at in range(0, len(block), size * RECORD_BYTES):
                 self._link.send(block[at : at + size * RECORD_BYTES])
         self._due, self._held, self._first_held = [wrench[ready:]], len(wrench) - ready, self._first_held + ready
         if stream.left == 0:
             self._begin(None)
 
-    def _ready(self, stream: _Stream, held: int) -> int:
-        """How many of the records held go out now: whole datagrams, and the rest of a counted stream with its last."""
+    def _count_ready(self, stream: _Stream, held: int) -> int:
+        """Number of held records to send now: whole datagrams, or all remaining ones at the end of a counted stream."""
         if stream.left is not None and held >= stream.left:
             return stream.left
         return held - held % stream.records_per_datagram
 
-    def _encoded(self, stream: _Stream, wrench: Floats, first: int) -> bytes:
-        """Records one after the other, as many as may stand in a datagram, so that those of one record cost less each."""
+    def _encode(self, stream: _Stream, wrench: Floats, first: int) -> bytes:
+        """Encodes consecutive records (m, 6), as many as fit in a datagram: one call is cheaper than one per record."""
         order = np.arange(len(wrench))
-        counts, status = self._digitised(wrench)
+        counts, status = self._digitise(wrench)
         records = Records(
             rdt_sequence=((stream.sequence + order) & 0xFFFFFFFF).astype(np.uint32),
+            # The internal sample counter runs on from power-up, by `decimation` per record.
             ft_sequence=((first + order) * self._settings.decimation & 0xFFFFFFFF).astype(np.uint32),
             status=status,
             counts=counts,
@@ -153,10 +158,10 @@ class NetFtTwin:
             stream.left -= len(wrench)
         return encode_records(records)
 
-    def _digitised(self, wrench: Floats) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
-        """Counts (m, 6) and status (m,). The converter saturates on what the transducer feels, bias or not."""
-        felt = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
-        within = np.minimum(np.maximum(felt, -self._full_scale), self._full_scale)
-        status = np.where((within != felt).any(axis=1), np.uint32(SATURATED), np.uint32(0))
-        counts = np.rint((within - self._bias) * self._counts_per_unit)
+    def _digitise(self, wrench: Floats) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
+        """Counts (m, 6) and status (m,) of a wrench (m, 6). The converter saturates on the true load, independent of the bias."""
+        noisy = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
+        clipped = np.minimum(np.maximum(noisy, -self._full_scale), self._full_scale)
+        status = np.where((clipped != noisy).any(axis=1), np.uint32(SATURATED), np.uint32(0))
+        counts = np.rint((clipped - self._bias) * self._counts_per_unit)
         return np.clip(counts, -LARGEST_COUNT, LARGEST_COUNT).astype(np.int32), status

@@ -1,4 +1,4 @@
-"""What else a Net F/T box answers besides its stream: its configuration page, and the command interface."""
+"""Twin of a Net F/T box without its stream: configuration page and command interface."""
 
 from dataclasses import dataclass, replace
 
@@ -22,7 +22,7 @@ LARGEST_READING = 2**15 - 1
 
 @dataclass(frozen=True)
 class Page:
-    """What a web server sends back."""
+    """Response of the web server."""
 
     status: int
     content_type: str
@@ -30,9 +30,9 @@ class Page:
 
 
 class NetFtBoxTwin:
-    """Answers at once, from the settings of the twin that streams and from what that one measured last.
+    """Answers at once, from the settings and the latest measurement of the streaming twin.
 
-    `busy` turns every page away with 503, as the box does when it is asked too often. `configuration` may be changed while it runs.
+    With `busy` every page is refused with 503, as the box does when it is queried too often. `configuration` may be changed at run time.
     """
 
     def __init__(self, streaming: NetFtTwin, settings: NetFtTwinSettings) -> None:
@@ -54,11 +54,11 @@ class NetFtBoxTwin:
         self._full_scale = settings.full_scale
 
     def says(self) -> NetFtConfiguration:
-        """The configuration as it would be read off the page; a driver in this process asks here."""
+        """The configuration as on the page; a driver in the same process reads it here."""
         return replace(self.configuration)
 
     def page(self, target: str) -> Page:
-        """The answer to `GET target`; whatever follows a question mark is ignored, as there is one configuration only."""
+        """Response to `GET target`. A query string is ignored, as there is only one configuration."""
         if self.busy:
             return Page(UNAVAILABLE, "text/plain", b"busy")
         if target.partition("?")[0] != PATH:
@@ -67,13 +67,14 @@ class NetFtBoxTwin:
         return Page(OK, "text/xml", encode_configuration(self.configuration, others))
 
     def answer(self, command: bytes) -> bytes:
-        """The reply of the command interface to 20 bytes; nothing where they are no command that reads."""
+        """Reply of the command interface to 20 bytes; empty if they are not a read command."""
         try:
             order = decode_command(command)
         except MalformedFrame:
             return b""
         if isinstance(order, ReadCalibrationInfo):
             return encode_calibration(self._calibration_info())
+        # From now on the twin samples without a stream too, so that later readings are current.
         self._streaming.keeps_measuring = True
         if order.bias:
             self._streaming.bias()
@@ -88,7 +89,7 @@ class NetFtBoxTwin:
         return CalibrationInfo(says.force_unit, says.torque_unit, *counts, self._scale_factors())
 
     def _scale_factors(self) -> tuple[int, ...]:
-        """The smallest with which the full scale fits 16 bits."""
+        """Smallest integer scale factors with which the full scale fits 16 bits."""
         per_unit = (self.configuration.counts_per_N,) * 3 + (self.configuration.counts_per_Nm,) * 3
         largest = [limit * counts / LARGEST_READING for limit, counts in zip(self._full_scale, per_unit, strict=True)]
         return tuple(max(1, int(np.ceil(factor))) for factor in largest)

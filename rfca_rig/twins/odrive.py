@@ -1,4 +1,4 @@
-"""The drive's side of the CAN wire: an ODrive with firmware 0.6 or 0.5 on the motor that turns the shaft."""
+"""Twin of an ODrive with firmware 0.6 or 0.5, on the CAN bus."""
 
 from dataclasses import dataclass, field
 from math import isfinite, tau
@@ -29,7 +29,8 @@ from rfca_rig.twins.ticks import Ticks
 
 Floats = NDArray[np.float64]
 
-DISARMED = 3  # procedure result
+# Procedure result of a drive that was disarmed by an error.
+DISARMED = 3
 FIRMWARE = Version(firmware=(0, 6, 10), hardware=(4, 4, 58))
 WATCHDOG_EXPIRED = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
 ESTOP_REQUESTED = {OdriveFirmware.V0_5: odrive_older_meanings.ESTOP_REQUESTED, OdriveFirmware.V0_6: odrive_meanings.ESTOP_REQUESTED}
@@ -37,11 +38,11 @@ ESTOP_REQUESTED = {OdriveFirmware.V0_5: odrive_older_meanings.ESTOP_REQUESTED, O
 
 @dataclass(frozen=True)
 class OdriveTwinSettings:
-    """How the drive is configured. `watchdog_s` None leaves it off, as an ODrive comes from the factory.
+    """Configuration of the drive. With `watchdog_s` None the watchdog is off, the factory setting.
 
-    `arming_error` is an error word that every attempt to close the loop ends in; 0 for a healthy drive. Firmware 0.5 reports the
-    motor's current, of which each ampere gives `torque_constant_Nm_per_A`, where 0.6 reports torque. Only 0.6 reports temperatures;
-    `temperature_period_s` None for never.
+    `arming_error` is the error word that every attempt to close the loop ends in; 0 for a healthy drive. Firmware 0.5 reports the
+    motor's current, with `torque_constant_Nm_per_A`; 0.6 reports torque. Only 0.6 reports temperatures; `temperature_period_s` None
+    switches them off.
     """
 
     node_id: int = 0
@@ -60,12 +61,12 @@ class OdriveTwinSettings:
 
 
 class OdriveTwin:
-    """Takes frames, gives the torque on the shaft, sends reports. Brought forward step by step by a world:
+    """A `MotorTwin` that sends cyclic reports.
 
-    `take_frames`, `drive`, then, after the plant moved, `passed`.
+    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `passed`.
 
-    Set-points stay as last commanded when the loop closes. Some firmware moves them to the measured angle then; a driver that
-    relies on it jerks on the others.
+    Set-points stay as last commanded when the loop closes. Some firmware sets them to the measured angle then; a driver that relies
+    on it causes a jerk with the others.
     """
 
     def __init__(self, bus: can.BusABC, settings: OdriveTwinSettings) -> None:
@@ -79,7 +80,8 @@ class OdriveTwin:
         self._result = 0
         self._fed_s = 0.0
         self._restarts = False
-        self._counted_from_rad = 0.0  # where the shaft stood when the encoder last counted from nothing
+        # Shaft angle at which the encoder last started to count from zero.
+        self._counted_from_rad = 0.0
         self.encoder = Encoder()
         self.warmth = Warmth(settings.warming)
         self._temperature_ticks = Ticks(settings.temperature_period_s or 1.0)
@@ -87,7 +89,7 @@ class OdriveTwin:
         self._heartbeat_ticks = Ticks(settings.heartbeat_period_s)
 
     def take_frames(self, now_s: float) -> None:
-        """Obeys what has come in. Any frame for this node feeds the watchdog; frames that cannot be read are ignored."""
+        """Executes received frames; invalid ones are ignored. Any frame for this node feeds the watchdog."""
         while (message := self._bus.recv(timeout=0)) is not None:
             if not message.is_extended_id and not message.is_error_frame and self._is_mine(message.arbitration_id):
                 self._fed_s = now_s
@@ -98,6 +100,7 @@ class OdriveTwin:
         return cansimple.node_of(arbitration_id) in {self._settings.node_id, odrive_messages.BROADCAST_NODE}
 
     def _take(self, message: can.Message) -> None:
+        # Firmware 0.5 also answers an empty data frame; adapters without remote frames need that.
         if message.is_remote_frame or (message.dlc == 0 and self._settings.dialect == OdriveFirmware.V0_5):
             self._answer(message.arbitration_id & 0x1F)
         if message.is_remote_frame:
@@ -105,7 +108,8 @@ class OdriveTwin:
         try:
             self._obey(cansimple.decode(message.arbitration_id, message.data, self._settings.dialect))
         except MalformedFrame:
-            return  # the firmware says nothing either
+            # The firmware does not report invalid frames either.
+            return
 
     def _answer(self, command: int) -> None:
         node = self._settings.node_id
@@ -119,9 +123,9 @@ class OdriveTwin:
             self._send(cansimple.errors(node, odrive_messages.ErrorReport(self._error, self._error)))
 
     def _answer_as_older(self, command: int) -> None:
-        """Firmware 0.5 keeps its version, and heartbeats out of turn, to itself."""
-        for part, asked in cansimple.PART_COMMANDS.items():
-            if command == asked:
+        """Answers of firmware 0.5: part errors only, neither its version nor a heartbeat on request."""
+        for part, part_command in cansimple.PART_COMMANDS.items():
+            if command == part_command:
                 self._send(cansimple.part_error(self._settings.node_id, PartError(part, self._part_errors.get(part, 0))))
 
     def _obey(self, order: Message | None) -> None:
@@ -143,11 +147,12 @@ class OdriveTwin:
                 self._part_errors.clear()
             case odrive_messages.Estop():
                 self.fail(ESTOP_REQUESTED[self._settings.dialect])
+        # A set-point that is not finite disarms the drive, with an error that depends on the firmware.
         if not (isfinite(wanted.angle_rad) and isfinite(wanted.speed_rad_s) and isfinite(wanted.torque_Nm)):
             self._wanted = SetPoint(wanted.mode)
-            self._fail_for_want_of_a_number()
+            self._fail_not_finite()
 
-    def _fail_for_want_of_a_number(self) -> None:
+    def _fail_not_finite(self) -> None:
         if self._settings.dialect == OdriveFirmware.V0_5:
             self.fail_part(OdrivePart.MOTOR, odrive_older_meanings.MODULATION_IS_NAN)
         else:
@@ -163,18 +168,18 @@ class OdriveTwin:
             self._loop.reset()
 
     def fail(self, error: int) -> None:
-        """An error of the drive's own: bits are added to its error word, and the motor goes idle."""
+        """Adds bits to the error word; the motor goes idle."""
         self._error |= error
         self._state, self._result = AxisState.IDLE, DISARMED
 
     def restart(self) -> None:
-        """Power off and on: idle without an error, and an incremental encoder that counts from nothing where it finds itself."""
+        """Power cycle: idle without an error; the incremental encoder counts from zero at its present position."""
         self._state, self._error, self._result = AxisState.IDLE, 0, 0
         self._part_errors.clear()
         self._wanted, self._restarts = SetPoint(), True
 
     def fail_part(self, part: OdrivePart, error: int) -> None:
-        """An error of one part, as firmware 0.5 has it: the axis' own error word may stay zero."""
+        """Sets an error of one part, as in firmware 0.5: the error word of the axis may stay zero."""
         self._part_errors[part] = self._part_errors.get(part, 0) | error
         self.fail(0)
 
@@ -184,13 +189,13 @@ class OdriveTwin:
             self.fail(WATCHDOG_EXPIRED[self._settings.dialect])
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
-        """The torque on the shaft until the next step."""
+        """Torque law on the shaft until the next step."""
         if self._restarts:
             self._restarts, self._counted_from_rad = False, shaft.angle_rad + self._settings.zero_turns * self._rad_per_turn
         return self._loop.law(self._wanted, shaft) if self._state == AxisState.CLOSED_LOOP else ShaftDrive()
 
     def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
-        """Takes in a step of the plant under `law` that ended at `now_s`, and reports what became due in it."""
+        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
         if self._state == AxisState.CLOSED_LOOP:
             self._loop.passed(self._wanted, elapsed_s, before, after)
         self.warmth.passed(elapsed_s, after.torque_Nm)
@@ -211,12 +216,13 @@ class OdriveTwin:
         node, rad = self._settings.node_id, self._rad_per_turn
         torque_Nm /= self._torque_ratio
         if self._settings.dialect == OdriveFirmware.V0_5:
+            # Sent before the encoder estimates, so that the driver pairs both of the same time.
             current_A = torque_Nm / self._settings.torque_constant_Nm_per_A
             self._send(cansimple.iq(node, current_A, current_A))
         else:
             self._send(cansimple.torques(node, torque_Nm, torque_Nm))
-        told_rad, told_rad_s = self.encoder.told(angle_rad - self._counted_from_rad, speed_rad_s)
-        self._send(cansimple.encoder_estimates(node, self._settings.zero_turns + told_rad / rad, told_rad_s / rad))
+        reported_rad, reported_rad_s = self.encoder.told(angle_rad - self._counted_from_rad, speed_rad_s)
+        self._send(cansimple.encoder_estimates(node, self._settings.zero_turns + reported_rad / rad, reported_rad_s / rad))
 
     def _beat(self) -> Heartbeat:
         return Heartbeat(self._error, self._state, self._result, self._wanted.mode != ControlMode.POSITION, tuple(self._part_errors))

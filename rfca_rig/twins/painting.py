@@ -1,4 +1,4 @@
-"""Shapes painted into a picture of linear light, with the share of each pixel that they cover."""
+"""Anti-aliased painting of polygons into an image of linear light."""
 
 import cv2
 import numpy as np
@@ -7,26 +7,39 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Light = NDArray[np.float32]
 
-FINE, COARSE = 8, 2  # points of a pixel, each way, that are asked whether they are covered
+# Supersampling factor per axis: fine for small shapes, coarse from LARGE_PX pixels on.
+FINE, COARSE = 8, 2
 LARGE_PX = 400_000
-SHIFT = 6  # bits behind the point of OpenCV's whole-numbered outlines
+# Fractional bits of OpenCV's fixed-point outlines.
+SHIFT = 6
+# Coordinates are clipped here, so that they fit OpenCV's 32 bit fixed-point numbers.
 FARTHEST_PX = 30_000.0
 
 
 def paint(picture: Light, outline_px: Floats, colour: tuple[float, float, float], opacity: float = 1.0) -> None:
-    """Lays `colour` (blue, green, red; 1 is white) over the inside of a closed outline (n, 2), into `picture` (rows, columns, 3)."""
+    """Paints `colour` (blue, green, red; 1 is white) over the inside of a closed outline (n, 2) in `picture` (rows, columns, 3)."""
     covered = covered_share(picture.shape[:2], outline_px)
     if covered is None:
         return
     rows, columns, share = covered
-    there = picture[rows, columns]
-    there += (opacity * share)[..., None] * (np.array(colour, np.float32) - there)
+    region = picture[rows, columns]
+    region += (opacity * share)[..., None] * (np.array(colour, np.float32) - region)
 
 
 def covered_share(shape: tuple[int, ...], outline_px: Floats) -> tuple[slice, slice, Light] | None:
-    """Where the outline's box lies in a picture of that shape, and the share of each of its pixels inside; None where all is outside.
+    """Share of each pixel that lies inside an outline.
 
-    The middle of the first pixel is (0, 0).
+    Parameters
+    ----------
+    shape : tuple
+        Rows and columns of the image.
+    outline_px : ndarray, shape (n, 2)
+        Closed outline as (x, y) in pixels; the centre of the first pixel is (0, 0).
+
+    Returns
+    -------
+    tuple or None
+        Row slice, column slice and shares (rows, columns) in 0..1 of the bounding box; None if it is outside the image.
     """
     outline = np.clip(outline_px, -FARTHEST_PX, FARTHEST_PX)
     first = np.clip(np.floor(outline.min(axis=0) - 1.0), 0, (shape[1], shape[0])).astype(int)

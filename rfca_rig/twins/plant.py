@@ -1,4 +1,4 @@
-"""The mechanics behind the twins, as the twins see it. What fills it in is put together above, from the model."""
+"""Interface of the twins to the mechanics. The implementations, based on the model, are in other packages."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ShaftDrive:
-    """Torque on the shaft until further notice: feed + angle_gain (angle - q) + speed_gain (speed - dq/dt), SI at the shaft."""
+    """Linear torque law of a drive, in SI units at the shaft: feed + angle_gain (angle - q) + speed_gain (speed - dq/dt)."""
 
     feed_Nm: float = 0.0
     angle_gain_Nm_per_rad: float = 0.0
@@ -20,7 +20,7 @@ class ShaftDrive:
     speed_rad_s: float = 0.0
 
     def torque_Nm(self, angle_rad: float, speed_rad_s: float) -> float:
-        """The torque on a shaft that stands at that angle and turns at that speed."""
+        """Torque in N m at a shaft angle and speed."""
         return (
             self.feed_Nm
             + self.angle_gain_Nm_per_rad * (self.angle_rad - angle_rad)
@@ -30,7 +30,7 @@ class ShaftDrive:
 
 @dataclass(frozen=True)
 class ShaftState:
-    """The shaft now, and the motor's torque on it."""
+    """Present state of the shaft, and the motor's torque on it."""
 
     angle_rad: float
     speed_rad_s: float
@@ -38,16 +38,16 @@ class ShaftState:
 
 
 class TwinPlant(Protocol):
-    """Leg, rack and ground: moved by the motor twin, felt by the sensor twin."""
+    """Mechanics of leg, rack and ground: driven by the motor twin, measured by the sensor twin."""
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
-        """Moves on to `to_s` under `drive`; returns the true wrench (m, 6) [N, N m] at `force_times_s` (ascending, <= to_s)."""
+        """Advances to `to_s` under `drive`; returns the true wrench (m, 6) [N, N m] at `force_times_s` (m,), ascending and <= to_s."""
         ...
 
     def shaft(self) -> ShaftState:
-        """The shaft at the time last advanced to."""
+        """State of the shaft at the time of the last `advance`."""
         ...
 
     def set_height(self, height_m: float) -> None:
-        """Puts the rack elsewhere, at once."""
+        """Sets the height of the rack in m, at once."""
         ...

@@ -1,4 +1,4 @@
-"""A sensor twin as a world carries it along."""
+"""Sensor twin protocol."""
 
 from typing import Protocol
 
@@ -9,16 +9,16 @@ Floats = NDArray[np.float64]
 
 
 class SensorTwin(Protocol):
-    """The sensor's side of the wire; brought forward step by step: `take_requests`, `due`, then, after the plant moved, `measured`."""
+    """The sensor's side of the wire, advanced in steps: `take_requests`, `due`, then, after the plant has moved, `measured`."""
 
     def take_requests(self) -> None:
-        """Obeys what has come in since the last step."""
+        """Executes requests received since the last step."""
         ...
 
     def due(self, to_s: float) -> Floats:
-        """Sample times (m,) in the step that ends at `to_s`; none while nobody wants any."""
+        """Sample times (m,) in s in the step that ends at `to_s`; none while none are requested."""
         ...
 
     def measured(self, wrench: Floats) -> None:
-        """Takes the true wrench (m, 6) [N, N m] at the times that were due, and sends what is ready."""
+        """Takes the true wrench (m, 6) [N, N m] at the times that were due, and sends the records that are due."""
         ...

@@ -1,17 +1,17 @@
-"""A serial line inside this process: nothing is lost on it, and nothing waits."""
+"""In-process serial line, without loss and without delay."""
 
 from typing import Protocol
 
 
 class SerialLine(Protocol):
-    """What a twin asks of its end, here or on a pseudo terminal."""
+    """A twin's end of a serial line, in-process or on a pseudo terminal."""
 
     def read(self) -> bytes:
-        """What has arrived; never waits."""
+        """All bytes that have arrived; never waits."""
         ...
 
     def write(self, data: bytes) -> int:
-        """Sends what there is room for; returns how many bytes that were."""
+        """Sends as many bytes as there is room for; returns their number."""
         ...
 
 
@@ -33,7 +33,7 @@ class DeviceEnd:
 
 
 class HostEnd:
-    """The driver's end, with those members of `serial.Serial` that a driver uses. A closed end raises OSError, as there."""
+    """The driver's end, with the members of `serial.Serial` that a driver uses. A closed end raises OSError, as pyserial does."""
 
     def __init__(self, outgoing: bytearray, incoming: bytearray) -> None:
         self._outgoing = outgoing
@@ -65,6 +65,6 @@ class HostEnd:
 
 
 def serial_line() -> tuple[HostEnd, DeviceEnd]:
-    """Both ends, for the driver and for the twin."""
-    there, back = bytearray(), bytearray()
-    return HostEnd(there, back), DeviceEnd(back, there)
+    """Creates both ends: the driver's and the twin's."""
+    to_twin, to_driver = bytearray(), bytearray()
+    return HostEnd(to_twin, to_driver), DeviceEnd(to_driver, to_twin)

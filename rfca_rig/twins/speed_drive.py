@@ -1,4 +1,4 @@
-"""The drive's side of the CAN wire, for any drive that obeys speeds: what the twin of a lab's own motor is made of."""
+"""Base class of plug-in motor twins, for drives with a speed command on a CAN bus."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from rfca_rig.twins.ticks import Ticks
 
 
 class TwinnedKeys(Protocol):
-    """What the twin needs of [motor]."""
+    """Keys of [motor] that the twin needs."""
 
     @property
     def gear_ratio(self) -> float: ...
@@ -30,16 +30,16 @@ class TwinnedKeys(Protocol):
 
 
 class SpeedDriveTwin(ABC):
-    """Holds the speed loop, the encoder, the watchdog and the time; inherit, and say what frames do and what the drive says.
+    """Handles speed loop, encoder, watchdog and time. Inherit, and implement the commands and the reports of the drive.
 
-    `is_on` is the drive's own: energised. `fault` is its error code, 0 for none; `refuses_with` is one in which every attempt to energise
-    ends. A world brings it forward step by step: `take_frames`, `drive`, then, after the plant moved, `passed`.
+    `is_on` means that the drive is energised. `fault` is its error code, 0 for none; `refuses_with` is the error that every attempt to
+    energise ends in. A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `passed`.
     """
 
     tells_temperature: ClassVar[bool] = False
 
     def __init__(self, bus: can.BusABC, keys: TwinnedKeys, gains: LoopGains, watchdog_s: float | None) -> None:
-        """`watchdog_s` None for a drive that runs on for ever."""
+        """`watchdog_s` None: a drive without a watchdog."""
         self._bus = bus
         self._gear = keys.gear_ratio, keys.direction, keys.zero_turns
         self._loop = SpeedLoop(gains)
@@ -53,66 +53,71 @@ class SpeedDriveTwin(ABC):
         self.is_on = False
         self.fault = self.refuses_with = 0
 
-    # -- what the drive does and says ----------------------------------------------------------------------------------------
+    # -- behaviour of the drive, to be implemented ---------------------------------------------------------------------------
 
     @abstractmethod
     def obey(self, message: can.Message) -> None:
-        """Does what a frame orders: sets `is_on` and `fault`, calls `turn`, `feed` and `asked`."""
+        """Executes a frame: sets `is_on` and `fault`, calls `turn`, `feed` and `asked`."""
 
     @abstractmethod
     def report(self, turns: float, turns_s: float, torque_Nm: float) -> Sequence[can.Message]:
-        """The frames of one report; before the gear."""
+        """Frames of one report; position, speed and torque are those of the motor, before the gear."""
 
     @abstractmethod
     def starve(self) -> None:
-        """The watchdog ran out: lets go, with the error that the drive then has."""
+        """Watchdog timeout: disables the motor and sets the error that the drive has then."""
 
     @abstractmethod
     def stale_set_point(self) -> Sequence[can.Message]:
-        """Frames by which somebody, before, wanted the drive to be fast; for the contract."""
+        """Frames of an earlier session that commanded a high speed; for the conformance tests."""
 
     @abstractmethod
     def fail(self) -> str:
-        """Has the drive fail; returns a pattern of what its driver must say of it: the code, and what it means. For the contract."""
+        """Puts the drive into an error; returns the regular expression that the driver's text must match: code and meaning.
+
+        For the conformance tests.
+        """
 
     @abstractmethod
     def refuse(self) -> str:
-        """Has every attempt to energise fail; returns the same."""
+        """Makes every attempt to energise fail; returns a regular expression as `fail` does."""
 
     def reboot(self) -> Sequence[can.Message]:
-        """What the drive says when it was switched on anew, if anything."""
+        """Frames that the drive sends after a restart, if any."""
         return ()
 
     def turn(self, turns_s: float) -> None:
-        """A new set-point."""
+        """Sets a new speed set-point."""
         ratio, direction, _ = self._gear
         speed_rad_s = direction * tau / ratio * turns_s
+        # A set-point that is not finite is taken as zero.
         self._wanted.speed_rad_s = speed_rad_s if isfinite(speed_rad_s) else 0.0
 
     def feed(self) -> None:
-        """The watchdog starts anew."""
+        """Restarts the watchdog."""
         self._fed_s = self.now_s
 
     def asked(self) -> None:
-        """One report is wanted, by a drive that makes none by itself."""
+        """Requests one report, for a drive without cyclic reports."""
         self._asked = True
 
     def switch_on(self) -> None:
-        """Energises, unless it is already."""
+        """Energises the motor, unless it already is."""
         if not self.is_on:
+            # An integrator left from an earlier run would move the shaft.
             self._loop.reset()
         self.is_on = True
 
     # -- as a world carries it -----------------------------------------------------------------------------------------------
 
     def restart(self) -> None:
-        """Power off and on: without torque or error, and an encoder that counts from nothing where it finds itself."""
+        """Power cycle: no torque, no error; the encoder counts from zero at its present position."""
         self.is_on, self.fault, self._restarts = False, 0, True
         self._wanted = SetPoint(ControlMode.VELOCITY)
         self._send(self.reboot())
 
     def take_frames(self, now_s: float) -> None:
-        """Obeys what has come in since the last step."""
+        """Executes frames received since the last step."""
         self.now_s = now_s
         while (message := self._bus.recv(timeout=0)) is not None:
             if not (message.is_error_frame or message.is_remote_frame):
@@ -121,31 +126,33 @@ class SpeedDriveTwin(ABC):
             self.starve()
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
-        """The torque on the shaft until the next step; answers what was asked."""
+        """Torque law on the shaft until the next step; also sends a requested report."""
         ratio, direction, zero_turns = self._gear
         if self._restarts:
+            # Where the shaft is known only here: after a restart the encoder starts to count from zero at this angle.
             self._restarts, self._counted_from_rad = False, shaft.angle_rad + zero_turns * direction * tau / ratio
         law = self._loop.law(self._wanted, shaft) if self.is_on else ShaftDrive()
         if self._asked:
             self._asked = False
-            self._tell(shaft.angle_rad, shaft.speed_rad_s, law)
+            self._send_shaft_report(shaft.angle_rad, shaft.speed_rad_s, law)
         return law
 
     def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
-        """Takes in a step of the plant under `law` that ended at `now_s`, and reports what became due in it."""
+        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
         if self.is_on:
             self._loop.passed(self._wanted, elapsed_s, before, after)
         self.warmth.passed(elapsed_s, after.torque_Nm)
         due_s = [] if self._ticks is None else self._ticks.until(now_s).tolist()
         for angle_rad, speed_rad_s in moments_between(due_s, elapsed_s, now_s, before, after):
-            self._tell(angle_rad, speed_rad_s, law)
+            self._send_shaft_report(angle_rad, speed_rad_s, law)
 
-    def _tell(self, angle_rad: float, speed_rad_s: float, law: ShaftDrive) -> None:
+    def _send_shaft_report(self, angle_rad: float, speed_rad_s: float, law: ShaftDrive) -> None:
         ratio, direction, zero_turns = self._gear
         torque_Nm = law.torque_Nm(angle_rad, speed_rad_s)
-        told_rad, told_rad_s = self.encoder.told(angle_rad - self._counted_from_rad, speed_rad_s)
+        reported_rad, reported_rad_s = self.encoder.told(angle_rad - self._counted_from_rad, speed_rad_s)
+        # From shaft radians to motor turns.
         per_rad = direction * ratio / tau
-        self._send(self.report(zero_turns + told_rad * per_rad, told_rad_s * per_rad, torque_Nm / (direction * ratio)))
+        self._send(self.report(zero_turns + reported_rad * per_rad, reported_rad_s * per_rad, torque_Nm / (direction * ratio)))
 
     def _send(self, frames: Sequence[can.Message]) -> None:
         for message in frames:

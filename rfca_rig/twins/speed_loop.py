@@ -1,4 +1,4 @@
-"""The cascaded controller of an ODrive, seen from the shaft: angle to speed to torque, with an integrator."""
+"""Cascaded controller of an ODrive, at the shaft: angle to speed to torque, with an integrator."""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,7 @@ from rfca_rig.twins.plant import ShaftDrive, ShaftState
 
 @dataclass(frozen=True)
 class LoopGains:
-    """At the shaft. The angle gain turns an angle error into a speed set-point."""
+    """Gains at the shaft. The angle gain converts an angle error to a speed set-point."""
 
     speed_gain_Nm_s_per_rad: float = 8.0
     integral_gain_Nm_per_rad: float = 60.0
@@ -18,7 +18,7 @@ class LoopGains:
 
 @dataclass
 class SetPoint:
-    """Last ones commanded, at the shaft. Which of them count depends on the mode."""
+    """Last commanded set-points, at the shaft. The mode decides which of them are used."""
 
     mode: int = ControlMode.POSITION
     angle_rad: float = 0.0
@@ -27,7 +27,7 @@ class SetPoint:
 
 
 class SpeedLoop:
-    """Holds the integrator. `law` is the torque until the next step; `passed` lets the integrator take in what happened."""
+    """Control loop with an integrator. `law` is the torque until the next step; `passed` updates the integrator after it."""
 
     def __init__(self, gains: LoopGains) -> None:
         self._gains = gains
@@ -38,20 +38,21 @@ class SpeedLoop:
         self._integral_Nm = 0.0
 
     def law(self, wanted: SetPoint, shaft: ShaftState) -> ShaftDrive:
-        """Within the torque limit as of the beginning of the step.
+        """Torque law, limited at the beginning of the step.
 
-        Beyond the limit the whole law is scaled down to it for that step, so that the torque still falls as the error does: a
-        constant torque would throw a light shaft past its set-point within one step, and chatter.
+        Beyond the limit the whole law is scaled down to it for that step, so that the torque still decreases with the error. A
+        constant torque would drive a light shaft past its set-point within one step, and cause chatter.
         """
-        free = self._unlimited(wanted)
+        free = self._unlimited_law(wanted)
         torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
         self._limited = torque_Nm > self._gains.torque_limit_Nm
-        return _scaled(free, self._gains.torque_limit_Nm / torque_Nm) if self._limited else free
+        return _scale(free, self._gains.torque_limit_Nm / torque_Nm) if self._limited else free
 
-    def _unlimited(self, wanted: SetPoint) -> ShaftDrive:
+    def _unlimited_law(self, wanted: SetPoint) -> ShaftDrive:
         gains = self._gains
         if wanted.mode == ControlMode.TORQUE:
             return ShaftDrive(feed_Nm=wanted.torque_Nm)
+        # The angle error times the angle gain is a speed, which the speed gain turns into torque.
         angle_gain = gains.angle_gain_per_s * gains.speed_gain_Nm_s_per_rad if wanted.mode == ControlMode.POSITION else 0.0
         return ShaftDrive(
             feed_Nm=wanted.torque_Nm + self._integral_Nm,
@@ -62,10 +63,11 @@ class SpeedLoop:
         )
 
     def passed(self, wanted: SetPoint, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
-        """The integral of the speed error over the step: the shaft's own turn is exact, its mean angle the trapezoid's.
+        """Updates the integrator with the speed error over the step. The rotation is exact, the mean angle is trapezoidal.
 
-        It stands still while the torque limit holds, as drives do against wind-up.
+        The integrator is held while the torque is limited, the usual anti-windup of drives.
         """
+        # In torque mode the integrator is not part of the law.
         if self._limited or wanted.mode == ControlMode.TORQUE:
             return
         error_rad = wanted.speed_rad_s * elapsed_s - (after.angle_rad - before.angle_rad)
@@ -75,7 +77,7 @@ class SpeedLoop:
         self._integral_Nm += self._gains.integral_gain_Nm_per_rad * error_rad
 
 
-def _scaled(law: ShaftDrive, factor: float) -> ShaftDrive:
+def _scale(law: ShaftDrive, factor: float) -> ShaftDrive:
     return replace(
         law,
         feed_Nm=factor * law.feed_Nm,

@@ -1,4 +1,4 @@
-"""How warm a drive's motor is: one body that the torque heats and the air cools."""
+"""Thermal model of a motor: one mass, heated by the torque and cooled by the air."""
 
 from dataclasses import dataclass
 from math import exp
@@ -8,8 +8,8 @@ from math import exp
 class Warming:
     """First order: dT/dt = (T_air - T) / time_constant_s + rise_K_per_Nm2 * torque^2 / time_constant_s.
 
-    A torque held for ever ends `rise_K_per_Nm2` times its square above the air; copper losses go with the square of the current.
-    By default 10 N m at the shaft end 30 K above, after some ten minutes.
+    The steady-state rise above the air is `rise_K_per_Nm2` times the squared torque, as copper losses grow with the squared current.
+    By default 10 N m at the shaft lead to a rise of 30 K, after some ten minutes.
     """
 
     air_degC: float = 30.0
@@ -18,7 +18,7 @@ class Warming:
 
 
 class Warmth:
-    """The temperature, and what is told of it. `fever_K_s` heats on top, without any torque."""
+    """True and reported temperature. `fever_K_s` is an additional heating rate of a fault, independent of the torque."""
 
     def __init__(self, warming: Warming) -> None:
         self._warming = warming
@@ -27,13 +27,13 @@ class Warmth:
         self.fever_K_s = 0.0
 
     def passed(self, elapsed_s: float, torque_Nm: float) -> None:
-        """Exact for a torque that stood still over the step."""
+        """Advances the temperature; exact for a constant torque over the step."""
         warming = self._warming
-        ends_degC = warming.air_degC + warming.rise_K_per_Nm2 * torque_Nm**2 + self.fever_K_s * warming.time_constant_s
-        self._degC = ends_degC + (self._degC - ends_degC) * exp(-elapsed_s / warming.time_constant_s)
+        steady_degC = warming.air_degC + warming.rise_K_per_Nm2 * torque_Nm**2 + self.fever_K_s * warming.time_constant_s
+        self._degC = steady_degC + (self._degC - steady_degC) * exp(-elapsed_s / warming.time_constant_s)
 
     def stick(self) -> None:
-        """From now on the drive tells this temperature, whatever it is."""
+        """Fault: from now on the drive reports the present temperature, whatever it becomes."""
         self._stuck_degC = self._degC
 
     @property

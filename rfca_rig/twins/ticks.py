@@ -1,4 +1,4 @@
-"""Moments on a fixed grid."""
+"""Sample times on a fixed grid."""
 
 from math import floor
 
@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-SLACK = 1e-6  # of a period: a moment that rounding pushed just past the end of a step still belongs to it
+# Share of a period: a time that rounding moved just past the end of a step still belongs to it.
+SLACK = 1e-6
 
 NONE_DUE = np.empty(0)
 
 
 class Ticks:
-    """The moments n * period, n = 1, 2 ..., handed out once each. The grid hangs on zero, so no rounding adds up."""
+    """The times n * period, n = 1, 2 ..., each returned once. They are computed from zero, so rounding errors do not accumulate."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -21,11 +22,11 @@ class Ticks:
 
     @property
     def taken(self) -> int:
-        """Number of the last moment handed out."""
+        """Number of the last time returned."""
         return self._taken
 
     def until(self, to_s: float) -> Floats:
-        """Moments (m,) not yet handed out, none later than `to_s`."""
+        """Times (m,) in s not yet returned, none later than `to_s`."""
         first, last = self._taken + 1, floor(to_s / self._period_s + SLACK)
         if last < first:
             return NONE_DUE

@@ -1,4 +1,4 @@
-"""Motor twin, sensor twin and plant, brought forward together."""
+"""Co-simulation of motor twin, sensor twin and plant."""
 
 from math import ceil
 
@@ -7,16 +7,17 @@ from rfca_rig.twins.plant import TwinPlant
 from rfca_rig.twins.sensor import SensorTwin
 
 LONGEST_STEP_S = 2e-3
+# Steps are this many times longer while the shaft is slower than RESTING_RAD_S.
 RESTING_STEPS = 5
 RESTING_RAD_S = 1e-3
 
 
 class TwinWorld:
-    """`process(to_s)` is what a twin clock carries along. Knows no wall clock; the same calls give the same bytes.
+    """Advances all twins together; `process(to_s)` is registered with a twin clock. The same calls give the same bytes.
 
-    Steps are at most `longest_step_s` long, five times that while the shaft stands: so often does the drive's loop look at its
-    integrator, its torque limit and its watchdog. Encoder reports within a step lie on a cubic between its ends, force samples
-    are the plant's own.
+    Steps are at most `longest_step_s` long, or five times that while the shaft is at rest. Integrator, torque limit and watchdog of
+    the drive are updated once per step. Encoder reports within a step lie on a cubic between its ends; force samples come from the
+    plant.
     """
 
     def __init__(self, plant: TwinPlant, motor: MotorTwin, sensor: SensorTwin, longest_step_s: float = LONGEST_STEP_S) -> None:
@@ -27,15 +28,17 @@ class TwinWorld:
         self._now_s = 0.0
 
     def process(self, to_s: float) -> None:
-        """Carries everything from where it stands to `to_s`."""
+        """Advances everything to `to_s`."""
         began_s = self._now_s
         resting = abs(self._plant.shaft().speed_rad_s) < RESTING_RAD_S
         longest_s = RESTING_STEPS * self._longest_step_s if resting else self._longest_step_s
+        # The tolerance keeps rounding from adding a step of almost zero length.
         steps = ceil((to_s - began_s) / longest_s - 1e-6)
         for step in range(1, steps + 1):
             self._step(to_s if step == steps else began_s + (to_s - began_s) * step / steps)
 
     def _step(self, to_s: float) -> None:
+        # Commands first, then the torque law from the state before the step, then the plant, then the reports.
         self._motor.take_frames(self._now_s)
         self._sensor.take_requests()
         before = self._plant.shaft()

@@ -1,15 +1,16 @@
-"""The word that lets its bearer look at a run and stop it."""
+"""Access token of the view: who presents it may watch a run and stop it."""
 
 import secrets
 
+# 192 random bits, 32 characters in the address.
 BYTES = 24
 
 
 def new_token() -> str:
-    """For one run, or one look at a recording; guessed by nobody."""
+    """A new random token, for one run or one replay."""
     return secrets.token_urlsafe(BYTES)
 
 
 def is_token(given: str, token: str) -> bool:
-    """Takes as long for a guess that is nearly right as for any other."""
+    """Compares in constant time, so that timing does not reveal how much of a guess is right."""
     return secrets.compare_digest(given.encode(), token.encode())

@@ -1,7 +1,7 @@
-"""Who may look, and who may stop: whoever was told the token, from this very machine, by a page that came from here.
+"""Access control of the view: a request needs the token, and must come from this machine and from a page of this server.
 
-A page from elsewhere, open in the same browser, can send requests to this machine. It does not know the token, its Origin is another
-one, and a name of its own that leads here (DNS rebinding) is in Host.
+A page from elsewhere, open in the same browser, can send requests to this machine. It does not know the token, and its Origin differs.
+A domain name that resolves to this machine (DNS rebinding) shows in Host.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from rfca_rig.view.access_token import is_token
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-FOR_ALL = ("/static/", "/trips/")  # nothing of any run is there
+# Served without a token: scripts, style sheets and documentation, nothing of any run.
+FOR_ALL = ("/static/", "/trips/")
+# default-src 'self': the page loads nothing from elsewhere. no-referrer: the token in the address is not sent to a linked page.
+# frame-ancestors 'none': no other page can frame this one and make the operator click on its stop button unawares.
 POLICY = {
     "content-security-policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'",
     "referrer-policy": "no-referrer",
@@ -25,7 +28,7 @@ REFUSED = 1008  # websocket: policy violation
 
 
 class Admission:
-    """An ASGI application before another one, which hears only of what is admitted."""
+    """ASGI middleware that passes only admitted requests to the wrapped application."""
 
     def __init__(self, application: ASGIApp, token: str) -> None:
         self._application = application
@@ -39,17 +42,20 @@ class Admission:
         if not refusal:
             await self._application(scope, receive, send)
         elif scope["type"] == "websocket":
+            # ASGI requires that the connect event is received before the socket may be closed.
             await receive()
             await send({"type": "websocket.close", "code": REFUSED, "reason": refusal})
         else:
             await PlainTextResponse(f"{refusal}\n", 403, POLICY)(scope, receive, send)
 
     def _refusal(self, scope: Scope) -> str:
-        """Why not; "" for one who may."""
+        """Reason for a refusal, "" where the request is admitted."""
         headers = Headers(scope=scope)
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
+        # Exactly one Host: with two, this check and the server could go by different ones.
         if len(hosts) != 1 or not is_loopback(f"//{hosts[0]}"):
             return "only for this machine"
+        # Browsers send Origin with every WebSocket and every POST; programs such as curl send none and need the token only.
         if origins and not _is_same(origins, hosts[0]):
             return "only for pages from here"
         if scope["path"].startswith(FOR_ALL) and scope["type"] == "http":
@@ -62,7 +68,7 @@ class Admission:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether the host of an address is this machine by a name that nobody else can give away."""
+    """Whether the host of an address is a loopback name, which no DNS server of somebody else can define."""
     try:
         return urlsplit(address).hostname in LOOPBACK
     except ValueError:

@@ -1,4 +1,4 @@
-"""What the view's process is told by the run's, and says first: all that both of them need to know of each other."""
+"""Messages between the run's process and the view's at start-up: the assignment, and the answer READY or FAILED."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,10 @@ READY, FAILED = "ready", "failed"
 
 @dataclass(frozen=True)
 class ViewAssignment:
-    """Which run to show, and where; port 0 is any that is free. `clock` is that of the run's queue: both read the machine's."""
+    """The run to show, and where to serve it; port 0 is any free port.
+
+    `clock` is that of the run's queue. Both processes read the same monotonic clock of the machine, so its times can be compared.
+    """
 
     facts: RunFacts
     queue_name: str

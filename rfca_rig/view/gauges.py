@@ -1,4 +1,4 @@
-"""How far each limit is from stopping the run: the value now, its share of the limit, and the largest share since the stage began."""
+"""Distance of each monitored value from its limit: current value, share of the limit, and largest share since the stage began."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from rfca_rig.view.tick_block import SeenTicks
 
 @dataclass
 class Gauge:
-    """One limit. What it tells is where it came nearest since it was last told; `limit` may change with what is going on."""
+    """One limit. It reports the value that came nearest to the limit since the last report; `limit` may change during a stage."""
 
     name: str
     unit: str
@@ -28,26 +28,29 @@ class Gauge:
     is_told: bool = True
 
     def show(self, value: float, limit: float | None = None) -> None:
+        """Takes in a value, and the limit in force for it where that has changed."""
         limit = self.limit if limit is None else limit
         share = value / limit if limit > 0.0 else 0.0
+        # The page is updated a few times a second: of the values in between, the worst is kept.
         if self.is_told or share >= self.share:
             self.value, self.share, self.limit, self.is_told = value, share, limit, False
         self.peak_share = max(self.peak_share, share)
 
     def told(self) -> dict[str, float]:
-        """What to tell; from now on it counts anew."""
+        """The worst value since the last call, as numbers for the page; the next value starts a new report."""
         self.is_told = True
-        said = {"value": self.value, "share": self.share, "peak_share": max(self.peak_share, self.share), "limit": self.limit}
-        return {name: round(number, 4) for name, number in said.items()}
+        numbers = {"value": self.value, "share": self.share, "peak_share": max(self.peak_share, self.share), "limit": self.limit}
+        return {name: round(number, 4) for name, number in numbers.items()}
 
 
 class Gauges:
-    """The limits that the run watches, held against the same ticks."""
+    """All limits that the run monitors, evaluated on the ticks that the view receives. For display only: it trips nothing."""
 
     def __init__(self, limits: Limits, scale: SensorScale) -> None:
         self._limits = limits
         self._per_unit = np.array([scale.counts_per_N, scale.counts_per_Nm])
         self._heard_s = -np.inf
+        # A following error is allowed to grow with speed; the gauge begins with the limit of a shaft at rest.
         still_deg = float(np.degrees(limits.following_error_rad))
         lasting_ms = 1e3 * limits.above_expected_s
         self._force = Gauge("force", "N", Trip.FORCE, limits.force_N)
@@ -65,11 +68,12 @@ class Gauges:
         self.stage(None)
 
     def listed(self) -> list[dict[str, object]]:
-        """Each limit once, for the beginning."""
+        """Names, units, limits and trip codes of all gauges, for the first message to a page."""
         return [{"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)} for gauge in self._all]
 
     def stage(self, expected: Load | None) -> None:
-        """A stage begins, that is expected to bring so much."""
+        """A stage begins with the load that the model expects; None where that is unknown."""
+        # The same ceilings as in `engine.monitors.load`, so that the page shows what the run is stopped by.
         load, factor = expected or Load(np.inf, np.inf), self._limits.above_expected
         self._ceilings = (
             max(factor * load.force_N, LEAST_SHARE * self._limits.force_N),
@@ -80,7 +84,7 @@ class Gauges:
             gauge.peak_share = 0.0
 
     def take(self, ticks: SeenTicks) -> None:
-        """Some ticks in a row."""
+        """Takes in consecutive ticks."""
         if len(ticks.counts):
             self._loads(ticks.force_device_s, ticks.counts)
         self._motion(ticks)
@@ -91,6 +95,7 @@ class Gauges:
             self._warmth.show(float(ticks.temperature_C[-1]))
 
     def _loads(self, device_s: Floats, counts: np.ndarray) -> None:
+        # In floats: squares of raw counts may exceed 32 bits.
         squares = np.square(counts, dtype=np.float64)
         sizes = np.sqrt(np.column_stack([squares[:, :3].sum(axis=1), squares[:, 3:].sum(axis=1)])) / self._per_unit
         for axis, (gauge, lasts) in enumerate(((self._force, self._force_lasts), (self._moment, self._moment_lasts))):
@@ -98,17 +103,19 @@ class Gauges:
             lasts.show(1e3 * self._lasting_s(axis, device_s, sizes[:, axis]))
 
     def _lasting_s(self, axis: int, device_s: Floats, sizes: Floats) -> float:
-        """The longest that a size has been above its ceiling at any of the records."""
+        """Longest time in s for which a load has stayed above its ceiling, over records at `device_s` (n,) of `sizes` (n,)."""
+        # Last time below the ceiling before these records. Where unknown, or after a restart of the device, counting starts here.
         before_s = self._below_s[axis] if self._below_s[axis] <= device_s[0] else float(device_s[0])
         below_s = np.maximum.accumulate(np.where(sizes <= self._ceilings[axis], device_s, before_s))
         self._below_s[axis] = float(below_s[-1])
         return float((device_s - below_s).max())
 
     def _motion(self, ticks: SeenTicks) -> None:
-        """Each tick's target beside the last that the shaft reported in it."""
+        """Compares each tick's target with the last angle that the drive reported within that tick."""
         reported = ticks.shaft_samples > 0
         if not reported.any():
             return
+        # Samples of all ticks stand in one row: running sums of their numbers give the column of each tick's last sample.
         last = ticks.shaft[:, np.cumsum(ticks.shaft_samples)[reported] - 1]
         self._speed.show(float(np.abs(last[3]).max()))
         allowed_rad = self._limits.following_error_rad + self._limits.following_error_s * np.abs(ticks.target_speed_rad_s[reported])
@@ -117,12 +124,12 @@ class Gauges:
         self._following.show(float(np.degrees(behind_rad[worst])), float(np.degrees(allowed_rad[worst])))
 
     def _ages(self, ticks: SeenTicks) -> None:
-        """Of the newest record at each tick; a stream that was never heard has none."""
+        """Age of the newest force record at each tick; none before the first record arrived."""
         heard_s = np.maximum.accumulate(np.where(ticks.force_records > 0, ticks.now_s, self._heard_s))
         self._heard_s = float(heard_s[-1])
         if np.isfinite(heard_s).any():
             self._sensor.show(1e3 * float((ticks.now_s - heard_s)[np.isfinite(heard_s)].max()))
 
     def told(self) -> Mapping[str, Mapping[str, float]]:
-        """All of them, by name."""
+        """The worst values since the last call, by name of the gauge."""
         return {gauge.name: gauge.told() for gauge in self._all}

@@ -1,4 +1,4 @@
-"""The leg for the page: as it is bent now, and where the model expects it."""
+"""Pose of the leg for the page: the current shape, and the shape that the model predicts at the commanded angle."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -15,12 +15,17 @@ from rfca_rig.view.leg_shape import LegShapes, leg_points
 from rfca_rig.view.scenes import Scene, Stroked
 
 BY_MODEL, BY_PHOTO, STRAIGHT = "model at measured shaft angle", "photo", "shaft only"
-UM = 6  # decimals of a metre
+# Decimals of a metre: micrometres.
+UM = 6
 
 
 @dataclass(frozen=True)
 class LegMoment:
-    """What is known of the leg at one moment. `planned_rad` is where the shaft should be, `hinge_deg` (6,) what a photo showed."""
+    """State of the leg at one moment.
+
+    `shaft_rad` is the measured angle, `planned_rad` the commanded one, `hinge_deg` (6,) the hinge angles from a photo,
+    `force_N` the measured fy and fz.
+    """
 
     scene: Scene
     shaft_rad: float
@@ -30,19 +35,19 @@ class LegMoment:
 
 
 class Legs:
-    """Draws the leg straight until the model's shapes are computed, which `prepare` does, on a thread of its own.
+    """Poses of one leg. They are straight until `prepare` has computed the model's shapes, on a thread of its own.
 
-    Without a nominal model, as of a campaign that brings none, there is no leg.
+    Without a nominal model, as in some imported campaigns, there is no leg.
     """
 
     def __init__(self, nominal: Mapping[str, Any]) -> None:
-        self._rig = _model(nominal)
+        self._rig = _read_model(nominal)
         self._shapes: LegShapes | None = None
         self._prepared: set[Stroked] = set()
 
     @property
     def described(self) -> dict[str, object] | None:
-        """Sizes for the page; None where the leg is unknown."""
+        """Lengths of the links and their thickness in m; None where the leg is unknown."""
         if self._rig is None:
             return None
         leg = self._rig.leg
@@ -50,24 +55,26 @@ class Legs:
 
     @property
     def start_rad(self) -> float | None:
-        """Where strokes are believed to begin."""
+        """Start angle of strokes in the nominal model; None without a model."""
         return None if self._rig is None else self._rig.leg.start_angle_rad
 
     @property
     def ramp_s(self) -> float:
-        """In which the drive is believed to come to speed."""
+        """Time in s in which the drive of the nominal model comes to speed; 0 without a model."""
         return 0.0 if self._rig is None else self._rig.drive.ramp_s
 
     def prepare(self, scenes: Iterable[Scene]) -> None:
-        """Takes seconds. A stroke that the model cannot compute is done without: the leg hangs there."""
+        """Computes the shapes of all strokes, which takes seconds. Where the model fails for a stroke, the leg is shown hanging."""
         if self._rig is None:
             return
         shapes = LegShapes(self._rig)
         try:
+            # A trial: it compiles the model, and shows whether this one can be computed at all.
             shapes.hanging(0.0)
         except RigError:
             return
         self._shapes = shapes
+        # Repeats share one stroke; dict.fromkeys removes duplicates and keeps the order of the plan.
         for stroke in dict.fromkeys(scene.stroke for scene in scenes if scene.stroke is not None):
             try:
                 shapes.prepare(stroke.height_m, stroke.speed_rad_s, stroke.sweep_deg)
@@ -76,7 +83,7 @@ class Legs:
                 continue
 
     def message(self, moment: LegMoment) -> dict[str, object] | None:
-        """As the page takes it; None where nobody knows what the leg is like, or where it hangs."""
+        """Message for the page; None where the leg or the rack's height is unknown."""
         if self._rig is None or moment.scene.height_m is None:
             return None
         leg, source = self._leg(self._rig, moment)
@@ -85,8 +92,8 @@ class Legs:
             "kind": "leg",
             "height_m": round(moment.scene.height_m, UM),
             "shaft_rad": round(moment.shaft_rad % tau, 5),
-            "leg": _listed(leg),
-            "ghost": None if ghost is None else _listed(ghost),
+            "leg": _as_lists(leg),
+            "ghost": None if ghost is None else _as_lists(ghost),
             "source": source,
             "force": None if moment.force_N is None else [round(value, 3) for value in moment.force_N],
         }
@@ -106,12 +113,13 @@ class Legs:
         return shapes.at_shaft(stroke.height_m, shaft_rad, stroke.speed_rad_s)
 
 
-def _model(nominal: Mapping[str, Any]) -> RigModel | None:
+def _read_model(nominal: Mapping[str, Any]) -> RigModel | None:
     try:
+        # A model section that this version cannot read costs the picture of the leg, not the whole view.
         return nominal_model(nominal) if nominal else None
     except RigError:
         return None
 
 
-def _listed(points: Floats) -> list[list[float]]:
+def _as_lists(points: Floats) -> list[list[float]]:
     return [[round(y, UM), round(z, UM)] for y, z in points.tolist()]

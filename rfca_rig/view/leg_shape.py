@@ -1,4 +1,4 @@
-"""How the leg is bent, from what is known of it at a moment: the model at the shaft's angle, or hinge angles read off a photo.
+"""Shape of the leg at one moment: from the model at the shaft's angle, or from hinge angles of a photo.
 
 Points are (y, z) in metres from the shaft, y along the ground, z down, so that the floor is at z = height.
 """
@@ -18,13 +18,15 @@ from rfca_rig.model.stroke import stroke_at_speed
 Floats = NDArray[np.float64]
 
 TURN_RAD = 2.0 * math.pi
-ROWS_PER_S = 2000.0  # between two rows the leg bends by less than a line's width on any screen
+# Sampling of precomputed strokes: between two samples the leg bends by less than the width of a line on any screen.
+ROWS_PER_S = 2000.0
+# Rack height at which no part of the leg reaches the floor: a model "without floor" needs no code of its own.
 IN_THE_AIR_M = 1e3
 
 
 @dataclass(frozen=True)
 class StrokeShapes:
-    """The link angles of one stroke over the shaft's angle: `shaft_rad` (m,) strictly ascending, `q_rad` (m, n) absolute."""
+    """Link angles of one stroke over the shaft angle: `shaft_rad` (m,) strictly ascending, `q_rad` (m, n) absolute, for n links."""
 
     shaft_rad: Floats
     q_rad: Floats
@@ -33,17 +35,17 @@ class StrokeShapes:
         return bool(self.shaft_rad[0] <= shaft_rad <= self.shaft_rad[-1])
 
     def at(self, shaft_rad: float) -> Floats:
-        """The link angles (n,) there, between two rows in proportion."""
+        """Link angles (n,) rad at a shaft angle, linearly interpolated."""
         row = int(np.clip(np.searchsorted(self.shaft_rad, shaft_rad), 1, len(self.shaft_rad) - 1))
         before, after = self.shaft_rad[row - 1], self.shaft_rad[row]
-        share = (shaft_rad - before) / (after - before)
-        return np.asarray((1.0 - share) * self.q_rad[row - 1] + share * self.q_rad[row])
+        weight = (shaft_rad - before) / (after - before)
+        return np.asarray((1.0 - weight) * self.q_rad[row - 1] + weight * self.q_rad[row])
 
 
 class LegShapes:
-    """Shapes (links + 1, 2) of one rig's leg, shaft first. Strokes are computed once, by `prepare`; the rest is a look-up.
+    """Shapes of one rig's leg as points (links + 1, 2) in m, shaft first. `prepare` computes a stroke once; the rest is a look-up.
 
-    The first `prepare` or `hanging` of a process compiles the model: not for the process whose loop drives a motor.
+    The first `prepare` or `hanging` of a process compiles the model. Never call it in the process whose loop drives a motor.
     """
 
     def __init__(self, rig: RigModel) -> None:
@@ -53,13 +55,13 @@ class LegShapes:
         self._hanging: dict[float, Floats] = {}
 
     def prepare(self, height_m: float, speed_rad_s: float, sweep_deg: float) -> None:
-        """Computes the stroke of that condition, for `at_shaft`. Raises BadInput, SimulationFailed."""
+        """Simulates the stroke of a condition, for `at_shaft`. Raises BadInput, SimulationFailed."""
         self._strokes[_condition(height_m, speed_rad_s)] = stroke_shapes(self._rig, height_m, speed_rad_s, sweep_deg)
 
     def at_shaft(self, height_m: float, shaft_rad: float, speed_rad_s: float) -> Floats:
-        """The model's shape in the stroke of that speed when the shaft is at that angle, whole turns aside.
+        """Shape (links + 1, 2) m in the stroke of a condition at a shaft angle, modulo whole turns.
 
-        Where that stroke was not prepared, or does not pass there, as on the way back over the top: the leg hanging in the air.
+        Where the stroke was not prepared, or does not pass this angle (as on the way back over the top), the leg hangs in the air.
         """
         stroke = self._strokes.get(_condition(height_m, speed_rad_s))
         if stroke is None:
@@ -70,19 +72,21 @@ class LegShapes:
         return leg_points(stroke.at(in_turn_rad), self._lengths_m)
 
     def hanging(self, shaft_rad: float) -> Floats:
-        """The leg at rest under its own weight, without any floor; between whole degrees in proportion."""
+        """Shape (links + 1, 2) m of the leg at rest under its own weight, without a floor."""
+        # Equilibria are computed at whole degrees, cached, and interpolated: one for each frame would be too slow.
         degrees = np.degrees(shaft_rad)
         below = float(np.floor(degrees))
-        share = degrees - below
-        hinges = (1.0 - share) * self._hanging_hinges(below) + share * self._hanging_hinges(below + 1.0)
+        weight = degrees - below
+        hinges = (1.0 - weight) * self._hanging_hinges(below) + weight * self._hanging_hinges(below + 1.0)
         return leg_points(shaft_rad + hinges, self._lengths_m)
 
     def of_hinges(self, shaft_rad: float, hinge_deg: Floats) -> Floats:
-        """The shape with the hinge angles (links - 1,) of a photo, hinge 2 first."""
+        """Shape (links + 1, 2) m with the hinge angles (links - 1,) deg of a photo, hinge 2 first."""
+        # A hinge angle is that of a link relative to the previous one: sums give absolute angles.
         return leg_points(shaft_rad + np.concatenate([[0.0], np.cumsum(np.radians(hinge_deg))]), self._lengths_m)
 
     def _hanging_hinges(self, degrees: float) -> Floats:
-        """The link angles less the shaft's, (links,)."""
+        """Link angles at rest relative to the shaft, (links,) rad."""
         turned = degrees % 360.0
         if turned not in self._hanging:
             self._hanging[turned] = hanging_angles(self._rig, float(np.radians(turned))) - np.radians(turned)
@@ -90,33 +94,38 @@ class LegShapes:
 
 
 def leg_points(q_rad: Floats, lengths_m: Floats) -> Floats:
-    """Shaft, hinges and tip, (n + 1, 2), of links with the absolute angles (n,) and the lengths (n,)."""
+    """Points (n + 1, 2) m of shaft, hinges and tip, for links with absolute angles (n,) rad and lengths (n,) m."""
     steps = lengths_m[:, None] * np.column_stack([np.cos(q_rad), np.sin(q_rad)])
     return np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
 
 
 def stroke_shapes(rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg: float) -> StrokeShapes:
-    """The stroke from rest through `sweep_deg`. A soft shaft that is thrown back counts where it goes forward for the first time."""
+    """Simulates a stroke from rest through `sweep_deg`: m samples, link angles (m, n).
+
+    Raises BadInput, SimulationFailed.
+    """
     end_s = np.radians(sweep_deg) / speed_rad_s + rig.drive.ramp_s
     stroke = stroke_at_speed(rig, height_m, speed_rad_s, np.arange(0.0, end_s, 1.0 / ROWS_PER_S))
     shaft_rad = stroke.shaft_angle_rad
+    # A compliant shaft may be thrown back by the contact. Only samples at a new maximum count, so that shapes are a function of the angle.
     forward = np.concatenate([[True], shaft_rad[1:] > np.maximum.accumulate(shaft_rad)[:-1]])
     return StrokeShapes(shaft_rad[forward], stroke.q_rad[forward])
 
 
 def hanging_angles(rig: RigModel, shaft_rad: float) -> Floats:
-    """The absolute link angles (n,) of the leg at rest in the air. Raises SimulationFailed."""
+    """Absolute link angles (n,) rad of the leg at rest in the air. Raises SimulationFailed."""
     setup = set_up(rig, IN_THE_AIR_M, ramp_to_speed(shaft_rad, 0.0, rig.drive.ramp_s, 0.0))
     chain = setup.chain()
     return at_rest(chain, shaft_rad, setup.compiled_laws(chain)).q[: chain.length.size]
 
 
 def _condition(height_m: float, speed_rad_s: float) -> tuple[float, float]:
-    """Height and speed to what a plan can tell apart, so that a sum of floats finds what a file wrote."""
+    """Key of a condition: rounded to 10 um and 1e-4 rad/s, so that rounding errors of floats do not matter."""
     return round(height_m, 5), round(speed_rad_s, 4)
 
 
 def _in_turn_from(start_rad: float, shaft_rad: float) -> float:
-    """The same angle in the turn that begins a degree before `start_rad`."""
+    """The same angle in the turn that begins one degree before `start_rad`."""
+    # One degree of margin: a shaft that stands a little before the start would otherwise count as a whole turn ahead.
     begin_rad = start_rad - float(np.radians(1.0))
     return begin_rad + (shaft_rad - begin_rad) % TURN_RAD

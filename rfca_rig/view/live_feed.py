@@ -1,4 +1,4 @@
-"""A run that goes on, for one page: traces at the width that the page shows, none twice, none left out."""
+"""Feed of a run in progress for one page: traces at the resolution that the page shows, without duplicates or gaps."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil
@@ -14,7 +14,7 @@ STATE_EVERY = round(BEATS_HZ / STATES_HZ)
 
 
 class LiveRun:
-    """Implements `page_feed.Source`. `beat` takes in what came, for all pages at once."""
+    """Implements `page_feed.FeedSource`. `beat` reads the queue once for all pages."""
 
     def __init__(self, source: LiveSource) -> None:
         self.source = source
@@ -27,8 +27,9 @@ class LiveRun:
         self._refresh()
 
     def gone(self) -> None:
-        """The run's process is no more."""
+        """The run's process has ended."""
         self.source.gone()
+        # Zero makes the next refresh build a state at once, so that every page shows the end.
         self._beats = 0
         self._refresh()
 
@@ -58,6 +59,7 @@ class LiveFeed:
         self._begin()
 
     def _begin(self) -> None:
+        # Another span needs another level of the pyramid; the page gets the whole window again.
         self._level = level_for(self._span_s)
         self._sent: int | None = None
 
@@ -69,6 +71,7 @@ class LiveFeed:
 
     def news(self) -> Sequence[Message]:
         shown, self._shown = self._shown, (self._run.state, self._run.leg)
+        # States and legs are shared by all pages: identity tells whether this page has had the current one.
         changed = [now for before, now in zip(shown, self._shown, strict=True) if now is not None and now is not before]
         traced = self._trace()
         return [*changed] if traced is None else [traced, *changed]
@@ -76,6 +79,7 @@ class LiveFeed:
     def _trace(self) -> Message | None:
         pyramid = self._run.source.pyramid
         end = pyramid.closed(self._level)
+        # A page that fell behind the oldest bucket kept cannot be continued without a gap: its window starts again.
         is_reset = self._sent is None or self._sent < pyramid.oldest(self._level)
         begin = max(end - ceil(self._span_s / width_s(self._level)), 0) if is_reset else self._sent
         if begin is None or begin >= end:

@@ -1,4 +1,4 @@
-"""How well the run is: what comes in, what is lost, how late whom is."""
+"""Health of a run in progress: data rates, losses and delays."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -10,15 +10,18 @@ from rfca_rig.protocol.plan import Limits
 from rfca_rig.view.messages import Health
 from rfca_rig.view.tick_block import SeenTicks
 
+# Window in s for rates and delays.
 RATE_OVER_S = 1.0
+# Thresholds of display only; the run is stopped by its limits. Below 90 % of the sensor's nominal rate records are missing.
 LEAST_OF_RATE = 0.9
-GAP_SHARE = 0.5  # of what the loop may be late
+# Share of the delay at which the control loop trips.
+GAP_SHARE = 0.5
 BACKLOG_MB = 1.0
 DELAY_MS = 200.0
 
 
 class LiveHealth:
-    """Counts over the last second, and what the run tells of its devices."""
+    """Rates over the last second, and the state of the devices that the run reports."""
 
     def __init__(self, limits: Limits, scale: SensorScale) -> None:
         self._limits = limits
@@ -29,29 +32,31 @@ class LiveHealth:
         self._delays_s: deque[tuple[float, float]] = deque()
 
     def take(self, ticks: SeenTicks) -> None:
-        """Some ticks in a row."""
+        """Takes in consecutive ticks."""
         self._last = ticks
         self._counted.append((float(ticks.now_s[-1]), len(ticks.counts)))
         while self._counted[0][0] < ticks.now_s[-1] - RATE_OVER_S:
             self._counted.popleft()
 
     def vitals(self, said: Mapping[str, Any]) -> None:
-        """What the run said of sensor and recorder."""
+        """Takes in the state of sensor and recorder."""
         self._vitals = said
 
     def delay(self, wall_s: float, oldest_s: float) -> None:
-        """It was looked, and the oldest tick that waited had been handed over then; infinity where none waited."""
+        """The queue was read at `wall_s`; its oldest tick was put there at `oldest_s`, infinity where it was empty."""
         if oldest_s < wall_s:
             self._delays_s.append((wall_s, wall_s - oldest_s))
         while self._delays_s and self._delays_s[0][0] < wall_s - RATE_OVER_S:
             self._delays_s.popleft()
 
     def told(self) -> list[Health]:
+        """All lines for the page; none before the first tick."""
         ticks = self._last
         return [] if ticks is None else [self._rate(), *self._stream(), *self._loop(ticks), *self._view(ticks.lost)]
 
     def _rate(self) -> Health:
         elapsed_s = self._counted[-1][0] - self._counted[0][0]
+        # The first block's records came before the interval that its time begins, so it does not count.
         rate_Hz = sum(count for _, count in list(self._counted)[1:]) / elapsed_s if elapsed_s > 0.0 else 0.0
         return Health("force records", f"{rate_Hz:.0f}/s", rate_Hz >= LEAST_OF_RATE * self._scale.rate_Hz)
 

@@ -1,4 +1,4 @@
-"""A run that goes on, at the view's end: takes what the queue hands over, and says it as the page takes it."""
+"""A run in progress at the view's end: reads the queue, and builds the messages for the page."""
 
 import json
 from collections import deque
@@ -25,10 +25,16 @@ from rfca_rig.view.scenes import NOWHERE
 from rfca_rig.view.stream_clock import StreamClock
 from rfca_rig.view.tick_block import SeenTicks, ticks_of
 
-WAITS_S = 0.1  # for the slower of the two streams
-SILENT_S = 0.25  # longer than a loop is late on a busy machine: what came after a bucket was closed is drawn too far to the right
+# Buckets stay open this long for the slower of the two streams.
+WAITS_S = 0.1
+# Without ticks for this long, all buckets are closed. Longer than a loop is late on a busy machine: a sample that comes
+# after its bucket was closed is drawn too far to the right.
+SILENT_S = 0.25
+# Buckets are closed up to a multiple of this, 16 buckets of the finest level.
 FLUSH_S = 0.008
+# Of the run's messages to the operator, the last ones are shown.
 LINES = 12
+# The words that a page sends.
 STOP_LEVELS = {"safe point": StopLevel.SAFE_POINT, "now": StopLevel.TORQUE_OFF}
 DONE = "done"
 SILENT_END = "the run's process ended without a word"
@@ -36,10 +42,10 @@ FORCE, SHAFT = slice(0, len(WRENCH)), slice(len(WRENCH), len(CHANNELS))
 
 
 class LiveSource:
-    """`look` takes everything that came; afterwards `pyramid`, `state` and `leg` are up to date."""
+    """State of a run as received so far. `look` reads the queue; afterwards `pyramid`, `state` and `leg` are up to date."""
 
     def __init__(self, facts: RunFacts, queue: BlockQueue, clock: Clock, legs: Legs) -> None:
-        """`clock` is that of the run's queue."""
+        """`clock` is the one that the run's queue stamps its ticks with."""
         self._facts = facts
         self._queue = queue
         self._clock = clock
@@ -55,8 +61,8 @@ class LiveSource:
         self._shaft_rad: float | None = None
         self._target_rad = 0.0
         self._force_N: tuple[float, float] | None = None
-        self._scene, self._label = NOWHERE, "not begun"
-        self._said: deque[str] = deque(maxlen=LINES)
+        self._scene, self._stage_label = NOWHERE, "not begun"
+        self._lines: deque[str] = deque(maxlen=LINES)
         self._ended: str | None = None
         self._code = ""
         self._asked: str | None = None
@@ -64,7 +70,7 @@ class LiveSource:
 
     @property
     def now_s(self) -> float:
-        """Rig time since the run began, as far as it was heard of."""
+        """Rig time in s since the run began, of the newest tick received."""
         return self._now_s
 
     @property
@@ -76,71 +82,76 @@ class LiveSource:
         return hello(facts.title, facts.mark, facts.stages, self._gauges.listed(), self._legs.described)
 
     def stop(self, how: str) -> bool:
-        """Asks the run for a stop; False where there is nothing to stop any more. Raises LookupError for an unknown way to."""
+        """Requests a stop of the run; False where the run is over. Raises LookupError for an unknown kind of stop."""
         level = STOP_LEVELS[how]
         if self.is_over:
             return False
+        # A request is only ever replaced by a more urgent one. It travels in the queue's word for acknowledged stages.
         if level > self._queue.acknowledged:
             self._queue.tell(level, False)
             self._asked = how
         return True
 
     def look(self) -> None:
-        """Never waits."""
+        """Reads everything in the queue. Never waits."""
         blocks, length = whole_blocks(self._queue.look())
+        # Only whole blocks are released.
         self._queue.took(length)
+        # Consecutive ticks are decoded together, which is much faster than one by one; events keep their place between them.
         oldest_s = [self._take(kind, list(some)) for kind, some in groupby(blocks, key=lambda block: block.kind)]
         wall_s = self._clock.now_s()
         is_silent = self._began_s is not None and wall_s - self._ticked_s > SILENT_S
-        self.pyramid.close_before(self._all_s() if is_silent else max(min(self._newest), self._now_s - WAITS_S))
+        self.pyramid.close_before(self._end_of_data_s() if is_silent else max(min(self._newest), self._now_s - WAITS_S))
         self._health.delay(wall_s, min(oldest_s, default=np.inf))
 
-    def _all_s(self) -> float:
-        """Behind everything that came: what a loop that ticks no more has seen last is not held back."""
+    def _end_of_data_s(self) -> float:
+        """Time in s after all received samples: when the loop has stopped, its last samples must still be drawn."""
         return (max(*self._newest, self._now_s) // FLUSH_S + 1) * FLUSH_S
 
     def gone(self) -> None:
-        """The run's process is no more."""
+        """The run's process has ended."""
+        # What it put into the queue before its end is still there, perhaps with the reason.
         self.look()
         if not self.is_over:
             self._end(SILENT_END, "", self._clock.now_s())
 
     def _take(self, kind: BlockKind, blocks: Sequence[JournalBlock]) -> float:
-        """Blocks of one kind in a row; returns when the first of them was handed over, for ticks."""
+        """Takes in consecutive blocks of one kind. Returns when the first tick was put into the queue, infinity for events."""
         if kind is BlockKind.SAMPLES:
             ticks = ticks_of(blocks)
             self._samples(ticks)
             return float(ticks.wall_s[0])
         for block in blocks:
-            self._word(json.loads(block.payload))
+            self._handle_event(json.loads(block.payload))
         return np.inf
 
-    def _word(self, said: dict[str, Any]) -> None:
-        match said["about"]:
+    def _handle_event(self, event: dict[str, Any]) -> None:
+        match event["about"]:
             case "stage":
-                self._stage(said)
+                self._stage(event)
             case "vitals":
-                self._health.vitals(said)
+                self._health.vitals(event)
             case "line":
-                self._said.append(said["text"])
+                self._lines.append(event["text"])
             case "end":
-                self._end(said["why"], said["code"], said["wall_s"])
+                self._end(event["why"], event["code"], event["wall_s"])
 
-    def _stage(self, said: dict[str, Any]) -> None:
-        number = said["number"]
-        self._progress.begin(number, said["wall_s"])
-        self._gauges.stage(None if said["expected"] is None else Load(*said["expected"]))
-        self._label = said["label"]
+    def _stage(self, event: dict[str, Any]) -> None:
+        number = event["number"]
+        self._progress.begin(number, event["wall_s"])
+        self._gauges.stage(None if event["expected"] is None else Load(*event["expected"]))
+        self._stage_label = event["label"]
         if number >= 0:
             self._scene = self._facts.scenes[number]
 
     def _end(self, why: str, code: str, wall_s: float) -> None:
-        self._ended, self._code, self._label = why, code, "over"
+        self._ended, self._code, self._stage_label = why, code, "over"
         self._progress.end(wall_s, is_whole=why == DONE)
-        self.pyramid.close_before(self._all_s())
+        self.pyramid.close_before(self._end_of_data_s())
 
     def _samples(self, ticks: SeenTicks) -> None:
         self._target_rad = float(ticks.target_rad[-1])
+        # The page's time starts with the first tick, not with the rig's clock.
         self._began_s = float(ticks.now_s[0]) if self._began_s is None else self._began_s
         self._now_s, self._ticked_s = float(ticks.now_s[-1]) - self._began_s, float(ticks.wall_s[-1])
         self._gauges.take(ticks)
@@ -148,31 +159,31 @@ class LiveSource:
         if ticks.shaft.shape[1]:
             host_s, device_s, angle_rad, speed_rad_s, _ = ticks.shaft
             self._shaft_rad = float(angle_rad[-1])
-            self._put(0, host_s, device_s, np.column_stack([hanging_deg(angle_rad), speed_rad_s]), SHAFT)
+            self._add_to_pyramid(0, host_s, device_s, np.column_stack([hanging_deg(angle_rad), speed_rad_s]), SHAFT)
         if len(ticks.counts):
             wrench = ticks.counts / self._per_unit
             self._force_N = float(wrench[-1, 1]), float(wrench[-1, 2])
-            self._put(1, ticks.force_host_s, ticks.force_device_s, wrench, FORCE)
+            self._add_to_pyramid(1, ticks.force_host_s, ticks.force_device_s, wrench, FORCE)
 
-    def _put(self, stream: int, host_s: np.ndarray, device_s: np.ndarray, values: np.ndarray, channels: slice) -> None:
+    def _add_to_pyramid(self, stream: int, host_s: np.ndarray, device_s: np.ndarray, values: np.ndarray, channels: slice) -> None:
         t_s = self._clocks[stream].run_s(host_s, device_s) - (self._began_s or 0.0)
         self._newest[stream] = max(self._newest[stream], float(t_s[-1]))
         self.pyramid.take(t_s, values, channels)
 
     def state(self) -> Message:
-        """Limits tell what was nearest since this was last asked for."""
+        """State for the page. Each limit shows the value that came nearest to it since the last call."""
         at = self._progress.at(self._clock.now_s())
         return {
             "kind": "state",
             "now_s": round(self._now_s, 4),
             "stage": at.stage,
-            "stage_label": self._label,
+            "stage_label": self._stage_label,
             "stage_done": at.stage_done,
             "done": at.done,
             "eta_s": at.eta_s,
             "limits": self._gauges.told(),
             "health": [asdict(line) for line in self._health.told()],
-            "said": list(self._said),
+            "said": list(self._lines),
             "speed": 1.0,
             "stop_asked": self._asked,
             "ended": self._ended,
@@ -180,7 +191,7 @@ class LiveSource:
         }
 
     def leg(self) -> Message | None:
-        """None where nothing is known yet."""
+        """Pose of the leg for the page; None before the first angle of the shaft."""
         if self._shaft_rad is None:
             return None
         return self._legs.message(LegMoment(self._scene, self._shaft_rad, self._target_rad, force_N=self._force_N))

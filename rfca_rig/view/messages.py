@@ -1,4 +1,4 @@
-"""The words between server and page, apart from who says them."""
+"""Messages from the server to the page, the same for live view and replay."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -17,7 +17,7 @@ DOCS = "/trips/{code}"
 
 @dataclass(frozen=True)
 class Channel:
-    """One trace of the page, in the unit that it is drawn in. `decimals` are fewer than any sensor has noise in."""
+    """One trace of the page, in the unit that it is drawn in. It is sent with `decimals`, finer than the noise of any sensor."""
 
     name: str
     label: str
@@ -35,7 +35,8 @@ CHANNELS = (*WRENCH, *SHAFT)
 
 
 def hanging_deg(angle_rad: Floats) -> Floats:
-    """The shaft's angle for a trace: from where the leg hangs down, within half a turn of that."""
+    """Shaft angles (n,) rad as (n,) deg from where the leg hangs down, in [-180, 180)."""
+    # The model counts from horizontal and positive downwards, so hanging is 90 degrees.
     return np.asarray((np.degrees(angle_rad) + 90.0) % 360.0 - 180.0)
 
 
@@ -48,7 +49,7 @@ def hello(
     duration_s: float | None = None,
     channels: Sequence[Channel] = CHANNELS,
 ) -> Message:
-    """The first message. A recording has a duration, a run that goes on has none."""
+    """The first message to a page. A recording has a duration, a run in progress has none."""
     is_live = duration_s is None
     return {
         "kind": "hello",
@@ -67,23 +68,24 @@ def hello(
 
 
 def trace(dt_s: float, first: int, extrema: Extrema, is_reset: bool, channels: Sequence[Channel] = CHANNELS) -> Message:
-    """Buckets in a row; the first begins at first * dt_s."""
+    """Extrema (n, channels) of consecutive buckets of `dt_s` s; the first begins at first * dt_s. `is_reset` clears the page's traces."""
     sides = {"low": extrema.low, "high": extrema.high}
     drawn = {
-        side: {channel.name: _drawn(values[:, place], channel.decimals) for place, channel in enumerate(channels)}
+        side: {channel.name: _as_json_numbers(values[:, place], channel.decimals) for place, channel in enumerate(channels)}
         for side, values in sides.items()
     }
     return {"kind": "trace", "dt_s": dt_s, "from_s": first * dt_s, **({"reset": True} if is_reset else {}), **drawn}
 
 
-def _drawn(values: Floats, decimals: int) -> list[float | None]:
+def _as_json_numbers(values: Floats, decimals: int) -> list[float | None]:
     rounded = np.round(values, decimals).tolist()
+    # JSON has no NaN. The test for any at all comes first because most traces have none, and the loop is slow.
     return [None if isnan(value) else value for value in rounded] if np.isnan(values).any() else rounded
 
 
 @dataclass(frozen=True)
 class Health:
-    """One line of how everything is."""
+    """One line of the health panel."""
 
     name: str
     value: str

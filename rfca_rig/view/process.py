@@ -1,7 +1,7 @@
-"""The process that shows a run while it goes on. The control loop neither waits for it nor misses it.
+"""The process that serves the live view of a run. The control loop never waits for it and does not need it.
 
-It outlives the run as long as a page is open, so that the operator sees how the run ended, and a while longer for a page that is opened
-late or loaded again.
+It outlives the run for as long as a page is open, so that the operator sees how the run ended. It stays a while longer for a page that is
+opened late or loaded again.
 """
 
 import asyncio
@@ -23,15 +23,18 @@ from rfca_rig.view.server import Pages
 from rfca_rig.view.serving import bound, port_of, serve
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
-NICE = 5  # the loop comes first
+# Lower priority than the control loop's process.
+NICE = 5
+# After the run: how long the view waits for a page, and how long it lasts at most, so that a forgotten page keeps no process for ever.
 LINGERS_S = 60.0
-LONGEST_S = 12 * 3600.0  # after the run; a page that was forgotten keeps no process for ever
+LONGEST_S = 12 * 3600.0
 
 
 def show(parent: Connection) -> None:
-    """Takes its assignment from the parent, says (READY, port) or (FAILED, why), and shows the run, until a while after the parent left."""
+    """Receives its assignment from the parent, answers (READY, port) or (FAILED, why), and serves the run until a while after its end."""
+    # ^C in the terminal is for the run, which may need its view to the end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _stand_back()
+    _lower_priority()
     assignment: ViewAssignment = parent.recv()
     try:
         listening = bound(assignment.port)
@@ -41,6 +44,7 @@ def show(parent: Connection) -> None:
         return
     parent.send((READY, port_of(listening)))
     legs = Legs(assignment.facts.nominal)
+    # Shapes take seconds to compute; until then the page shows a straight leg.
     threading.Thread(target=legs.prepare, args=(assignment.facts.scenes,), daemon=True).start()
     run = LiveRun(LiveSource(assignment.facts, queue, assignment.clock, legs))
     try:
@@ -49,10 +53,10 @@ def show(parent: Connection) -> None:
         queue.close()
 
 
-def _stand_back() -> None:
-    """Behind the loop, and with nothing to say on a terminal, or into a pipe, that the run's command may have left long ago.
+def _lower_priority() -> None:
+    """Lowers the priority below the control loop's, and sends output to the null device, because the run's terminal may be gone.
 
-    Before anything else is begun: what tracks shared memory is a process of its own, which keeps what it was given.
+    Must come first: Python's tracker of shared memory is a process of its own, which keeps the streams that it inherits.
     """
     os.nice(NICE)
     if os.environ.get(DEBUG_VARIABLE):
@@ -67,7 +71,7 @@ async def _serve(run: LiveRun, assignment: ViewAssignment, parent: Connection, l
     patience = Patience(assignment.clock)
     loop = asyncio.get_running_loop()
 
-    def gone() -> None:
+    def on_parent_exit() -> None:
         loop.remove_reader(parent.fileno())
         run.gone()
         patience.run_is_over()
@@ -76,12 +80,13 @@ async def _serve(run: LiveRun, assignment: ViewAssignment, parent: Connection, l
         run.beat()
         return patience.goes_on(pages.open)
 
-    loop.add_reader(parent.fileno(), gone)
+    # The parent's socket becomes readable when the parent closes it or dies: no polling is needed.
+    loop.add_reader(parent.fileno(), on_parent_exit)
     await serve(run, assignment.token, listening, asyncio.Event(), beat)
 
 
 class Patience:
-    """How long a view stays when its run is over."""
+    """Decides how long a view stays after its run."""
 
     def __init__(self, clock: WallClock) -> None:
         self._clock = clock
@@ -92,7 +97,7 @@ class Patience:
         self._over_s = self._last_seen_s = self._clock.now_s()
 
     def goes_on(self, open_pages: int) -> bool:
-        """Asked at every beat."""
+        """Whether to keep serving; called at every beat."""
         if self._over_s is None:
             return True
         now_s = self._clock.now_s()

@@ -1,7 +1,7 @@
-"""Least and greatest of all that a run has brought, at every width that somebody may look at, in memory that does not grow.
+"""Minimum and maximum of a run's traces at every zoom level (a min/max pyramid), in memory that does not grow.
 
-Level 0 has buckets of half a millisecond, every level above buckets twice as wide. Of each the newest are remembered: seconds of the
-finest, days of the coarsest.
+Level 0 has buckets of half a millisecond; each level above has buckets twice as wide. Each level keeps its newest buckets: seconds at the
+finest level, days at the coarsest.
 """
 
 from math import floor
@@ -10,17 +10,22 @@ import numpy as np
 
 from rfca_rig.view.decimation import Extrema, Floats, gathered
 
+# Width of a bucket of level 0. The shortest window of a page, 0.05 s, then has 100 buckets.
 BASE_S = 5e-4
+# The coarsest level has buckets of 2**23 * BASE_S = 70 min.
 LEVELS = 24
-CAPACITY = 4096  # buckets of a level
-AHEAD = CAPACITY // 2  # of level 0 are open at most
-ACROSS = 1000  # buckets that a window is shown in
+# Buckets that a level keeps, as a ring.
+CAPACITY = 4096
+# Of level 0, at most so many buckets are open for samples. The other half of the ring holds closed ones that pages still read.
+AHEAD = CAPACITY // 2
+# A window is shown in at most so many buckets, about one for each pixel.
+ACROSS = 1000
 
 
 class Pyramid:
-    """Takes samples in any order and chunks; a bucket that is closed does not change any more.
+    """Takes samples in any order and in chunks of any size; a closed bucket does not change any more.
 
-    Bucket n of level k begins at n * 2**k * BASE_S. A sample that comes too late for its bucket counts in the first one that is open: no
+    Bucket n of level k begins at n * 2**k * BASE_S. A sample that comes too late for its bucket counts in the first open one, so that no
     peak is lost.
     """
 
@@ -29,31 +34,34 @@ class Pyramid:
         self._closed = [0] * LEVELS
 
     def closed(self, level: int) -> int:
-        """How many buckets of the level are closed."""
+        """Number of closed buckets of a level, which is also the number of its open bucket."""
         return self._closed[level]
 
     def take(self, t_s: Floats, values: Floats, channels: slice) -> None:
-        """Samples (m, some of the channels) at `t_s` (m,)."""
+        """Takes in samples (m, k) at `t_s` (m,) s, of the k channels in `channels`."""
         if not len(t_s):
             return
         places, extrema = gathered(np.maximum((t_s / BASE_S).astype(np.int64), self._closed[0]), values)
+        # Samples farther ahead than the ring is long are taken in steps, closing buckets in between.
         while len(places):
             now = places < self._closed[0] + AHEAD
-            self._put(places[now], Extrema(extrema.low[now], extrema.high[now]), channels)
+            self._add(places[now], Extrema(extrema.low[now], extrema.high[now]), channels)
             places, extrema = places[~now], Extrema(extrema.low[~now], extrema.high[~now])
             if len(places):
                 self._close_to(int(places[0]) + 1 - AHEAD // 2)
 
-    def _put(self, places: np.ndarray, extrema: Extrema, channels: slice) -> None:
+    def _add(self, places: np.ndarray, extrema: Extrema, channels: slice) -> None:
         base, slots = self._levels[0], places % CAPACITY
+        # fmin and fmax take the number where one side is NaN, which an empty bucket is.
         base.low[slots, channels] = np.fmin(base.low[slots, channels], extrema.low)
         base.high[slots, channels] = np.fmax(base.high[slots, channels], extrema.high)
 
     def close_before(self, t_s: float) -> None:
-        """Everything before that time has come, or is not waited for any longer."""
+        """Closes all buckets that end before `t_s`: their samples have arrived, or are not waited for any longer."""
         self._close_to(floor(t_s / BASE_S))
 
     def _close_to(self, bucket: int) -> None:
+        # After a long silence nothing is open any more, and buckets that are all empty need no stepping.
         if bucket - self._closed[0] > AHEAD + CAPACITY:
             self._step_to(self._closed[0] + AHEAD)
             self._leap_to(bucket)
@@ -61,14 +69,15 @@ class Pyramid:
 
     def _step_to(self, bucket: int) -> None:
         while self._closed[0] < bucket:
+            # At most half of AHEAD at once, so that slots are not cleared before the level above has read them.
             begin, end = self._closed[0], min(bucket, self._closed[0] + AHEAD // 2)
-            self._forget(begin + AHEAD, end + AHEAD)
+            self._clear_slots(begin + AHEAD, end + AHEAD)
             self._closed[0] = end
-            self._pass_on()
+            self._merge_upwards()
 
     def _leap_to(self, bucket: int) -> None:
-        """Over a long time without a sample, when nothing at all is open; what each level's open bucket has so far stays in it."""
-        begun, base = self._begun(), self._levels[0]
+        """Skips a long time without samples, when level 0 holds nothing open. What coarser open buckets hold so far stays in them."""
+        open_buckets, base = self._open_buckets(), self._levels[0]
         base.low[:] = base.high[:] = np.nan
         for level in range(LEVELS):
             first, end = self._closed[level], bucket >> level
@@ -76,54 +85,60 @@ class Pyramid:
             here = self._levels[level]
             here.low[slots] = here.high[slots] = np.nan
             if end - CAPACITY <= first < end:
-                here.low[first % CAPACITY], here.high[first % CAPACITY] = begun[level].low[0], begun[level].high[0]
+                here.low[first % CAPACITY], here.high[first % CAPACITY] = open_buckets[level].low[0], open_buckets[level].high[0]
             self._closed[level] = end
 
-    def _begun(self) -> list[Extrema]:
-        """What each level's open bucket has so far: of the level below the bucket before the open one where that is its first half."""
-        begun = [Extrema.none(1, self._levels[0].low.shape[1])]
+    def _open_buckets(self) -> list[Extrema]:
+        """Content so far of each level's open bucket.
+
+        It is the open bucket of the level below, and, where that is the second half, also the closed bucket before it.
+        """
+        open_buckets = [Extrema.none(1, self._levels[0].low.shape[1])]
         for level in range(1, LEVELS):
             first = 2 * self._closed[level]
-            half, rest = self._slots(level - 1, first, min(first + 1, self._closed[level - 1])), begun[-1]
+            half, rest = self._read_slots(level - 1, first, min(first + 1, self._closed[level - 1])), open_buckets[-1]
             both = Extrema(np.concatenate([half.low, rest.low]), np.concatenate([half.high, rest.high]))
-            begun.append(Extrema(np.fmin.reduce(both.low, keepdims=True), np.fmax.reduce(both.high, keepdims=True)))
-        return begun
+            open_buckets.append(Extrema(np.fmin.reduce(both.low, keepdims=True), np.fmax.reduce(both.high, keepdims=True)))
+        return open_buckets
 
-    def _forget(self, begin: int, end: int) -> None:
-        """Slots of level 0 that will be open now held what is too old."""
+    def _clear_slots(self, begin: int, end: int) -> None:
+        """Empties slots of level 0 for buckets that are now open; their old content was CAPACITY buckets earlier."""
         slots = np.arange(begin, end) % CAPACITY
         self._levels[0].low[slots] = self._levels[0].high[slots] = np.nan
 
-    def _pass_on(self) -> None:
+    def _merge_upwards(self) -> None:
         for level in range(1, LEVELS):
             begin, end = self._closed[level], self._closed[level - 1] // 2
+            # A level changes only where the one below did: all coarser ones are up to date then.
             if begin == end:
                 return
-            pairs = self._slots(level - 1, 2 * begin, 2 * end).halved()
+            pairs = self._read_slots(level - 1, 2 * begin, 2 * end).halved()
             slots = np.arange(begin, end) % CAPACITY
             self._levels[level].low[slots], self._levels[level].high[slots] = pairs.low, pairs.high
             self._closed[level] = end
 
-    def _slots(self, level: int, begin: int, end: int) -> Extrema:
+    def _read_slots(self, level: int, begin: int, end: int) -> Extrema:
         slots = np.arange(begin, end) % CAPACITY
         return Extrema(self._levels[level].low[slots], self._levels[level].high[slots])
 
     def oldest(self, level: int) -> int:
-        """The first bucket that is still remembered."""
+        """The first bucket that a level still holds."""
+        # In level 0 the slots of open buckets take part of the ring.
         return max(self._closed[level] - (CAPACITY - AHEAD if level == 0 else CAPACITY), 0)
 
     def between(self, level: int, begin: int, end: int) -> Extrema:
-        """Buckets begin to before end, all closed; those that nobody remembers are NaN."""
+        """Extrema (end - begin, channels) of closed buckets `begin` to before `end`; those no longer held are NaN."""
         begin_known = min(max(begin, self.oldest(level)), end)
-        known, older = self._slots(level, begin_known, end), Extrema.none(begin_known - begin, self._levels[level].low.shape[1])
+        known, older = self._read_slots(level, begin_known, end), Extrema.none(begin_known - begin, self._levels[level].low.shape[1])
         return Extrema(np.concatenate([older.low, known.low]), np.concatenate([older.high, known.high]))
 
 
 def width_s(level: int) -> float:
-    """Of a bucket."""
+    """Width of a bucket of a level in s."""
     return float(BASE_S * 2**level)
 
 
 def level_for(span_s: float) -> int:
-    """The finest level at which a window of that length has no more than ACROSS buckets."""
+    """The finest level at which a window of `span_s` s has at most ACROSS buckets."""
+    # The tolerance lets a span that is exactly ACROSS buckets wide, up to rounding, keep its level.
     return next((level for level in range(LEVELS) if ACROSS * width_s(level) >= span_s * (1 - 1e-9)), LEVELS - 1)

@@ -1,4 +1,4 @@
-"""A recording played on the same page as a run: forwards at any speed, from any place."""
+"""Playback of a recording on the same page as a live run: forwards at any speed, from any time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -25,7 +25,7 @@ TOLD = {"sensor_records": "sensor records", "worst_loop_gap_ms": "worst loop gap
 
 
 class Replay:
-    """Implements `page_feed.Source` for a recording. Every page plays it for itself."""
+    """Implements `page_feed.FeedSource` for a recording. Each page has its own playback position."""
 
     def __init__(self, stored: Stored, legs: Legs, clock: Clock) -> None:
         self._stored = stored
@@ -39,50 +39,51 @@ class Replay:
         recorded = self.player.channels()
         channels = [channel for channel in CHANNELS if recorded[channel.name]]
         stages = [Listed(clip.label, clip.kind, round(clip.duration_s, 4)) for clip in self.player.clips]
-        limits = [] if self._limits is None else [_listed(gauge) for gauge in gauges(self._limits)]
+        limits = [] if self._limits is None else [_describe_gauge(gauge) for gauge in gauges(self._limits)]
         return hello(self._stored.title, self._stored.source, stages, limits, self._legs.described, self.player.duration_s, channels)
 
     def feed(self) -> Feed:
         return ReplayFeed(self.player, self._limits, self._health(), self._ending(), self._clock)
 
     def stop(self, how: str) -> bool:
-        """What is recorded cannot be stopped any more."""
+        """A recording cannot be stopped."""
         del how
         return False
 
     def _health(self) -> list[Health]:
-        """How the run was, as its recording says."""
-        known, why = self._stored.provenance, self._why()
+        """Health of the run from the recording's provenance."""
+        known, why = self._stored.provenance, self._end_reason()
         lines = [_health_line(shown, known[name]) for name, shown in TOLD.items() if name in known]
         return [*lines, *([] if why is None else [Health("ended", why, why == "done")])]
 
-    def _why(self) -> str | None:
+    def _end_reason(self) -> str | None:
+        # A run that crashed has no end of its own; what put its recording together wrote "interrupted".
         known = self._stored.provenance
         return known.get("ended", known.get("interrupted"))
 
     def _ending(self) -> Mapping[str, Any]:
-        why, reason = self._why(), self._stored.provenance.get("reason", "")
+        why, reason = self._end_reason(), self._stored.provenance.get("reason", "")
         tripped = reason in set(Trip)
         return {"ended": why or "the recording ends here", "trip": {"code": reason, "text": why} if tripped else None}
 
 
 def _health_line(name: str, text: str) -> Health:
-    """Counts of what went wrong are told where there are any."""
-    said = [part for part in text.split(", ") if not part.startswith("0 ")]
-    return Health(name, ", ".join(said), name != TOLD["sensor_records"] or len(said) == 1)
+    """A line of health. Counts of zero are left out; counts of faults of the sensor make it a bad line."""
+    parts = [part for part in text.split(", ") if not part.startswith("0 ")]
+    return Health(name, ", ".join(parts), name != TOLD["sensor_records"] or len(parts) == 1)
 
 
 def gauges(limits: Limits) -> tuple[Gauge, Gauge]:
-    """Those that a recording can tell of."""
+    """Gauges of the limits that a recording allows to evaluate: force and moment."""
     return Gauge("force", "N", Trip.FORCE, limits.force_N), Gauge("moment", "N m", Trip.MOMENT, limits.torque_Nm)
 
 
-def _listed(gauge: Gauge) -> dict[str, object]:
+def _describe_gauge(gauge: Gauge) -> dict[str, object]:
     return {"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)}
 
 
 class ReplayFeed:
-    """Implements `page_feed.Feed`; begins to play at once."""
+    """Implements `page_feed.Feed`; starts to play at once."""
 
     def __init__(self, player: Player, limits: Limits | None, health: Sequence[Health], ending: Mapping[str, Any], clock: Clock) -> None:
         self._player = player
@@ -98,11 +99,13 @@ class ReplayFeed:
 
     def _show(self, span_s: float) -> None:
         self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
+        # Buckets of any width: samples are at hand, so the fixed levels of the live pyramid are not needed.
         self._dt_s = self._span_s / ACROSS
         self._sent: int | None = None
         self._beats = 0
 
     def hear(self, said: Mapping[str, Any]) -> None:
+        # The time until now was played at the old speed.
         self._play()
         match said.get("kind"):
             case "seek" if (at_s := number_in(said, "at_s")) is not None:
@@ -127,16 +130,18 @@ class ReplayFeed:
         return [*([traced] if traced else []), *([leg] if leg else []), *([self._state()] if self._is_due() else [])]
 
     def _is_due(self) -> bool:
+        # Remainder 1: after a reset to 0 the first beat sends a state at once.
         self._beats += 1
         return self._beats % STATE_EVERY == 1
 
     def _buckets(self) -> int:
-        """Those that are over; at the end of the recording the last one, too."""
+        """Number of buckets that are complete; at the end of the recording also the last one."""
         is_at_end = self._at_s >= self._player.duration_s
         return floor(self._at_s / self._dt_s) + 1 if is_at_end else floor(self._at_s / self._dt_s)
 
     def _trace(self) -> Message | None:
         end = self._buckets()
+        # At high speed a beat may skip more than a window: then nothing of what was sent is visible any more.
         is_reset = self._sent is None or end - self._sent > ACROSS
         begin = max(end - ACROSS, 0) if self._sent is None or is_reset else self._sent
         if begin == end and not is_reset:
@@ -156,7 +161,7 @@ class ReplayFeed:
             **self._stage(),
             "done": round(done, 4),
             "eta_s": None if left_s is None else round(left_s, 1),
-            "limits": self._told(),
+            "limits": self._limit_state(),
             "health": self._health,
             "said": [],
             "speed": self._speed,
@@ -172,13 +177,14 @@ class ReplayFeed:
         done = min((self._at_s - clip.begin_s) / clip.duration_s, 1.0) if clip.duration_s else 1.0
         return {"stage": place, "stage_label": clip.label, "stage_done": round(done, 4)}
 
-    def _told(self) -> dict[str, Any]:
+    def _limit_state(self) -> dict[str, Any]:
         if self._limits is None or not self._player.clips:
             return {}
-        told = {}
+        states = {}
         for gauge, value, peak in zip(gauges(self._limits), *self._player.loads(self._at_s), strict=True):
+            # The peak since the stage began first, marked as reported, so that the gauge shows the current value and this peak.
             gauge.show(float(peak))
             gauge.is_told = True
             gauge.show(float(value))
-            told[gauge.name] = gauge.told()
-        return told
+            states[gauge.name] = gauge.told()
+        return states

@@ -1,4 +1,4 @@
-"""A recording served to the browser, by the command that was typed, until it is interrupted."""
+"""Serves a recording to the browser in the process of the command, until it is interrupted."""
 
 import asyncio
 import threading
@@ -16,9 +16,21 @@ from rfca_rig.view.serving import bound, port_of, serve
 
 
 def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:
-    """Serves until the process is interrupted; `ready` is told the address to open.
+    """Serves a recording until the process is interrupted.
 
-    Raises BadInput where there is no recording, none with anything to play, or for a port that is taken.
+    Parameters
+    ----------
+    path
+        A run's folder, a recording file or a campaign.
+    port
+        TCP port; 0 for any free one.
+    ready
+        Called with the address to open, as soon as it can be opened.
+
+    Raises
+    ------
+    BadInput
+        Where there is no recording, none with anything to play, or for a port that is in use.
     """
     stored = stored_at(path)
     legs = Legs(stored.nominal)
@@ -27,5 +39,6 @@ def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:
         raise BadInput(f"{path}: holds neither strokes nor static stages, so there is nothing to view")
     listening, token = bound(port), new_token()
     ready(url_of(port_of(listening), token))
+    # Shapes take seconds to compute; until then the page shows a straight leg.
     threading.Thread(target=legs.prepare, args=([clip.scene for clip in source.player.clips],), daemon=True).start()
     asyncio.run(serve(source, token, listening, asyncio.Event(), lambda _pages: True))

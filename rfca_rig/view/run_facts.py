@@ -1,4 +1,4 @@
-"""What is known of a run before it begins, as the view's process is told."""
+"""What is known of a run before it begins, as sent to the view's process."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from rfca_rig.view.scenes import Scene, scenes
 
 @dataclass(frozen=True)
 class RunFacts:
-    """`mark` SIM or REAL; `nominal` are the sections of the model as recordings hold them."""
+    """Facts of a run. `mark` is SIM or REAL; `nominal` holds the sections of the nominal model as in recordings."""
 
     title: str
     mark: str
@@ -24,4 +24,17 @@ class RunFacts:
 
 
 def run_facts(plan: Plan, mark: str, scale: SensorScale, nominal: Mapping[str, Any]) -> RunFacts:
+    """Facts of a run of `plan`.
+
+    Parameters
+    ----------
+    plan
+        The plan to be carried out.
+    mark
+        SIM for twins, REAL for a rig.
+    scale
+        Counts of the force sensor per N and N m.
+    nominal
+        Sections of the nominal model as in recordings.
+    """
     return RunFacts(plan.title, mark, listed(plan.stages), scenes(plan), plan.limits, scale, nominal)

@@ -1,6 +1,7 @@
-"""The run's end of the view: what the loop saw goes into a queue that drops what does not fit, and the operator's stop request comes back.
+"""The run's end of the view: ticks and events go into a queue in shared memory, and the operator's stop request comes back.
 
-Costs the loop microseconds a tick, whatever becomes of the view: one that is slow, stopped or gone leaves a queue that is full.
+It costs the loop microseconds a tick, whatever happens to the view. A view that is slow, stopped or gone leaves a full queue, and what does
+not fit is dropped.
 """
 
 import json
@@ -19,17 +20,19 @@ from rfca_rig.recording.journal import BlockKind, JournalBlock, framed
 from rfca_rig.view.tick_block import Stamp, tick_block
 
 VITALS_EVERY_S = 0.25
-MOST_OWED = 500  # words that wait for room; with a view that is gone for good they are not gathered without end
+# Events that wait for space in the queue; the limit bounds memory where the view is gone for good.
+MOST_OWED = 500
 
 Vitals = Callable[[], tuple[StreamHealth, int]]
 WHY = {StopLevel.SAFE_POINT: "stopped by the operator, in the view", StopLevel.TORQUE_OFF: "stopped at once by the operator, in the view"}
 
 
 class RunQueue:
-    """Implements `engine.observer.RunObserver`. `lost` counts the force records that the view did not get, which every recording has.
+    """Implements `engine.observer.RunObserver`.
 
-    What the queue acknowledges, for a recorder its stages, is the operator's stop request here. `vitals` gives the state of the sensor's
-    stream, and the bytes that the recorder is behind; `told` is called with a line as soon as a stop was asked for.
+    `lost` counts force records that the view did not get; the recording has them all. The queue's word for acknowledged stages, which a
+    recorder uses, carries the operator's stop request here. `vitals` returns the state of the sensor's stream, and the bytes that the
+    recorder is behind. `told` is called with a line of text when a stop is requested.
     """
 
     def __init__(
@@ -41,13 +44,13 @@ class RunQueue:
         vitals: Vitals,
         told: Callable[[str], None],
     ) -> None:
-        """`clock` is the one that the view's process has, too."""
+        """`clock` is the one that the view's process has, so that it can compute delays."""
         self._queue = queue
         self._stages = stages
         self._stop_request = stop_request
         self._clock = clock
         self._vitals = vitals
-        self._told = told
+        self._notify = told
         self._next = 0
         self._vitals_s = -VITALS_EVERY_S
         self._owed: deque[bytes] = deque(maxlen=MOST_OWED)
@@ -55,54 +58,57 @@ class RunQueue:
 
     def stage(self, stage: Stage, expected: Load | None) -> None:
         load = None if expected is None else [expected.force_N, expected.torque_Nm]
-        self._say({"about": "stage", "number": self._number(stage), "label": stage.label, "expected": load})
-        self._hear()
+        self._send_event({"about": "stage", "number": self._number(stage), "label": stage.label, "expected": load})
+        self._check_stop_request()
 
     def _number(self, stage: Stage) -> int:
-        """Its place in the plan; -1 for one that is not there, or was left behind."""
+        """Index of a stage in the plan; -1 for one that is not in it, or was passed already."""
+        # By identity: a plan may hold equal stages. The search starts after the last one found, because a run only goes forward.
         found = next((place for place in range(self._next, len(self._stages)) if self._stages[place] is stage), -1)
         self._next = max(self._next, found + 1)
         return found
 
     def energising(self) -> None:
-        self._hear()
+        self._check_stop_request()
 
     def tick(self, tick: Tick) -> None:
         now_s = self._clock.now_s()
         if now_s - self._vitals_s >= VITALS_EVERY_S:
             self._vitals_s = now_s
-            self._tell_vitals()
-        if not (self._settle() and self._queue.put(framed(tick_block(tick, Stamp(now_s, self.lost))))):
+            self._send_vitals()
+        # Events that still wait come first: a tick after the start of a stage must not be counted to the stage before.
+        if not (self._send_waiting() and self._queue.put(framed(tick_block(tick, Stamp(now_s, self.lost))))):
             self.lost += len(tick.force.host_s)
-        self._hear()
+        self._check_stop_request()
 
-    def _tell_vitals(self) -> None:
+    def _send_vitals(self) -> None:
         health, backlog_bytes = self._vitals()
-        self._say({"about": "vitals", "backlog_bytes": backlog_bytes, "health": asdict(health)})
+        self._send_event({"about": "vitals", "backlog_bytes": backlog_bytes, "health": asdict(health)})
 
     def line(self, text: str) -> None:
-        """What the run says to its operator."""
-        self._say({"about": "line", "text": text})
+        """A line of text of the run for its operator."""
+        self._send_event({"about": "line", "text": text})
 
     def ended(self, why: str, code: str) -> None:
-        """The motor is off. `code` is that of the limit which was passed, "" for none."""
-        self._say({"about": "end", "why": why, "code": code})
-        self._settle()
+        """The run is over and the motor is off. `code` is the trip code of the limit that was exceeded, "" for none."""
+        self._send_event({"about": "end", "why": why, "code": code})
+        self._send_waiting()
 
-    def _say(self, word: Mapping[str, object]) -> None:
-        self._owed.append(framed(JournalBlock(BlockKind.EVENT, json.dumps({**word, "wall_s": self._clock.now_s()}).encode())))
-        self._settle()
+    def _send_event(self, event: Mapping[str, object]) -> None:
+        self._owed.append(framed(JournalBlock(BlockKind.EVENT, json.dumps({**event, "wall_s": self._clock.now_s()}).encode())))
+        self._send_waiting()
 
-    def _settle(self) -> bool:
-        """Words keep their order, and come before the ticks after them; True when none waits any longer."""
+    def _send_waiting(self) -> bool:
+        """Puts waiting events into the queue in order; True where none waits any longer."""
         while self._owed:
             if not self._queue.put(self._owed[0]):
                 return False
             self._owed.popleft()
         return True
 
-    def _hear(self) -> None:
+    def _check_stop_request(self) -> None:
+        # The word comes from another process: a larger number is limited to the most urgent stop.
         level = StopLevel(min(self._queue.acknowledged, StopLevel.TORQUE_OFF))
         if level > self._stop_request.level and level in WHY and not self._stop_request.is_over:
             self._stop_request.ask(level, WHY[level])
-            self._told("the view asks for a stop " + ("at the next safe point" if level is StopLevel.SAFE_POINT else "now"))
+            self._notify("the view asks for a stop " + ("at the next safe point" if level is StopLevel.SAFE_POINT else "now"))

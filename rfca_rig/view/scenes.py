@@ -1,4 +1,4 @@
-"""Where the leg is, and what it is doing, in each stage of a plan: what a picture of it needs to know besides the shaft's angle."""
+"""Scene of each stage of a plan: rack height and stroke, which a picture of the leg needs besides the shaft's angle."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,13 +7,14 @@ from math import degrees
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage
 
+# Angles over which shapes are computed. Cycles turn on and on, but the leg is in contact for less than this part of a turn.
 STATIC_SWEEP_DEG = 180.0
-CYCLE_SWEEP_DEG = 250.0  # a turn touches the ground for less
+CYCLE_SWEEP_DEG = 250.0
 
 
 @dataclass(frozen=True)
 class Stroked:
-    """A motion over the ground of which the model knows the shape at every angle of the shaft."""
+    """A stroke that the model simulates, so that the leg's shape is known at every angle of the shaft."""
 
     height_m: float
     speed_rad_s: float
@@ -22,7 +23,7 @@ class Stroked:
 
 @dataclass(frozen=True)
 class Scene:
-    """The rack's height, None before it was set, and the stroke under way; None where the leg hangs in the air."""
+    """Height of the rack, None before it was set, and the stroke in progress, None where the leg hangs in the air."""
 
     height_m: float | None = None
     stroke: Stroked | None = None
@@ -32,12 +33,12 @@ NOWHERE = Scene()
 
 
 def scenes(plan: Plan) -> tuple[Scene, ...]:
-    """One for each stage."""
+    """The scene of each stage of a plan."""
     return tuple(_scenes(plan.stages))
 
 
 def _scenes(stages: Sequence[Stage]) -> Iterator[Scene]:
-    """Between static stages the leg is bent from move to move; other moves go through the air."""
+    """Between static stages the leg stays bent, so that moves next to a hold count as strokes; other moves go through the air."""
     height_m, speed_rad_s = None, 0.0
     for stage, *neighbours in zip(stages, (None, *stages), (*stages[1:], None), strict=False):
         height_m = stage.height_m if isinstance(stage, SetHeight) else height_m

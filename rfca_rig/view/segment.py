@@ -1,4 +1,4 @@
-"""A stage of a recording, as it is played."""
+"""One stage of a recording, prepared for playback."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ FORCE, MOMENT = ("fx_N", "fy_N", "fz_N"), ("tx_Nm", "ty_Nm", "tz_Nm")
 
 
 def channel_of(column: str) -> str | None:
-    """In which channel of the page a recorded column is shown."""
+    """Channel of the page that shows a recorded column; None for a column that is not shown."""
     name = _SHOWN_AS.get(column, column)
     return name if name in _PLACES else None
 
@@ -32,7 +32,11 @@ class Track:
 
 @dataclass(frozen=True)
 class StageSamples:
-    """All of a stage. `shaft_rad` (m, 2) times and angles as recorded; `sizes` (m, 3) times, force, moment; either may be empty."""
+    """Samples of a whole stage; times in s from its first sample.
+
+    `shaft_rad` (m, 2) holds times and shaft angles as recorded; `sizes` (m, 3) times, force [N] and moment [N m] as vector lengths.
+    Either may be empty.
+    """
 
     tracks: Sequence[Track]
     shaft_rad: Floats
@@ -40,10 +44,11 @@ class StageSamples:
 
     @property
     def nbytes(self) -> int:
+        """Memory of all arrays, for the limit of a cache."""
         return sum(track.values.nbytes + track.t_s.nbytes for track in self.tracks) + self.shaft_rad.nbytes + self.sizes.nbytes
 
     def extrema(self, begin_s: float, dt_s: float, first: int, count: int) -> Extrema:
-        """In buckets of a time line on which the stage begins at `begin_s`."""
+        """Extrema (count, channels) in buckets of a time line on which the stage begins at `begin_s`."""
         found = Extrema.none(count, len(CHANNELS))
         for track in self.tracks:
             part = decimated(track.t_s + begin_s, track.values, dt_s, first, count)
@@ -51,11 +56,11 @@ class StageSamples:
         return found
 
     def shaft_at(self, t_s: float) -> float | None:
-        """The shaft's angle at a time from the stage's first sample."""
+        """Shaft angle at a time from the stage's first sample, linearly interpolated; None where none was recorded."""
         return float(np.interp(t_s, self.shaft_rad[:, 0], self.shaft_rad[:, 1])) if len(self.shaft_rad) else None
 
     def value_at(self, channel: str, t_s: float) -> float | None:
-        """The last value before then; None where the channel was not recorded, or began later."""
+        """Last value up to a time; None where the channel was not recorded, or began later."""
         place = _PLACES[channel]
         for track in self.tracks:
             if place in track.places and (row := int(np.searchsorted(track.t_s, t_s, side="right"))):
@@ -65,10 +70,10 @@ class StageSamples:
 
 @dataclass(frozen=True)
 class Clip:
-    """One stage: where it stands on the time line, what it was, and how to get at its samples.
+    """One stage: its place on the time line, what it was, and `load` to read its samples.
 
-    `rest_s` is how long it is recorded before the commanded start. `planned_rad` is where the shaft was to be at a time from the commanded
-    start; None where nobody knows. `hinge_deg` (6,) is what a photo showed.
+    `rest_s` is the time recorded before the commanded start. `planned_rad` gives the commanded shaft angle at a time from the commanded
+    start; None where it is unknown. `hinge_deg` (6,) are hinge angles from a photo.
     """
 
     label: str
@@ -87,7 +92,7 @@ class Clip:
 
 
 def samples_of(streams: Mapping[str, Stream]) -> StageSamples:
-    """The streams of a recorded stage."""
+    """Samples of the streams of a recorded stage, with times from the earliest sample of all streams."""
     used = [stream for stream in streams.values() if len(stream.t_s)]
     zero_s = min((float(stream.t_s.min()) for stream in used), default=0.0)
     tracks = [track for stream in used if (track := _track(stream, zero_s)) is not None]
@@ -98,12 +103,13 @@ def _track(stream: Stream, zero_s: float) -> Track | None:
     names = [(column, shown) for column in stream.columns if (shown := channel_of(column)) is not None]
     if not names:
         return None
-    values = np.column_stack([_drawn(stream, column) for column, _ in names])
+    # Streams are nearly always sorted; a stable sort keeps records of equal time in order of arrival.
+    values = np.column_stack([_in_page_units(stream, column) for column, _ in names])
     order = _order(stream)
     return Track(stream.t_s[order] - zero_s, values[order], [_PLACES[shown] for _, shown in names])
 
 
-def _drawn(stream: Stream, column: str) -> Floats:
+def _in_page_units(stream: Stream, column: str) -> Floats:
     values = stream.columns[column].values
     return hanging_deg(values) if column == "shaft_angle_rad" else values
 

@@ -1,4 +1,4 @@
-"""The view as a web application: a page, a stream of messages for it, and a way to ask for a stop."""
+"""The view as a web application: a page, a stream of messages for it, and a way to request a stop."""
 
 import asyncio
 import json
@@ -22,30 +22,35 @@ from rfca_rig.view.messages import Message
 from rfca_rig.view.page_feed import Feed, FeedSource
 
 STATIC = Path(__file__).with_name("static")
+# Pages of trip codes: in a checkout, and in an installed package.
 TRIPS = (Path(__file__).parents[2] / "docs" / "trips", Path(__file__).parents[1] / "shipped" / "docs" / "trips")
+# Each page costs work at every beat, on the machine that runs the rig.
 MOST_PAGES = 12
-TRY_LATER = 1013  # websocket
+# WebSocket close code 1013, "try again later".
+TRY_LATER = 1013
+# Bytes of a stop request, which is some 20 bytes long; more is refused before it fills the memory.
 LARGEST_BODY = 1000
 
 
 class Beats:
-    """What every page waits for."""
+    """Beat that all pages wait for."""
 
     def __init__(self) -> None:
         self._next = asyncio.Event()
 
     def strike(self) -> None:
-        """News for all pages."""
+        """Wakes all waiting pages."""
+        # A new event for each beat: a page that is slow simply waits for the next one, and misses nothing.
         struck, self._next = self._next, asyncio.Event()
         struck.set()
 
     async def heard(self) -> None:
-        """Returns at the next one."""
+        """Returns at the next beat."""
         await self._next.wait()
 
 
 class Pages:
-    """Those that are open."""
+    """Open pages; `open` is their number."""
 
     def __init__(self, source: FeedSource, beats: Beats) -> None:
         self._source = source
@@ -53,7 +58,7 @@ class Pages:
         self.open = 0
 
     async def stream(self, socket: WebSocket) -> None:
-        """One page, until it is closed."""
+        """Serves one page until it is closed."""
         if self.open >= MOST_PAGES:
             await socket.close(TRY_LATER, f"{MOST_PAGES} pages are open already")
             return
@@ -68,20 +73,21 @@ class Pages:
 
     async def _serve(self, socket: WebSocket) -> None:
         feed = self._source.feed()
-        ear = asyncio.create_task(_listen(socket, feed))
+        # Messages from the page are read in a task of their own; it ends when the page is closed.
+        listener = asyncio.create_task(_listen(socket, feed))
         try:
             await socket.send_text(_text(self._source.hello()))
-            while not ear.done():
+            while not listener.done():
                 for message in feed.news():
                     await socket.send_text(_text(message))
                 await self._beats.heard()
         finally:
-            ear.cancel()
+            listener.cancel()
             with suppress(asyncio.CancelledError, WebSocketDisconnect):
-                await ear
+                await listener
 
     async def stop(self, request: Request) -> Response:
-        """A stop request, for the one way to stop that a run has."""
+        """HTTP handler of a stop request, which goes to the run's one `StopRequest`."""
         try:
             is_asked = self._source.stop((await _said(request))["how"])
         except (LookupError, TypeError, ValueError):
@@ -92,12 +98,13 @@ class Pages:
 
 
 async def _listen(socket: WebSocket, feed: Feed) -> None:
-    """Hears the page until it is closed."""
+    """Reads messages of the page until it is closed."""
     while True:
-        with suppress(ValueError, KeyError):  # a page that talks nonsense is let talk
-            said = json.loads(await socket.receive_text())
-            if isinstance(said, dict):
-                feed.hear(said)
+        # Invalid JSON (ValueError), or a binary message (KeyError), is ignored: it must not end the stream.
+        with suppress(ValueError, KeyError):
+            message = json.loads(await socket.receive_text())
+            if isinstance(message, dict):
+                feed.hear(message)
 
 
 async def _said(request: Request) -> Mapping[str, Any]:
@@ -106,10 +113,10 @@ async def _said(request: Request) -> Mapping[str, Any]:
         body += piece
         if len(body) > LARGEST_BODY:
             raise ValueError("too long")
-    said = json.loads(body)
-    if not isinstance(said, dict):
+    body_object = json.loads(body)
+    if not isinstance(body_object, dict):
         raise ValueError("no object")
-    return said
+    return body_object
 
 
 def _text(message: Message) -> str:
@@ -121,7 +128,8 @@ async def _page(_request: Request) -> Response:
 
 
 async def _trip(request: Request) -> Response:
-    """What a code means, as the documentation says it."""
+    """HTTP handler for the documentation of a trip code."""
+    # Only known codes become a file name, so that no path can leave the folder.
     code = request.path_params["code"]
     files = [folder / f"{code}.md" for folder in TRIPS] if code in set(Trip) else []
     for file in files:
@@ -131,8 +139,9 @@ async def _trip(request: Request) -> Response:
 
 
 def application(pages: Pages, token: str) -> ASGIApp:
-    """All of it, behind the admission."""
-    mimetypes.add_type("text/javascript", ".js")  # some machines say text/plain, and browsers then refuse the page's modules
+    """The whole web application, behind the access control."""
+    # Some machines map .js to text/plain, and browsers then refuse the page's modules.
+    mimetypes.add_type("text/javascript", ".js")
     routes = [
         Route("/", _page),
         Route("/stop", pages.stop, methods=["POST"]),

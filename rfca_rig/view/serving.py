@@ -1,4 +1,4 @@
-"""The web server around a source: bound to this machine only, beating until there is nobody left to beat for."""
+"""Web server around a source of messages: bound to this machine only, it runs until its `beat` ends it."""
 
 import asyncio
 import errno
@@ -12,12 +12,15 @@ from rfca_rig.view.live_view import HOST
 from rfca_rig.view.page_feed import BEATS_HZ, FeedSource
 from rfca_rig.view.server import Beats, Pages, application
 
+# Time in s that open connections get to close at the end.
 CLOSED_WITHIN_S = 1
 
 
 def bound(port: int) -> socket.socket:
-    """A socket that listens there, 0 for any free port. Raises BadInput where it cannot."""
+    """A socket that listens on a port of this machine, 0 for any free port. Raises BadInput where it cannot."""
+    # Bound before the server starts, so that an occupied port is an error of the command and the port is known.
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    # A port whose last server ended a moment ago can be used again at once.
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((HOST, port))
@@ -35,11 +38,26 @@ def port_of(listening: socket.socket) -> int:
 
 
 async def serve(source: FeedSource, token: str, listening: socket.socket, ended: asyncio.Event, beat: Callable[[Pages], bool]) -> None:
-    """Serves pages until `beat`, called at every beat with those that are open, says False, or until `ended`."""
+    """Serves pages until `beat` returns False or `ended` is set.
+
+    Parameters
+    ----------
+    source
+        Source of the messages.
+    token
+        Token that requests must carry.
+    listening
+        Socket from `bound`.
+    ended
+        Set from outside to end the server.
+    beat
+        Called at every beat with the open pages; returns whether to go on.
+    """
     beats = Beats()
     pages = Pages(source, beats)
     config = uvicorn.Config(
         application(pages, token),
+        # No start-up events, and no log: the terminal belongs to the run, and an access log would show the token.
         lifespan="off",
         log_config=None,
         access_log=False,
@@ -55,7 +73,8 @@ async def serve(source: FeedSource, token: str, listening: socket.socket, ended:
         beats.strike()
         await _next_beat(ended)
     server.should_exit = True
-    while not serving.done():  # a page looks at whether its socket is closed at every beat
+    # A page notices that its socket is closed only at a beat, so beats go on until the server has ended.
+    while not serving.done():
         beats.strike()
         await asyncio.wait([serving], timeout=1.0 / BEATS_HZ)
     await serving

@@ -1,4 +1,4 @@
-"""A tick as bytes: what the view needs of it, from the run's process to the view's."""
+"""Encoding of a tick as bytes, from the run's process to the view's."""
 
 import struct
 from collections.abc import Sequence
@@ -11,13 +11,14 @@ from rfca_rig.engine.observer import Tick
 from rfca_rig.recording.journal import BlockKind, JournalBlock
 from rfca_rig.view.decimation import Floats, Numbers
 
+# Little-endian without padding: eight doubles, the lost records, the numbers of shaft samples and of force records.
 _HEAD = struct.Struct("<8dQII")
 SHAFT_COLUMNS, FORCE_TIMES, AXES = 5, 2, 6
 
 
 @dataclass(frozen=True)
 class Stamp:
-    """What the run adds to a tick: the clock that both processes share, and how many force records did not come through before it."""
+    """What the run adds to a tick: time on the clock that both processes share, and the number of force records dropped so far."""
 
     wall_s: float
     lost: int
@@ -25,10 +26,11 @@ class Stamp:
 
 @dataclass(frozen=True)
 class SeenTicks:
-    """Ticks in a row at the view's end, all that are in them in one. Times of samples are the host's and the devices' own.
+    """Consecutive ticks at the view's end, joined. Times of samples are those of the host and of the devices.
 
-    Each (k,): `wall_s` and `lost` as stamped; `temperature_C` NaN where no drive tells it; `shaft_samples` and `force_records` how many the
-    tick brought. `shaft` (5, m): host time, device time, angle, speed, torque. `counts` (n, 6) are the force sensor's.
+    One value for each of k ticks, (k,): `wall_s` as stamped; `temperature_C`, NaN where the drive does not report it; `shaft_samples` and
+    `force_records`, the numbers that the tick brought; the others as in `Tick`. `lost` is that of the last tick. `shaft` (5, m) holds host
+    time, device time, angle, speed and torque. `force_host_s` and `force_device_s` are (n,), `counts` (n, 6) those of the force sensor.
     """
 
     wall_s: Floats
@@ -49,7 +51,7 @@ class SeenTicks:
 
 
 def tick_block(tick: Tick, stamp: Stamp) -> JournalBlock:
-    """Microseconds: this is done within the control loop."""
+    """A tick as one block. It takes microseconds, because it is called within the control loop."""
     shaft, force, status = tick.shaft, tick.force, tick.status
     temperature_C = np.nan if status is None or status.temperature_C is None else status.temperature_C
     head = _HEAD.pack(
@@ -71,12 +73,13 @@ def tick_block(tick: Tick, stamp: Stamp) -> JournalBlock:
 
 
 def ticks_of(blocks: Sequence[JournalBlock]) -> SeenTicks:
-    """At least one. Raises ValueError, struct.error where a block holds no tick."""
+    """Decodes one or more blocks. Raises ValueError or struct.error where a block does not hold a tick."""
     heads, shafts, times, counts = [], [], [], []
     for block in blocks:
         *head, m, n = _HEAD.unpack_from(block.payload)
         heads.append((*head, m, n))
         at = _HEAD.size
+        # frombuffer reads without a copy; the concatenation below copies everything once.
         shafts.append(np.frombuffer(block.payload, "<f8", SHAFT_COLUMNS * m, at).reshape(SHAFT_COLUMNS, m))
         at += shafts[-1].nbytes
         times.append(np.frombuffer(block.payload, "<f8", FORCE_TIMES * n, at).reshape(FORCE_TIMES, n))

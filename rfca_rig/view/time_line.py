@@ -1,4 +1,4 @@
-"""A recording's stages one after the other, as they are played: what was not recorded in between is a short pause."""
+"""Time line of a recording: its stages one after the other, with a short pause for what was not recorded in between."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -16,13 +16,16 @@ from rfca_rig.view.scenes import STATIC_SWEEP_DEG, Scene, Stroked, scenes
 from rfca_rig.view.segment import Clip, StageSamples, samples_of
 
 PAUSE_S = 0.25
-HOLD_S = 1.0  # a static stage stays to be seen for no less
-STATIC_SPEED_RAD_S = 0.5  # of a sequence whose own nobody knows
+# A static stage is shown for at least this long.
+HOLD_S = 1.0
+# Speed between static stages where the recording does not state it.
+STATIC_SPEED_RAD_S = 0.5
+# Shapes are computed this far beyond the recorded end of a stroke, because a measured shaft may be ahead of the command.
 MORE_SWEEP_DEG = 3.0
 
 
 def plan_in(stored: Stored) -> Plan | None:
-    """What was to be done; None for a campaign from elsewhere, and for plans of other versions."""
+    """Plan of a recorded run; None for an imported campaign, and for plans of other versions."""
     try:
         return plan_of(stored.title, stored.provenance) if "plan" in stored.provenance else None
     except BadInput:
@@ -30,7 +33,17 @@ def plan_in(stored: Stored) -> Plan | None:
 
 
 def time_line(stored: Stored, start_rad: float | None, ramp_s: float) -> tuple[Clip, ...]:
-    """All that was recorded, in the order of the plan. `start_rad` is where strokes were believed to begin, None for unknown."""
+    """All recorded stages in the order of the plan.
+
+    Parameters
+    ----------
+    stored
+        The recording.
+    start_rad
+        Start angle of strokes in the nominal model; None where unknown.
+    ramp_s
+        Time in s in which the drive of the nominal model comes to speed.
+    """
     placed, at_s = [], 0.0
     for clip in _in_order(stored, start_rad, ramp_s):
         placed.append(replace(clip, begin_s=at_s))
@@ -41,6 +54,7 @@ def time_line(stored: Stored, start_rad: float | None, ramp_s: float) -> tuple[C
 def _in_order(stored: Stored, start_rad: float | None, ramp_s: float) -> Iterator[Clip]:
     strokes = iter([_stroke_clip(stroke, start_rad, ramp_s) for stroke in stored.strokes])
     holds = iter(_hold_clips(stored))
+    # A plan may be longer than what was recorded: `_next` then gives nothing. Without a plan, strokes come before static stages.
     plan = plan_in(stored)
     for stage, scene in zip(plan.stages, scenes(plan), strict=True) if plan else ():
         if isinstance(stage, Flap):
@@ -73,24 +87,24 @@ def _stroke_clip(stroke: StoredStage, start_rad: float | None, ramp_s: float) ->
         duration_s=last_s - first_s,
         rest_s=-first_s,
         scene=Scene(stroke.height_m, Stroked(stroke.height_m, stroke.speed_rad_s, sweep_deg)),
-        load=partial(_loaded, stroke),
-        planned_rad=None if start_rad is None else partial(_ramped, start_rad, stroke.speed_rad_s, ramp_s),
+        load=partial(_load_samples, stroke),
+        planned_rad=None if start_rad is None else partial(_command_rad, start_rad, stroke.speed_rad_s, ramp_s),
     )
 
 
-def _ramped(start_rad: float, speed_rad_s: float, ramp_s: float, t_s: float) -> float:
-    """Evenly to speed within the ramp, then on."""
+def _command_rad(start_rad: float, speed_rad_s: float, ramp_s: float, t_s: float) -> float:
+    """Commanded shaft angle in rad: constant acceleration during the ramp, then constant speed."""
     if t_s < ramp_s:
         return start_rad + 0.5 * speed_rad_s * max(t_s, 0.0) ** 2 / ramp_s
     return start_rad + speed_rad_s * (t_s - 0.5 * ramp_s)
 
 
-def _loaded(stage: StoredStage) -> StageSamples:
+def _load_samples(stage: StoredStage) -> StageSamples:
     return samples_of(stage.samples.whole())
 
 
 def _hold_clips(stored: Stored) -> list[Clip]:
-    """With the samples behind the means where they were kept, one for each."""
+    """Clips of static stages, with their raw samples where the recording kept them for every stage."""
     whole = [stage for stage in stored.raw if not stage.cut_short and not stage.is_cycle_table]
     behind = whole if len(whole) == len(stored.static) else [None] * len(stored.static)
     return [_hold_clip(stage, raw) for stage, raw in zip(stored.static, behind, strict=True)]
@@ -107,14 +121,14 @@ def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
         duration_s=max(HOLD_S, last_s - first_s),
         rest_s=-first_s,
         scene=Scene(stage.height_m, Stroked(stage.height_m, STATIC_SPEED_RAD_S, STATIC_SWEEP_DEG)),
-        load=partial(_means, stage) if raw is None else partial(_loaded, raw),
+        load=partial(_means, stage) if raw is None else partial(_load_samples, raw),
         planned_rad=None if hinges is None else partial(_constant, shaft_rad),
         hinge_deg=hinges,
     )
 
 
 def _means(stage: StaticStage) -> StageSamples:
-    """As constant for as long as it is shown."""
+    """Samples of a static stage of which only means are known: constant, at 1 kHz, for as long as it is shown."""
     values: Mapping[str, float] = {
         "shaft_angle_rad": stage.shaft_angle_rad,
         "fy_N": stage.fy_N,
@@ -134,5 +148,5 @@ def _cut_short(stage: StoredStage) -> Clip:
         duration_s=last_s - first_s,
         rest_s=-first_s,
         scene=Scene(stage.height_m),
-        load=partial(_loaded, stage),
+        load=partial(_load_samples, stage),
     )

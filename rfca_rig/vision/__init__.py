@@ -1,1 +1,1 @@
-"""Photos of the leg turned into hinge angles: where the red marks are, which mark is which, and what cannot be told."""
+"""Hinge angles from photos of the leg: red marks are detected, identified and fitted; what the photo does not determine is reported."""

@@ -1,4 +1,4 @@
-"""The assignments of found marks to planned ones that the chain allows, cheapest first."""
+"""Enumerates the assignments of found marks to planned ones that the chain allows, lowest cost first."""
 
 import heapq
 from collections.abc import Iterator
@@ -11,31 +11,36 @@ from rfca_rig.vision.chain_bounds import ChainBounds
 
 Floats = NDArray[np.float64]
 
-WORST_SIGMAS = 4.5  # a distance further from what is possible is not the leg's
-MISSING_COST = 25.0  # so much squared misfit is believed before a mark is held to be missing
-SIZE_STD = 0.12  # of the logarithm of a diameter: focus and exposure change it, for all marks alike
-WORST_SIZE_SIGMAS = 3.0
-LOOK_BACK = 3  # each mark is held against so many before it
-MOST_STEPS = 60_000
+# A distance that is impossible by more than this is not between two marks of the leg.
+MAX_SIGMAS = 4.5
+# Squared misfit up to which a found mark is preferred to a missing one.
+MISSING_COST = 25.0
+# Standard deviation of the logarithm of a diameter: focus and exposure change it, for all marks alike.
+SIZE_STD = 0.12
+MAX_SIZE_SIGMAS = 3.0
+# Number of earlier marks that each mark is compared with.
+LOOK_BACK = 3
+# Limit of the search, for photos full of red things.
+MAX_STEPS = 60_000
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Found marks: places_m (n, 2) in the plane, std_m (n,), and log_size (n,): of the diameter against the expected one."""
+    """Found marks: places_m (n, 2) in the plane, std_m (n,), and log_size (n,), the logarithm of measured over expected diameter."""
 
     places_m: Floats
     std_m: Floats
     log_size: Floats
 
     def looks_cost(self, found: int) -> float:
-        """Squared misfit of a mark's size; infinite where it is none of the leg's."""
+        """Squared misfit of a mark's size; infinite where it cannot be a mark of the leg."""
         sigmas = float(self.log_size[found]) / SIZE_STD
-        return np.inf if abs(sigmas) > WORST_SIZE_SIGMAS else sigmas**2
+        return np.inf if abs(sigmas) > MAX_SIZE_SIGMAS else sigmas**2
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """One standard deviation of the known lengths, and of where the calibration has the shaft axis."""
+    """Standard deviations of the known lengths, and of the shaft axis in the calibration."""
 
     length_m: float
     shaft_m: float
@@ -43,16 +48,20 @@ class Tolerances:
 
 @dataclass(frozen=True, order=True)
 class MarkAssignment:
-    """What each planned mark is, as the number of a found one or -1 for missing; cost is squared misfit and what is missing."""
+    """For each planned mark the number of a found one, or -1 for missing; the cost is the squared misfit plus that of missing marks."""
 
     cost: float
     chosen: tuple[int, ...]
 
 
 def assignments_within(
-    margin: float, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances, most: int = MOST_STEPS
+    margin: float, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances, most: int = MAX_STEPS
 ) -> tuple[tuple[MarkAssignment, ...], bool]:
-    """All assignments that cost at most the margin more than the cheapest, and whether the search was finished."""
+    """All assignments that cost at most `margin` more than the cheapest, and whether the search was finished.
+
+    A best-first search over partial assignments, from the shaft outwards. Costs only grow, so complete assignments are found in the order
+    of their costs. `most` limits the number of extended partial assignments.
+    """
     planned = len(bounds.nearest_m) - 1
     open_ones = [MarkAssignment(0.0, ())]
     done: list[MarkAssignment] = []
@@ -63,12 +72,12 @@ def assignments_within(
         if len(cheapest.chosen) == planned:
             done.append(cheapest)
             continue
-        for longer in _one_longer(cheapest, candidates, bounds, tolerances):
+        for longer in _extensions(cheapest, candidates, bounds, tolerances):
             heapq.heappush(open_ones, longer)
     return tuple(done), False
 
 
-def _one_longer(so_far: MarkAssignment, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> Iterator[MarkAssignment]:
+def _extensions(so_far: MarkAssignment, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> Iterator[MarkAssignment]:
     yield MarkAssignment(so_far.cost + MISSING_COST, (*so_far.chosen, -1))
     for found in range(len(candidates.places_m)):
         looks = candidates.looks_cost(found)
@@ -80,17 +89,17 @@ def _one_longer(so_far: MarkAssignment, candidates: Candidates, bounds: ChainBou
 
 
 def _misfit(chosen: tuple[int, ...], found: int, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> float | None:
-    """Squared misfit of a found mark as the next planned one against the shaft and the last seen marks; None where it cannot be it."""
+    """Squared misfit of a found mark as the next planned one, to the shaft and the last seen marks; None where it is impossible."""
     here, own_std = candidates.places_m[found], float(candidates.std_m[found])
     index = len(chosen) + 1
     seen = [(i + 1, mark) for i, mark in enumerate(chosen) if mark >= 0][-LOOK_BACK:]
-    against = [(0, np.zeros(2), np.hypot(tolerances.shaft_m, own_std))]
-    against += [(i, candidates.places_m[mark], np.hypot(own_std, candidates.std_m[mark])) for i, mark in seen]
+    references = [(0, np.zeros(2), np.hypot(tolerances.shaft_m, own_std))]
+    references += [(i, candidates.places_m[mark], np.hypot(own_std, candidates.std_m[mark])) for i, mark in seen]
     total = 0.0
-    for other, place, std in against:
+    for other, place, std in references:
         excess = bounds.excess_m(other, index, float(np.hypot(*(here - place))))
         sigmas = excess / float(np.hypot(std, tolerances.length_m))
-        if abs(sigmas) > WORST_SIGMAS:
+        if abs(sigmas) > MAX_SIGMAS:
             return None
         total += sigmas**2
     return total

@@ -1,4 +1,4 @@
-"""The board in a photo: its corners to a part of a pixel, and whether they are of use."""
+"""Finds the board's corners in a photo, to a part of a pixel, and checks whether the photo is usable."""
 
 from dataclasses import dataclass
 
@@ -10,11 +10,15 @@ from rfca_rig.vision.board import Board
 
 Floats = NDArray[np.float64]
 
-FEWEST_CORNERS = 12
-FEWEST_LINES = 3  # of the board, both ways: a photo of a single row tells nothing of the camera
-SOFTEST_EDGE = 0.08  # of a square; blurred further, the markers' bits, a tenth of a square or so, run into each other
-SHARP_EDGE_PX = 3.0  # an edge so narrow is sharp however small the board is in the picture
-EDGE_SIGMAS = 2.563  # from 10 % to 90 % of an edge blurred by a Gaussian
+MIN_CORNERS = 12
+# Rows and columns of the board that must be seen: a photo of a single row says nothing about the camera.
+MIN_LINES = 3
+# Largest width of an edge, in squares. Wider edges merge the markers' bits, which are about a tenth of a square.
+MAX_EDGE = 0.08
+# An edge this narrow is sharp, however small the board is in the picture.
+SHARP_EDGE_PX = 3.0
+# Width from 10 % to 90 % of an edge that a Gaussian blurs, in its standard deviations.
+EDGE_SIGMAS = 2.563
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,31 +37,31 @@ class BoardPhoto:
 
 @dataclass(frozen=True)
 class RefusedPhoto:
-    """A photo that was left out, and why, in one line."""
+    """A rejected photo, with the reason in one line."""
 
     name: str
     why: str
 
 
 def find_board(image: NDArray[np.uint8], board: Board, name: str) -> BoardPhoto | RefusedPhoto:
-    """The corners in a picture (rows, columns[, 3]) uint8, or why it is of no use."""
+    """Find the board in a picture, of shape (rows, columns) or (rows, columns, 3) uint8; returns its corners or why it is unusable."""
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image, np.uint8)
     numbers, px = _corners(grey, board)
     found = f"{len(numbers)} of the board's {(board.columns - 1) * (board.rows - 1)} corners"
-    if len(numbers) < FEWEST_CORNERS:
-        return RefusedPhoto(name, f"shows {found}, {FEWEST_CORNERS} are needed: bring the board nearer, into light and focus")
+    if len(numbers) < MIN_CORNERS:
+        return RefusedPhoto(name, f"shows {found}, {MIN_CORNERS} are needed: bring the board nearer, into light and focus")
     rows, columns = (len(np.unique(lines)) for lines in np.divmod(numbers, board.columns - 1))
-    if min(rows, columns) < FEWEST_LINES:
+    if min(rows, columns) < MIN_LINES:
         return RefusedPhoto(name, f"shows {found}, on {min(rows, columns)} line: bring more of the board into the picture")
     edge_px, square_px = _edges(grey, board, numbers, px)
-    limit_px = max(SOFTEST_EDGE * square_px, SHARP_EDGE_PX)
+    limit_px = max(MAX_EDGE * square_px, SHARP_EDGE_PX)
     if edge_px > limit_px:
         return RefusedPhoto(name, f"is blurred: edges {edge_px:.1f} px wide, at most {limit_px:.1f} px: hold the board still, focus")
     return BoardPhoto(name, (grey.shape[1], grey.shape[0]), board.corners_m()[numbers], px, edge_px)
 
 
 def _corners(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int64], Floats]:
-    """Numbers (n,) of the corners found, and where they are (n, 2)."""
+    """Numbers (n,) and positions (n, 2) in px of the corners found."""
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(board.opencv()).detectBoard(grey)
     if numbers is None or not len(numbers):
         return np.empty(0, np.int64), np.empty((0, 2))
@@ -65,10 +69,15 @@ def _corners(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int64], 
 
 
 def _edges(grey: NDArray[np.uint8], board: Board, numbers: NDArray[np.int64], px: Floats) -> tuple[float, float]:
-    """Median width of the edges between neighbouring corners, in the worse of two directions, since shaking blurs one; and a square's."""
+    """Median width in px of the edges between neighbouring corners, and that of a square, each the larger of the board's two directions.
+
+    Camera shake blurs one direction only, so the worse one counts.
+    """
     place = {int(number): at for number, at in zip(numbers, px, strict=True)}
     in_a_row = board.columns - 1
-    reach = 0.45 * (1.0 - board.marker_m / board.square_m)  # short of the marker in the white square
+    # The profile ends before the marker in the white square.
+    reach = 0.45 * (1.0 - board.marker_m / board.square_m)
+    # Corners are numbered row by row, so neighbours differ by 1 or by the length of a row.
     pairs = (
         [(at, place.get(number + step)) for number, at in place.items() if step > 1 or (number + 1) % in_a_row] for step in (1, in_a_row)
     )
@@ -78,7 +87,10 @@ def _edges(grey: NDArray[np.uint8], board: Board, numbers: NDArray[np.int64], px
 
 
 def _edge(grey: NDArray[np.uint8], first: Floats, second: Floats, reach: float) -> tuple[float, float]:
-    """Width and length of the edge between two corners, seen at its middle: the whole rise over the steepest, as of a Gaussian blur."""
+    """Width and length in px of the edge between two corners (2,), measured at its middle.
+
+    The width is the total rise over the steepest slope, converted as for a Gaussian blur.
+    """
     along = second - first
     length = float(np.hypot(*along))
     across = np.array([-along[1], along[0]]) / length

@@ -1,4 +1,4 @@
-"""The board to be printed, in true scale: PDF with drawn squares, or PNG that says its own resolution."""
+"""The board for printing, in true scale: PDF with vector squares, or PNG with its resolution."""
 
 import struct
 import zlib
@@ -13,18 +13,19 @@ from rfca_rig.vision.board import Board
 MARGIN_M = 0.012
 PER_INCH_M = 0.0254
 POINT_M = PER_INCH_M / 72.0
-RULE_M = 0.1  # to be checked with a ruler
+# Length of the line that is checked with a ruler.
+RULE_M = 0.1
 PNG_PER_INCH = 600
 
 Rectangle = tuple[float, float, float, float]
 
 
 def board_pdf(board: Board) -> bytes:
-    """One page: the board, a line of 100 mm to measure what the printer made of it, and what to type for it."""
+    """A PDF page with the board, a line of 100 mm for checking the printer's scale, and the option that describes the board."""
     width_m, height_m = (side + 2 * MARGIN_M for side in board.size_m())
     fills = "\n".join(_pdf_rectangle(rectangle, height_m) for rectangle in (*_black_m(board), *_ruler_m(board)))
-    said = f"{board.written()}   the line is {1e3 * _rule_m(board):g} mm long: print at 100 %, measure it"
-    text = f"BT /F1 7 Tf {MARGIN_M / POINT_M:.3f} {0.2 * MARGIN_M / POINT_M:.3f} Td ({said}) Tj ET"
+    caption = f"{board.written()}   the line is {1e3 * _rule_m(board):g} mm long: print at 100 %, measure it"
+    text = f"BT /F1 7 Tf {MARGIN_M / POINT_M:.3f} {0.2 * MARGIN_M / POINT_M:.3f} Td ({caption}) Tj ET"
     return _pdf(width_m / POINT_M, height_m / POINT_M, f"0 g\n{fills}\n{text}\n".encode("ascii"))
 
 
@@ -41,11 +42,13 @@ def _black_m(board: Board) -> Iterator[Rectangle]:
 
 
 def _marker_m(board: Board, number: int, left_m: float, top_m: float) -> Iterator[Rectangle]:
-    """Runs of black bits, a row at a time, so that no seams show between them along a row."""
+    """Runs of black bits of one marker, row by row, so that there are no seams within a row."""
+    # The marker's bits have a black border of one cell on every side.
     cells = int(board.bits[0]) + 2
     bits = cv2.aruco.generateImageMarker(board.opencv().getDictionary(), number, cells)
     cell_m = board.marker_m / cells
     for row in range(cells):
+        # Changes between white and black: pairs of a run's first cell and the one after its last.
         edges = np.flatnonzero(np.diff(np.concatenate(([False], bits[row] == 0, [False])).astype(np.int8)))
         for first, last in edges.reshape(-1, 2).tolist():
             yield MARGIN_M + left_m + first * cell_m, MARGIN_M + top_m + row * cell_m, (last - first) * cell_m, cell_m
@@ -63,13 +66,14 @@ def _ruler_m(board: Board) -> Iterator[Rectangle]:
 
 
 def _pdf_rectangle(rectangle: Rectangle, sheet_m: float) -> str:
-    """PDF counts upwards from the lower edge, in points."""
+    """A filled rectangle as PDF operators."""
+    # PDF counts upwards from the lower edge, in points.
     left, top, width, height = rectangle
     return " ".join(f"{value / POINT_M:.4f}" for value in (left, sheet_m - top - height, width, height)) + " re f"
 
 
 def _pdf(width: float, height: float, drawing: bytes) -> bytes:
-    """A document of one page, PDF 1.4 (ISO 32000): catalogue, pages, page, font, content; then where each of them stands."""
+    """A PDF 1.4 document (ISO 32000) of one page: catalogue, pages, page, font and content, then the table of their positions."""
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
@@ -79,6 +83,7 @@ def _pdf(width: float, height: float, drawing: bytes) -> bytes:
         b"<< /Length %d >>\nstream\n" % len(drawing) + drawing + b"endstream",
     ]
     document, places = b"%PDF-1.4\n", []
+    # The cross-reference table holds the byte offset of every object.
     for number, content in enumerate(objects, start=1):
         places.append(len(document))
         document += b"%d 0 obj\n" % number + content + b"\nendobj\n"
@@ -89,10 +94,11 @@ def _pdf(width: float, height: float, drawing: bytes) -> bytes:
 
 
 def board_picture(board: Board, px_per_m: float) -> NDArray[np.uint8]:
-    """The sheet (rows, columns) uint8, grey, from the same rectangles as the PDF's, without its line of text."""
+    """The sheet as a grey picture (rows, columns) uint8, with the rectangles of the PDF but without its line of text."""
     width_m, height_m = (side + 2 * MARGIN_M for side in board.size_m())
     sheet = np.full((round(height_m * px_per_m), round(width_m * px_per_m)), 255, np.uint8)
     for left, top, width, height in (*_black_m(board), *_ruler_m(board)):
+        # At least one pixel wide, so that the ruler does not vanish.
         rows = slice(round(top * px_per_m), max(round((top + height) * px_per_m), round(top * px_per_m) + 1))
         columns = slice(round(left * px_per_m), max(round((left + width) * px_per_m), round(left * px_per_m) + 1))
         sheet[rows, columns] = 0
@@ -100,10 +106,11 @@ def board_picture(board: Board, px_per_m: float) -> NDArray[np.uint8]:
 
 
 def board_png(board: Board) -> bytes:
-    """600 points an inch, said in the chunk pHYs (W3C PNG, 11.3.5.3), which programs print by."""
+    """The sheet as PNG with 600 pixels per inch, stated in the chunk pHYs (W3C PNG, 11.3.5.3), which printing programs use."""
     px_per_m = PNG_PER_INCH / PER_INCH_M
     content = cv2.imencode(".png", board_picture(board, px_per_m))[1].tobytes()
     body = b"pHYs" + struct.pack(">IIB", round(px_per_m), round(px_per_m), 1)
     chunk = struct.pack(">I", 9) + body + struct.pack(">I", zlib.crc32(body))
-    header = 8 + 25  # signature and IHDR, which pHYs has to follow
+    # Lengths of the signature and of IHDR, which pHYs has to follow.
+    header = 8 + 25
     return content[:header] + chunk + content[header:]

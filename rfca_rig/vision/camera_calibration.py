@@ -1,4 +1,4 @@
-"""The camera's matrix and distortion from photos of a ChArUco board (Zhang 2000; OpenCV's model of five coefficients)."""
+"""Calibrates the camera's matrix and distortion from photos of a ChArUco board (Zhang 2000; OpenCV's model of five coefficients)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,18 +14,22 @@ from rfca_rig.vision.camera_model import CameraModel
 
 Floats = NDArray[np.float64]
 
-FEWEST_PHOTOS = 6
-LEAST_TILT_SPREAD = 0.17  # standard deviation of the tangent of the tilt, across the widest direction; 0.17 is 10 degrees
-ODD_PHOTO = 4.0  # times the median error of all photos
-GOOD_ERROR_PX = 0.25  # no photo is left out for an error below that
+MIN_PHOTOS = 6
+# Standard deviation of the tangent of the tilt, in the direction in which it varies most; 0.17 is 10 degrees.
+MIN_TILT_SPREAD = 0.17
+# A photo whose error exceeds the median by this factor is rejected.
+OUTLIER_FACTOR = 4.0
+# No photo is rejected for a smaller error.
+GOOD_ERROR_PX = 0.25
+# Index of k3 in the distortion.
 K3 = 4
 
 
 @dataclass(frozen=True, eq=False)
 class CameraCalibration:
-    """`matrix` (3, 3), `distortion` (5,) = k1 k2 p1 p2 k3; `focal_std_px` and `centre_std_px` (2,) one standard deviation each.
+    """`matrix` (3, 3), `distortion` (5,) = k1 k2 p1 p2 k3; `focal_std_px` and `centre_std_px` (2,) are standard deviations.
 
-    `error_px` is the root mean square distance of a corner from where the model puts it, over all `photos`; `errors_px` (n,) of each.
+    `error_px` is the root mean square reprojection error of a corner over all `photos`; `errors_px` (n,) is that of each photo.
     """
 
     size_px: tuple[int, int]
@@ -39,39 +43,40 @@ class CameraCalibration:
     refused: tuple[RefusedPhoto, ...]
 
     def covered_px(self) -> Floats:
-        """Left, top, right, bottom (4,) of the part of the picture in which corners were seen; beyond it the lens is only supposed."""
+        """Left, top, right, bottom (4,) px of the part of the picture in which corners were seen; the lens is extrapolated beyond."""
         px = np.vstack([photo.px for photo in self.photos])
         return np.concatenate([px.min(axis=0), px.max(axis=0)])
 
     def camera(self, rotation: Floats, translation_m: Floats) -> CameraModel:
-        """The camera with the plane of motion where it was found."""
+        """The camera model with the pose of the plane of motion: rotation (3, 3) and translation (3,)."""
         return CameraModel(self.matrix, self.distortion, self.size_px, rotation, translation_m)
 
 
 def calibrate(found: Sequence[BoardPhoto | RefusedPhoto]) -> CameraCalibration:
-    """The camera that took the photos; those it cannot use are in `refused`.
+    """Calibrate the camera that took the photos; rejected ones are in `refused`.
 
-    Raises BadInput where too few are left, or all of them show the board from one side, so that focal length and distance
-    cannot be told apart.
+    Raises BadInput where too few photos remain, or where all show the board from about the same side, so that focal length and distance
+    cannot be separated.
     """
     refused = [photo for photo in found if isinstance(photo, RefusedPhoto)]
-    photos, other_size = _of_one_size([photo for photo in found if isinstance(photo, BoardPhoto)])
+    photos, other_size = _split_by_size([photo for photo in found if isinstance(photo, BoardPhoto)])
     refused += other_size
     _check_enough(photos, refused)
     _check_tilts(photos)
-    fit = _fitted(photos)
-    odd = _odd(photos, fit.errors_px)
-    if not odd:
+    fit = _fit(photos)
+    # One round of rejection: photos that fit none of the others, such as those of a bent board, would bias all parameters.
+    outliers = _find_outliers(photos, fit.errors_px)
+    if not outliers:
         return _calibration(photos, fit, refused)
-    refused += odd
-    photos = [photo for photo in photos if photo.name not in {left_out.name for left_out in odd}]
+    refused += outliers
+    photos = [photo for photo in photos if photo.name not in {left_out.name for left_out in outliers}]
     _check_enough(photos, refused)
     _check_tilts(photos)
-    return _calibration(photos, _fitted(photos), refused)
+    return _calibration(photos, _fit(photos), refused)
 
 
-def _of_one_size(photos: list[BoardPhoto]) -> tuple[list[BoardPhoto], list[RefusedPhoto]]:
-    """Those of the size that most have, and the others."""
+def _split_by_size(photos: list[BoardPhoto]) -> tuple[list[BoardPhoto], list[RefusedPhoto]]:
+    """The photos of the most frequent size, and the others as refused ones."""
     sizes = [photo.size_px for photo in photos]
     usual = max(sizes, key=sizes.count, default=(0, 0))
     why = "is {0[0]} x {0[1]} pixels, the others {1[0]} x {1[1]}: take all with one setting of the camera, held one way"
@@ -80,15 +85,16 @@ def _of_one_size(photos: list[BoardPhoto]) -> tuple[list[BoardPhoto], list[Refus
 
 
 def _check_enough(photos: Sequence[BoardPhoto], refused: Sequence[RefusedPhoto]) -> None:
-    if len(photos) < FEWEST_PHOTOS:
+    if len(photos) < MIN_PHOTOS:
         first = f"; {refused[0].name} {refused[0].why}" if refused else ""
-        raise BadInput(f"{len(photos)} usable photos of the board, {FEWEST_PHOTOS} are needed, 15 are good; {len(refused)} refused{first}")
+        raise BadInput(f"{len(photos)} usable photos of the board, {MIN_PHOTOS} are needed, 15 are good; {len(refused)} refused{first}")
 
 
 def _check_tilts(photos: Sequence[BoardPhoto]) -> None:
     tilts = np.array([_tilt(photo) for photo in photos])
+    # The largest principal standard deviation: one direction of tilt is enough.
     spread = float(np.sqrt(np.linalg.eigvalsh(np.cov(tilts.T))[-1]))
-    if spread < LEAST_TILT_SPREAD:
+    if spread < MIN_TILT_SPREAD:
         raise BadInput(
             f"all {len(photos)} photos show the board from about the same side, within {np.degrees(np.arctan(spread)):.1f} degrees: "
             "focal length and distance cannot be told apart; tilt it 20 to 40 degrees left, right, up and down"
@@ -116,15 +122,16 @@ class _Fit:
     errors_px: Floats
 
 
-def _fitted(photos: Sequence[BoardPhoto]) -> _Fit:
-    """The sixth-order term k3 stays only where the photos tell it from zero: else it bends the picture where no corner was seen."""
-    whole = _solved(photos, 0)
+def _fit(photos: Sequence[BoardPhoto]) -> _Fit:
+    """Fit with k3 only where it differs from zero by three standard deviations; else it distorts areas in which no corner was seen."""
+    # The standard deviations begin with fx, fy, cx, cy.
+    whole = _solve(photos, 0)
     if abs(whole.distortion[K3]) > 3.0 * whole.std[4 + K3]:
         return whole
-    return _solved(photos, cv2.CALIB_FIX_K3)
+    return _solve(photos, cv2.CALIB_FIX_K3)
 
 
-def _solved(photos: Sequence[BoardPhoto], flags: int) -> _Fit:
+def _solve(photos: Sequence[BoardPhoto], flags: int) -> _Fit:
     on_board = [np.column_stack([photo.on_board_m, np.zeros(len(photo.px))]).astype(np.float32) for photo in photos]
     px = [photo.px.astype(np.float32) for photo in photos]
     try:
@@ -141,8 +148,8 @@ def _numbers(given: Any) -> Floats:
     return np.asarray(given, np.float64).ravel()
 
 
-def _odd(photos: Sequence[BoardPhoto], errors_px: Floats) -> list[RefusedPhoto]:
-    limit_px = max(ODD_PHOTO * float(np.median(errors_px)), GOOD_ERROR_PX)
+def _find_outliers(photos: Sequence[BoardPhoto], errors_px: Floats) -> list[RefusedPhoto]:
+    limit_px = max(OUTLIER_FACTOR * float(np.median(errors_px)), GOOD_ERROR_PX)
     why = "its corners lie {:.2f} px off, those of the others {:.2f} px: the board was bent, moved or another one"
     return [
         RefusedPhoto(photo.name, why.format(error_px, float(np.median(errors_px))))

@@ -1,8 +1,8 @@
-"""How a camera sees the plane of motion: pinhole, lens distortion, and where the camera stands.
+"""Camera model for the plane of motion: pinhole, lens distortion, and the pose of the camera.
 
 Plane frame: the shaft axis is the origin, y runs along the ground, z up in the plane of motion, x completes the right-handed frame.
-A link at the absolute angle a (from +y, positive downwards) therefore ends at (y, z) = (L cos a, -L sin a). The plane meant is
-the one the marks lie in. Camera frame and distortion as OpenCV has them: x right, y down, z along the view; coefficients k1, k2, p1, p2, k3
+A link at the absolute angle a (from +y, positive downwards) therefore ends at (y, z) = (L cos a, -L sin a). The plane is the one in which
+the marks lie. Camera frame and distortion are OpenCV's: x right, y down, z along the view; coefficients k1, k2, p1, p2, k3
 (Brown 1966; OpenCV, "Camera Calibration and 3D Reconstruction").
 """
 
@@ -41,12 +41,12 @@ class CameraModel:
 
     def project(self, points_m: ArrayLike) -> Floats:
         """Pixels (..., 2) of points (..., 2) (y, z) in the plane, or (..., 3) (x, y, z) anywhere in front of the camera, in metres."""
-        seen = self._in_camera(_spatial(points_m))
-        return self._pixels(_distorted(seen[..., :2] / seen[..., 2:], self.distortion))
+        seen = self._to_camera(_to_space(points_m))
+        return self._pixels(_distort(seen[..., :2] / seen[..., 2:], self.distortion))
 
     def project_jacobian(self, points_m: ArrayLike) -> Floats:
         """d px / d (y, z), (..., 2, 2) in px/m, at points (..., 2) in the plane."""
-        seen = self._in_camera(_spatial(points_m))
+        seen = self._to_camera(_to_space(points_m))
         depth = seen[..., 2:]
         ideal = seen[..., :2] / depth
         columns = self.rotation[:, 1:]
@@ -54,9 +54,9 @@ class CameraModel:
         return np.asarray(self.matrix[:2, :2] @ _distortion_jacobian(ideal, self.distortion) @ by_plane)
 
     def on_plane(self, px: ArrayLike) -> Floats:
-        """Points (..., 2) (y, z) in metres in the plane that are seen at pixels (..., 2).
+        """Points (..., 2) (y, z) in metres in the plane that are seen at pixels (..., 2), by Newton's method to 1e-8 px.
 
-        Raises BadInput where the lens model has no inverse, which happens only far outside of the picture it was calibrated on.
+        Raises BadInput where the lens model has no inverse, which happens only far outside the picture that it was calibrated on.
         """
         target = np.asarray(px, dtype=np.float64)
         point = self._without_lens(target)
@@ -66,7 +66,8 @@ class CameraModel:
             if not np.isfinite(point).all():
                 break
             if not miss.size or np.max(np.abs(miss)) < 1e-8:
-                if not self._unfolded(point):
+                # Newton may also converge to a point that the polynomial maps back into the picture.
+                if not self._is_one_to_one(point):
                     break
                 return point
         raise BadInput(
@@ -78,53 +79,57 @@ class CameraModel:
         return np.asarray(np.linalg.inv(self.project_jacobian(self.on_plane(px))))
 
     def circle_shift_px(self, centres_m: ArrayLike, diameter_m: float) -> Floats:
-        """How far (..., 2) the middle of a circle's picture lies from the picture of its middle, by perspective and lens."""
+        """Offset (..., 2) px of the centroid of a circle's picture from the picture of its centre, by perspective and lens.
+
+        `centres_m` is (..., 2) in the plane.
+        """
         centres = np.asarray(centres_m, dtype=np.float64)
         turn = np.linspace(0.0, 2.0 * np.pi, CIRCLE_POINTS, endpoint=False)
         rim = centres[..., None, :] + 0.5 * diameter_m * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
         return _centroid(self.project(rim)) - self.project(centres)
 
     def disc_diameter_px(self, centres_m: ArrayLike, diameter_m: float) -> Floats:
-        """Diameter (...) of the disc in the picture that has the area of a flat disc at points (..., 2) in the plane."""
+        """Diameter (...) px of the circle with the same area as the picture of a disc at points (..., 2) in the plane."""
         area = np.abs(np.linalg.det(self.project_jacobian(centres_m)))
         return np.asarray(diameter_m * np.sqrt(area))
 
     def discs_on_plane(self, px: ArrayLike, diameter_m: float) -> Floats:
-        """Centres (..., 2) in the plane of discs whose pictures have their middles at pixels (..., 2)."""
+        """Centres (..., 2) in metres in the plane of discs whose pictures have their centroids at pixels (..., 2)."""
+        # The shift is small and varies slowly, so two fixed-point iterations are enough.
         centres = np.asarray(px, dtype=np.float64)
         for _ in range(2):
             centres = np.asarray(px) - self.circle_shift_px(self.on_plane(centres), diameter_m)
         return self.on_plane(centres)
 
-    def _in_camera(self, points_m: Floats) -> Floats:
+    def _to_camera(self, points_m: Floats) -> Floats:
         return np.asarray(points_m @ self.rotation.T + self.translation_m)
 
-    def _unfolded(self, points_m: Floats) -> bool:
-        """The lens model is one to one from the middle of the picture out to the points; beyond, it maps the scene back onto itself."""
-        seen = self._in_camera(_spatial(points_m))
+    def _is_one_to_one(self, points_m: Floats) -> bool:
+        """Whether the lens model is one to one from the centre of the picture out to the points; beyond, it folds the scene back."""
+        seen = self._to_camera(_to_space(points_m))
         outwards = np.linspace(0.1, 1.0, 10).reshape(-1, *[1] * seen.ndim)
-        slopes = _distortion_jacobian(outwards * (seen[..., :2] / seen[..., 2:]), self.distortion)
-        return bool((np.linalg.det(slopes) > 0.0).all() and (seen[..., 2] > 0.0).all())
+        jacobian = _distortion_jacobian(outwards * (seen[..., :2] / seen[..., 2:]), self.distortion)
+        return bool((np.linalg.det(jacobian) > 0.0).all() and (seen[..., 2] > 0.0).all())
 
     def _pixels(self, normal: Floats) -> Floats:
         return np.asarray(normal @ self.matrix[:2, :2].T + self.matrix[:2, 2])
 
     def _without_lens(self, px: Floats) -> Floats:
-        """Where straight rays through the pixels meet the plane: the start of the search with the lens."""
+        """Points where straight rays through the pixels meet the plane: the start of the search with the lens."""
         rays = np.linalg.solve(self.matrix, np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1)[..., None])[..., 0]
         directions = rays @ self.rotation
         origin = -self.translation_m @ self.rotation
         return np.asarray(origin[1:] - directions[..., 1:] * (origin[0] / directions[..., :1]))
 
 
-def _spatial(points_m: ArrayLike) -> Floats:
+def _to_space(points_m: ArrayLike) -> Floats:
     points = np.asarray(points_m, dtype=np.float64)
     if points.shape[-1] == 3:
         return points
     return np.concatenate([np.zeros((*points.shape[:-1], 1)), points], axis=-1)
 
 
-def _distorted(ideal: Floats, distortion: Floats) -> Floats:
+def _distort(ideal: Floats, distortion: Floats) -> Floats:
     k1, k2, p1, p2, k3 = distortion
     x, y = ideal[..., 0], ideal[..., 1]
     square = x * x + y * y
@@ -148,6 +153,7 @@ def _distortion_jacobian(ideal: Floats, distortion: Floats) -> Floats:
 
 def _centroid(rim: Floats) -> Floats:
     """Centre of area (..., 2) of closed outlines (..., n, 2)."""
+    # The shoelace formula about the mean point, which keeps its digits where the outline is far from the origin.
     middle = rim.mean(axis=-2, keepdims=True)
     here = rim - middle
     after = np.roll(here, -1, axis=-2)

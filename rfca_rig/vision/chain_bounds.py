@@ -1,4 +1,4 @@
-"""How near and how far from each other two marks of the leg can be, whatever the leg does."""
+"""Smallest and largest possible distance between two marks of the leg, over all its poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,24 +11,26 @@ from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark, mark_positions
 
 Floats = NDArray[np.float64]
 
-LOOSE_M2 = 3e-4  # of squared distance; two marks with one missing between them leave three times as much
-POSITIONS_PER_HINGE = {0: 1, 1: 9, 2: 9, 3: 5, 4: 5}  # by the hinges between two marks; odd, so that straight is among them
+# Range of squared distance up to which one mark ties another; two marks with one missing between them have three times as much.
+LOOSE_M2 = 3e-4
+# Grid points per hinge, by the number of hinges between two marks. Odd numbers include the straight hinge, coarser grids limit the work.
+POSITIONS_PER_HINGE = {0: 1, 1: 9, 2: 9, 3: 5, 4: 5}
 MOST_HINGES = max(POSITIONS_PER_HINGE)
 
 
 @dataclass(frozen=True)
 class ChainBounds:
-    """nearest_m and farthest_m (marks + 1, marks + 1), first index the smaller one; index 0 is the shaft axis, 1 the plan's first mark."""
+    """nearest_m and farthest_m (marks + 1, marks + 1); the first index is the smaller one, 0 is the shaft axis, 1 the first mark."""
 
     nearest_m: Floats
     farthest_m: Floats
 
     def tied(self, a: int, b: int) -> bool:
-        """Seen from one of the two, the other can only be in a small part of the plane: hardly a place for chance."""
+        """Whether one of the two marks restricts the other to a small part of the plane, in which chance hardly puts a red thing."""
         return float(self.farthest_m[a, b] ** 2 - self.nearest_m[a, b] ** 2) < LOOSE_M2
 
     def excess_m(self, a: int, b: int, distance_m: float) -> float:
-        """By how much a distance leaves what is possible; negative where it is too near."""
+        """By how much a distance in metres is outside the possible range; negative where it is too small, 0 inside."""
         return max(0.0, distance_m - float(self.farthest_m[a, b])) + min(0.0, distance_m - float(self.nearest_m[a, b]))
 
 
@@ -43,8 +45,9 @@ def chain_bounds(plan: MarkPlan, link_lengths_m: Sequence[float], hinge_range_ra
 
 
 def _pair_m(a: PlannedMark, b: PlannedMark, lengths_m: Floats, hinge_range_rad: float) -> tuple[float, float]:
-    """Nearest and farthest of two marks in all poses of a grid; with many hinges between them the nearest is not bounded."""
-    on_hinge = b.along_m == 0.0 and b.across_m == 0.0  # whose turning does not move it
+    """Smallest and largest distance of two marks over a grid of poses; with many hinges between them the smallest is taken as 0."""
+    # A mark on a hinge axis is not moved by the turn of its own hinge.
+    on_hinge = b.along_m == 0.0 and b.across_m == 0.0
     hinges = max(0, b.link - a.link - int(on_hinge))
     count = POSITIONS_PER_HINGE.get(hinges, 3)
     grid = np.linspace(-hinge_range_rad, hinge_range_rad, count) if count > 1 else np.zeros(1)

@@ -1,10 +1,10 @@
-"""Link and hinge angles from identified marks, with what is known of their errors.
+"""Link and hinge angles from identified marks, with their standard deviations.
 
-Angles, the shaft's place and the link lengths are solved for together by least squares, so that a general plan of marks is as good as one
-with marks at the hinges only. Lengths enter weakly: directions between marks tell angles, and a length that is a little wrong must not
-bend them. An angle the marks do not tell by themselves, or only to worse than 0.3 degrees, is None; it is never put together from
-lengths, which would leave two answers.
-The standard deviations are those of finding the marks, not of the camera's calibration or of how well the marks were put on.
+Angles, the shaft's position and the link lengths are fitted together by least squares, so that any plan of marks can be used. Lengths
+have a weak prior: directions between marks determine the angles, and a slightly wrong length must not change them. An angle that the
+marks do not determine, or only to worse than 0.3 degrees, is None. It is never computed from lengths, which would leave two solutions.
+
+The standard deviations are those of detecting the marks. They do not include the camera's calibration or the placement of the marks.
 """
 
 from collections.abc import Sequence
@@ -19,17 +19,20 @@ from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark, mark_positions
 
 Floats = NDArray[np.float64]
 
+# Ten times what lengths are known to: they regularise and do not determine angles.
 WEAK_LENGTH_STD_M = 2.0e-3
+# Keeps the equations regular where no mark determines an angle.
 ANGLE_PRIOR_STD_RAD = float(np.radians(60.0))
+# Angles with a larger standard deviation are reported as None.
 TELLABLE_STD_RAD = float(np.radians(0.3))
 STEPS = 40
 
 
 @dataclass(frozen=True)
 class HingeAngles:
-    """Absolute link angles and relative hinge angles, rad; first hinge angle is the shaft's. None for what cannot be told.
+    """Absolute link angles and relative hinge angles in rad; the first hinge angle is the shaft's. None where it is not determined.
 
-    Standard deviations accordingly; covariances (links, links) rad2, not a number in rows and columns of what is None.
+    Standard deviations accordingly. Covariances (links, links) rad2 are NaN in rows and columns of undetermined angles.
     """
 
     link_rad: tuple[float | None, ...]
@@ -42,7 +45,7 @@ class HingeAngles:
 
 @dataclass(frozen=True)
 class _Seen:
-    """Numbers of the seen marks in the plan, their places (n, 2) m, and the whitening (n, 2, 2) 1/m of their errors."""
+    """Indices of the seen marks in the plan, their positions (n, 2) m, and the whitening (n, 2, 2) 1/m of their errors."""
 
     planned: list[int]
     places_m: Floats
@@ -57,24 +60,43 @@ def hinge_angles(
     *,
     shaft_std_m: float = SHAFT_STD_M,
 ) -> HingeAngles:
-    """The leg's angles as far as the identified marks tell them; `shaft_std_m` as in `identify`."""
+    """The leg's angles, as far as the identified marks determine them.
+
+    Parameters
+    ----------
+    identified : Identified
+        The marks.
+    camera : CameraModel
+        The camera.
+    plan : MarkPlan
+        Positions of the marks on the leg.
+    link_lengths_m : sequence of n floats
+        From the shaft outwards.
+    shaft_std_m : float
+        Standard deviation of the shaft axis in the camera's calibration.
+
+    Returns
+    -------
+    HingeAngles
+        None for angles that are not determined.
+    """
     lengths = np.asarray(link_lengths_m, dtype=np.float64)
-    seen = _seen(identified, camera, plan)
+    seen = _whiten(identified, camera, plan)
     if not seen.planned:
         return _nothing(len(lengths))
-    angles, covariance = _solved(seen, plan, lengths, shaft_std_m)
+    angles, covariance = _solve(seen, plan, lengths, shaft_std_m)
     bends = np.eye(len(lengths)) - np.eye(len(lengths), k=-1)
-    links = _tellable(angles, covariance)
-    hinges = _tellable(bends @ angles, bends @ covariance @ bends.T)
+    links = _determined(angles, covariance)
+    hinges = _determined(bends @ angles, bends @ covariance @ bends.T)
     return HingeAngles(*links, *hinges)
 
 
-def _seen(identified: Identified, camera: CameraModel, plan: MarkPlan) -> _Seen:
+def _whiten(identified: Identified, camera: CameraModel, plan: MarkPlan) -> _Seen:
     planned = [i for i, mark in enumerate(identified.marks) if mark is not None]
     marks = [mark for mark in identified.marks if mark is not None]
     px = np.array([mark.px for mark in marks]).reshape(-1, 2)
     std = np.array([mark.std_px for mark in marks]).reshape(-1, 2)
-    # px errors are independent along x and y: dividing by them after going back to pixels whitens errors in the plane
+    # Errors in px are independent along x and y: errors in the plane are whitened by mapping them to pixels and dividing there.
     whitening = camera.project_jacobian(camera.on_plane(px)) / std[..., None]
     return _Seen(planned, camera.discs_on_plane(px, plan.diameter_m), whitening)
 
@@ -84,38 +106,42 @@ def _nothing(links: int) -> HingeAngles:
     return HingeAngles(nothing, nothing, unknown, nothing, nothing, unknown)
 
 
-def _solved(seen: _Seen, plan: MarkPlan, lengths_m: Floats, shaft_std_m: float) -> tuple[Floats, Floats]:
-    """Link angles (links,) and their covariance. Beside them are solved for: the shaft's place (2,), and each link's stretch (links,)."""
+def _solve(seen: _Seen, plan: MarkPlan, lengths_m: Floats, shaft_std_m: float) -> tuple[Floats, Floats]:
+    """Link angles (links,) and their covariance, by Gauss-Newton with the priors as further rows.
+
+    The shaft's position (2,) and each link's stretch (links,) are fitted with them.
+    """
     links = len(lengths_m)
     nominal = np.concatenate([_start(seen, plan, lengths_m), np.zeros(2), np.ones(links)])
     known = np.zeros((2 * links + 2, 2 * links + 2))
+    # The prior of the angles is on those between neighbouring links: the start angles are the most probable ones.
     known[:links, :links] = (np.eye(links) - np.eye(links, k=-1)) / ANGLE_PRIOR_STD_RAD
     known[links:, links:] = np.diag([1 / shaft_std_m] * 2 + list(lengths_m / WEAK_LENGTH_STD_M))
     values = nominal.copy()
     for _ in range(STEPS):
-        miss, slopes = _misses(values, seen, plan, lengths_m)
-        rows = np.concatenate([slopes, known])
-        step, *_ = np.linalg.lstsq(rows, np.concatenate([miss, known @ (nominal - values)]), rcond=None)
+        residual, jacobian = _residuals(values, seen, plan, lengths_m)
+        rows = np.concatenate([jacobian, known])
+        step, *_ = np.linalg.lstsq(rows, np.concatenate([residual, known @ (nominal - values)]), rcond=None)
         values = values + step
         if np.abs(step).max() < 1e-12:
             break
-    _, slopes = _misses(values, seen, plan, lengths_m)
-    covariance = np.linalg.inv(slopes.T @ slopes + known.T @ known)
+    _, jacobian = _residuals(values, seen, plan, lengths_m)
+    covariance = np.linalg.inv(jacobian.T @ jacobian + known.T @ known)
     return values[:links], np.asarray(covariance[:links, :links])
 
 
-def _misses(values: Floats, seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> tuple[Floats, Floats]:
-    """Whitened distances (2 n,) of seen marks from the leg, and the leg's whitened slopes (2 n, values) there."""
+def _residuals(values: Floats, seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> tuple[Floats, Floats]:
+    """Whitened residuals (2 n,) of the seen marks, and the whitened Jacobian (2 n, values) of the leg's marks."""
     links = len(lengths_m)
     angles, shaft, stretch = values[:links], values[links : links + 2], values[links + 2 :]
     stretched = replace(plan, marks=tuple(replace(mark, along_m=mark.along_m * stretch[mark.link - 1]) for mark in plan.marks))
-    miss = seen.places_m - shaft - mark_positions(angles, lengths_m * stretch, stretched)[seen.planned]
-    slopes = np.array([_slopes(plan.marks[index], angles, stretch, lengths_m) for index in seen.planned])
-    return (seen.whitening @ miss[..., None]).ravel(), (seen.whitening @ slopes).reshape(-1, len(values))
+    residual = seen.places_m - shaft - mark_positions(angles, lengths_m * stretch, stretched)[seen.planned]
+    jacobian = np.array([_mark_jacobian(plan.marks[index], angles, stretch, lengths_m) for index in seen.planned])
+    return (seen.whitening @ residual[..., None]).ravel(), (seen.whitening @ jacobian).reshape(-1, len(values))
 
 
-def _slopes(mark: PlannedMark, angles: Floats, stretch: Floats, lengths_m: Floats) -> Floats:
-    """How a mark's place moves (2, values) with angles, shaft and stretches."""
+def _mark_jacobian(mark: PlannedMark, angles: Floats, stretch: Floats, lengths_m: Floats) -> Floats:
+    """Jacobian (2, values) of a mark's position by angles, shaft position and stretches."""
     along = np.where(np.arange(len(lengths_m)) < mark.link - 1, lengths_m, 0.0)
     across = np.zeros_like(along)
     along[mark.link - 1], across[mark.link - 1] = mark.along_m, mark.across_m
@@ -125,7 +151,7 @@ def _slopes(mark: PlannedMark, angles: Floats, stretch: Floats, lengths_m: Float
 
 
 def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
-    """Link angles (links,) good enough to start from: each link points from its hinge to the next mark outwards that is seen."""
+    """Start values of the link angles (links,): each link points from its hinge to the next seen mark outwards."""
     angles: list[float] = []
     hinge = np.zeros(2)
     for link in range(1, len(lengths_m) + 1):
@@ -133,9 +159,11 @@ def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
         angle = angles[-1] if angles else 0.0
         if target is not None:
             mark = plan.marks[seen.planned[target]]
+            # A mark beside the link's axis is seen at an angle to it.
             bearing = np.arctan2(mark.across_m, mark.along_m) if mark.link == link else 0.0
             towards = seen.places_m[target] - hinge
             turn = float(np.arctan2(-towards[1], towards[0])) - bearing - angle
+            # Wrapped to half a turn either way, so that angles stay continuous along the chain.
             angle += float(np.arctan2(np.sin(turn), np.cos(turn)))
         angles.append(angle)
         hinge = hinge + lengths_m[link - 1] * np.array([np.cos(angle), -np.sin(angle)])
@@ -147,9 +175,9 @@ def _beyond(plan: MarkPlan, index: int, link: int) -> bool:
     return mark.link > link or (mark.link == link and mark.along_m > 0.0)
 
 
-def _tellable(angles_rad: Floats, covariance: Floats) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
+def _determined(angles_rad: Floats, covariance: Floats) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
     std = np.sqrt(np.diag(covariance))
-    told = std <= TELLABLE_STD_RAD
-    shown = np.where(told[:, None] & told[None, :], covariance, np.nan)
-    angles = tuple(float(angle) if ok else None for angle, ok in zip(angles_rad, told, strict=True))
-    return angles, tuple(float(value) if ok else None for value, ok in zip(std, told, strict=True)), shown
+    determined = std <= TELLABLE_STD_RAD
+    shown = np.where(determined[:, None] & determined[None, :], covariance, np.nan)
+    angles = tuple(float(angle) if ok else None for angle, ok in zip(angles_rad, determined, strict=True))
+    return angles, tuple(float(value) if ok else None for value, ok in zip(std, determined, strict=True)), shown

@@ -1,6 +1,6 @@
-"""Which mark is which, told by the chain: known link lengths, order from the shaft outwards, and how far hinges turn.
+"""Identifies the marks by the chain: known link lengths, order from the shaft outwards, and the range of the hinges.
 
-Nothing is guessed: a mark that another assignment, about equally good, would have elsewhere or not at all is reported and left out.
+Nothing is guessed: a mark that another, about equally good assignment places elsewhere or not at all is reported and omitted.
 """
 
 from collections.abc import Sequence
@@ -19,21 +19,27 @@ from rfca_rig.vision.marks import Mark
 
 Floats = NDArray[np.float64]
 
-HINGE_RANGE_RAD = float(np.radians(45.0))  # whole legs bend by 50 degrees between the shaft and the ground
+# Whole legs bend by 50 degrees between the shaft and the ground, so one hinge stays well inside.
+HINGE_RANGE_RAD = float(np.radians(45.0))
 LENGTH_STD_M = 0.2e-3
 SHAFT_STD_M = 1.0e-3
-MARGIN = 12.0  # squared misfit by which the best assignment must beat every other
-ODD_SIZE = 0.08  # of the logarithm of the diameter
-SURE_RUN = 2
-LEAST_SEEN = 0.5  # of the planned marks; with fewer, chance makes chains
-NEARLY_M = 0.02
+# Squared misfit by which the best assignment must be better than every other.
+MARGIN = 12.0
+# Largest deviation of the logarithm of a mark's diameter from the median of the leg's marks.
+MAX_SIZE_DEVIATION = 0.08
+# Number of marks from which a run without a tie to the shaft is accepted.
+MIN_RUN = 2
+# Share of the planned marks. With fewer, unrelated red things form chains by chance.
+MIN_SEEN = 0.5
+# A red thing this near to where a missing mark may be is reported as misplaced.
+MISPLACED_WITHIN_M = 0.02
 
 Kind = Literal["missing", "misplaced", "extra", "ambiguous", "refused"]
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """Something about the marks that is not as planned. `planned` is the mark's place in the plan, None for a mark beyond it."""
+    """One deviation from the planned marks. `planned` is the mark's index in the plan, None for a mark that is not in it."""
 
     kind: Kind
     planned: int | None
@@ -42,7 +48,7 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Identified:
-    """The found mark for each planned one, None where it cannot be told; the marks that are none of the leg's; and every doubt."""
+    """The found mark for each planned one, None where it is not determined; marks that are not the leg's (`extra`); and all doubts."""
 
     marks: tuple[Mark | None, ...]
     extra: tuple[Mark, ...]
@@ -50,7 +56,7 @@ class Identified:
 
     @property
     def complete(self) -> bool:
-        """Every planned mark is told."""
+        """Whether every planned mark is identified."""
         return all(mark is not None for mark in self.marks)
 
 
@@ -64,10 +70,34 @@ def identify(
     length_std_m: float = LENGTH_STD_M,
     shaft_std_m: float = SHAFT_STD_M,
 ) -> Identified:
-    """Assign found marks to planned ones. Raises BadInput where plan and link lengths do not belong together.
+    """Assign found marks to planned ones.
 
-    `length_std_m` is one standard deviation of the distance between neighbouring marks as measured on the leg, `shaft_std_m` that of
-    the shaft axis in the camera's calibration.
+    Parameters
+    ----------
+    marks : sequence of Mark
+        All red marks of the photo.
+    camera : CameraModel
+        The calibrated camera.
+    plan : MarkPlan
+        Where the marks are on the leg.
+    link_lengths_m : sequence of n floats
+        From the shaft outwards.
+    hinge_range_rad : float
+        Largest angle of a hinge, in either direction.
+    length_std_m : float
+        Standard deviation of the distance between neighbouring marks as measured on the leg.
+    shaft_std_m : float
+        Standard deviation of the shaft axis in the camera's calibration.
+
+    Returns
+    -------
+    Identified
+        The assignment; marks that it does not determine are None.
+
+    Raises
+    ------
+    BadInput
+        Where plan and link lengths do not belong together.
     """
     if plan.marks[-1].link > len(link_lengths_m):
         raise BadInput(f"marks: the plan names link {plan.marks[-1].link}, the leg has {len(link_lengths_m)} links")
@@ -75,16 +105,17 @@ def identify(
     bounds = chain_bounds(plan, link_lengths_m, hinge_range_rad)
     found, finished = assignments_within(MARGIN, candidates, bounds, Tolerances(length_std_m, shaft_std_m))
     if not finished:
-        return _refused(marks, plan, f"{len(marks)} red marks can be put together in too many ways; clear the picture of red things")
+        return _refuse(marks, plan, f"{len(marks)} red marks can be put together in too many ways; clear the picture of red things")
     best = found[0]
     seen = sum(mark >= 0 for mark in best.chosen)
-    if seen < LEAST_SEEN * len(plan.marks):
-        return _refused(marks, plan, f"only {seen} of {len(plan.marks)} marks fit the chain of known lengths; look at the overlay picture")
-    doubtful = _doubtful(best, found)
-    reasons = dict.fromkeys(_odd_sized(best, candidates, marks), "the red mark there differs in size from the others")
-    reasons |= dict.fromkeys(_loose(best, doubtful, bounds), "a red mark is there, but too loosely tied to the marks before it")
+    if seen < MIN_SEEN * len(plan.marks):
+        return _refuse(marks, plan, f"only {seen} of {len(plan.marks)} marks fit the chain of known lengths; look at the overlay picture")
+    doubtful = _find_doubtful(best, found)
+    # Later entries replace earlier ones, so an ambiguity outranks the other reasons.
+    reasons = dict.fromkeys(_find_odd_sized(best, candidates, marks), "the red mark there differs in size from the others")
+    reasons |= dict.fromkeys(_find_loose(best, doubtful, bounds), "a red mark is there, but too loosely tied to the marks before it")
     reasons |= dict.fromkeys(doubtful, "two readings of the photo fit about equally well")
-    return _told(marks, best, reasons, plan, _nearly(best, candidates, bounds, plan))
+    return _report(marks, best, reasons, plan, _describe_near_misses(best, candidates, bounds, plan))
 
 
 def _candidates(marks: Sequence[Mark], camera: CameraModel, plan: MarkPlan) -> Candidates:
@@ -92,40 +123,42 @@ def _candidates(marks: Sequence[Mark], camera: CameraModel, plan: MarkPlan) -> C
         return Candidates(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     px = np.array([mark.px for mark in marks])
     places = camera.discs_on_plane(px, plan.diameter_m)
+    # Metres per pixel: the root of the area that a pixel covers in the plane.
     scale = np.sqrt(np.abs(np.linalg.det(camera.on_plane_jacobian(px))))
     std = scale * np.array([float(mark.std_px.max()) for mark in marks])
     log_size = np.log([mark.diameter_px for mark in marks] / camera.disc_diameter_px(places, plan.diameter_m))
     return Candidates(places, std, log_size)
 
 
-def _refused(marks: Sequence[Mark], plan: MarkPlan, words: str) -> Identified:
+def _refuse(marks: Sequence[Mark], plan: MarkPlan, words: str) -> Identified:
     return Identified((None,) * len(plan.marks), tuple(marks), (Doubt("refused", None, words),))
 
 
-def _doubtful(best: MarkAssignment, all_ones: Sequence[MarkAssignment]) -> frozenset[int]:
-    """Planned marks that some other assignment within the margin has otherwise."""
+def _find_doubtful(best: MarkAssignment, all_ones: Sequence[MarkAssignment]) -> frozenset[int]:
+    """Planned marks that differ in some other assignment within the margin."""
     return frozenset(i for other in all_ones for i, (a, b) in enumerate(zip(best.chosen, other.chosen, strict=True)) if a != b)
 
 
-def _loose(best: MarkAssignment, doubtful: frozenset[int], bounds: ChainBounds) -> list[int]:
-    """Marks of runs that no known length ties to the shaft, unless a run is so long that chance does not make it."""
-    told = [i for i, found in enumerate(best.chosen) if found >= 0 and i not in doubtful]
+def _find_loose(best: MarkAssignment, doubtful: frozenset[int], bounds: ChainBounds) -> list[int]:
+    """Marks of runs that no known length ties to the shaft, unless a run is too long to occur by chance."""
+    # Index -1 is the shaft axis; the bounds count from it, hence + 1 below.
+    identified_ones = [i for i, found in enumerate(best.chosen) if found >= 0 and i not in doubtful]
     runs: list[list[int]] = [[-1]]
-    for i in told:
+    for i in identified_ones:
         tied = bounds.tied(runs[-1][-1] + 1, i + 1)
         runs = [*runs[:-1], [*runs[-1], i]] if tied else [*runs, [i]]
-    return [i for run in runs[1:] if len(run) < SURE_RUN for i in run]
+    return [i for run in runs[1:] if len(run) < MIN_RUN for i in run]
 
 
-def _odd_sized(best: MarkAssignment, candidates: Candidates, marks: Sequence[Mark]) -> list[int]:
-    """Whole marks that differ from the leg's others in size: focus and exposure change all alike."""
+def _find_odd_sized(best: MarkAssignment, candidates: Candidates, marks: Sequence[Mark]) -> list[int]:
+    """Whole marks that differ in size from the leg's others: focus and exposure change the size of all marks alike."""
     seen = [(i, found) for i, found in enumerate(best.chosen) if found >= 0]
     usual = float(np.median([candidates.log_size[found] for _, found in seen]))
-    return [i for i, found in seen if marks[found].whole and abs(candidates.log_size[found] - usual) > ODD_SIZE]
+    return [i for i, found in seen if marks[found].whole and abs(candidates.log_size[found] - usual) > MAX_SIZE_DEVIATION]
 
 
-def _told(marks: Sequence[Mark], best: MarkAssignment, reasons: dict[int, str], plan: MarkPlan, nearly: dict[int, str]) -> Identified:
-    told = tuple(marks[found] if found >= 0 and i not in reasons else None for i, found in enumerate(best.chosen))
+def _report(marks: Sequence[Mark], best: MarkAssignment, reasons: dict[int, str], plan: MarkPlan, nearly: dict[int, str]) -> Identified:
+    chosen = tuple(marks[found] if found >= 0 and i not in reasons else None for i, found in enumerate(best.chosen))
     doubts = [Doubt("ambiguous", i, f"{plan.name(i)}: {words}") for i, words in sorted(reasons.items())]
     for i, found in enumerate(best.chosen):
         if found < 0 and i not in reasons:
@@ -133,19 +166,19 @@ def _told(marks: Sequence[Mark], best: MarkAssignment, reasons: dict[int, str], 
             doubts.append(Doubt("misplaced" if near else "missing", i, f"{plan.name(i)}: {near or 'not seen'}"))
     extra = tuple(mark for number, mark in enumerate(marks) if number not in best.chosen)
     doubts += [Doubt("extra", None, f"red mark at ({mark.px[0]:.0f}, {mark.px[1]:.0f}) px is none of the leg's") for mark in extra]
-    return Identified(told, extra, tuple(doubts))
+    return Identified(chosen, extra, tuple(doubts))
 
 
-def _nearly(best: MarkAssignment, candidates: Candidates, bounds: ChainBounds, plan: MarkPlan) -> dict[int, str]:
-    """For missing marks, how far off the nearest unused red mark is from where the neighbour allows one."""
+def _describe_near_misses(best: MarkAssignment, candidates: Candidates, bounds: ChainBounds, plan: MarkPlan) -> dict[int, str]:
+    """For missing marks, the distance of the nearest unused red mark from the places that the neighbour allows, in words."""
     unused = [n for n in range(len(candidates.places_m)) if n not in best.chosen]
-    said = {}
+    reports = {}
     for i in (i for i, found in enumerate(best.chosen) if found < 0):
         before = max((j for j in range(i) if best.chosen[j] >= 0), default=None)
         start = np.zeros(2) if before is None else candidates.places_m[best.chosen[before]]
         pair = (0 if before is None else before + 1, i + 1)
         misses = [bounds.excess_m(*pair, float(np.linalg.norm(candidates.places_m[n] - start))) for n in unused]
-        if misses and min(map(abs, misses)) < NEARLY_M:
+        if misses and min(map(abs, misses)) < MISPLACED_WITHIN_M:
             miss = min(misses, key=abs)
             origin = "the shaft axis" if before is None else f"the {plan.name(before)}"
             side = "farther from" if miss >= 0 else "nearer to"
@@ -154,5 +187,5 @@ def _nearly(best: MarkAssignment, candidates: Candidates, bounds: ChainBounds, p
                 if miss
                 else "where other marks or its size speak against it"
             )
-            said[i] = f"a red mark is there, but {off}"
-    return said
+            reports[i] = f"a red mark is there, but {off}"
+    return reports

@@ -1,4 +1,4 @@
-"""Where the red marks sit on the leg."""
+"""Positions of the red marks on the leg."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ DIAMETER_M = 0.008
 
 @dataclass(frozen=True)
 class PlannedMark:
-    """A mark on a link (1 is the one at the shaft): along the link from its hinge, and across it, positive to the side of growing angle."""
+    """A mark on a link (1 is at the shaft): distance along the link from its hinge, and across it, positive towards growing angles."""
 
     link: int
     along_m: float
@@ -43,7 +43,7 @@ class MarkPlan:
         return cls((*hinges, PlannedMark(len(link_lengths_m), float(link_lengths_m[-1]))), diameter_m)
 
     def name(self, index: int) -> str:
-        """What a person calls the mark."""
+        """Readable name of the mark."""
         mark = self.marks[index]
         if mark.along_m == 0.0 and mark.across_m == 0.0:
             return "shaft mark" if mark.link == 1 else f"mark at hinge {mark.link}"
@@ -53,9 +53,26 @@ class MarkPlan:
 
 
 def mark_positions(link_angles_rad: ArrayLike, link_lengths_m: ArrayLike, plan: MarkPlan) -> Floats:
-    """Centres (..., marks, 2) (y, z) in metres of the planned marks of a leg with absolute link angles (..., links), z up.
+    """Centres of the planned marks.
 
-    Raises BadInput where the plan names a link that the leg does not have.
+    Parameters
+    ----------
+    link_angles_rad : (..., links) array
+        Absolute angles, positive downwards from +y.
+    link_lengths_m : (links,) array
+        From the shaft outwards.
+    plan : MarkPlan
+        Positions of the marks on the leg.
+
+    Returns
+    -------
+    (..., marks, 2) array
+        (y, z) in metres from the shaft axis, z up.
+
+    Raises
+    ------
+    BadInput
+        Where the plan names a link that the leg does not have.
     """
     angles, lengths = np.asarray(link_angles_rad, dtype=np.float64), np.asarray(link_lengths_m, dtype=np.float64)
     links = np.array([mark.link for mark in plan.marks]) - 1

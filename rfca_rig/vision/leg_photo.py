@@ -1,4 +1,4 @@
-"""One photo of the leg read as a whole: marks found, told apart, angles, and what could not be told."""
+"""Reads one photo of the leg: detects and identifies the marks, and computes the angles."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """What a photo is read with: the calibrated camera, where the marks are on the leg, and the links' lengths (n,)."""
+    """Everything that reading a photo needs: the calibrated camera, the positions of the marks on the leg, the link lengths (n,)."""
 
     camera: CameraModel
     plan: MarkPlan
@@ -28,7 +28,7 @@ class Eye:
 
 @dataclass(frozen=True, eq=False)
 class LegPhoto:
-    """What a photo says of the leg, and the same drawn over it."""
+    """Marks and angles from a photo, and the photo (rows, columns, 3) with these drawn over it."""
 
     identified: Identified
     angles: HingeAngles
@@ -36,7 +36,7 @@ class LegPhoto:
 
 
 def read_leg_photo(image: Pixels, eye: Eye) -> LegPhoto:
-    """Reads a photo (rows, columns, 3) uint8. Raises BadInput for one that is not of the size the camera was calibrated with."""
+    """Read a photo (rows, columns, 3) uint8. Raises BadInput where it does not have the size that the camera was calibrated with."""
     size_px = (image.shape[1], image.shape[0])
     if size_px != eye.camera.image_size_px:
         width, height = eye.camera.image_size_px
@@ -47,6 +47,6 @@ def read_leg_photo(image: Pixels, eye: Eye) -> LegPhoto:
 
 
 def _usual_diameter_px(eye: Eye) -> float:
-    """Of the marks of a leg that hangs straight down, which is about the middle of all that it does."""
+    """Median diameter of the marks of a leg that hangs straight down, about the middle of its range of motion."""
     down = np.full(len(eye.link_lengths_m), 0.5 * np.pi)
     return float(np.median(eye.camera.disc_diameter_px(mark_positions(down, eye.link_lengths_m, eye.plan), eye.plan.diameter_m)))

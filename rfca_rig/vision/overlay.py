@@ -1,4 +1,4 @@
-"""The photo with what was made of it: found marks, the chain, what is missing, doubtful or none of the leg's."""
+"""Draws the reading over a photo: found marks, the chain, and missing, doubtful or unrelated marks."""
 
 from collections.abc import Sequence
 
@@ -16,15 +16,18 @@ from rfca_rig.vision.red_mask import Pixels
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
-WHOLE, PARTLY, EXTRA, TEXT = (80, 220, 80), (60, 220, 240), (240, 120, 240), (240, 240, 240)  # blue, green, red
+# Colours in OpenCV's order: blue, green, red.
+WHOLE, PARTLY, EXTRA, TEXT = (80, 220, 80), (60, 220, 240), (240, 120, 240), (240, 240, 240)
+# Fractional bits of OpenCV's drawing coordinates, for rings that are accurate to a part of a pixel.
 FINE_BITS = 4
+# Width of a photo at which lines are one pixel wide; larger photos get thicker lines.
 WIDTH_OF_PLAIN_PEN_PX = 1200.0
 
 
 def draw_overlay(photo: Pixels, identified: Identified, camera: CameraModel, plan: MarkPlan, angles: HingeAngles | None = None) -> Pixels:
     """A copy of the photo (height, width, 3) with the reading drawn over it.
 
-    Green rings are identified marks, yellow ones are partly hidden, purple crosses are none of the leg's; every doubt stands in words.
+    Green rings are identified marks, yellow ones are partly hidden; purple crosses do not belong to the leg. Every doubt is in words.
     """
     picture = np.ascontiguousarray(photo).copy()
     pen = max(1.0, photo.shape[1] / WIDTH_OF_PLAIN_PEN_PX)
@@ -40,7 +43,7 @@ def draw_overlay(photo: Pixels, identified: Identified, camera: CameraModel, pla
 
 
 def _axis(picture: Pixels, camera: CameraModel, pen: float) -> None:
-    """The shaft axis where the calibration has it, and the direction of +y."""
+    """Draw the shaft axis of the calibration, and the direction of +y."""
     start, end = camera.project(np.array([[0.0, 0.0], [0.02, 0.0]]))
     cv2.arrowedLine(picture, _whole(start), _whole(end), TEXT, round(pen), cv2.LINE_AA, tipLength=0.2)
 
@@ -76,8 +79,8 @@ def _angle_words(angles: HingeAngles | None) -> list[str]:
     if angles is None:
         return []
     pairs = zip(angles.hinge_rad, angles.hinge_std_rad, strict=True)
-    said = [_one_angle(number, angle, std) for number, (angle, std) in enumerate(pairs, start=1)]
-    return [", ".join(said)]
+    words = [_one_angle(number, angle, std) for number, (angle, std) in enumerate(pairs, start=1)]
+    return [", ".join(words)]
 
 
 def _one_angle(number: int, angle: float | None, std: float | None) -> str:

@@ -1,4 +1,4 @@
-"""Where the plane of motion stands before the camera, from one photo of the board held in it, or parallel to it."""
+"""Pose of the plane of motion relative to the camera, from one photo of the board held in this plane or parallel to it."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,16 +14,18 @@ from rfca_rig.vision.camera_model import CameraModel
 Floats = NDArray[np.float64]
 Side = Literal["right", "left"]
 
-FAR_OFF_PX = 1.5  # an error of the plane's photo beyond that is none of the camera's
+# A larger error of the photo is not due to the camera: another zoom, focus or board is.
+MAX_OFF_PX = 1.5
 
 
 @dataclass(frozen=True)
 class BoardPlace:
-    """How the board was held: `corner_m` (y, z) of its upper left corner seen from the shaft axis, z up.
+    """Position of the board in the photo.
 
-    `reach` is the side of the picture to which +y points, the side the leg reaches out to. `turned_rad` is the angle of the
-    board's upper edge from the horizontal, positive clockwise in the picture. `nearer_m` is how much nearer to the camera than
-    the marks its printed face was.
+    - `corner_m`: (y, z) of its upper left corner relative to the shaft axis, z up.
+    - `reach`: side of the picture to which +y points, the side to which the leg reaches.
+    - `turned_rad`: angle of the board's upper edge from the horizontal, positive clockwise in the picture.
+    - `nearer_m`: how much nearer to the camera than the marks the printed face was.
     """
 
     corner_m: tuple[float, float] = (0.0, 0.0)
@@ -36,7 +38,7 @@ class BoardPlace:
 class PlanePose:
     """`rotation` (3, 3) and `translation_m` (3,) from plane to camera frame; `error_px` of the board's corners, root mean square.
 
-    `tilt_std_rad` (2,), about the picture's two directions, and `distance_std_m` are one standard deviation of where the plane stands.
+    `tilt_std_rad` (2,), about the picture's two directions, and `distance_std_m` are standard deviations of the plane's pose.
     """
 
     rotation: Floats
@@ -47,15 +49,32 @@ class PlanePose:
 
 
 def find_plane(photo: BoardPhoto, matrix: Floats, distortion: Floats, place: BoardPlace) -> PlanePose:
-    """The pose that brings the board's corners nearest to where they were seen.
+    """Pose of the plane with the smallest reprojection error of the board's corners.
 
-    Raises BadInput where the photo does not fit the camera, which another zoom, focus or board explains.
+    Parameters
+    ----------
+    photo : BoardPhoto
+        Corners of the board in the photo.
+    matrix, distortion : (3, 3) and (5,) arrays
+        The calibrated camera.
+    place : BoardPlace
+        How the board was held.
+
+    Returns
+    -------
+    PlanePose
+        Pose of the plane, with standard deviations.
+
+    Raises
+    ------
+    BadInput
+        Where the photo does not fit the camera; it was taken with another zoom, focus or board.
     """
     on_board = np.column_stack([photo.on_board_m, np.zeros(len(photo.px))])
     turn, shift, error_px, std = _board_pose(on_board, photo.px, matrix, distortion)
-    if error_px > FAR_OFF_PX:
+    if error_px > MAX_OFF_PX:
         raise BadInput(
-            f"{photo.name}: the board's corners lie {error_px:.2f} px off, at most {FAR_OFF_PX:g}: take it with the zoom, focus and board "
+            f"{photo.name}: the board's corners lie {error_px:.2f} px off, at most {MAX_OFF_PX:g}: take it with the zoom, focus and board "
             "of the other photos"
         )
     axes, origin_m = _plane_on_board(place)
@@ -63,23 +82,26 @@ def find_plane(photo: BoardPhoto, matrix: Floats, distortion: Floats, place: Boa
 
 
 def _board_pose(on_board: Floats, px: Floats, matrix: Floats, distortion: Floats) -> tuple[Floats, Floats, float, Floats]:
-    """Rotation, translation, error, and one standard deviation of the six: turns about the camera's axes, shifts along them."""
+    """Rotation (3, 3), translation (3,), error, and standard deviations (6,) of the turns about the camera's axes and shifts along them."""
     start = cv2.solvePnP(on_board, px, matrix, distortion, flags=cv2.SOLVEPNP_IPPE)
     rotation, translation = cv2.solvePnPRefineLM(on_board, px, matrix, distortion, start[1], start[2])
     turn, shift = np.asarray(cv2.Rodrigues(rotation)[0], np.float64), np.asarray(translation, np.float64).ravel()
     in_camera = on_board @ turn.T + shift
     middle = in_camera.mean(axis=0)
-    seen, slopes = cv2.projectPoints(in_camera - middle, np.zeros(3), middle, matrix, distortion)  # turned about the board's middle
+    # Derivatives are taken at a zero turn about the board's middle: there turns and shifts hardly depend on each other.
+    seen, jacobian = cv2.projectPoints(in_camera - middle, np.zeros(3), middle, matrix, distortion)
     error = np.ravel(seen.reshape(-1, 2) - px)
-    slopes = slopes[:, :6]
-    covariance = float(error @ error) / (len(error) - 6) * np.linalg.inv(slopes.T @ slopes)
+    jacobian = jacobian[:, :6]
+    covariance = float(error @ error) / (len(error) - 6) * np.linalg.inv(jacobian.T @ jacobian)
+    # Twice the mean over both coordinates is the mean squared distance.
     return turn, shift, float(np.sqrt(2.0 * np.mean(error**2))), np.sqrt(np.diag(covariance))
 
 
 def _plane_on_board(place: BoardPlace) -> tuple[Floats, Floats]:
-    """The plane's axes x, y, z as columns in the board's frame (right, down, away from the camera), and where its origin lies there."""
+    """The plane's axes x, y, z as columns (3, 3) in the board's frame (right, down, away from the camera), and its origin (3,) there."""
     cosine, sine = np.cos(place.turned_rad), np.sin(place.turned_rad)
-    level = np.array([cosine, -sine, 0.0])  # a board turned clockwise sees the horizontal turned the other way
+    # In the frame of a board that is turned clockwise, the horizontal is turned the other way.
+    level = np.array([cosine, -sine, 0.0])
     up = np.array([-sine, -cosine, 0.0])
     along = level if place.reach == "right" else -level
     axes = np.column_stack([np.cross(along, up), along, up])

@@ -1,4 +1,4 @@
-"""How red a picture is, and the red patches that could be marks."""
+"""Redness of a picture, and the red patches that could be marks."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,19 @@ from numpy.typing import NDArray
 Pixels = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 
-LOOKED_AT_PX = 14.0  # the search for patches needs marks no larger than this; larger pictures are made smaller first
-FAINTEST_COUNTS = 12.0
-FAINTEST_SHARE = 0.2  # of the red of the brightest mark: light may fall off by so much over the picture
+# Diameter of a mark in the picture that is searched for patches; larger pictures are reduced first.
+SEARCH_DIAMETER_PX = 14.0
+MIN_COUNTS = 12.0
+# Share of the brightest mark's redness from which a patch counts: light may fall off by this much over the picture.
+MIN_SHARE = 0.2
 BRIGHTEST_PERCENTILE = 99.97
-GAP_SHARE = 0.35  # of the diameter: a glint so wide may cut a mark in two
+# Width of a cut that is closed, in diameters: a glint may cut a mark in two.
+GAP_SHARE = 0.35
 RED_PEAK_PERCENTILE = 97.0
-DARK_SHARE = 0.5  # of a mark's redness: surroundings up to that are black enough
-SMALLEST, LARGEST = 0.25, 2.2  # patch against mark, in lengths
+# Whiteness up to which surroundings count as black, as a share of the mark's redness.
+DARK_SHARE = 0.5
+# Limits of a patch's sides, in diameters.
+SMALLEST, LARGEST = 0.25, 2.2
 
 
 @dataclass(frozen=True)
@@ -28,21 +33,21 @@ class Patch:
 
 
 def redness(image_bgr: Pixels) -> NDArray[np.float32]:
-    """Red above the stronger of green and blue, in counts (height, width). White glints and grey things have none."""
+    """Red minus the larger of green and blue, in counts (height, width). White glints and grey things have none."""
     blue, green, red = cv2.split(image_bgr.astype(np.float32))
     return np.asarray(red - cv2.max(green, blue), np.float32)
 
 
 def whiteness(image_bgr: Pixels) -> NDArray[np.float32]:
-    """The weaker of green and blue, in counts (height, width): what glints have and red things have not."""
+    """The smaller of green and blue, in counts (height, width): glints have it, red things do not."""
     return np.asarray(cv2.min(image_bgr[..., 0], image_bgr[..., 1]), np.float32)
 
 
 def rim_picture(image_bgr: Pixels) -> NDArray[np.float32]:
-    """The picture (height, width) in which the rim of a red thing is sought, for a cutout around it.
+    """The picture (height, width) in which the rim of a red thing is searched, for a cutout around it.
 
-    On black this is the red channel alone: it has less noise than a difference of channels, and JPEG, which stores colours at half the
-    resolution, keeps most of its sharpness. Before something light the red channel has no rim, and redness is taken.
+    On black this is the red channel alone. It has less noise than a difference of channels, and JPEG, which stores colours at half the
+    resolution, keeps most of its sharpness. In front of something light the red channel has no rim, and redness is used.
     """
     peak = float(np.percentile(redness(image_bgr), RED_PEAK_PERCENTILE))
     if float(np.median(whiteness(image_bgr))) < DARK_SHARE * peak:
@@ -51,19 +56,24 @@ def rim_picture(image_bgr: Pixels) -> NDArray[np.float32]:
 
 
 def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, ...]:
-    """Connected red patches of about a mark's size, in picture order; faint parts of a photo are judged by its brightest."""
-    shrink = max(1, int(expected_diameter_px / LOOKED_AT_PX))
-    small = _shrunk(image_bgr, shrink)
+    """Connected red patches of about a mark's size in a photo (height, width, 3), in picture order.
+
+    The threshold is relative to the reddest part of the photo.
+    """
+    shrink = max(1, int(expected_diameter_px / SEARCH_DIAMETER_PX))
+    small = _shrink(image_bgr, shrink)
     diameter = expected_diameter_px / shrink
     red = cv2.GaussianBlur(redness(small), (0, 0), max(0.6, diameter / 14.0))
-    threshold = max(FAINTEST_COUNTS, FAINTEST_SHARE * float(np.percentile(red, BRIGHTEST_PERCENTILE)))
-    mask = _without_cuts((red > threshold).astype(np.uint8), diameter)
+    threshold = max(MIN_COUNTS, MIN_SHARE * float(np.percentile(red, BRIGHTEST_PERCENTILE)))
+
+    mask = _close_cuts((red > threshold).astype(np.uint8), diameter)
     _, _, boxes, middles = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    # Component 0 is the background.
     patches = (_patch(box, middle, shrink) for box, middle in zip(boxes[1:], middles[1:], strict=True))
-    return tuple(patch for patch in patches if _of_marks_size(patch, expected_diameter_px))
+    return tuple(patch for patch in patches if _has_size_of_mark(patch, expected_diameter_px))
 
 
-def _shrunk(image_bgr: Pixels, shrink: int) -> Pixels:
+def _shrink(image_bgr: Pixels, shrink: int) -> Pixels:
     if shrink == 1:
         return image_bgr
     height, width = image_bgr.shape[:2]
@@ -71,18 +81,19 @@ def _shrunk(image_bgr: Pixels, shrink: int) -> Pixels:
     return np.asarray(cv2.resize(whole, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _without_cuts(mask: Pixels, diameter_px: float) -> Pixels:
+def _close_cuts(mask: Pixels, diameter_px: float) -> Pixels:
     size = max(3, round(GAP_SHARE * diameter_px) | 1)
     return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))), np.uint8)
 
 
 def _patch(box: NDArray[np.int32], middle: Floats, shrink: int) -> Patch:
-    # a small pixel's middle is the middle of the large ones it stands for
+    # The centre of a small pixel is the centre of the large ones that it stands for.
     x, y = (float(value) * shrink + (shrink - 1) / 2 for value in middle)
     return Patch((x, y), (float(box[cv2.CC_STAT_WIDTH] * shrink), float(box[cv2.CC_STAT_HEIGHT] * shrink)))
 
 
-def _of_marks_size(patch: Patch, diameter_px: float) -> bool:
+def _has_size_of_mark(patch: Patch, diameter_px: float) -> bool:
+
     return (
         max(patch.sides_px) > 2 * SMALLEST * diameter_px
         and min(patch.sides_px) > SMALLEST * diameter_px

@@ -1,7 +1,7 @@
-"""The rim of a red disc: where along rays from its middle the red falls to half, and the outline through those points.
+"""Rim points of a red disc: where the red falls to half, along rays from its centre.
 
-A mark's middle is taken from its rim, never from its mass: a glint on it, light that falls off across it and a cover over a part of it
-move the centre of mass, while the rim that is still seen stays where it is.
+A mark's centre is computed from its rim, never from its centre of mass. A glint, uneven light or a partial cover move the centre of
+mass, but not the rim that is still visible.
 """
 
 from dataclasses import dataclass
@@ -15,22 +15,31 @@ Flags = NDArray[np.bool_]
 
 STEP_PX = 0.25
 SMOOTHING_PX = 0.7
-REACH = 1.75  # rays are followed to so many radii
+# Length of the rays, in radii.
+REACH = 1.75
+# Spacing of the rays along the rim, and limits of their number.
 RAY_EVERY_PX = 1.5
-FEWEST_RAYS, MOST_RAYS = 40, 160
-GLARE_REACH_PX, GLARE_REACH = 2.5, 0.3  # so far from the rim, the second in radii, something light spoils it
+MIN_RAYS, MAX_RAYS = 40, 160
+# Distance from the rim within which something light distorts it, in pixels and in radii; the larger one counts.
+GLARE_REACH_PX, GLARE_REACH = 2.5, 0.3
+# Low enough that glints over most of a disc do not raise it.
 OWN_WHITE_PERCENTILE = 30.0
-GLARE = 0.2  # of the contrast: whatever is so much lighter than disc or surroundings is a glint
-CORE = (0.15, 0.7)  # of the radius
-EVEN_SHARE = 0.6  # of the core must be plain for the fall of light over it to be told
+# Share of the contrast; anything lighter than disc or surroundings by more than this is a glint.
+GLARE = 0.2
+# The ring in which a disc's red is measured, in radii.
+CORE = (0.15, 0.7)
+# Share of the core that must be free of glints for a fit of uneven light.
+EVEN_SHARE = 0.6
+# Largest angle between the gradient at a rim point and its ray.
 SQUARE_WITHIN_RAD = float(np.radians(18.0))
 DIRECTION_SMOOTHING_PX = 1.0
-SPILL_FROM, SPILL_TO = 1.35, 1.65  # there a mark's surroundings are black
+# The ring in which a mark's surroundings are black, in radii.
+SPILL_FROM, SPILL_TO = 1.35, 1.65
 
 
 @dataclass(frozen=True)
 class Rays:
-    """What a picture shows along rays from a middle: directions (rays, 2), radii_px (steps,), counts (rays, steps)."""
+    """A picture sampled along rays from a centre (2,): directions (rays, 2), radii_px (steps,), counts (rays, steps)."""
 
     middle_px: Floats
     directions: Floats
@@ -40,7 +49,7 @@ class Rays:
 
 @dataclass(frozen=True)
 class Levels:
-    """Redness just inside the rim along each ray (rays,), and outside of the disc."""
+    """Redness just inside the rim along each ray, `inside` (rays,), and outside the disc."""
 
     inside: Floats
     outside: float
@@ -52,13 +61,13 @@ class Levels:
 
     @property
     def half(self) -> Floats:
-        """Where between the two the rim is (rays,)."""
+        """Level at the rim along each ray (rays,): halfway between inside and outside."""
         return 0.5 * (self.inside + self.outside)
 
 
 @dataclass(frozen=True)
 class RimPoints:
-    """Places px (n, 2) on rays, with the ray (n,) and the step along it (n,) of each."""
+    """Rim points `px` (n, 2), with the index of the ray (n,) and of the step along it (n,) of each."""
 
     px: Floats
     ray: NDArray[np.int64]
@@ -66,8 +75,11 @@ class RimPoints:
 
 
 def cast(picture: NDArray[np.float32], middle_px: Floats, radius_px: float) -> Rays:
-    """Rays over a picture (height, width), long enough for a disc of the radius; the picture goes on black beyond its border."""
-    count = int(np.clip(2 * np.pi * radius_px / RAY_EVERY_PX, FEWEST_RAYS, MOST_RAYS))
+    """Sample a picture (height, width) along rays from `middle_px` (2,), long enough for a disc of this radius.
+
+    The picture continues black beyond its border.
+    """
+    count = int(np.clip(2 * np.pi * radius_px / RAY_EVERY_PX, MIN_RAYS, MAX_RAYS))
     turn = np.arange(count) * (2 * np.pi / count)
     directions = np.column_stack([np.cos(turn), np.sin(turn)])
     radii = np.arange(0.0, REACH * radius_px + 3.0, STEP_PX)
@@ -77,18 +89,20 @@ def cast(picture: NDArray[np.float32], middle_px: Floats, radius_px: float) -> R
 
 
 def levels(rays: Rays, white: Rays, radius_px: float) -> Levels:
-    """Red inside and outside, each by its median; inside, light that falls off across a mark is followed by a plane, glints left out.
+    """Red levels inside and outside, each as a median; inside, a plane follows uneven light across the mark. Glints are excluded.
 
-    `white` are the same rays over the picture's whiteness.
+    `white` are the same rays in the picture's whiteness.
     """
     outside = float(np.median(rays.counts[:, _between(rays, SPILL_FROM * radius_px, SPILL_TO * radius_px)]))
     ring = _between(rays, *(share * radius_px for share in CORE))
     core, lightness = rays.counts[:, ring], white.counts[:, ring]
+    # A high percentile: covered parts of the core do not lower it.
     contrast = float(np.percentile(core, 85.0)) - outside
     plain = (core > outside + 0.5 * contrast) & (lightness < own_white(white, radius_px) + GLARE * contrast)
     if not plain.any():
         return Levels(np.full(len(core), outside), outside)
     typical = float(np.median(core[plain]))
+    # Too little of the core is free of glints for a plane: one level for all rays.
     if plain.mean() < EVEN_SHARE:
         return Levels(np.full(len(core), typical), outside)
     at = rays.directions[:, None, :] * rays.radii_px[ring][None, :, None]
@@ -96,7 +110,7 @@ def levels(rays: Rays, white: Rays, radius_px: float) -> Levels:
 
 
 def own_white(white: Rays, radius_px: float) -> float:
-    """The whiteness of a disc where no glint is on it."""
+    """Whiteness of a disc without glints."""
     return float(np.percentile(white.counts[:, _between(white, *(share * radius_px for share in CORE))], OWN_WHITE_PERCENTILE))
 
 
@@ -105,14 +119,15 @@ def _between(rays: Rays, low_px: float, high_px: float) -> Flags:
 
 
 def _slope(at_px: Floats, above: Floats) -> Floats:
-    """How counts grow (2,) per px, what stands out left out."""
+    """Gradient (2,) of the counts per px, without outliers."""
+    # 1.4826 makes the median of absolute values a standard deviation of normal noise.
     plain = np.abs(above) < 3.0 * 1.4826 * np.median(np.abs(above)) + 1e-6
     slope, *_ = np.linalg.lstsq(at_px[plain], above[plain], rcond=None)
     return np.asarray(slope)
 
 
 def rim_points(rays: Rays, half: Floats) -> RimPoints:
-    """All places where the red falls through half, going outwards."""
+    """All points where the red falls through `half` (rays,), going outwards, interpolated linearly between steps."""
     above = rays.counts >= half[:, None]
     ray, step = np.nonzero(above[:, :-1] & ~above[:, 1:])
     before, after = rays.counts[ray, step], rays.counts[ray, step + 1]
@@ -121,16 +136,20 @@ def rim_points(rays: Rays, half: Floats) -> RimPoints:
 
 
 def beside_glare(points: RimPoints, white: Rays, radius_px: float, threshold_counts: float) -> Flags:
-    """Which rim points (n,) have something lighter near them than disc and surroundings are: it bends the rim, or is taken for it."""
+    """Flags (n,) of rim points near something lighter than disc and surroundings: it distorts the rim, or is mistaken for it."""
     around = float(np.median(white.counts[:, _between(white, SPILL_FROM * radius_px, SPILL_TO * radius_px)]))
     reach = round(max(GLARE_REACH_PX, GLARE_REACH * radius_px) / STEP_PX)
     near = np.clip(points.step[:, None] + np.arange(-reach, reach), 0, white.counts.shape[1] - 1)
+    # The neighbouring rays count too: a glint between two rays is not missed.
     lightest = [white.counts[(points.ray[:, None] + turn) % len(white.counts), near].max(axis=1) for turn in (-1, 0, 1)]
     return np.asarray(np.max(lightest, axis=0) > max(around, own_white(white, radius_px)) + threshold_counts)
 
 
 def turned_away(points: RimPoints, middle_px: Floats, red: NDArray[np.float32]) -> Flags:
-    """Which rim points (n,) are not square to their radius: there a cover's edge runs over the disc, or is blurred into the rim."""
+    """Flags (n,) of rim points whose gradient is oblique to their radius: the edge of a cover, or one that is blurred into the rim.
+
+    `middle_px` is (2,), `red` the picture (height, width).
+    """
     if not len(points.px):
         return np.zeros(0, np.bool_)
     soft = cv2.GaussianBlur(red, (0, 0), DIRECTION_SMOOTHING_PX)
@@ -143,7 +162,7 @@ def turned_away(points: RimPoints, middle_px: Floats, red: NDArray[np.float32]) 
 
 
 def spill(redness: Rays, radius_px: float) -> float:
-    """Share of the rays that are still red well outside of the rim: more than a few, and the disc touches another red thing."""
+    """Share of the rays that are still red well outside the rim; more than a few mean that the disc touches another red thing."""
     own = float(np.median(redness.counts[:, _between(redness, *(share * radius_px for share in CORE))]))
     beyond = redness.counts[:, _between(redness, SPILL_FROM * radius_px, SPILL_TO * radius_px)]
     return float((np.median(beyond, axis=1) > 0.5 * own).mean())

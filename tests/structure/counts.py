@@ -261,14 +261,17 @@ def main() -> None:
         parser.add_argument(f"--{name}", metavar="PREFIX", nargs="?", const="rfca_rig")
     asked = parser.parse_args()
     modules = read_modules()
+    for prefix in (asked.shapes, asked.past_participles, asked.comments):
+        if prefix:
+            modules = {name: module for name, module in modules.items() if name.startswith(prefix)}
     if asked.shapes:
-        lines = [where for where, _, states in find_array_functions(modules) if not states and where.startswith(asked.shapes)]
+        lines = [where for where, _, states in find_array_functions(modules) if not states]
     elif asked.single_users:
         lines = [f"{name} is used by {user} alone" for name, user in find_single_users(modules) if name.startswith(asked.single_users)]
     elif asked.past_participles:
-        lines = [where for where in find_past_participles(modules) if where.startswith(asked.past_participles)]
+        lines = find_past_participles(modules)
     elif asked.comments:
-        lines = [f"{count_comments(one):3d} {name}" for name, one in modules.items() if name.startswith(asked.comments)]
+        lines = [f"{count_comments(one):3d} {name}" for name, one in modules.items()]
     else:
         lines = [f"{value:>8g}  {row}" for row, value in count_all().items()]
         lines += [f"{count:>8d}    {word}" for word, count in count_words().items()]

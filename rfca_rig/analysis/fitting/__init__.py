@@ -1,1 +1,1 @@
-"""Fits what the model believes of a rig to what was recorded of it."""
+"""Fits parameters of the nominal model to recordings."""

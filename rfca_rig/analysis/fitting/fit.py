@@ -1,4 +1,4 @@
-"""The most likely values, given recordings and prior: starts from all over the prior, scatter between strokes, standard errors."""
+"""Most probable parameter values, given recordings and prior: multiple starts, scatter between strokes, standard errors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,9 @@ from rfca_rig.executors.mapping import Failed, map_unordered
 
 Floats = NDArray[np.float64]
 
-SAME_POINT = 0.1
+# Starts agree if they end this close, in prior standard deviations, or within a standard error.
+AGREEMENT_STD = 0.1
+# Points of the prior that are evaluated for each start that is then taken.
 SCREENED_PER_START = 16
 
 
@@ -32,11 +34,11 @@ def _silent(simulated: int, chi2: float) -> None:
 
 @dataclass(frozen=True)
 class Search:
-    """How to search. `start` gives values to begin from, by parameter name; others begin where they are believed.
+    """How to search for the most probable point.
 
-    With `starts` above 1, further ones are the best of a Sobol screen of the prior, shifted by `rng`.
-    `progress` is told the number of suppositions computed so far and the chi2 of the last one. An `executor` descends from several starts
-    at once, to the same bits.
+    `start` gives values to begin from, by parameter name; others begin at their nominal value. With `starts` above 1, further starts are
+    the best of a Sobol sample of the prior, shifted by `rng`. `progress` receives the number of points computed so far and the chi2 of the
+    last one. An `executor` runs several descents at once, with bitwise the same result.
     """
 
     starts: int = 1
@@ -48,32 +50,48 @@ class Search:
 
 
 def fit(problem: Problem, space: Space[Supposed], search: Search | None = None, scatter: Mapping[str, float] | None = None) -> FitResult:
-    """The most likely point of `space`: least squares of the problem's residuals and of the prior's.
+    """The most probable point of `space`: least squares of the problem's residuals and of the prior's.
 
-    `scatter` names the parameters that differ from stroke to stroke, with the usual standard deviation in their units; empty for none.
-    Raises SimulationFailed where the model cannot be computed as believed.
+    Parameters
+    ----------
+    problem
+        Residuals to minimise.
+    space
+        Parameters with their priors.
+    search
+        Starts, limits and progress.
+    scatter
+        Parameters that differ from stroke to stroke, with the usual standard deviation in their units; empty for none.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the model cannot be computed at the nominal values.
     """
     search, scatter = search or Search(), dict(scatter or {})
     residuals = Residuals(problem, space, search.progress)
     if residuals.at([np.zeros(len(space.std))])[0] is None:
         raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in the leg or the ground")
+    # Whitening needs a point to linearise at. All starts share it, so that their costs can be compared.
     first = _first_point(space, search)
     _whiten(residuals, first, scatter)
-    runs = _descended(residuals, [first, *_screened(residuals, search)], search)
+    runs = _descend_all(residuals, [first, *_screen_prior(residuals, search)], search)
     best = min(runs, key=lambda run: float(run.cost))
     agreeing = _agreeing(residuals, runs, best)
     if scatter:
+        # The scatter is estimated at the solution, and the fit repeated once with it.
         scatter = _whiten(residuals, best.x, scatter, learn=True)
         best = descend(residuals, best.x, search.most_evaluations)
     return replace(_result(residuals, best), starts=Starts(len(runs), agreeing), scatter=scatter)
 
 
-def _descended(residuals: Residuals, starts: list[Floats], search: Search) -> list[OptimizeResult]:
+def _descend_all(residuals: Residuals, starts: list[Floats], search: Search) -> list[OptimizeResult]:
     """The descents in the order of their starts. Raises SimulationFailed where one was lost."""
     if search.executor is None:
         return [descend(residuals, start, search.most_evaluations) for start in starts]
     found: dict[int, OptimizeResult] = {}
     descent = partial(_descent, _Travelling.of(residuals.space), residuals.problem, residuals.whitening, search.most_evaluations)
+    # Results arrive in any order; they are put back into that of the starts, so that the choice of the best is reproducible.
     for (number, _), back in map_unordered(search.executor, descent, list(enumerate(starts))):
         if isinstance(back, Failed):
             raise SimulationFailed(f"the fit from start {number + 1} of {len(starts)} failed: {back.reason}")
@@ -85,7 +103,7 @@ def _descended(residuals: Residuals, starts: list[Floats], search: Search) -> li
 
 @dataclass(frozen=True)
 class _Travelling:
-    """A space whose parameters go by their names: their functions cannot leave a process."""
+    """A space that can be sent to another process: its parameters are given by name, because their functions cannot be pickled."""
 
     names: tuple[str, ...]
     centre: Supposed
@@ -103,7 +121,7 @@ class _Travelling:
 def _descent(
     space: _Travelling, problem: Problem, whitening: StrokeWhitening, most_evaluations: int, start: tuple[int, Floats]
 ) -> tuple[OptimizeResult, int]:
-    """One descent, wherever it is done, and how many suppositions it computed."""
+    """One descent, in whichever process, and the number of points that it computed."""
     residuals = Residuals(problem, space.space(), _silent, whitening)
     return descend(residuals, start[1], most_evaluations), residuals.computed
 
@@ -115,22 +133,25 @@ def _first_point(space: Space[Supposed], search: Search) -> Floats:
     return first
 
 
-def _screened(residuals: Residuals, search: Search) -> list[Floats]:
-    """The best of many points drawn evenly from the prior."""
+def _screen_prior(residuals: Residuals, search: Search) -> list[Floats]:
+    """The best of many points that cover the prior evenly."""
     if search.starts <= 1:
         return []
     dimensions = len(residuals.space.std)
+    # Sobol sequences are balanced only for powers of 2.
     exponent = int(np.ceil(np.log2(SCREENED_PER_START * search.starts)))
     shift = (search.rng or np.random.default_rng(0)).random(dimensions)
+    # A random shift modulo 1 (Cranley and Patterson) makes the sample random and keeps its even cover.
     shares = (qmc.Sobol(dimensions, scramble=False).random_base2(exponent) + shift) % 1.0
     lower, upper = residuals.space.bounds()
+    # The tails beyond 0.1 % are cut off: the normal quantile of 0 or 1 is infinite.
     points = list(np.clip(norm.ppf(np.clip(shares, 1e-3, 1.0 - 1e-3)), lower, upper))
     costs = [np.inf if r is None else float(r @ r) for r in residuals.at(points)]
     return [points[i] for i in np.argsort(costs, kind="stable")[: search.starts - 1]]
 
 
 def _whiten(residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn: bool = False) -> dict[str, float]:
-    """Frees the residuals of the scatter as it acts at x; with `learn` of what the strokes show of it. Returns its deviations."""
+    """Whitens the residuals with the scatter's effect at x; returns its deviations. With `learn` these are estimated from the strokes."""
     if not scatter:
         return {}
     stroke_of_row = residuals.problem.stroke_of_row
@@ -139,6 +160,7 @@ def _whiten(residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn
     around = Space(parameters, residuals.space.at(x), spread, np.zeros(len(spread), dtype=bool))
     deviations = Residuals(residuals.problem, around, residuals.progress)
     std = np.array(list(scatter.values()))
+    # The Jacobian counts steps of `spread`; dividing by it gives the effect per unit of each parameter.
     effect = deviations.jacobian(np.zeros(len(std))) / spread
     if learn:
         std = found_scatter(std, effect * std, deviations(np.zeros(len(std))), stroke_of_row)
@@ -148,9 +170,9 @@ def _whiten(residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn
 
 
 def _agreeing(residuals: Residuals, runs: list[OptimizeResult], best: OptimizeResult) -> int:
-    """How many starts ended within a standard error, or a tenth of a prior's, of the best."""
+    """Number of starts that ended within a standard error, or a tenth of a prior's, of the best one."""
     covariance, _ = _covariance(residuals, best)
-    near = np.maximum(SAME_POINT, np.sqrt(np.diag(covariance)))
+    near = np.maximum(AGREEMENT_STD, np.sqrt(np.diag(covariance)))
     return sum(bool((np.abs(run.x - best.x) < near).all()) for run in runs)
 
 

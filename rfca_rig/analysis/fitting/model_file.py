@@ -1,4 +1,4 @@
-"""A fitted model as a model file: what the fit moved, how well that is known now, and what it was fitted to."""
+"""Writes a fitted model as a model file: fitted values, their new uncertainties, and the sources of the fit."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -17,9 +17,23 @@ HEIGHT_OFFSET = "height_offset"
 def write_model_file(
     path: Path, result: FitResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Iterable[str]
 ) -> None:
-    """Writes the fitted model, all or nothing; `nominal` and `known_to` are the sections it began from, `sources` name the recordings.
+    """Write the fitted model, all or nothing.
 
-    Raises RigError where the disk refuses.
+    Parameters
+    ----------
+    path
+        File to write.
+    result
+        The fit.
+    nominal, known_to
+        Sections that the fit began from.
+    sources
+        Names of the recordings.
+
+    Raises
+    ------
+    RigError
+        Where the disk refuses.
     """
     supposed = result.supposed
     sections = fitted_sections(nominal, supposed.rig, supposed.height_offset_m)
@@ -28,12 +42,13 @@ def write_model_file(
 
 
 def fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offset_m: float = 0.0) -> dict[str, Any]:
-    """The sections leg, ground, sensor, drive and effects with the numbers of `rig`; what the model does not know is kept from `nominal`.
+    """The sections leg, ground, sensor, drive and effects with the numbers of `rig`; values outside the model are kept from `nominal`.
 
-    A rack that stands higher than it was said to becomes the effect that says so.
+    A rack that stands higher than stated is written as an effect.
     """
     leg, ground = rig.leg, rig.ground
     return {
+        # Nominal keys come first: those without a counterpart in the model are kept.
         "leg": {
             **nominal["leg"],
             "link_lengths_mm": [1e3 * length_m for length_m in leg.link_lengths_m],
@@ -62,36 +77,38 @@ def fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offset_m: 
 
 
 def _springs(nominal: Mapping[str, Any], leg: Leg) -> dict[str, Any]:
-    """k0 and k2, or the curve with the factor that a fit put on it."""
+    """k0 and k2, or the curve multiplied by the fitted factor."""
     if leg.torque_splines:
         return {"torque_rotation": scaled_keys(nominal["torque_rotation"], leg.k0_Nm_per_rad)}
     return {"k0_Nm_per_rad": leg.k0_Nm_per_rad, "k2_per_rad2": leg.k2_per_rad2}
 
 
 def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:
-    """Those of the rig; an offset adds to one that was believed already."""
+    """The effects of the rig; a height offset is added to one that the nominal model already has."""
     effects = [
         {"id": present.id, "parameters": dict(present.values), **({} if present.table is None else asdict(present.table))}
         for present in rig.effects
     ]
     if not offset_mm:
         return effects
+    # The nominal model already contains this offset, so the fitted one is added to it.
     nominal_mm = sum(dict(present.values)["offset_mm"] for present in rig.effects if present.id == HEIGHT_OFFSET)
     others = [effect for effect in effects if effect["id"] != HEIGHT_OFFSET]
     return [*others, {"id": HEIGHT_OFFSET, "parameters": {"offset_mm": nominal_mm + offset_mm}}]
 
 
 def fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict[str, float]:
-    """[known_to] with the standard errors in place of what was stated before; what was not fitted stays as it was stated."""
+    """[known_to] with the standard errors of the fit in place of the values stated before; others stay as stated."""
     found = {key: float(value) for key, value in known_to.items() if value is not None}
     for fitted, parameter in zip(result.parameters, result.space.parameters, strict=True):
         if parameter.known_to is not None:
+            # Keys of relative parameters are shares of the value.
             found[parameter.known_to] = fitted.std / abs(fitted.value) if parameter.relative else fitted.std
     return found
 
 
 def _remarks(result: FitResult) -> list[str]:
-    """What the sections do not say of what was fitted."""
+    """Comments on fitted parameters that have no key in the sections."""
     fitted = zip(result.parameters, result.space.parameters, strict=True)
     return [_remark(found) for found, parameter in fitted if found.name == "height" or parameter.known_to is None]
 

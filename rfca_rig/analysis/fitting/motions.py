@@ -1,4 +1,4 @@
-"""The strokes that have to be simulated: one for repeats that are alike, with the shaft turning as told, on average, or as recorded."""
+"""Shaft motions to simulate: one for repeats that are alike, with the shaft as commanded, on average, or as recorded."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,8 @@ from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
 
-SAME_TURN_RAD = 5e-4  # what encoder noise of 1 mrad leaves after smoothing; moves the touchdown of a stroke by 0.2 ms
+# Encoder noise of 1 mrad leaves this much after smoothing; it moves the touchdown of a stroke by 0.2 ms.
+SAME_TURN_RAD = 5e-4
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,8 @@ class StrokeMotion:
     strokes_before: tuple[int, ...] = ()
 
     def simulated(self, supposed: Supposed) -> SimulatedStroke:
-        """The stroke on a grid of half milliseconds from the start. Raises SimulationFailed."""
+        """Simulate the stroke on a grid of half milliseconds from the start. Raises SimulationFailed."""
+        # Two samples beyond the end, so that interpolation at the last measured moment never leaves the grid.
         t_s = GRID_S * np.arange(0, int(np.ceil(self.end_s / GRID_S)) + 2, dtype=np.float64)
         return stroke_following(
             supposed.rig, self.height_m + supposed.height_offset_m, self._motion(supposed), t_s, None, self.strokes_before
@@ -44,19 +46,29 @@ class StrokeMotion:
             leg, drive = supposed.rig.leg, supposed.rig.drive
             return ramp_to_speed(leg.start_angle_rad, self.speed_rad_s, drive.ramp_s, self.end_s)
         coefficients = self.motion.coefficients.copy()
+        # Only the constant term of each polynomial piece shifts the angle.
         coefficients[:, 0] += supposed.turn_offset_rad
         return replace(self.motion, coefficients=coefficients)
 
 
 def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) -> tuple[tuple[StrokeMotion, ...], tuple[int, ...]]:
-    """The turns of a condition, each to `end_s`, and for each of its strokes which of them is its own.
+    """Shaft motions of a condition, each to `end_s`, and for each stroke the index of its motion.
 
-    `shaft` as in `analysis.matched_simulation`. With "recorded", repeats whose smoothed turns differ by less than 0.5 mrad share the first
-    one's; a stroke whose shaft angle was not recorded turns at its average speed.
+    Parameters
+    ----------
+    condition
+        Strokes of one height and speed.
+    shaft
+        As in `analysis.matched_simulation`. With "recorded", repeats whose smoothed turns differ by less than 0.5 mrad share one motion. A
+        stroke without a recorded angle turns at its average speed.
+    ramp_s
+        Duration of the drive's ramp.
+    end_s
+        End of the simulation.
     """
     before = condition.strokes_before
     if shaft == "recorded":
-        return _distinct([replace(_recorded(stroke, ramp_s, end_s), strokes_before=before) for stroke in condition.strokes])
+        return _distinct([replace(_motion_of(stroke, ramp_s, end_s), strokes_before=before) for stroke in condition.strokes])
     speed_rad_s = condition.speed_rad_s
     if shaft == "average":
         speed_rad_s = float(np.mean([average_speed(stroke, ramp_s).speed_rad_s for stroke in condition.strokes]))
@@ -64,13 +76,13 @@ def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) ->
 
 
 def recorded_start_rad(strokes: Sequence[Stroke]) -> float | None:
-    """Mean shaft angle before the start over all strokes that recorded it; None where none did."""
+    """Mean shaft angle before the start over all strokes that recorded it; None where no stroke did."""
     angles = [stroke.channel("shaft_angle_rad") for stroke in strokes]
     starts = [float(trace[1][trace[0] <= 0.0].mean()) for trace in angles if trace is not None and (trace[0] <= 0.0).any()]
     return float(np.mean(starts)) if starts else None
 
 
-def _recorded(stroke: Stroke, ramp_s: float, end_s: float) -> StrokeMotion:
+def _motion_of(stroke: Stroke, ramp_s: float, end_s: float) -> StrokeMotion:
     angle = stroke.channel("shaft_angle_rad")
     if angle is None:
         return StrokeMotion(stroke.height_m, average_speed(stroke, ramp_s).speed_rad_s, None, end_s)
@@ -78,14 +90,14 @@ def _recorded(stroke: Stroke, ramp_s: float, end_s: float) -> StrokeMotion:
 
 
 def _distinct(turns: Sequence[StrokeMotion]) -> tuple[tuple[StrokeMotion, ...], tuple[int, ...]]:
-    kept: list[StrokeMotion] = []
+    distinct: list[StrokeMotion] = []
     own: list[int] = []
     for turn in turns:
-        alike = next((i for i, other in enumerate(kept) if _same(turn, other)), len(kept))
-        if alike == len(kept):
-            kept.append(turn)
+        alike = next((i for i, other in enumerate(distinct) if _same(turn, other)), len(distinct))
+        if alike == len(distinct):
+            distinct.append(turn)
         own.append(alike)
-    return tuple(kept), tuple(own)
+    return tuple(distinct), tuple(own)
 
 
 def _same(turn: StrokeMotion, other: StrokeMotion) -> bool:

@@ -1,4 +1,4 @@
-"""What can be fitted: every number of the nominal model, the height of the rack, and the angle at which the shaft starts."""
+"""Parameters that can be fitted: values of the nominal model, the height of the rack, and the start angle of the shaft."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,8 +17,8 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Supposed:
-    """What one simulation supposes: a rig, how much higher the rack stands than it was said to, what the encoder reads too little, and how
-    late the drive does what it is told.
+    """Values that one simulation uses: a rig, the true height of the rack above the stated one, the angle by which the encoder reads too
+    little, and the delay of the drive behind its command.
     """
 
     rig: RigModel
@@ -27,7 +27,7 @@ class Supposed:
     command_delay_s: float = 0.0
 
     def with_effects(self, effects: tuple[PresentEffect, ...]) -> Self:
-        """The same with these effects beside those that the rig has."""
+        """The same with these effects added to those of the rig."""
         return replace(self, rig=replace(self.rig, effects=(*self.rig.effects, *effects)))
 
 
@@ -40,6 +40,7 @@ def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0,
 
 
 def _k2_per_rad2(at: Supposed) -> float:
+    # A leg with a measured curve has no k2; scaling it would change nothing without notice.
     if at.rig.leg.torque_splines:
         raise BadInput("k2: the hinges of this leg follow a measured curve (leg.torque_rotation), which has none; take k0, which scales it")
     return at.rig.leg.k2_per_rad2
@@ -62,7 +63,7 @@ def _with_lever(at: Supposed, lever_mm: float) -> Supposed:
     return replace(at, rig=replace(at.rig, ground=replace(at.rig.ground, friction_lever_m=1e-3 * lever_mm)))
 
 
-def _shifted(name: str, field: str, unit: str, spread: float, known_to: str, lowest: float = 0.0) -> FitParameter[Supposed]:
+def _shift_of_ground(name: str, field: str, unit: str, spread: float, known_to: str, lowest: float = 0.0) -> FitParameter[Supposed]:
     return replace(_of_ground(name, field, unit, spread, known_to), relative=False, lowest=lowest)
 
 
@@ -71,6 +72,7 @@ def _mass_g(at: Supposed) -> float:
 
 
 def _with_mass(at: Supposed, mass_g: float) -> Supposed:
+    # The distribution of mass along the leg stays.
     share = mass_g / _mass_g(at)
     masses_kg = tuple(share * mass_kg for mass_kg in at.rig.leg.link_masses_kg)
     return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, link_masses_kg=masses_kg)))
@@ -81,7 +83,7 @@ def _start_deg(at: Supposed) -> float:
 
 
 def _with_start(at: Supposed, start_deg: float) -> Supposed:
-    """A shaft that follows a recording turns by as much more as the leg is supposed to start later than before."""
+    """Sets the start angle. A shaft that follows a recording is turned by the same difference."""
     start_rad = float(np.radians(start_deg))
     turn_rad = at.turn_offset_rad + start_rad - at.rig.leg.start_angle_rad
     return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, start_angle_rad=start_rad)), turn_offset_rad=turn_rad)
@@ -103,14 +105,14 @@ PARAMETERS: Mapping[str, FitParameter[Supposed]] = {
         _of_leg("hinge_damping", "hinge_damping_Nm_s_per_rad", "N m s/rad", 0.5, known_to="hinge_damping_relative"),
         FitParameter("mass", "g", True, 0.02, _mass_g, _with_mass, "mass_relative"),
         _of_leg("link_radius", "link_radius_m", "mm", 0.3, scale=1e3),
-        _shifted("friction", "friction_coefficient", "", 0.1, "friction_coefficient"),
+        _shift_of_ground("friction", "friction_coefficient", "", 0.1, "friction_coefficient"),
         _of_ground("contact_stiffness", "stiffness_N_per_m1p5", "N/m1.5", 0.5, "contact_stiffness_relative"),
         _of_ground("contact_damping", "damping_s_per_m", "s/m", 0.5),
         _of_ground("presliding", "presliding_m", "mm", 0.5, "presliding_relative", 1e3),
         FitParameter("friction_lever", "mm", False, 4.0, lambda at: 1e3 * at.rig.friction_lever_m, _with_lever),
-        _shifted("friction_rise", "friction_rise_share", "", 0.5, "friction_rise_share", lowest=-np.inf),
-        _shifted("leaving_damping", "leaving_damping_share", "", 0.5, "leaving_damping_share"),
-        _shifted("tangential_damping", "drag_N_s_per_m", "N s/m", 1.0, "tangential_damping_N_s_per_m"),
+        _shift_of_ground("friction_rise", "friction_rise_share", "", 0.5, "friction_rise_share", lowest=-np.inf),
+        _shift_of_ground("leaving_damping", "leaving_damping_share", "", 0.5, "leaving_damping_share"),
+        _shift_of_ground("tangential_damping", "drag_N_s_per_m", "N s/m", 1.0, "tangential_damping_N_s_per_m"),
         FitParameter("below_shaft", "mm", False, 2.0, lambda at: 1e3 * at.rig.sensor.below_shaft_m, _with_below_shaft),
         FitParameter("ramp", "ms", True, 0.2, lambda at: 1e3 * at.rig.drive.ramp_s, _with_ramp),
         FitParameter("start_angle", "deg", False, 0.5, _start_deg, _with_start, "start_angle_deg"),
@@ -125,13 +127,14 @@ PARAMETERS: Mapping[str, FitParameter[Supposed]] = {
 def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, float]) -> Space[Supposed]:
     """The space of the named parameters around `centre`; without names, of all that `known_to` lists.
 
-    `known_to` is the section of that name: one standard deviation per key; a parameter it leaves out has no prior. Raises BadInput for a
-    name that is not known or comes twice, and where nothing is left to fit.
+    `known_to` is the section of that name: one standard deviation per key. A parameter without a key has no prior. Raises BadInput for a
+    name that is unknown or given twice, and where nothing is left to fit.
     """
     chosen = named(names) or tuple(p for p in PARAMETERS.values() if known_to.get(p.known_to or ""))
     if not chosen:
         raise BadInput(f"nothing to fit: the recording has no [known_to]; name parameters: {', '.join(PARAMETERS)}")
     for parameter in chosen:
+        # Relative parameters are multiplied by exp(std x), which cannot leave 0.
         if parameter.relative and parameter.read(centre) == 0.0:
             raise BadInput(f"{parameter.name} is believed to be 0 {parameter.unit} and can only be scaled; believe a small value instead")
     stated = [known_to.get(p.known_to or "") for p in chosen]
@@ -140,7 +143,7 @@ def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, floa
 
 
 def named(names: Sequence[str]) -> tuple[FitParameter[Supposed], ...]:
-    """The parameters of these names. Raises BadInput for a name that is not known or comes twice."""
+    """The parameters of these names. Raises BadInput for a name that is unknown or given twice."""
     if len(set(names)) < len(names):
         raise BadInput(f"a parameter is named twice in {', '.join(names)}")
     return tuple(_parameter(name) for name in names)

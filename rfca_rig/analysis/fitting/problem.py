@@ -1,4 +1,4 @@
-"""What the solver needs of anything it fits: residuals for many suppositions at once."""
+"""Interface of a fit problem: residuals for many points at once."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -12,13 +12,13 @@ Floats = NDArray[np.float64]
 
 
 class Problem(Protocol):
-    """Residuals are simulated minus measured, each over its own standard deviation."""
+    """Residuals (m,) are simulated minus measured, each over its own standard deviation."""
 
     @property
     def stroke_of_row(self) -> NDArray[np.intp]:
-        """For each residual the stroke it belongs to, (m,): what differs from stroke to stroke moves its residuals together."""
+        """Index of the stroke of each residual, (m,): scatter from stroke to stroke moves the residuals of one stroke together."""
         ...
 
     def residuals(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
-        """Residuals (m,) for each supposition; None where the model cannot be computed for it."""
+        """Residuals (m,) at each point; None where the model cannot be computed."""
         ...

@@ -1,11 +1,12 @@
-"""Recorded strokes against simulated ones: force and torque over a window of the stroke, averaged over short bins.
+"""Residuals between recorded and simulated strokes: force and torque over a window of the stroke, averaged over short bins.
 
-Samples at 1 kHz and more are no independent witnesses of a leg that swings in tenths of seconds: bins of 5 ms lose nothing of it.
+Samples at 1 kHz and more are not independent observations of a leg that swings in tenths of seconds. Bins of 5 ms lose no information on
+it.
 
-By default a stroke counts from 200 ms after touchdown to its valley. Before, the model misses a leg that was not quite at rest and the
-stuttering of the first contact, by several times the noise, and a fit would pay for that with mass and friction. After the valley the
-leg lets go, and small differences grow large: a model that is right in everything misses release and rebound.
-In between it meets campaigns with nothing left out to the noise, once what differs from stroke to stroke is allowed for.
+By default a stroke counts from 200 ms after touchdown to its valley. Before that, the model misses a leg that was not quite at rest and the
+chatter of the first contact, by several times the noise. A fit would then compensate with mass and friction. After the valley the leg is
+released and small differences grow: even a model without any omission misses release and rebound. In between, it agrees with campaigns
+without omitted physics to the noise, once the scatter from stroke to stroke is allowed for.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,12 +32,13 @@ from rfca_rig.suggestions import suggestion
 Floats = NDArray[np.float64]
 
 CHANNELS = ("fz_N", "fy_N", "tx_Nm")
+# Bins over which samples are averaged into one residual.
 BIN_S = 0.005
 
 
 @dataclass(frozen=True)
 class StrokeWindow:
-    """Which part of a stroke counts: its phases, without the first `after_touchdown_s` of contact."""
+    """The part of a stroke that counts: its phases, without the first `after_touchdown_s` of contact."""
 
     phases: tuple[str, ...] = ("loading",)
     after_touchdown_s: float = 0.2
@@ -47,7 +49,7 @@ class StrokeWindow:
                 raise BadInput(f"{phase!r} is no phase of a stroke; {suggestion(phase, PHASES)}")
 
     def inside(self, t_s: Floats, found: StrokePhases) -> NDArray[np.bool_]:
-        """Whether each moment of a stroke counts, same shape as `t_s`. Rest never does: there the model hangs still."""
+        """Whether each moment of a stroke counts, same shape as `t_s`. Rest never counts, because there the model is at rest."""
         ringing = (t_s >= found.touchdown_s) & (t_s < found.touchdown_s + self.after_touchdown_s)
         wanted = np.isin(found.number(t_s), [PHASES.index(phase) for phase in self.phases])
         return np.asarray(wanted & ~ringing & (t_s > 0.0))
@@ -60,7 +62,7 @@ class StrokeWindow:
 
 @dataclass(frozen=True)
 class ChannelResiduals:
-    """One channel of a stroke within the window: samples (k,), where each bin of them begins (b,), and a bin's noise (b,)."""
+    """One channel of a stroke within the window: samples (k,), index of the first sample of each bin (b,), noise of each bin mean (b,)."""
 
     channel: str
     t_s: Floats
@@ -74,14 +76,14 @@ class ChannelResiduals:
         return np.asarray(np.interp(self.t_s, simulated.t_s, getattr(simulated, self.channel)) - self.values)
 
     def residuals(self, simulated: SimulatedStroke) -> Floats:
-        """The same as means of bins over their noise, (b,)."""
+        """The same as bin means over their noise, (b,)."""
         counts = np.diff(np.append(self.bins, len(self.t_s)))
         return np.asarray(np.add.reduceat(self.misses(simulated), self.bins) / counts / self.bin_noise)
 
 
 @dataclass(frozen=True)
 class MeasuredStroke:
-    """A stroke's traces, and the place of its turn among those that are simulated."""
+    """A stroke's traces, and the index of its shaft motion among those that are simulated."""
 
     traces: tuple[ChannelResiduals, ...]
     turn: int
@@ -89,7 +91,7 @@ class MeasuredStroke:
 
 @dataclass(frozen=True)
 class StrokeProblem:
-    """All strokes of a fit. `left_out` says in words which strokes could not be used and why."""
+    """All strokes of a fit. `left_out` states in words which strokes could not be used and why. Rows are (m,), stroke by stroke."""
 
     turns: tuple[StrokeMotion, ...]
     strokes: tuple[MeasuredStroke, ...]
@@ -97,10 +99,12 @@ class StrokeProblem:
 
     @property
     def stroke_of_row(self) -> NDArray[np.intp]:
+        """Index of the stroke of each row, (m,)."""
         return np.repeat(np.arange(len(self.strokes)), [sum(len(t.bins) for t in stroke.traces) for stroke in self.strokes])
 
     def residuals(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
-        return [None if simulated is None else self._against(simulated) for simulated in self._simulated(supposed)]
+        """Residuals (m,) at each point, in units of noise; None where the model cannot be computed."""
+        return [None if simulated is None else self._against(simulated) for simulated in self._simulate_all(supposed)]
 
     def rms(self, supposed: Supposed) -> dict[str, float]:
         """Root mean square of simulated minus measured by channel, sample by sample. Raises SimulationFailed."""
@@ -111,7 +115,7 @@ class StrokeProblem:
         return {channel: float(np.sqrt(np.mean(np.concatenate(all_) ** 2))) for channel, all_ in misses.items()}
 
     def noise(self) -> dict[str, float]:
-        """Root mean square of the noise by channel, one sample's."""
+        """Root mean square of the noise of one sample, by channel."""
         found: dict[str, list[float]] = {}
         for _, trace in self._all_traces():
             found.setdefault(trace.channel, []).append(trace.sample_noise)
@@ -123,18 +127,20 @@ class StrokeProblem:
     def _against(self, simulated: Sequence[SimulatedStroke]) -> Floats:
         return np.concatenate([trace.residuals(simulated[stroke.turn]) for stroke, trace in self._all_traces()])
 
-    def _simulated(self, supposed: Sequence[Supposed]) -> Iterator[list[SimulatedStroke] | None]:
-        """The compiled model releases the interpreter lock, so that threads simulate side by side."""
+    def _simulate_all(self, supposed: Sequence[Supposed]) -> Iterator[list[SimulatedStroke] | None]:
+        """Simulates all motions at all points. The compiled model releases the interpreter lock, so threads run in parallel."""
         with ThreadPoolExecutor(cores()) as pool:
+            # One flat list of all points and motions keeps every core busy until the end.
             strokes = list(pool.map(_attempt, product(supposed, self.turns)))
         turns = len(self.turns)
         for first in range(0, len(strokes), turns):
+            # A point counts only if all of its motions could be simulated.
             found = [stroke for stroke in strokes[first : first + turns] if stroke is not None]
             yield found if len(found) == turns else None
 
 
 def _attempt(job: tuple[Supposed, StrokeMotion]) -> SimulatedStroke | None:
-    """None where the model has no answer, which the solver takes as: not here."""
+    """None where the model cannot be computed; the solver then rejects this point."""
     supposed, turn = job
     try:
         return turn.simulated(supposed)
@@ -149,10 +155,25 @@ def problem_of(
     shaft: Shaft = "recorded",
     window: StrokeWindow | None = None,
 ) -> StrokeProblem:
-    """All strokes of the conditions that have a valley, to be fitted within `window`.
+    """Make the fit problem of all strokes that have a valley.
 
-    `noise_std` is the sensor's, per channel; where it is not stated the noise is taken from neighbouring samples. `shaft` as in
-    `analysis.matched_simulation`. Raises BadInput where no stroke can be used.
+    Parameters
+    ----------
+    conditions
+        Recorded strokes, by height and speed.
+    ramp_s
+        Duration of the drive's ramp.
+    noise_std
+        Standard deviation of the sensor's noise, by channel; where it is not stated, the noise is estimated from neighbouring samples.
+    shaft
+        As in `analysis.matched_simulation`.
+    window
+        The part of a stroke that counts.
+
+    Raises
+    ------
+    BadInput
+        Where no stroke can be used.
     """
     turns: list[StrokeMotion] = []
     strokes: list[MeasuredStroke] = []
@@ -163,9 +184,10 @@ def problem_of(
         usable = [(stroke, traces) for stroke, traces in found if not isinstance(traces, Refused)]
         if not usable:
             continue
+        # Simulations end with the last sample that counts; the time after it costs and is not compared.
         end_s = max(float(trace.t_s[-1]) for _, traces in usable for trace in traces)
-        kept = Condition(condition.height_m, condition.speed_rad_s, tuple(stroke for stroke, _ in usable))
-        own_turns, own = turns_of(kept, shaft, ramp_s, end_s)
+        usable_condition = Condition(condition.height_m, condition.speed_rad_s, tuple(stroke for stroke, _ in usable))
+        own_turns, own = turns_of(usable_condition, shaft, ramp_s, end_s)
         strokes += [MeasuredStroke(traces, len(turns) + place) for (_, traces), place in zip(usable, own, strict=True)]
         turns += own_turns
     if not strokes:
@@ -174,7 +196,7 @@ def problem_of(
 
 
 def _traces(stroke: Stroke, noise_std: Mapping[str, float | None], window: StrokeWindow) -> tuple[ChannelResiduals, ...] | Refused:
-    """The traces of a stroke within the window; refused where it has no valley, without which its phases are not known."""
+    """The traces of a stroke within the window. Refused where it has no valley, because its phases are then unknown."""
     fz = stroke.channel("fz_N")
     if fz is None:
         return Refused("fz was not recorded, and with it not when the leg touched")
@@ -194,14 +216,16 @@ def _trace(stroke: Stroke, channel: str, window: StrokeWindow, found: StrokePhas
     if not inside.any():
         return None
     sample_noise = noise or _noise(values)
+    # First sample of each bin, on a common grid of time, also with uneven samples.
     bins = np.flatnonzero(np.diff(np.floor(t_s[inside] / BIN_S), prepend=-1.0))
     counts = np.diff(np.append(bins, inside.sum()))
     return ChannelResiduals(channel, t_s[inside], values[inside], bins, sample_noise / np.sqrt(counts), sample_noise)
 
 
 def _noise(values: Floats) -> float:
-    """From second differences, which a smooth force leaves alone; the median is deaf to the jumps of a touchdown.
+    """Noise of one sample from second differences, which a smooth force leaves small. The median ignores the jumps of a touchdown.
 
-    A difference 1, -2, 1 of white noise has sqrt 6 times its deviation, and 0.6745 of a deviation is the median magnitude.
+    A difference 1, -2, 1 of white noise has sqrt(6) times its deviation, and the median magnitude is 0.6745 deviations.
     """
+    # A constant trace has no noise to divide by; 1.0 then keeps the weights finite.
     return float(np.median(np.abs(np.diff(values, 2)))) / 0.6745 / np.sqrt(6.0) or 1.0

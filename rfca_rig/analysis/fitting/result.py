@@ -1,4 +1,4 @@
-"""What a fit found, and how far it can be trusted."""
+"""Result of a fit, and how far it can be trusted."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,32 +12,33 @@ from rfca_rig.analysis.fitting.space import Space
 
 Floats = NDArray[np.float64]
 
+# Pairs above it are reported.
 HIGH_CORRELATION = 0.9
 
 
 def correlation_of(covariance: Floats) -> Floats:
-    """Correlations (p, p) of a covariance."""
+    """Correlations (p, p) of a covariance (p, p)."""
     std = np.sqrt(np.diag(covariance))
     return np.asarray(covariance / np.outer(std, std))
 
 
 def correlated_pairs(names: Sequence[str], covariance: Floats) -> list[tuple[str, str, float]]:
-    """Pairs of parameters that recordings can hardly tell apart: correlated above HIGH_CORRELATION."""
+    """Pairs of parameters that the recordings hardly distinguish: |correlation| above HIGH_CORRELATION in a covariance (p, p)."""
     correlation = correlation_of(covariance)
     pairs = [(i, j) for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > HIGH_CORRELATION]
     return [(names[j], names[i], float(correlation[i, j])) for i, j in pairs]
 
 
 def describe_pair(pair: tuple[str, str, float]) -> str:
-    """One of these pairs in words."""
+    """One such pair in words."""
     return f"{pair[0]} and {pair[1]} are correlated to {pair[2]:+.2f}: the recordings hardly tell them apart"
 
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """One parameter in `unit`. `prior_std` is None where nothing was stated; then `shift_in_std` counts its own `std` instead.
+    """One parameter in `unit`. `prior_std` is None where no prior was stated; then `shift_in_std` counts its own `std` instead.
 
-    `at_bound`: it wanted to go farther than five standard deviations of the prior, or below what is physical.
+    `at_bound`: the fit stopped at five standard deviations of the prior, or at a physical limit.
     """
 
     name: str
@@ -52,7 +53,7 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class Starts:
-    """How many starts there were, and how many ended where the best one did: the sign that there is one answer."""
+    """How many starts there were, and how many ended at the best point, which indicates a unique answer."""
 
     count: int
     agreeing: int
@@ -62,9 +63,9 @@ class Starts:
 class FitResult:
     """The best point of a fit.
 
-    `covariance` (p, p) is that of x, the coordinates of `space`. `chi2_before` and `chi2` are sums of the `residuals` whitened squares,
-    the prior's share left out. `rms_before`, `rms` and `noise` are by channel; `scatter` is what differs from stroke to stroke, by
-    parameter, one standard deviation. `errors_from` says in words where the standard errors come from.
+    `x` (p,) are the coordinates of `space`, and `covariance` (p, p) is theirs. `chi2_before` and `chi2` are sums of the `residuals`
+    whitened squares, without the prior's share. `rms_before`, `rms` and `noise` are by channel. `scatter` is one standard deviation of what
+    differs from stroke to stroke, by parameter. `errors_from` describes the source of the standard errors.
     """
 
     space: Space[Supposed]
@@ -93,6 +94,7 @@ class FitResult:
     @property
     def parameters(self) -> tuple[FittedParameter, ...]:
         """The fitted values, in the order of the space."""
+        # Errors are first computed in the coordinates of the space, where the fit is nearly linear, and then converted.
         std_x = np.sqrt(np.diag(self.covariance))
         stds, values = self.space.std_in_units(self.x, std_x), self.space.values(self.x)
         return tuple(self._parameter(i, float(values[i]), float(stds[i]), float(std_x[i])) for i in range(len(self.x)))
@@ -106,23 +108,25 @@ class FitResult:
             prior_std=float(self.space.prior_std[i]) if has_prior else None,
             value=value,
             std=std,
+            # With a prior, x counts prior standard deviations by definition.
             shift_in_std=float(self.x[i]) if has_prior else float(self.x[i]) / std_x,
             at_bound=bool(self.at_bound[i]),
         )
 
     @property
     def correlation(self) -> Floats:
-        """Of the parameters' errors, (p, p)."""
+        """Correlation of the parameters' errors, (p, p)."""
         return correlation_of(self.covariance)
 
     def high_correlations(self) -> list[tuple[str, str, float]]:
-        """Pairs that the recordings can hardly tell apart."""
+        """Pairs that the recordings hardly distinguish."""
         return correlated_pairs(self.space.names, self.covariance)
 
     def plain(self) -> dict[str, Any]:
         """Everything as plain data, for JSON."""
         return {
             "format": "rfca-fit/1",
+            # The key keeps its older name, because it is part of the file format.
             "parameters": [{"believed" if name == "nominal" else name: of for name, of in vars(p).items()} for p in self.parameters],
             "correlation": [[round(float(c), 4) for c in row] for row in self.correlation],
             "chi2_before": self.chi2_before,
@@ -139,7 +143,7 @@ class FitResult:
         }
 
     def lines(self) -> list[str]:
-        """The same for a person."""
+        """The result as lines for a terminal."""
         return [
             f"{'parameter':<19}{'nominal':>11}{'prior std':>10}{'fitted':>11}{'std':>9}{'shift':>8}  unit",
             *(_line(parameter) for parameter in self.parameters),

@@ -1,9 +1,9 @@
-"""What differs from stroke to stroke, so that it is not taken for what all strokes share.
+"""Scatter between strokes, kept apart from the parameters that all strokes share.
 
-The rack stands a tenth of a millimetre elsewhere each time, the floor grips a little more, the encoder reads a little less: each moves all
-values of a stroke together, by more than the noise. They are taken as drawn anew for each stroke, with a standard deviation that is found
-from the strokes themselves where there are enough (expectation maximisation: Laird and Ware, Biometrics 38 (1982) 963), and residuals
-are freed of them before they are squared and summed.
+The rack stands a tenth of a millimetre elsewhere each time, friction is a little higher, the encoder reads a little less. Each of these
+moves all values of a stroke together, by more than the noise. They are modelled as random for each stroke. Their standard deviation is
+estimated from the strokes where there are enough (expectation maximisation: Laird and Ware, Biometrics 38 (1982) 963). The residuals are
+whitened with them before they are squared and summed.
 """
 
 from collections.abc import Mapping
@@ -16,37 +16,52 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 USUAL: Mapping[str, float] = {"height": 0.15, "friction": 0.008, "start_angle": 0.1}  # mm, 1, deg
+# Strokes from which on the deviations are estimated, and rounds of expectation maximisation.
 ENOUGH_STROKES = 6
 ROUNDS = 30
 
 
 @dataclass(frozen=True)
 class StrokeWhitening:
-    """Turns residuals whose strokes have something in common into independent ones of variance 1.
+    """Transforms residuals that are correlated within a stroke into independent ones of variance 1.
 
-    `parts` holds for each stroke its rows, the directions U (m_s, k) in which its values move together, and how much to shrink them (k,).
+    `parts` holds for each stroke its rows, the directions U (m_s, k) in which its values move together, and their shrinkage (k,).
     """
 
     parts: tuple[tuple[slice, Floats, Floats], ...] = ()
 
     def __call__(self, values: Floats) -> Floats:
-        """Of residuals (m,) or of a Jacobian (m, p): C^(-1/2) of each stroke with C = 1 + B B^T."""
+        """C^(-1/2) of each stroke applied to residuals (m,) or a Jacobian (m, p), with C = 1 + B B^T."""
         white = values.copy()
         for rows, directions, shrink in self.parts:
+            # C^(-1/2) differs from 1 only along the directions of B, so no (m, m) matrix is needed.
             white[rows] -= directions @ (shrink * (directions.T @ values[rows]).T).T
         return white
 
 
 def whitening_of(effect: Floats, stroke_of_row: NDArray[np.intp]) -> StrokeWhitening:
-    """From what one standard deviation of each scattering quantity does, `effect` (m, k); rows of a stroke are adjacent."""
+    """Whitening for `effect` (m, k), the change per standard deviation of each scattering quantity; rows of a stroke are adjacent."""
     return StrokeWhitening(tuple(_part(rows, effect[rows]) for rows in _slices(stroke_of_row)))
 
 
 def found_scatter(std: Floats, effect: Floats, residuals: Floats, stroke_of_row: NDArray[np.intp]) -> Floats:
-    """The standard deviations (k,) under which the residuals at the solution are likeliest, from the usual ones `std` on.
+    """Most likely standard deviations (k,) of the scatter, given the residuals at the solution, starting from the usual ones `std`.
 
-    `effect` (m, k) is that of `std`. Deviations count from their mean: what all strokes share is for the fit to find. With fewer than
-    six strokes they say too little, and the usual ones stay.
+    Parameters
+    ----------
+    std : (k,) usual standard deviations
+    effect : (m, k) effect of `std` on the residuals
+    residuals : (m,) at the solution
+    stroke_of_row : (m,) index of the stroke of each row
+
+    Notes
+    -----
+    Deviations count from their mean, because what all strokes share is left to the fit. With fewer than six strokes the usual values are
+    returned.
+
+    References
+    ----------
+    Laird and Ware, Biometrics 38 (1982) 963.
     """
     slices = _slices(stroke_of_row)
     if len(slices) < ENOUGH_STROKES:
@@ -55,17 +70,19 @@ def found_scatter(std: Floats, effect: Floats, residuals: Floats, stroke_of_row:
     share = np.ones(len(std))
     for _ in range(ROUNDS):
         means, variances = np.array([_deviation(square, pull, share) for square, pull in pairs]).transpose(1, 0, 2)
+        # M step: variance between the strokes' estimates plus the mean uncertainty of one estimate.
         share = np.sqrt(means.var(axis=0, ddof=1) + variances.mean(axis=0))
     return std * np.maximum(share, 1e-3)
 
 
 def _deviation(square: Floats, pull: Floats, share: Floats) -> tuple[Floats, Floats]:
-    """Mean and variance of one stroke's deviations, given its residuals, in units of the usual deviations."""
+    """Mean and variance of one stroke's deviations given its residuals (E step), in units of the usual deviations."""
     covariance = np.linalg.inv(share[:, None] * square * share + np.eye(len(share)))
     return share * (covariance @ (share * pull)), share**2 * np.diag(covariance)
 
 
 def _part(rows: slice, effect: Floats) -> tuple[slice, Floats, Floats]:
+    # With B = U S V^T, the eigenvalues of C are 1 + s^2; shrinking by 1 - 1 / sqrt(1 + s^2) applies C^(-1/2).
     directions, size, _ = np.linalg.svd(effect, full_matrices=False)
     return rows, directions, 1.0 - 1.0 / np.sqrt(1.0 + size**2)
 

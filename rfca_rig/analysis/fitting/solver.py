@@ -1,4 +1,4 @@
-"""One descent: bounded least squares over whitened residuals and the prior's, gradients by central differences in one batch."""
+"""One descent: bounded least squares of whitened residuals and the prior's, with a Jacobian by central differences in one batch."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,14 +16,18 @@ from rfca_rig.errors import SimulationFailed
 Floats = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 
-STEP = 0.1  # of a std, 1e-3 to 3e-3 of a value: at a hundredth the integrator's own steps make up a sixth of the slope by mass
-REFUSED = 1e4  # residual of every row where the model has no answer
-TOLERANCE = 1e-5  # of a std, and of chi2: beyond it the integrator's own error is being fitted
+# Step of the differences in standard deviations, 1e-3 to 3e-3 of a value. At a hundredth of it, the steps of the integrator make up a sixth
+# of the derivative by mass.
+DIFFERENCE_STEP = 0.1
+# Residual of every row where the model cannot be computed.
+FAILED_RESIDUAL = 1e4
+# In standard deviations, and relative for chi2. Below it, the integrator's own error would be fitted.
+TOLERANCE = 1e-5
 
 
 @dataclass
 class Residuals:
-    """Whitened residuals of the problem with the prior's below, computed when asked and counted."""
+    """Whitened residuals (m,) of the problem, followed by the prior's rows (q,); counts the points that it computed. Points are (p,)."""
 
     problem: Problem
     space: Space[Supposed]
@@ -32,7 +36,7 @@ class Residuals:
     computed: int = 0
 
     def at(self, points: list[Floats]) -> list[Floats | None]:
-        """For each x the rows of the problem and of the prior; None where the model has no answer."""
+        """Rows (m + q,) of problem and prior for each x (p,); None where the model cannot be computed."""
         found = self.problem.residuals([self.space.at(x) for x in points])
         self.computed += len(points)
         has_prior = self.space.has_prior
@@ -41,26 +45,28 @@ class Residuals:
     def __call__(self, x: Floats) -> Floats:
         residuals = self.at([x])[0]
         if residuals is None:
-            return np.full(self.data_rows + int(self.space.has_prior.sum()), REFUSED)
+            # The solver then shortens its step. NaN or an exception would end it.
+            return np.full(self.data_rows + int(self.space.has_prior.sum()), FAILED_RESIDUAL)
         self.progress(self.computed, float(residuals @ residuals))
         return residuals
 
     def jacobian(self, x: Floats) -> Floats:
-        """Central differences, all in one batch; one-sided where the model has no answer on the other side.
+        """Jacobian (m + q, p) by central differences of order 2, computed in one batch at x (p,).
 
-        Raises SimulationFailed where it has none on either side.
+        Differences are one-sided, of order 1, where the model cannot be computed on one side. Raises SimulationFailed where it fails on
+        both.
         """
-        steps = STEP * np.eye(len(x))
+        steps = DIFFERENCE_STEP * np.eye(len(x))
         here, *around = self.at([x, *(x + step for step in steps), *(x - step for step in steps)])
         return np.column_stack([self._slope(i, here, around[i], around[i + len(x)]) for i in range(len(x))])
 
     def _slope(self, i: int, here: Floats | None, ahead: Floats | None, behind: Floats | None) -> Floats:
         if ahead is not None and behind is not None:
-            return (ahead - behind) / (2.0 * STEP)
+            return (ahead - behind) / (2.0 * DIFFERENCE_STEP)
         if here is not None and ahead is not None:
-            return (ahead - here) / STEP
+            return (ahead - here) / DIFFERENCE_STEP
         if here is not None and behind is not None:
-            return (here - behind) / STEP
+            return (here - behind) / DIFFERENCE_STEP
         raise SimulationFailed(f"the model cannot be computed around {self.space.names[i]}; are the nominal values right?")
 
     @property
@@ -69,10 +75,11 @@ class Residuals:
 
 
 def descend(residuals: Residuals, start: Floats, most_evaluations: int) -> OptimizeResult:
-    """From `start` to the nearest valley of the sum of squares."""
+    """From `start` (p,) to the nearest local minimum of the sum of squares."""
     lower, upper = residuals.space.bounds()
     return least_squares(
         residuals,
+        # The method needs a start strictly inside its bounds.
         np.clip(start, lower + 1e-6, upper - 1e-6),
         jac=residuals.jacobian,
         bounds=(lower, upper),

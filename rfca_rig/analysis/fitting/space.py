@@ -1,4 +1,4 @@
-"""Numbers that a fit may move, with their priors, whatever they are the parameters of."""
+"""Parameter space of a fit, with priors, independent of what the parameters belong to."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,17 +9,20 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-FARTHEST = 5.0  # standard deviations: a value beyond them says that something else is wrong
-SOFTNESS = 0.3  # of a standard deviation: how roundly a value that is never negative approaches zero
-S = TypeVar("S")  # what one simulation supposes, as its simulator keeps it
+# Bound in standard deviations: a value beyond it means that something else is wrong.
+FARTHEST = 5.0
+# Share of a standard deviation over which a value that is never negative is rounded towards zero.
+ZERO_ROUNDING = 0.3
+# The values of one simulation, in the type of its simulator.
+S = TypeVar("S")
 
 
 @dataclass(frozen=True)
 class FitParameter(Generic[S]):
-    """One number that a fit may move, in `unit`, the one that people write.
+    """One number that a fit may change, in `unit`, the unit of the files.
 
-    `known_to` is its key in the section of that name. `relative` ones are scaled, all others shifted. `spread` is how far it may
-    reasonably be off where nobody stated it, as a share of the value or in `unit`; it sets steps and bounds but pulls at nothing.
+    `known_to` is its key in the section of that name. `relative` parameters are scaled, all others shifted. `spread` is how far it may
+    plausibly be off where no prior is stated, as a share of the value or in `unit`. It sets steps and bounds but is no prior.
     """
 
     name: str
@@ -34,10 +37,10 @@ class FitParameter(Generic[S]):
 
 @dataclass(frozen=True)
 class Space(Generic[S]):
-    """The parameters of one fit around what is supposed at first.
+    """The parameters of one fit around a first point.
 
-    A point x (p,) counts prior standard deviations, so that one step length suits all: value = centre + std x, or centre exp(std x)
-    for relative ones, which keeps them positive. `std` (p,) falls back to `spread` where `has_prior` (p,) is False.
+    A point x (p,) counts prior standard deviations, so that one step length suits all. The value is centre + std x, or centre exp(std x)
+    for relative parameters, which keeps them positive. `std` (p,) falls back to `spread` where `has_prior` (p,) is False.
     """
 
     parameters: tuple[FitParameter[S], ...]
@@ -56,22 +59,24 @@ class Space(Generic[S]):
         return self.std * self._per_x(self.centres)
 
     def values(self, x: Floats) -> Floats:
-        """The values at x, in the parameters' units, (p,)."""
+        """The values at x, (p,), in the parameters' units."""
+        # np.where evaluates both branches: without the inner one, exp could overflow for parameters that are not relative.
         relative = self._is_relative
         return np.where(relative, self.centres * np.exp(np.where(relative, self.std * x, 0.0)), self.centres + self.std * x)
 
     def point(self, name: str, value: float) -> float:
-        """The coordinate at which parameter `name` has `value`."""
+        """The coordinate x at which parameter `name` has `value`."""
         i = self.names.index(name)
         centre, std = self.centres[i], self.std[i]
+        # Inverse of `values`.
         return float(np.log(value / centre) / std if self.parameters[i].relative else (value - centre) / std)
 
     def std_in_units(self, x: Floats, std_x: Floats) -> Floats:
-        """A standard deviation of x, turned into the parameters' units at x, (p,)."""
+        """Standard deviations of x (p,), converted to the parameters' units at x, (p,)."""
         return std_x * self.std * self._per_x(self.values(x))
 
     def at(self, x: Floats) -> S:
-        """What is supposed at x."""
+        """The simulation's values at x (p,)."""
         supposed = self.centre
         for parameter, value in zip(self.parameters, self.values(x), strict=True):
             supposed = parameter.write(supposed, float(value))
@@ -79,6 +84,7 @@ class Space(Generic[S]):
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper x, each (p,)."""
+        # Relative parameters are positive anyway; a floor applies to shifted ones alone.
         floors = [-np.inf if p.relative else (p.lowest - c) / s for p, c, s in zip(self.parameters, self.centres, self.std, strict=True)]
         return np.maximum(-FARTHEST, floors), np.full(len(self.std), FARTHEST)
 
@@ -95,8 +101,9 @@ class Space(Generic[S]):
 
 
 def never_below(nominal: float, std: float) -> Callable[[float], float]:
-    """The shift that is made of a shift asked for: nearly the same where the value stays well above zero, and none takes it below.
+    """Maps a requested shift of `nominal` to a smooth one that never takes the value below zero.
 
-    The positive root v of v (v - u) = w^2, for the value u asked for and w = SOFTNESS std / 2: smooth, so that it has a Jacobian.
+    Well above zero both shifts are nearly equal. The value is the positive root v of v (v - u) = w^2, for the requested value u and w =
+    ZERO_ROUNDING std / 2. It is smooth, so that it has a Jacobian.
     """
-    return lambda by: 0.5 * (nominal + by + float(np.hypot(nominal + by, SOFTNESS * std))) - nominal
+    return lambda by: 0.5 * (nominal + by + float(np.hypot(nominal + by, ZERO_ROUNDING * std))) - nominal

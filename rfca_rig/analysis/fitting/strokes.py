@@ -1,4 +1,4 @@
-"""Fits a recording's nominal model to its strokes, and the model to valleys that others published."""
+"""Fits a recording's nominal model to its strokes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,10 +29,30 @@ class StrokeComparison:
 def fit_recordings(
     recordings: Sequence[Recording], names: Sequence[str] = (), comparison: StrokeComparison | None = None, search: Search | None = None
 ) -> FitResult:
-    """Fits the named parameters, or all of [known_to], to all strokes of the recordings, which must believe the same.
+    """Fit the named parameters, or all of [known_to], to all strokes of the recordings.
 
-    Where the shaft follows its recording, `start_angle` is what the encoder should have read: its prior is centred on the mean recorded
-    start. Raises BadInput where the recordings cannot be used together or at all, SimulationFailed.
+    Parameters
+    ----------
+    recordings
+        Recordings with the same nominal model and the same [known_to].
+    names
+        Parameters to fit; empty for all that have a prior.
+    comparison
+        Motion of the simulated shaft, and the part of a stroke that counts.
+    search
+        Starts, limits and progress.
+
+    Raises
+    ------
+    BadInput
+        Where the recordings cannot be used, together or at all.
+    SimulationFailed
+        Where the model cannot be computed.
+
+    Notes
+    -----
+    Where the shaft follows its recording, `start_angle` is the correct reading of the encoder. Its prior is centred on the mean recorded
+    start.
     """
     comparison = comparison or StrokeComparison()
     nominal, known_to = _common(recordings)
@@ -40,6 +60,7 @@ def fit_recordings(
     strokes = [stroke for recording in recordings for stroke in recording.strokes]
     noise_std = nominal["sensor"].get("noise_std") or {}
     problem = problem_of(conditions_of(strokes), rig.drive.ramp_s, noise_std, comparison.shaft, comparison.window)
+    # The encoder's own reading is the best guess of the start; the fit then corrects its zero.
     centre = Supposed(_starting_as_recorded(rig, strokes) if comparison.shaft == "recorded" else rig)
     result = fit(problem, space_of(names, centre, known_to), search, USUAL)
     return _with_rms(result, problem, comparison.window)
@@ -48,6 +69,7 @@ def fit_recordings(
 def _common(recordings: Sequence[Recording]) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     first = recordings[0]
     for other in recordings[1:]:
+        # One fit has one prior, so all recordings must state the same.
         if other.nominal != first.nominal or other.known_to != first.known_to:
             raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; fit them one by one")
     return first.nominal, first.known_to

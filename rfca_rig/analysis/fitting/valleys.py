@@ -1,4 +1,4 @@
-"""Fits the model to valleys alone: rows of time and force, as Table II of the paper prints them, without any recording."""
+"""Fits the model to valleys alone: rows of time and force, as in Table II of the paper, without any recording."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,6 +21,7 @@ from rfca_rig.model.stroke import stroke_at_speed
 
 Floats = NDArray[np.float64]
 
+# Rest before the start that is simulated, because the valley's level at rest is needed.
 BEFORE_S = 0.1
 
 
@@ -36,7 +37,7 @@ class ValleyRow:
     fz_std_N: float
 
     def simulated(self, supposed: Supposed) -> Valley | Refused:
-        """The model's valley at this condition, found as a recorded one is. Raises SimulationFailed."""
+        """The model's valley at this condition, by the same estimator as for a recorded one. Raises SimulationFailed."""
         t_s = GRID_S * np.arange(-round(BEFORE_S / GRID_S), int(LONGER * self.time_s / GRID_S) + 1, dtype=np.float64)
         stroke = stroke_at_speed(supposed.rig, self.height_m + supposed.height_offset_m, self.speed_rad_s, t_s)
         return find_valley(stroke.t_s, stroke.fz_N)
@@ -44,19 +45,22 @@ class ValleyRow:
 
 @dataclass(frozen=True)
 class ValleyProblem:
-    """Two residuals per row: time and force."""
+    """Two residuals per row, time and force: m is twice the number of rows."""
 
     rows: tuple[ValleyRow, ...]
 
     @property
     def stroke_of_row(self) -> NDArray[np.intp]:
+        """Index of the row of the table, (m,)."""
         return np.repeat(np.arange(len(self.rows)), 2)
 
     def residuals(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
+        """Residuals (m,) at each point, in standard deviations; None where the model has no valley at one of the rows."""
+        # The compiled model releases the interpreter lock, so threads run in parallel.
         with ThreadPoolExecutor(cores()) as pool:
             found = list(pool.map(_attempt, product(supposed, self.rows)))
         count = len(self.rows)
-        return [_joined(found[first : first + count]) for first in range(0, len(found), count)]
+        return [_concatenate_if_complete(found[first : first + count]) for first in range(0, len(found), count)]
 
     def rms(self, supposed: Supposed) -> dict[str, float]:
         """Root mean square of simulated minus measured, by quantity; NaN where the model has no valley."""
@@ -75,10 +79,31 @@ class ValleyProblem:
 def fit_valleys(
     rig: RigModel, rows: Sequence[ValleyRow], names: Sequence[str], known_to: Mapping[str, float], search: Search | None = None
 ) -> FitResult:
-    """Fits the named parameters of `rig` to the rows, the shaft at constant speed as the paper's.
+    """Fit the named parameters of `rig` to the rows, with the shaft at constant speed as in the paper.
 
-    `known_to` as in the section of that name. Two numbers a row are few: without a prior no more than two parameters a row can be told.
-    Raises BadInput for a parameter that is not known, SimulationFailed where `rig` as given has no valley at one of the rows.
+    Parameters
+    ----------
+    rig
+        The nominal model.
+    rows
+        Measured valleys with their standard deviations.
+    names
+        Parameters to fit.
+    known_to
+        As in the section of that name.
+    search
+        Starts, limits and progress.
+
+    Raises
+    ------
+    BadInput
+        For an unknown parameter.
+    SimulationFailed
+        Where `rig` as given has no valley at one of the rows.
+
+    Notes
+    -----
+    Without a prior, two numbers per row determine at most two parameters per row.
     """
     problem = ValleyProblem(tuple(rows))
     centre = Supposed(rig)
@@ -97,6 +122,6 @@ def _attempt(job: tuple[Supposed, ValleyRow]) -> Floats | None:
     return np.array([(valley.time_s - row.time_s) / row.time_std_s, (valley.fz_N - row.fz_N) / row.fz_std_N])
 
 
-def _joined(found: Sequence[Floats | None]) -> Floats | None:
+def _concatenate_if_complete(found: Sequence[Floats | None]) -> Floats | None:
     rows = [row for row in found if row is not None]
     return np.concatenate(rows) if len(rows) == len(found) else None

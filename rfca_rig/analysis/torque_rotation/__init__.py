@@ -1,1 +1,1 @@
-"""From static stages, photographed and weighed, to the torque over rotation of the hinges."""
+"""Torque-rotation curve of the hinges from static stages."""

@@ -1,4 +1,4 @@
-"""Which link ends touch the floor at each stage: supposed, solved, looked at again."""
+"""Which link ends touch the floor at each stage: active-set iteration of assuming, solving and checking."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,28 +14,49 @@ from rfca_rig.errors import SimulationFailed
 Floats = NDArray[np.float64]
 Ends = tuple[int, ...]
 
-DOUBTED = 3.0  # standard deviations of the rack's height
-CLEARLY = 4.0  # standard deviations of fz and of its tare: a load that is one
-NEAR_M = 6e-3  # above the floor: an end that may touch, as far as a photo tells; one in the air does no harm
-SUNK_M = 1e-4
-MOST_ROUNDS = 6
+# Standard deviations of the rack's height that an end near the floor may be off.
+HEIGHT_MARGIN_STD = 3.0
+# Standard deviations of fz and of its tare from which on a load is certain.
+LOADED_STD = 4.0
+# Above the floor: an end that may touch, as far as a photo shows. Including an end in the air does no harm.
+NEAR_M = 6e-3
+MIN_DEPTH_M = 1e-4
+MAX_ROUNDS = 6
 
 
 def settled(balance: Balance, data: StageData, C: Floats, start: Point, ends: Sequence[Ends]) -> tuple[Adjusted, tuple[Ends, ...]]:
-    """The adjusted stages with the ends (S,) that may touch; begins with `ends`. Raises SimulationFailed."""
-    seen, point = set(), start
-    for _ in range(MOST_ROUNDS):
-        adjusted = _adjusted(balance, data, C, point, ends)
-        seen.add(tuple(ends))
+    """Adjust the stages and find the ends that may touch, beginning with `ends` (S,).
+
+    Parameters
+    ----------
+    balance, data
+        The conditions and the stages.
+    C
+        (S, m, m) covariance of the measured values.
+    start
+        Point to begin from.
+    ends
+        (S,) ends that may touch at each stage.
+
+    Raises
+    ------
+    SimulationFailed
+        Where no balance is found.
+    """
+    tried, point = set(), start
+    for _ in range(MAX_ROUNDS):
+        adjusted = _adjust_or_fail(balance, data, C, point, ends)
+        # A set that was tried before would repeat itself for ever.
+        tried.add(tuple(ends))
         depth = _depths(balance, data, adjusted.point.z, adjusted.point.p)
         found = tuple(_with_deep(own, row) for own, row in zip(ends, depth, strict=True))
-        if found in seen:
+        if found in tried:
             break
         ends, point = found, restarted(balance, data, adjusted.point, found)
     return adjusted, tuple(ends)
 
 
-def _adjusted(balance: Balance, data: StageData, C: Floats, point: Point, ends: Sequence[Ends]) -> Adjusted:
+def _adjust_or_fail(balance: Balance, data: StageData, C: Floats, point: Point, ends: Sequence[Ends]) -> Adjusted:
     try:
         return adjust(balance, grouped(data, ends), data.measured, C, point)
     except Unbalanced as error:
@@ -46,18 +67,22 @@ def _adjusted(balance: Balance, data: StageData, C: Floats, point: Point, ends: 
 
 
 def supposed(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, ...]:
-    """The ends of every stage that the photo shows in or near the floor, and in any case the lowest where the sensor feels a load."""
+    """Ends (S,) that the photo shows in or near the floor; always the lowest one where the sensor measures a load.
+
+    `p` (P,) are the unknowns at the start.
+    """
     depth = _depths(balance, data, data.measured, p)
     load_N = balance.weight_N - data.measured[:, data.hinges + 2]
-    pressed = load_N > CLEARLY * np.hypot(data.force_std[:, 1], data.sample_noise[1])
+    pressed = load_N > LOADED_STD * np.hypot(data.force_std[:, 1], data.sample_noise[1])
     heights = [systematic_error.std for systematic_error in balance.systematic_errors.each if systematic_error.name.startswith("height_")]
-    near_m = NEAR_M + DOUBTED * max(heights, default=0.0)
+    # An end that is included but does not press costs nothing; one that is missed would falsify the balance.
+    near_m = NEAR_M + HEIGHT_MARGIN_STD * max(heights, default=0.0)
     low = (depth > -near_m) | (pressed[:, None] & (depth == depth.max(axis=1, keepdims=True)))
     return tuple(tuple(np.flatnonzero(row).tolist()) for row in low)
 
 
 def pressing(adjusted: Adjusted, stages: int) -> tuple[Ends, ...]:
-    """The ends (S,) that do press."""
+    """The ends (S,) that press on the floor."""
     found: list[Ends] = [()] * stages
     for group, c in zip(adjusted.groups, adjusted.point.c, strict=True):
         for row, own in zip(group.rows, c, strict=True):
@@ -66,20 +91,21 @@ def pressing(adjusted: Adjusted, stages: int) -> tuple[Ends, ...]:
 
 
 def restarted(balance: Balance, data: StageData, point: Point, ends: Sequence[Ends]) -> Point:
-    """The same angles and curve; the ends share what the sensor feels in proportion to their depth^1.5."""
+    """The same angles and curve; the ends share the sensor's load in proportion to their depth^1.5, as Hertz does."""
     depth = _depths(balance, data, point.z, point.p)
     h, stiffness = data.hinges, balance.rig.ground.stiffness_N_per_m1p5
     c = []
     for group in grouped(data, ends):
-        pressed = np.maximum(depth[group.rows][:, list(group.ends)], SUNK_M) ** 1.5
+        pressed = np.maximum(depth[group.rows][:, list(group.ends)], MIN_DEPTH_M) ** 1.5
         share = pressed / pressed.sum(axis=1, keepdims=True)
         N = share * np.maximum(balance.weight_N - data.measured[group.rows, h + 2], 1e-2)[:, None]
+        # Depth from Hertz, d = (N / k)^(2/3), and friction that balances fy.
         c.append(np.concatenate([(N / stiffness) ** (2.0 / 3.0), -share * data.measured[group.rows, h + 1][:, None]], axis=1))
     return replace(point, c=tuple(c))
 
 
 def grouped(data: StageData, ends: Sequence[Ends]) -> tuple[Group, ...]:
-    """Stages with the same ends near the floor together, groups in the order of their first stage."""
+    """Groups of stages with the same ends near the floor, in the order of their first stage."""
     height = np.searchsorted(data.heights_m, data.height_m)
     groups = []
     for pattern in dict.fromkeys(ends):
@@ -94,4 +120,4 @@ def _depths(balance: Balance, data: StageData, z: Floats, p: Floats) -> Floats:
 
 
 def _with_deep(ends: Ends, depth_m: Floats) -> Ends:
-    return tuple(sorted({*ends, *np.flatnonzero(depth_m > SUNK_M).tolist()}))
+    return tuple(sorted({*ends, *np.flatnonzero(depth_m > MIN_DEPTH_M).tolist()}))

@@ -1,14 +1,14 @@
-"""Conditions that hold between the true angles and forces of a settled stage: moments at the shaft and at every hinge, forces, and the
-link ends' places on the floor.
+"""Equilibrium conditions between the true angles and forces of a settled stage: moments at the shaft and at every hinge, forces, and the
+positions of the link ends on the floor.
 
-Absolute angles q_i = shaft + hinges up to i, positive downwards. With N_k, F_k what the floor does to end k (up, and along +y, at the
-lowest point of its circle, a lever l away from the end, or higher by a share `rise` of its depth d_k), P_i and Q_i their sums over ends i
-and beyond, and w_i the first moment of weight that link i carries, joint j has to bear
+Absolute angles q_i = shaft + hinges up to i, positive downwards. N_k and F_k are the floor's forces on end k: up, and along +y. They act at
+the lowest point of its circle, a lever l away from the end, or higher by a share `rise` of its depth d_k. P_i and Q_i are their sums over
+ends i and beyond, and w_i is the first moment of weight that link i carries. Joint j then bears
 
     load_j = sum over i >= j of [(w_i - P_i L_i) cos q_i - Q_i L_i sin q_i] - sum over k >= j of (l - rise d_k) F_k
 
-A hinge bears it with its torque, the drive with minus the shaft's. An end that is in the floor presses by Hertz; its friction is
-free, sign and size: one end's is what the sensor reads, and of several each has about its share.
+A hinge bears it with its torque, the drive with minus the shaft's. An end in the floor presses by Hertz. Its friction is free in sign and
+size: with one end it is what the sensor reads, and with several each has about its share.
 """
 
 from dataclasses import dataclass
@@ -22,15 +22,21 @@ from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]
 
-FLOOR_FLAT_M = 5e-5  # how flat a plate is, and how round a link end
-NEARLY_HERTZ = 0.01  # of its depth: how far an end may be from where Hertz's law has it
-SHARE_STD = 0.5  # of mu N: how far the friction of one of several ends may be from its share
-LEAST_N = 0.1  # newtons: what an end may press without anybody noticing
+# Flatness of a plate, and roundness of a link end.
+FLOOR_FLAT_M = 5e-5
+# Share of its depth by which an end may be off Hertz's law.
+HERTZ_MISFIT_SHARE = 0.01
+# Deviation of the friction of one of several ends from its share, as a share of mu N.
+SHARE_STD = 0.5
+# Force below which nobody can say whether an end presses.
+NEGLIGIBLE_N = 0.1
 
 
 @dataclass(frozen=True)
 class Group:
-    """Stages with the same ends on the floor: their `rows` among all, `ends` touching (from 0), and number of height and recording."""
+    """Stages with the same ends on the floor: their `rows` (S_g,) among all, `ends` touching (from 0), height, and indices of height and
+    recording.
+    """
 
     rows: NDArray[np.intp]
     ends: tuple[int, ...]
@@ -41,10 +47,10 @@ class Group:
 
 @dataclass(frozen=True)
 class LinearConditions:
-    """The conditions g (S, R) at some point and their derivatives by what was measured (S, R, m), by depths and friction of the ends
-    (S, R, 2 T), and by curve and systematic errors (S, R, P).
+    """The conditions g (S, R) at some point, with their derivatives.
 
-    `slack` (S, R) is the variance with which a condition holds. `normal_N` (S, T).
+    `by_z` (S, R, m) is by the measured values, `by_c` (S, R, 2 T) by depths and friction of the T ends, `by_p` (S, R, P) by curve and
+    systematic errors. `slack` (S, R) is the variance with which a condition holds. `normal_N` is (S, T).
     """
 
     g: Floats
@@ -59,8 +65,8 @@ class LinearConditions:
 class Balance:
     """The conditions for a rig, a form of the curve and systematic errors.
 
-    `extra` (S, h, e) are further columns of hinge torque, of all stages.
-    Unknowns p (P,) are the coefficients of the form, of the further columns, and the systematic errors.
+    `extra` (S, h, e) are further columns of hinge torque, for all stages. Unknowns p (P,) are the coefficients of the form, those of the
+    further columns, and the systematic errors.
     """
 
     rig: RigModel
@@ -78,7 +84,7 @@ class Balance:
 
     @property
     def weight_moment(self) -> Floats:
-        """w (n,)."""
+        """w (n,), the first moment of weight of each link and of all links beyond it, in N m."""
         mass = np.array(self.rig.leg.link_masses_kg)
         beyond = np.cumsum(mass[::-1])[::-1] - mass
         return np.asarray(GRAVITY_M_S2 * self.L * (0.5 * mass + beyond))
@@ -88,28 +94,29 @@ class Balance:
         return GRAVITY_M_S2 * sum(self.rig.leg.link_masses_kg)
 
     def systematic_error(self, p: Floats, name: str) -> float:
-        """Its value in p, 0 where it is not doubted."""
+        """Its value in p (P,), 0 where it is not an unknown."""
         place = self.systematic_errors.place(name)
         return 0.0 if place is None else float(p[self.curve_size + place])
 
     def rest_rad(self, p: Floats) -> Floats:
-        """(h,) the angles at which the hinges bear nothing: as believed, and what they are off."""
+        """Angles (h,) at which the hinges bear nothing: the nominal ones plus their errors in p (P,)."""
         nominal = np.array(self.rig.leg.rest_angles_rad or (0.0,) * (self.L.size - 1))
         return nominal + [self.systematic_error(p, rest_name(hinge)) for hinge in range(nominal.size)]
 
     def mended(self, z: Floats, p: Floats, recording: NDArray[np.intp]) -> Floats:
-        """What was measured, less what zeros and tares shift it by, and less the sensor's gain."""
+        """Measured values z (S, m) corrected for zeros, tares and the sensor's gain, as given by p (P,); `recording` is (S,)."""
         mended = z.copy()
         for place, systematic_error in enumerate(self.systematic_errors.each):
             if systematic_error.column is not None:
                 mended[:, systematic_error.column] -= np.where(
                     (systematic_error.recording == ANY) | (recording == systematic_error.recording), p[self.curve_size + place], 0.0
                 )
+        # Columns after the n angles are the forces; tares are subtracted before the gain.
         mended[:, self.L.size :] /= 1.0 + self.systematic_error(p, "gain")
         return mended
 
     def depth_m(self, z: Floats, p: Floats, group: Group) -> Floats:
-        """(S, n) how far every link end is in the floor, for angles z that were mended."""
+        """Depth (S, n) of every link end in the floor, for corrected angles z (S, m) and unknowns p (P,)."""
         offset_m = np.array([self.systematic_error(p, f"height_{i}") for i in group.height])
         q = absolute(z, self.L.size)
         down_m, along_m = np.cumsum(self.L * np.sin(q), axis=1), np.cumsum(self.L * np.cos(q), axis=1)
@@ -117,12 +124,20 @@ class Balance:
         return np.asarray(down_m + self.rig.leg.link_radius_m - floor_m)
 
     def linear(self, group: Group, z: Floats, c: Floats, p: Floats) -> LinearConditions:
-        """At angles and readings z (S, m), depths [m] and friction [N] of the ends c (S, 2 T), curve and systematic errors p (P,)."""
+        """Evaluate the conditions and their derivatives.
+
+        Parameters
+        ----------
+        group : stages with the same ends on the floor
+        z : (S, m) angles in rad and readings in N, N m
+        c : (S, 2 T) depths in m and friction in N of the ends
+        p : (P,) curve and systematic errors
+        """
         return _Conditions(self, group, self.mended(z, p, group.recording), c, p).linear()
 
 
 def absolute(z: Floats, links: int) -> Floats:
-    """Angles of the links (S, n) from hinge angles and shaft angle."""
+    """Angles of the links (S, n) from hinge angles and shaft angle in z (S, m)."""
     return np.asarray(np.cumsum(np.concatenate([z[:, links - 1 : links], z[:, : links - 1]], axis=1), axis=1))
 
 
@@ -132,7 +147,7 @@ def from_on(per_link: Floats) -> Floats:
 
 
 class _Conditions:
-    """One evaluation: rows of the hinges, of the shaft's torque, of fz and fy, of the ends' places, of their shares of friction."""
+    """One evaluation. Rows: hinges, torque of the shaft, fz, fy, positions of the ends, their shares of friction."""
 
     def __init__(self, balance: Balance, group: Group, z: Floats, c: Floats, p: Floats) -> None:
         self.of, self.group, self.z, self.p = balance, group, z, p
@@ -144,19 +159,22 @@ class _Conditions:
         self.deep_m, self.F = c[:, : self.T], c[:, self.T :]
         nominal = balance.rig.ground.stiffness_N_per_m1p5
         stiffness = nominal * np.exp(balance.systematic_error(p, "contact"))
-        round_m = 0.5 * (LEAST_N / nominal) ** (2.0 / 3.0)  # rounds the corner where an end begins to press
+        # Gauss-Newton needs a smooth force. Depth is replaced by a hyperbola that is smooth where the end leaves the floor.
+        round_m = 0.5 * (NEGLIGIBLE_N / nominal) ** (2.0 / 3.0)  # rounds the corner where an end begins to press
         far_m = np.hypot(self.deep_m, round_m)
         root = np.sqrt(0.5 * (self.deep_m + far_m))
+        # Hertz, N = k d^1.5, and its derivative by depth.
         self.N, self.N_deep = stiffness * root**3, 0.75 * stiffness * root * (1.0 + self.deep_m / far_m)
         q = absolute(z, self.n)
         self.across, self.down = balance.L * np.cos(q), balance.L * np.sin(q)
-        self.reach = (np.arange(self.n)[:, None] <= np.array(group.ends, dtype=int)).astype(float)  # (n, T): joint i comes before end k
+        # (n, T): whether joint i comes before end k, since a force on an end loads only the joints before it.
+        self.reach = (np.arange(self.n)[:, None] <= np.array(group.ends, dtype=int)).astype(float)
 
     def linear(self) -> LinearConditions:
         self._loads()
         self._hinges()
         self._sensor()
-        self._places()
+        self._positions()
         self._shares()
         self._shifts()
         return LinearConditions(self.g, self.by_z, self.by_c, self.by_p, self.slack, self.N)
@@ -171,11 +189,13 @@ class _Conditions:
         rise = self.of.rig.ground.friction_rise_share
         up, along, arm_m = mass * w - self.N @ self.reach.T, self.F @ self.reach.T, lever - rise * self.deep_m
         self.load = from_on(up * self.across - along * self.down) - (arm_m * self.F) @ self.reach.T
+        # Turning joint i or j moves the same links where both come before them, hence the maximum of both indices.
         turn, joints = from_on(-up * self.down - along * self.across), np.arange(self.n)
         self.load_q = turn[:, np.maximum(joints[:, None], joints)]
         self.arms = np.stack([from_on(self.across * reach) for reach in self.reach.T], axis=2) if self.T else np.zeros((*turn.shape, 0))
         self.load_N = -self.arms
         if self.T:
+            # Friction acts below the end by the lever, so its arm is the height of the end plus that lever.
             levers = [from_on(self.down * reach) + np.outer(arm, reach) for arm, reach in zip(arm_m.T, self.reach.T, strict=True)]
             by_depth = self.load_N * self.N_deep[:, None] + rise * self.F[:, None] * self.reach
             self.load_c = np.concatenate([by_depth, -np.stack(levers, axis=2)], axis=2)
@@ -185,7 +205,7 @@ class _Conditions:
         self.load_mass, self.load_lever = from_on(w * self.across), -along
 
     def _hinges(self) -> None:
-        """Torque of every hinge less its load."""
+        """Torque of every hinge minus its load."""
         h, size, whole = self.h, self.of.basis.size, self.of.curve_size
         phi, extra = self.z[:, :h] - self.of.rest_rad(self.p), self.of.extra[self.group.rows]
         columns = self.of.basis.columns(phi)
@@ -197,14 +217,15 @@ class _Conditions:
         self.by_c[:, :h] = -self.load_c[:, 1:]
         self.by_p[:, :h, :size], self.by_p[:, :h, size:whole] = columns, extra
         for name, slope in (("mass", self.load_mass), ("friction_lever", self.load_lever), ("contact", self.load_contact)):
-            self._by_doubt(slice(0, h), name, -slope[:, 1:])
+            self._add_by_error(slice(0, h), name, -slope[:, 1:])
         for hinge in range(h):
-            self._by_doubt(slice(hinge, hinge + 1), rest_name(hinge), -stiffness[:, hinge : hinge + 1])
+            self._add_by_error(slice(hinge, hinge + 1), rest_name(hinge), -stiffness[:, hinge : hinge + 1])
 
     def _sensor(self) -> None:
-        """Readings of torque, fz and fy less what leg and floor make of them."""
+        """Readings of torque, fz and fy minus the forces of leg and floor."""
         h, T, below_m = self.h, self.T, self.of.rig.sensor.below_shaft_m
         mass = 1.0 + self.of.systematic_error(self.p, "mass")
+        # The sensor sits below the shaft, so the horizontal force adds to the torque that it reads.
         self.g[:, h] = self.z[:, h + 3] + self.load[:, 0] + below_m * self.F.sum(1)
         self.g[:, h + 1] = self.z[:, h + 2] - mass * self.of.weight_N + self.N.sum(1)
         self.g[:, h + 2] = self.z[:, h + 1] + self.F.sum(1)
@@ -214,12 +235,12 @@ class _Conditions:
         self.by_c[:, h, T:] += below_m
         self.by_c[:, h + 1, :T], self.by_c[:, h + 2, T:] = self.N_deep, 1.0
         weight = np.full(len(self.z), -self.of.weight_N)
-        self._by_doubt(slice(h, h + 2), "mass", np.stack([self.load_mass[:, 0], weight], axis=1))
-        self._by_doubt(slice(h, h + 1), "friction_lever", self.load_lever[:, :1])
-        self._by_doubt(slice(h, h + 2), "contact", np.stack([self.load_contact[:, 0], self.N.sum(1)], axis=1))
+        self._add_by_error(slice(h, h + 2), "mass", np.stack([self.load_mass[:, 0], weight], axis=1))
+        self._add_by_error(slice(h, h + 1), "friction_lever", self.load_lever[:, :1])
+        self._add_by_error(slice(h, h + 2), "contact", np.stack([self.load_contact[:, 0], self.N.sum(1)], axis=1))
 
-    def _places(self) -> None:
-        """Every end is as deep as the angles put it."""
+    def _positions(self) -> None:
+        """Every end is as deep as the angles state."""
         rows, ends = slice(self.h + 3, self.h + 3 + self.T), np.arange(self.T)
         self.g[:, rows] = self.of.depth_m(self.z, self.p, self.group)[:, list(self.group.ends)] - self.deep_m
         slope, along_m = self.of.systematic_error(self.p, "slope"), np.cumsum(self.across, axis=1)[:, list(self.group.ends)]
@@ -227,15 +248,16 @@ class _Conditions:
         by_joint = np.swapaxes(sinks, 1, 2)  # (S, T, n)
         self.by_z[:, rows, : self.h], self.by_z[:, rows, self.h] = by_joint[:, :, 1:], by_joint[:, :, 0]
         self.by_c[:, self.h + 3 + ends, ends] = -1.0
-        self._by_doubt(rows, "slope", along_m)
+        self._add_by_error(rows, "slope", along_m)
         for i in np.unique(self.group.height):
-            self._by_doubt(rows, f"height_{i}", -np.repeat((self.group.height == i)[:, None], self.T, axis=1).astype(float))
-        self.slack[:, rows] = FLOOR_FLAT_M**2 + (NEARLY_HERTZ * np.maximum(self.deep_m, 0.0)) ** 2
+            self._add_by_error(rows, f"height_{i}", -np.repeat((self.group.height == i)[:, None], self.T, axis=1).astype(float))
+        self.slack[:, rows] = FLOOR_FLAT_M**2 + (HERTZ_MISFIT_SHARE * np.maximum(self.deep_m, 0.0)) ** 2
 
     def _shares(self) -> None:
-        """Of several ends each has friction in about its share of the load, as far as friction allows; none where it does not press."""
-        whole, F = np.maximum(self.N.sum(1), LEAST_N), self.F.sum(1)
+        """Each of several ends has about its share of the friction, within the limit of friction, and none where it does not press."""
+        whole, F = np.maximum(self.N.sum(1), NEGLIGIBLE_N), self.F.sum(1)
         mu = self.of.rig.ground.friction_coefficient
+        # The last end needs no row: the sum of all is already fixed by fy.
         for k in range(self.T - 1):
             row, share = self.h + 3 + self.T + k, self.N[:, k] / whole
             self.g[:, row] = self.F[:, k] - share * F
@@ -243,17 +265,19 @@ class _Conditions:
             self.by_c[:, row, k] -= F / whole * self.N_deep[:, k]
             self.by_c[:, row, self.T :] = -share[:, None]
             self.by_c[:, row, self.T + k] += 1.0
-            self.slack[:, row] = (SHARE_STD * mu * np.maximum(self.N[:, k], LEAST_N)) ** 2
+            self.slack[:, row] = (SHARE_STD * mu * np.maximum(self.N[:, k], NEGLIGIBLE_N)) ** 2
 
-    def _by_doubt(self, rows: slice, name: str, slope: Floats) -> None:
+    def _add_by_error(self, rows: slice, name: str, slope: Floats) -> None:
         place = self.of.systematic_errors.place(name)
         if place is not None:
             self.by_p[:, rows, self.of.curve_size + place] += slope
 
     def _shifts(self) -> None:
-        """Zeros, tares and gain act through what was measured; the chain rule turns derivatives by mended readings into those by raw."""
+        """Zeros, tares and gain act through the measured values. The chain rule converts derivatives by corrected readings into those by
+        raw ones.
+        """
         gain = 1.0 + self.of.systematic_error(self.p, "gain")
-        self._by_doubt(slice(None), "gain", -np.einsum("srm,sm->sr", self.by_z[:, :, self.n :], self.z[:, self.n :]) / gain)
+        self._add_by_error(slice(None), "gain", -np.einsum("srm,sm->sr", self.by_z[:, :, self.n :], self.z[:, self.n :]) / gain)
         self.by_z[:, :, self.n :] /= gain
         for place, systematic_error in enumerate(self.of.systematic_errors.each):
             if systematic_error.column is not None:

@@ -1,4 +1,4 @@
-"""Forms that the torque of a hinge over its angle may take, linear in their coefficients."""
+"""Forms of the torque of a hinge over its angle, linear in their coefficients."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,29 +13,30 @@ from rfca_rig.model.torque_spline import polynomial
 Floats = NDArray[np.float64]
 
 CUBIC = 3
-LEAST_KNOT_RAD = float(np.radians(0.3))  # nearer to rest no photo tells a torque: twice the usual error of an angle
+# Twice the usual error of an angle: closer to rest no photo determines a torque.
+LEAST_KNOT_RAD = float(np.radians(0.3))
 
 
 class Basis(Protocol):
-    """torque(phi) = sum of coefficients times columns."""
+    """torque(phi) = sum of coefficients times columns. Columns are (m, size) for angles (m,) in rad, and alike for more axes."""
 
     @property
     def size(self) -> int:
-        """How many coefficients."""
+        """Number of coefficients."""
         ...
 
     def columns(self, phi_rad: Floats) -> Floats:
-        """(..., size) for angles (...)."""
+        """Columns (..., size) for angles (...)."""
         ...
 
     def slopes(self, phi_rad: Floats) -> Floats:
-        """Their derivatives by the angle, (..., size)."""
+        """Derivatives of the columns by the angle, (..., size)."""
         ...
 
 
 @dataclass(frozen=True)
 class Hardening:
-    """The model's own law, a phi + b phi^3: k0 is a, k2 is b / a."""
+    """The model's own law, a phi + b phi^3, with columns (m, 2): k0 is a, k2 is b / a."""
 
     size: int = 2
 
@@ -48,9 +49,9 @@ class Hardening:
 
 @dataclass(frozen=True)
 class Spline:
-    """Cubic B-splines over `knots_rad` (ascending, the ends fourfold); beyond the ends their last pieces go on.
+    """Cubic B-splines over `knots_rad` (k,), ascending with the ends fourfold; columns (..., k - 4). The end pieces extend beyond the ends.
 
-    Every cubic is among them, so that the law is a special case, and what the splines gain over it a test of the law.
+    Every cubic is among them. The law is therefore a special case, and the gain of the splines over it tests the law.
     """
 
     knots_rad: Floats
@@ -68,9 +69,11 @@ class Spline:
 
 @dataclass(frozen=True)
 class ThroughRest:
-    """The model's own spline, whose coefficients are its torques at `knots_rad` (ascending, above 0): odd, straight beyond the last one.
+    """The model's own spline: its coefficients are its torques at `knots_rad` (ascending, above 0). It is odd, and straight beyond the last
+    knot.
 
-    Other than `Spline` it bears no torque at rest. So rest angles are no part of it, and its coefficients go into a model as they are.
+    Columns are (..., size). Unlike `Spline` it bears no torque at rest. Rest angles are therefore no part of it, and its coefficients go
+    into a model as they are.
     """
 
     knots_rad: tuple[float, ...]
@@ -86,16 +89,18 @@ class ThroughRest:
         return np.asarray(self._cardinal()(phi_rad, 1))
 
     def _cardinal(self) -> PPoly:
+        # Cardinal splines: each is 1 at its own knot and 0 at all others. The one at rest is dropped.
         return polynomial((0.0, *self.knots_rad), np.eye(self.size + 1)[:, 1:])
 
 
 def through_rest(phi_rad: Floats, shares: Sequence[float]) -> ThroughRest:
-    """The model's spline over the range of these angles from rest, with these shares of them below its knots."""
+    """The model's spline over the range of angles (m,) from rest, with knots at these quantiles of their magnitudes."""
     knots = np.quantile(np.abs(phi_rad), shares)
+    # Knots near rest are dropped: no photo determines a torque there, and the curve is zero at rest anyway.
     return ThroughRest(tuple(knots[knots > LEAST_KNOT_RAD].tolist()))
 
 
 def spline_over(phi_rad: Floats, pieces: int) -> Spline:
-    """Splines over the range of these angles, with about as many of them in each piece."""
+    """Splines over the range of angles (m,), with about equally many angles in each piece."""
     borders = np.quantile(phi_rad, np.linspace(0.0, 1.0, pieces + 1))
     return Spline(np.concatenate([np.full(CUBIC, borders[0]), borders, np.full(CUBIC, borders[-1])]))

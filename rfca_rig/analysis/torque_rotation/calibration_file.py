@@ -1,4 +1,4 @@
-"""The recovered hinges as model files, which every command takes with --model: one with k0 and k2, one with the measured curve."""
+"""Writes the fitted hinges as model files for --model: one with k0 and k2, one with the measured curve."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -18,43 +18,47 @@ from rfca_rig.description.sections import SOFTEST_K2, TorqueRotationSection
 from rfca_rig.description.torque_rotation import relative_std, with_curve, with_law
 from rfca_rig.model.parameters import RigModel
 
-COVARIANCE_DIGITS = 6  # significant, of the largest: errors are known far less well
+# Significant digits; the covariance itself is known far less well.
+COVARIANCE_DIGITS = 6
 
 
 def can_be_written(result: StaticResult) -> bool:
-    """A model file holds a law that grows up to 90 degrees."""
+    """Whether the law grows up to 90 degrees, as a model file requires."""
     return result.values.k0_Nm_per_rad > 0.0 and result.values.k2_per_rad2 >= SOFTEST_K2
 
 
 def can_curve_be_written(result: StaticResult) -> bool:
-    """A model file holds a curve that grows everywhere."""
+    """Whether the curve grows everywhere, as a model file requires."""
     return not result.not_monotone
 
 
 def write_calibration(
     path: Path, result: StaticResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]
 ) -> None:
-    """The nominal model with the recovered k0, k2 and rest angles, and how well they are known now; all or nothing.
+    """Write the nominal model with the fitted k0, k2 and rest angles, and their new uncertainties; all or nothing.
 
-    Where the law does not hold they are known no better than it departs from the measured curve. Raises RigError where the disk refuses.
+    Where the law does not hold, the uncertainties are no smaller than its distance from the measured curve. Raises RigError where the disk
+    refuses.
     """
     values, rests = result.values, result.rests[0]
     leg = with_law(nominal["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
     sections = _sections({**nominal, "leg": leg}, result.rig, rests)
-    write_model(path, sections, _stated(known_to) | _known_to(result) | _rest_known_to(rests), _comments(result, sources))
+    write_model(path, sections, _keep_stated(known_to) | _make_known_to(result) | _rest_known_to(rests), _comments(result, sources))
 
 
 def write_curve(path: Path, result: StaticResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]) -> None:
-    """The nominal model with the measured curve and its covariance in place of k0 and k2; all or nothing.
+    """Write the nominal model with the measured curve and its covariance in place of k0 and k2; all or nothing.
 
     `k0_relative` is the root mean square of the curve's band over that of its torques: how far a fit may scale the curve. Where splines
-    that bear a torque at rest fit better than chance allows, it is no smaller than these are apart. Raises RigError where the disk refuses.
+    with a torque at rest fit better than chance allows, it is no smaller than their distance from the curve. Raises RigError where the disk
+    refuses.
     """
     keys, rests = curve_keys(result), result.rests[1]
     band = relative_std(TorqueRotationSection.model_validate(keys))
     sections = _sections({**nominal, "leg": with_curve(nominal["leg"], keys)}, result.rig, rests)
     apart = 0.0 if result.model_form.holds else abs(result.model_form.apart_relative)
-    known = {key: value for key, value in _stated(known_to).items() if key not in ("k0_relative", "k2_relative")}
+    # The curve has no k2; its scale takes the key k0_relative.
+    known = {key: value for key, value in _keep_stated(known_to).items() if key not in ("k0_relative", "k2_relative")}
     known["k0_relative"] = float(np.hypot(band or 0.0, apart))
     write_model(path, sections, known | _rest_known_to(rests), _curve_comments(result, sources))
 
@@ -62,10 +66,12 @@ def write_curve(path: Path, result: StaticResult, nominal: Mapping[str, Any], kn
 def curve_keys(result: StaticResult) -> dict[str, Any]:
     """The keys of [leg.torque_rotation] for the measured curve."""
     basis, covariance = result.model.basis, result.model.covariance
+    # The form for a model is always a spline through rest; the assertion tells the type checker.
     assert isinstance(basis, ThroughRest)
     return {
         "angles_deg": np.degrees(basis.knots_rad).tolist(),
         "torques_Nm": result.model.coefficients.tolist(),
+        # Rounding and least squares leave tiny asymmetries, which the section would refuse; the mean with the transpose removes them.
         "covariance_Nm2": [[float(f"{each:.{COVARIANCE_DIGITS}g}") for each in row] for row in 0.5 * (covariance + covariance.T)],
     }
 
@@ -77,18 +83,18 @@ def _sections(nominal: Mapping[str, Any], rig: RigModel, rests: RestAngles | Non
     return fitted_sections(nominal, replace(rig, leg=leg))
 
 
-def _stated(known_to: Mapping[str, Any]) -> dict[str, float]:
+def _keep_stated(known_to: Mapping[str, Any]) -> dict[str, float]:
     return {key: float(value) for key, value in known_to.items() if value is not None}
 
 
-def _known_to(result: StaticResult) -> dict[str, float]:
+def _make_known_to(result: StaticResult) -> dict[str, float]:
     known = result.values.known_to
     apart = 0.0 if result.form.holds else abs(result.form.apart_relative)
     return {name: float(np.hypot(std, apart)) for name, std in known.items()}
 
 
 def _rest_known_to(rests: RestAngles | None) -> dict[str, float]:
-    """One number for all hinges: the worst of them."""
+    """One number for all hinges: the largest of them."""
     return {} if rests is None else {"rest_angle_deg": float(np.degrees(rests.std_rad.max()))}
 
 

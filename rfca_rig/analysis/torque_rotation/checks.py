@@ -1,4 +1,4 @@
-"""Whether the stages bear out what the curve takes for granted: the form of the law, hinges that are alike, no loop, values as believed."""
+"""Tests of the curve's assumptions: the form of the law, equal hinges, no hysteresis, values as in the nominal model."""
 
 from dataclasses import dataclass
 
@@ -14,17 +14,21 @@ from rfca_rig.analysis.torque_rotation.systematics import rest_name
 
 Floats = NDArray[np.float64]
 
-REFUSED_BELOW = 1e-3  # chance of so large a gain where the law holds
-SMALL = 0.005  # of the largest torque: closer than anybody needs the law to hold
-STRAY = 6.0  # standard deviations: of some hundred readings none is so far by chance
-CLEARLY = 4.0  # standard deviations
+# Probability of a gain this large where the law holds, below which the law is rejected.
+MIN_CHANCE = 1e-3
+# Share of the largest torque; no use of the law needs it closer.
+NEGLIGIBLE_SHARE = 0.005
+# In standard deviations: of some hundred readings none is this far off by chance.
+OUTLIER_STD = 6.0
+# In standard deviations.
+SIGNIFICANT_STD = 4.0
 
 
 @dataclass(frozen=True)
 class FormCheck:
-    """What splines gain over the law with the same errors: `gain` in chi2 for `more` coefficients, its `chance` where the law holds.
+    """Gain of splines over the law with the same errors: `gain` in chi2 for `more` coefficients, `chance` of it where the law holds.
 
-    The curves are farthest apart at `at_rad`, by `apart_Nm`, `apart_relative` of the largest torque.
+    The curves differ most at `at_rad`, by `apart_Nm`, or `apart_relative` of the largest torque.
     """
 
     gain: float
@@ -36,12 +40,13 @@ class FormCheck:
 
     @property
     def holds(self) -> bool:
-        return self.chance >= REFUSED_BELOW or abs(self.apart_relative) < SMALL
+        # With many stages even a tiny departure is significant; it matters only above NEGLIGIBLE_SHARE.
+        return self.chance >= MIN_CHANCE or abs(self.apart_relative) < NEGLIGIBLE_SHARE
 
 
 @dataclass(frozen=True)
 class HingeCheck:
-    """By how much one hinge is stiffer than the curve of all, as a share, with one standard deviation; hinges count from 2."""
+    """Relative stiffness of one hinge above the common curve, with one standard deviation; hinges count from 2."""
 
     hinge: int
     stiffer: float
@@ -49,14 +54,14 @@ class HingeCheck:
 
     @property
     def differs(self) -> bool:
-        return abs(self.stiffer) > CLEARLY * self.std
+        return abs(self.stiffer) > SIGNIFICANT_STD * self.std
 
 
 @dataclass(frozen=True)
 class RestAngles:
-    """Rest angles (h,) [rad] that were found beside a curve, with their covariance (h, h).
+    """Rest angles (h,) [rad] fitted beside a curve, with their covariance (h, h).
 
-    `with_stiffness` is the correlation of their mean with the curve's stiffness at rest: near +-1 the two stand in for each other.
+    `with_stiffness` is the correlation of their mean with the curve's stiffness at rest: near +-1 the data do not separate the two.
     """
 
     rest_rad: Floats
@@ -65,18 +70,18 @@ class RestAngles:
 
     @property
     def std_rad(self) -> Floats:
-        """(h,) of each hinge by itself."""
+        """Standard deviation (h,) of each hinge by itself."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def common_std_rad(self) -> float:
-        """Of the mean of all hinges."""
+        """Standard deviation of the mean of all hinges."""
         return float(np.sqrt(self.covariance.mean()))
 
 
 @dataclass(frozen=True)
 class RestCheck:
-    """By how much one hinge, or all where `hinge` is None, rests elsewhere than believed, with one standard deviation [rad]."""
+    """Rest angle of one hinge, or of all where `hinge` is None, from the nominal one, with one standard deviation [rad]."""
 
     hinge: int | None
     rest_rad: float
@@ -84,12 +89,12 @@ class RestCheck:
 
     @property
     def differs(self) -> bool:
-        return abs(self.rest_rad) > CLEARLY * self.std_rad
+        return abs(self.rest_rad) > SIGNIFICANT_STD * self.std_rad
 
 
 @dataclass(frozen=True)
 class BendingLoop:
-    """Half the height of the loop between bending and unbending, one standard deviation, and how many angles were come to either way."""
+    """Half the height of the hysteresis loop, one standard deviation, and the number of angles reached by bending and by unbending."""
 
     half_Nm: float
     std_Nm: float
@@ -98,12 +103,12 @@ class BendingLoop:
 
     @property
     def seen(self) -> bool:
-        return abs(self.half_Nm) > CLEARLY * self.std_Nm
+        return abs(self.half_Nm) > SIGNIFICANT_STD * self.std_Nm
 
 
 @dataclass(frozen=True)
 class FoundSystematicError:
-    """What a doubted quantity came out as, in its unit for a reader; `pull` is how many prior standard deviations that is."""
+    """Estimate of a systematic error, in its unit for a reader; `pull` is the estimate in prior standard deviations."""
 
     says: str
     unit: str
@@ -114,13 +119,13 @@ class FoundSystematicError:
 
     @property
     def strained(self) -> bool:
-        """Farther from what was believed than that was known."""
-        return abs(self.pull) > CLEARLY
+        """Whether it is farther from its nominal value than its prior allows."""
+        return abs(self.pull) > SIGNIFICANT_STD
 
 
 @dataclass(frozen=True)
 class Stray:
-    """A reading that is `pull` standard deviations from where balance wants it: `off` it, in `unit`."""
+    """A reading that is `pull` standard deviations from the value that the balance asks for: by `off`, in `unit`."""
 
     label: str
     says: str
@@ -130,13 +135,13 @@ class Stray:
 
 
 def strays(found: Recovered, data: StageData) -> tuple[Stray, ...]:
-    """Readings that no noise explains, the worst first."""
+    """Outliers: readings that noise does not explain, the worst first."""
     C = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)
     off = data.measured - found.adjusted.point.z
     pulls = off / np.sqrt(np.diagonal(C, axis1=1, axis2=2))
     names = [(f"hinge {i + 2}", "degrees", np.degrees(1.0)) for i in range(data.hinges)]
     names += [("the shaft's angle", "degrees", np.degrees(1.0)), ("fy", "N", 1.0), ("fz", "N", 1.0), ("tx", "N m", 1.0)]
-    far = sorted(np.argwhere(np.abs(pulls) > STRAY).tolist(), key=lambda place: -abs(pulls[*place]))
+    far = sorted(np.argwhere(np.abs(pulls) > OUTLIER_STD).tolist(), key=lambda place: -abs(pulls[*place]))
     return tuple(
         Stray(data.label(row), names[column][0], float(names[column][2] * off[row, column]), names[column][1], float(pulls[row, column]))
         for row, column in far
@@ -144,10 +149,11 @@ def strays(found: Recovered, data: StageData) -> tuple[Stray, ...]:
 
 
 def form_check(law: Recovered, free: Recovered, law_curve: TorqueCurve, free_curve: TorqueCurve) -> FormCheck:
-    """`law` and `free` were found with the same errors. The curves are compared at the same angles of the hinges, wherever these rest."""
+    """Compare two solutions with the same errors, at the same angles of the hinges, whatever their rest angles."""
     gain = max(law.adjusted.chi2 - free.adjusted.chi2, 0.0)
     more = free.adjusted.balance.basis.size - law.adjusted.balance.basis.size
     grid = free_curve.grid_rad()
+    # Each curve counts angles from its own rest, so the grid is shifted by the difference.
     rests = [one.adjusted.balance.rest_rad(one.adjusted.point.p).mean() for one in (law, free)]
     by_law, by_free = law_curve.torque_Nm(grid + rests[1] - rests[0])[0], free_curve.torque_Nm(grid)[0]
     worst = int(np.argmax(np.abs(by_law - by_free)))
@@ -157,30 +163,32 @@ def form_check(law: Recovered, free: Recovered, law_curve: TorqueCurve, free_cur
 
 
 def hinge_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[HingeCheck, ...]:
-    """Each hinge supposed to differ while the others share the curve."""
+    """Test for each hinge whether it is stiffer than the curve that the others share."""
     torque = curve.torque_Nm(from_rest_rad(found, data).ravel())[0].reshape(-1, data.hinges)
+    # The curve's own torque at one hinge alone is the column for a relative change of its stiffness.
     columns = torque[:, :, None] * np.eye(data.hinges)
-    return tuple(HingeCheck(j + 2, value, std) for j, (value, std) in enumerate(_tried(found, data, columns)))
+    return tuple(HingeCheck(j + 2, value, std) for j, (value, std) in enumerate(_score_columns(found, data, columns)))
 
 
 def from_rest_rad(found: Recovered, data: StageData) -> Floats:
-    """(S, h) angles of the hinges from where they bear nothing, as found."""
+    """Angles (S, h) of the hinges from the rest angles found."""
     point, balance = found.adjusted.point, found.adjusted.balance
     return np.asarray(point.z[:, : data.hinges] - balance.rest_rad(point.p))
 
 
 def rest_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[RestCheck, ...]:
-    """Each hinge supposed to rest elsewhere than the others, and all of them together; none where rest angles are unknowns already."""
+    """Test for each hinge, and for all together, whether it rests elsewhere; no tests where rest angles are unknowns already."""
     if found.adjusted.balance.systematic_errors.place(rest_name(0)) is not None:
         return ()
     stiffness = curve.stiffness_Nm_per_rad(from_rest_rad(found, data).ravel())[0].reshape(-1, data.hinges)
+    # A shift of the rest angle changes the torque by minus the stiffness, to first order.
     single = -stiffness[:, :, None] * np.eye(data.hinges)
-    tried = _tried(found, data, np.concatenate([single, -stiffness[:, :, None]], axis=2))
-    return tuple(RestCheck(j + 2 if j < data.hinges else None, value, std) for j, (value, std) in enumerate(tried))
+    estimates = _score_columns(found, data, np.concatenate([single, -stiffness[:, :, None]], axis=2))
+    return tuple(RestCheck(j + 2 if j < data.hinges else None, value, std) for j, (value, std) in enumerate(estimates))
 
 
 def rest_angles(found: Recovered, widened: float) -> RestAngles | None:
-    """The rest angles with their covariance; None where they count as exact."""
+    """The rest angles with their covariance, errors multiplied by `widened`; None where they count as exact."""
     adjusted = found.adjusted
     first, hinges = adjusted.balance.systematic_errors.place(rest_name(0)), adjusted.balance.L.size - 1
     if first is None:
@@ -194,15 +202,17 @@ def rest_angles(found: Recovered, widened: float) -> RestAngles | None:
     return RestAngles(rest_rad, widened**2 * covariance[places, places], with_slope / float(np.sqrt(variances)))
 
 
-def _tried(found: Recovered, data: StageData, columns: Floats) -> list[tuple[float, float]]:
-    """Value and standard deviation of each further column of hinge torque (S, h, e), one at a time beside all other unknowns."""
+def _score_columns(found: Recovered, data: StageData, columns: Floats) -> list[tuple[float, float]]:
+    """Value and standard deviation of each further column of hinge torque (S, h, e), tested one at a time beside all other unknowns."""
     adjusted = found.adjusted
     C = found.errors.covariance(data, adjusted.balance.rig.leg.link_lengths_m)
     rows = weighed(adjusted.balance, freed(adjusted.balance, adjusted.groups, data.measured, C, adjusted.point, columns), adjusted.point.p)
+    # Columns of equal size keep the least squares well conditioned.
     scale = np.linalg.norm(rows.matrix, axis=0)
     results = []
     for one in rows.extra.T:
         known = rows.matrix / scale
+        # Only the part that the other unknowns cannot explain carries information (Frisch-Waugh).
         own = one - known @ np.linalg.lstsq(known, one, rcond=None)[0]
         information = float(own @ own)
         results.append((-float(own @ rows.right) / information, information**-0.5) if information > 0.0 else (0.0, np.inf))
@@ -210,7 +220,7 @@ def _tried(found: Recovered, data: StageData, columns: Floats) -> list[tuple[flo
 
 
 def loop_of(found: Recovered, data: StageData) -> BendingLoop | None:
-    """The first further column's coefficient, where `found` has `data.turned` for one; None where no hinge turned back."""
+    """The hysteresis loop from the first further column, where `found` has `data.turned` for one; None where no hinge turned back."""
     bending = data.turned * np.sign(data.measured[:, : data.hinges])
     back = int((bending < 0).sum())
     if not back or not found.adjusted.balance.extra.shape[2]:
@@ -221,7 +231,7 @@ def loop_of(found: Recovered, data: StageData) -> BendingLoop | None:
 
 
 def found_systematic_errors(adjusted: Adjusted) -> tuple[FoundSystematicError, ...]:
-    """All systematic errors as they came out."""
+    """Estimates of all systematic errors."""
     first, systematic_errors = adjusted.balance.curve_size, adjusted.balance.systematic_errors.each
     values, std = adjusted.point.p[first:], np.sqrt(np.diag(adjusted.covariance))[first:]
     return tuple(

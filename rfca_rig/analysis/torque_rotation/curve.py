@@ -15,9 +15,9 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class TorqueCurve:
-    """Torque of a hinge over its angle: coefficients of a basis with covariance, known over `range_rad`, with `freedom` to spare.
+    """Torque of a hinge over its angle: coefficients (size,) of a basis with covariance (size, size), valid over `range_rad`.
 
-    `bends` is the sign of the angles that prevail; `mirrored` gives the curve as a reader wants it, bending positive.
+    `freedom` is the number of degrees of freedom. `bends` is the sign of most angles; multiplied by it, the curve has bending positive.
     """
 
     basis: Basis
@@ -29,19 +29,19 @@ class TorqueCurve:
 
     @property
     def reach(self) -> float:
-        """By how many standard deviations the band of 95 % reaches to either side."""
+        """Half width of the 95 % band in standard deviations."""
         return float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(self.freedom, 1)))
 
     def torque_Nm(self, phi_rad: Floats) -> tuple[Floats, Floats]:
-        """Torque and its standard deviation."""
+        """Torque (m,) and its standard deviation (m,) at angles (m,)."""
         return self._of(self.basis.columns(phi_rad))
 
     def stiffness_Nm_per_rad(self, phi_rad: Floats) -> tuple[Floats, Floats]:
-        """The derivative and its standard deviation: the equivalent stiffness."""
+        """Equivalent stiffness (m,), the derivative of the torque, and its standard deviation (m,), at angles (m,)."""
         return self._of(self.basis.slopes(phi_rad))
 
     def grid_rad(self, count: int = 101) -> Floats:
-        """(count,) angles over the range, from the least bent on."""
+        """Angles (count,) over the range, from the least bent on."""
         low, high = self.range_rad
         return np.linspace(low, high, count) if self.bends > 0 else np.linspace(high, low, count)
 
@@ -52,7 +52,9 @@ class TorqueCurve:
 
 @dataclass(frozen=True)
 class LawValues:
-    """k0 and k2 of the law k0 (phi + k2 phi^3), one standard deviation each, their correlation, and how far 95 % reaches."""
+    """k0 and k2 of the law k0 (phi + k2 phi^3), one standard deviation each, their correlation, and the half width of 95 % in
+    deviations.
+    """
 
     k0_Nm_per_rad: float
     k0_std: float
@@ -63,14 +65,15 @@ class LawValues:
 
     @property
     def known_to(self) -> dict[str, float]:
-        """As the section of that name has it."""
+        """As keys of the section [known_to]."""
         return {"k0_relative": self.k0_std / self.k0_Nm_per_rad, "k2_relative": self.k2_std / abs(self.k2_per_rad2)}
 
 
 def law_values(curve: TorqueCurve) -> LawValues:
-    """Of a curve on the law's own basis."""
+    """k0 and k2 of a curve on the law's own basis."""
     a, b = curve.coefficients
-    turn = np.array([[1.0, 0.0], [-b / a**2, 1.0 / a]])
-    covariance = turn @ curve.covariance @ turn.T
+    # Jacobian of (a, b / a) by (a, b), for first-order propagation of the covariance.
+    jacobian = np.array([[1.0, 0.0], [-b / a**2, 1.0 / a]])
+    covariance = jacobian @ curve.covariance @ jacobian.T
     k0_std, k2_std = np.sqrt(np.diag(covariance))
     return LawValues(float(a), float(k0_std), float(b / a), float(k2_std), float(covariance[0, 1] / (k0_std * k2_std)), curve.reach)

@@ -1,8 +1,10 @@
-"""What the elastica of the paper's strip foretells of a hinge, to stand beside the measured curve.
+"""Predictions of a hinge's torque by the elastica of the paper's strip, to compare with the measured curve.
 
-How the shells hold the strip the paper leaves open, and with it the length over which it bends. Three readings: held by direction in the
-middle of each link, (3) to (8), which has no hardening; clamped at both sides of the pin where it slides in its grooves, free over a link's
-pitch; and the same, free over the length that gives the measured k0.
+The paper does not state how the shells hold the strip, nor the length over which it bends. Three assumptions are computed:
+
+- held by direction in the middle of each link, (3) to (8), which has no hardening;
+- clamped at both sides of the pin where it slides in its grooves, free over a link's pitch;
+- the same, free over the length that gives the measured k0.
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,7 @@ MATERIAL = "CFSP"
 
 @dataclass(frozen=True)
 class Foretold:
-    """One reading: in words, its free length, k0 and hardening of its law, and the curve over `phi_rad` (m,), bending positive."""
+    """One assumption in words, its free length, k0 and hardening of its law, and the curve over `phi_rad` (m,), bending positive."""
 
     says: str
     free_m: float
@@ -33,10 +35,11 @@ class Foretold:
 
 
 def foretold(leg: Leg, k0_Nm_per_rad: float, most_rad: float) -> tuple[Foretold, ...]:
-    """Of the paper's two strips in this leg, up to an angle above 0 and below 90 degrees."""
+    """Curves of the paper's two strips in this leg, up to an angle above 0 and below 90 degrees."""
     strip = paper_strips({material.name: material for material in table_1_materials()}[MATERIAL])
     pitch_m, EI = float(np.mean(leg.link_lengths_m[1:-1])), strip.bending_stiffness_Nm2
     phi = np.linspace(0.0, most_rad, 61)
+    # A strip that may only bend between link centres, with a given end direction, has constant curvature: EI / pitch.
     held = Foretold(
         "held by direction in the middle of each link", pitch_m, EI / pitch_m, 0.0, phi, EI / pitch_m * phi, 0.0 * phi + EI / pitch_m
     )

@@ -1,4 +1,4 @@
-"""From recordings with static stages to the torque-rotation curve, with all checks."""
+"""Evaluates static stages: from recordings to the torque-rotation curve, with all tests."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -34,22 +34,26 @@ from rfca_rig.recording.model import Recording
 
 Floats = NDArray[np.float64]
 
+# Angles for each piece of a spline, and the largest number of pieces and knots.
 ANGLES_PER_PIECE, MOST_PIECES, MOST_KNOTS = 20, 3, 5
 # Shares of the angles below the knots of the finer form, which follows a spring that engages late: a play of 1.2 degrees is met to 0.1 % of
 # the largest torque from 7 degrees on, and to 4 % by four knots at even shares.
 NEAR_REST = (0.0, 0.12, 0.25, 0.5, 0.75, 1.0)
 ANGLES_NEAR_REST = 60
+# Less data does not determine a curve and is refused.
 FEWEST_ANGLES = 12
 FEWEST_STAGES = 3
 LEAST_RANGE_DEG = 2.0
-SOLVED = 6  # times that the stages are solved, with this or that left free
+# Solutions of the stages with different unknowns, for the progress callback.
+SOLVE_COUNT = 6
 
 
 @dataclass(frozen=True)
 class Supposition:
-    """What stages are held against: the sections of a model, how well its values are known, sensor and marks, all in the files' units.
+    """Model and uncertainties that the stages are evaluated with, all in the files' units.
 
-    `hinge_std_deg` is one standard deviation of a hinge angle where a stage does not state it; None to have the stages tell it.
+    `nominal` has the sections of a model, `known_to` the uncertainties of its values, `instruments` those of sensor and marks.
+    `hinge_std_deg` is one standard deviation of a hinge angle where a stage does not state it; None to estimate it from the stages.
     """
 
     nominal: Mapping[str, Any]
@@ -71,13 +75,13 @@ class _Case:
         return recovered(self.data, self.rig, basis, self.systematic_errors, errors, turned, learn)
 
     def splines(self) -> Spline:
-        """A form that any curve has, whatever it bears at rest."""
+        """A form that fits any curve, whatever its torque at rest."""
         nominal = np.array(self.rig.leg.rest_angles_rad or (0.0,) * self.data.hinges)
         angles = (self.data.measured[:, : self.data.hinges] - nominal)[self.data.seen]
         return spline_over(angles, int(np.clip(len(angles) // ANGLES_PER_PIECE, 1, MOST_PIECES)))
 
     def through_rest(self, law: Recovered) -> list[ThroughRest]:
-        """Forms that a model can take, the simplest first; angles count from where `law` has the hinges rest."""
+        """Forms that a model can take, the simplest first; angles count from the rest angles of `law`."""
         angles = from_rest_rad(law, self.data)[self.data.seen]
         knots = int(np.clip(len(angles) // ANGLES_PER_PIECE, FEWEST_KNOTS, MOST_KNOTS))
         shares: list[Sequence[float]] = [tuple(np.arange(1, knots + 1) / knots)]
@@ -87,26 +91,45 @@ class _Case:
 
 
 def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Watcher = unwatched) -> StaticResult:
-    """The curve that all stages of the recordings share, which must be of one leg.
+    """Determine the curve that all stages of the recordings share.
 
-    The form is decided with the errors that splines leave: a law that fails would lay its misfit on the instruments. Raises BadInput
-    where the stages cannot tell a curve, SimulationFailed.
+    Parameters
+    ----------
+    recordings
+        Static stages of one leg.
+    supposed
+        Model and uncertainties.
+    watcher
+        Progress callback.
+
+    Raises
+    ------
+    BadInput
+        Where the stages do not determine a curve.
+    SimulationFailed
+        Where no balance is found.
+
+    Notes
+    -----
+    The form is decided with the errors found with splines: a law that does not hold would attribute its misfit to the instruments.
     """
     case = _case(recordings, supposed)
-    watcher(0, SOLVED)
+    watcher(0, SOLVE_COUNT)
     free = _freest(case)
-    watcher(1, SOLVED)
+    watcher(1, SOLVE_COUNT)
     looped = _with_loop(case, free)
     loop = loop_of(looped, case.data) if looped else None
+    # A hysteresis loop is kept in the model only where it is significant.
     closed = looped if looped is not None and loop is not None and loop.seen else None
     free = closed or free
-    watcher(2, SOLVED)
+    watcher(2, SOLVE_COUNT)
     law = case.solved(Hardening(), free.errors, loop=closed is not None)
-    watcher(3, SOLVED)
+    watcher(3, SOLVE_COUNT)
+    # Both forms are compared with the same errors; with errors of its own each would look adequate.
     same_errors = case.solved(Hardening(), free.errors, loop=closed is not None, learn=False)
-    watcher(4, SOLVED)
+    watcher(4, SOLVE_COUNT)
     model = _model(case, free, law, closed is not None)
-    watcher(5, SOLVED)
+    watcher(5, SOLVE_COUNT)
     widened = _repeats(recordings, supposed, law)
     law_curve, free_curve, model_curve = (_curve(found, case.data, widened.widened) for found in (law, free, model))
     form = form_check(same_errors, free, _curve(same_errors, case.data, 1.0), free_curve)
@@ -174,7 +197,7 @@ def _check(recordings: Sequence[Recording], rig: RigModel) -> None:
 
 
 def _model(case: _Case, free: Recovered, law: Recovered, has_loop: bool) -> Recovered:
-    """The simplest form that a model can take and that is not refused beside the free splines, else the finest."""
+    """The simplest form that a model can take and that is not rejected against the free splines, else the finest."""
     for basis in case.through_rest(law):
         found = case.solved(basis, free.errors, loop=has_loop, learn=False)
         if form_check(found, free, _curve(found, case.data, 1.0), _curve(free, case.data, 1.0)).holds:
@@ -183,26 +206,27 @@ def _model(case: _Case, free: Recovered, law: Recovered, has_loop: bool) -> Reco
 
 
 def _freest(case: _Case) -> Recovered:
-    """With splines, and with whichever errors are likelier, of single hinges or of marks; those that allow no balance are not."""
-    found, failed = [], None
+    """Solution with splines and the likelier noise model, of independent hinges or of shared marks; noise without a balance is left out."""
+    solutions, last_error = [], None
     for chained in (False, True):
         try:
-            found.append(case.solved(case.splines(), Errors(chained=chained)))
+            solutions.append(case.solved(case.splines(), Errors(chained=chained)))
         except SimulationFailed as error:
-            failed = error
-    if not found and failed is not None:
-        raise failed
-    return max(found, key=lambda one: one.log_likelihood)
+            last_error = error
+    if not solutions and last_error is not None:
+        raise last_error
+    return max(solutions, key=lambda one: one.log_likelihood)
 
 
 def _with_loop(case: _Case, free: Recovered) -> Recovered | None:
-    """The same with a loop, where hinges turned back."""
+    """The same with a hysteresis loop, where hinges turned back."""
     bending = case.data.turned * np.sign(case.data.measured[:, : case.data.hinges])
     return case.solved(case.splines(), free.errors, loop=True) if (bending < 0).any() else None
 
 
 def _curve(found: Recovered, data: StageData, widened: float) -> TorqueCurve:
     adjusted = found.adjusted
+    # The curve counts as known only over the angles that were measured.
     angles = from_rest_rad(found, data)[data.seen]
     size = adjusted.balance.basis.size
     return TorqueCurve(
@@ -216,7 +240,7 @@ def _curve(found: Recovered, data: StageData, widened: float) -> TorqueCurve:
 
 
 def _repeats(recordings: Sequence[Recording], supposed: Supposition, law: Recovered) -> Repeats:
-    """Each recording by itself with the errors found for all, where there are several that suffice."""
+    """Each recording by itself with the errors found for all, where several recordings suffice."""
     if len(recordings) < 2:
         return Repeats()
     each, pulls, freedom = [], 0.0, 0
@@ -229,8 +253,10 @@ def _repeats(recordings: Sequence[Recording], supposed: Supposition, law: Recove
             continue
         alone = case.solved(Hardening(), law.errors, learn=False)
         curve = _curve(alone, case.data, 1.0)
+        # Mahalanobis distance of each recording from the common curve: its mean should be 1 per coefficient.
         apart = curve.coefficients - middle
         pulls, freedom = pulls + float(apart @ np.linalg.solve(curve.covariance, apart)), freedom + size
         each.append(law_values(curve))
+    # The common curve was fitted to the same recordings.
     freedom -= size
     return Repeats(tuple(each), float(np.sqrt(max(1.0, pulls / freedom))) if freedom > 0 else 1.0)

@@ -1,8 +1,8 @@
-"""Least squares where everything measured is in error: adjustment of conditions with unknowns.
+"""Gauss-Helmert adjustment: least squares where all measured values have errors, with conditions and unknowns.
 
-What was measured, z with covariance C, is moved as little as its errors ask for until the conditions g(z, c, p) = 0 hold: angles and
-forces alike, no axis is taken to be exact. c are unknowns of one stage, p those of all. Gauss-Newton, linearised anew at the moved z
-each time (Deming 1943; Britt and Luecke, Technometrics 15 (1973) 233).
+The measured values z with covariance C are moved as little as possible, in units of their errors, until the conditions g(z, c, p) = 0 hold.
+This applies to angles and forces alike; no axis is taken to be exact. c are unknowns of one stage, p those of all. Gauss-Newton, linearised
+again at the moved z in each step (Deming 1943; Britt and Luecke, Technometrics 15 (1973) 233).
 """
 
 from collections.abc import Sequence
@@ -15,18 +15,25 @@ from rfca_rig.analysis.torque_rotation.balance import Balance, Group, LinearCond
 
 Floats = NDArray[np.float64]
 
-MOST_STEPS = 100
+# Limits of Gauss-Newton: steps, and turn of an angle in one step, beyond which the conditions are not nearly linear.
+MAX_STEPS = 100
 LONGEST_STEP_RAD = 0.1
-CALMING, LEAST_SHARE = 0.9, 0.2  # by which a step is shorter than the one before, and what it keeps of its length
-CALM_CLOSE = 30.0  # times: how much less close then suffices
-CALM_AFTER = 20  # steps: where an end barely touches, whole ones with weights that change may go to and fro for ever
-SETTLED = 1e-3  # of a standard deviation of every common unknown
-SETTLED_Z = 5e-3  # the same of everything measured
-FREE_STD = 1e6  # of a curve's coefficient: nothing is known of it beforehand
+# Factor of a damped step's length from step to step, and its lower limit.
+DAMPING, MIN_STEP_SHARE = 0.9, 0.2
+# Factor on the tolerance while steps are damped.
+DAMPED_TOLERANCE_FACTOR = 30.0
+# Where an end barely touches, whole steps with changing weights may alternate for ever.
+DAMP_AFTER_STEPS = 20
+# Largest last step of a common unknown, in its standard deviations.
+CONVERGED_STD = 1e-3
+# The same for the measured values.
+CONVERGED_Z_STD = 5e-3
+# Prior deviation of a curve's coefficient: it has no prior.
+FREE_STD = 1e6
 
 
 class Unbalanced(Exception):
-    """No balance was found; stage `row` is farthest from one."""
+    """The adjustment did not converge; stage `row` is farthest from its measured values."""
 
     def __init__(self, row: int) -> None:
         super().__init__(row)
@@ -35,7 +42,7 @@ class Unbalanced(Exception):
 
 @dataclass(frozen=True)
 class Point:
-    """Where the conditions are looked at: z (S, m) of all stages, c (S_g, 2 T_g) of each group, p (P,)."""
+    """Point of linearisation: z (S, m) of all stages, c (S_g, 2 T_g) of each group, p (P,)."""
 
     z: Floats
     c: tuple[Floats, ...]
@@ -44,10 +51,10 @@ class Point:
 
 @dataclass(frozen=True)
 class Freed:
-    """The conditions of one group in units of their own errors, split by the stages' own unknowns c.
+    """The whitened conditions of one group, split by the stages' own unknowns c.
 
-    `factor` (S, R, R) whitens; `beside` (S, R, 1 + P + e) are the whitened conditions, their derivatives by p, and by further columns;
-    `q`, `r` from the derivatives by c. The last R - 2 T directions of q know nothing of c.
+    `factor` (S, R, R) whitens. `beside` (S, R, 1 + P + e) holds the whitened conditions, their derivatives by p, and further columns. `q`,
+    `r` are the QR decomposition of the derivatives by c. The last R - 2 T directions of q do not depend on c.
     """
 
     line: LinearConditions
@@ -63,22 +70,24 @@ class Freed:
 
     @property
     def rows(self) -> Floats:
-        """(m, 1 + P + e) without c, of variance 1."""
+        """Rows (m, 1 + P + e) with c eliminated, of variance 1."""
+        # Projection on the directions that c cannot change eliminates c exactly, without solving for it.
         free = np.swapaxes(self.q, 1, 2)[:, self.unknowns :] @ self.beside
         return np.asarray(free.reshape(-1, free.shape[2]))
 
     @property
     def log_det(self) -> float:
-        """Of the covariance of the conditions, less what c takes up."""
+        """Log determinant of the covariance of the conditions, without the part that c takes up."""
         own = np.diagonal(self.r[:, : self.unknowns], axis1=1, axis2=2)
         whole = np.diagonal(self.factor, axis1=1, axis2=2)
         return 2.0 * float(np.log(np.abs(whole)).sum() + np.log(np.abs(own)).sum())
 
     def moves(self, dp: Floats) -> tuple[Floats, Floats]:
-        """How far z is from what was measured, (S, m), and the change of c (S, 2 T), for a change of p."""
+        """Distance of z from the measured values, (S, m), and the change of c (S, 2 T), for a change of p (P,)."""
         v = self.beside[:, :, 0] + self.beside[:, :, 1 : 1 + dp.size] @ dp
         turned = np.einsum("srk,sr->sk", self.q, v)
         dc = -np.linalg.solve(self.r[:, : self.unknowns], turned[:, : self.unknowns, None])[:, :, 0]
+        # These directions are met by c alone and leave nothing for z to correct.
         turned[:, : self.unknowns] = 0.0
         pull = np.linalg.solve(np.swapaxes(self.factor, 1, 2), np.einsum("srk,sk->sr", self.q, turned)[:, :, None])
         return -(self.C @ np.swapaxes(self.line.by_z, 1, 2) @ pull)[:, :, 0], dc
@@ -86,9 +95,10 @@ class Freed:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """The solution: `covariance` (P, P) of p. `chi2` is the data's and the systematic errors' together, `freedom` the conditions left over.
+    """The solution; `covariance` (P, P) is that of p.
 
-    `log_likelihood` is that of the noise, curve and unknowns integrated over (REML).
+    `chi2` is that of data and systematic errors together, `freedom` its degrees of freedom. `log_likelihood` is that of the noise, with
+    curve and unknowns integrated out (REML).
     """
 
     balance: Balance
@@ -101,7 +111,7 @@ class Adjusted:
 
     @property
     def curve(self) -> Floats:
-        """The coefficients of the curve."""
+        """Coefficients of the curve, (size,)."""
         return self.point.p[: self.balance.basis.size]
 
     @property
@@ -112,7 +122,7 @@ class Adjusted:
 
 @dataclass(frozen=True)
 class Weighed:
-    """The rows of all groups and of the systematic errors: `matrix` (m, P), `right` (m,), further columns `extra` (m, e)."""
+    """Rows of all groups and of the systematic errors: `matrix` (m, P), `right` (m,), further columns `extra` (m, e)."""
 
     matrix: Floats
     right: Floats
@@ -128,6 +138,7 @@ class Weighed:
         return np.asarray(np.linalg.lstsq(self.matrix, -self.right, rcond=None)[0])
 
     def log_likelihood(self) -> float:
+        # Restricted likelihood (REML): the determinant of the information integrates the unknowns out.
         left = self.right + self.matrix @ self.step()
         return -0.5 * (float(left @ left) + self.log_det + float(np.linalg.slogdet(self.information)[1]))
 
@@ -141,28 +152,42 @@ def freed(
     extra: Floats | None = None,
     slack: Sequence[Floats] = (),
 ) -> tuple[Freed, ...]:
-    """The groups' conditions about a point, for errors C (S, m, m). `extra` (S, h, e) are columns of hinge torque to be tried.
+    """Linearise and whiten the groups' conditions about a point.
 
-    `slack` of each group stands in for what the conditions themselves say.
+    Parameters
+    ----------
+    balance, groups
+        The conditions, and the stages they apply to.
+    measured
+        (S, m) measured values.
+    C
+        (S, m, m) their covariance.
+    point
+        Point of linearisation.
+    extra
+        (S, h, e) columns of hinge torque to be tested.
+    slack
+        Of each group (S_g, R), in place of the conditions' own.
     """
     lines = [balance.linear(group, point.z[group.rows], c, point.p) for group, c in zip(groups, point.c, strict=True)]
     lines = [replace(line, slack=own) for line, own in zip(lines, slack, strict=True)] if slack else lines
-    return tuple(_freed(line, measured[g.rows] - point.z[g.rows], C[g.rows], _of(extra, g)) for line, g in zip(lines, groups, strict=True))
+    return tuple(_whiten(line, measured[g.rows] - point.z[g.rows], C[g.rows], _of(extra, g)) for line, g in zip(lines, groups, strict=True))
 
 
 def refreed(parts: Sequence[Freed], groups: Sequence[Group], moved: Floats, C: Floats) -> tuple[Freed, ...]:
-    """The same conditions for other errors; `moved` (S, m) is what was measured less where they were linearised."""
-    return tuple(_freed(part.line, moved[g.rows], C[g.rows], None) for part, g in zip(parts, groups, strict=True))
+    """The same conditions for another covariance C (S, m, m); `moved` (S, m) is measured values minus the point of linearisation."""
+    return tuple(_whiten(part.line, moved[g.rows], C[g.rows], None) for part, g in zip(parts, groups, strict=True))
 
 
 def _of(extra: Floats | None, group: Group) -> Floats | None:
     return None if extra is None else extra[group.rows]
 
 
-def _freed(line: LinearConditions, moved: Floats, C: Floats, extra: Floats | None) -> Freed:
+def _whiten(line: LinearConditions, moved: Floats, C: Floats, extra: Floats | None) -> Freed:
     V = line.by_z @ C @ np.swapaxes(line.by_z, 1, 2)
     every = np.arange(V.shape[1])
     V[:, every, every] += line.slack
+    # Covariance of the conditions: that of the measured values, carried over to first order, plus each condition's own slack.
     factor = np.asarray(np.linalg.cholesky(V), np.float64)
     w = line.g + np.einsum("srm,sm->sr", line.by_z, moved)
     parts = [w[:, :, None], line.by_p]
@@ -173,10 +198,11 @@ def _freed(line: LinearConditions, moved: Floats, C: Floats, extra: Floats | Non
 
 
 def weighed(balance: Balance, parts: Sequence[Freed], p: Floats) -> Weighed:
-    """All rows together, those of the systematic errors below."""
+    """Stack the rows of all groups, with those of the systematic errors' priors below, at unknowns p (P,)."""
     rows = np.concatenate([part.rows for part in parts])
     std = np.concatenate([np.full(balance.curve_size, FREE_STD), balance.systematic_errors.std])
     matrix = np.concatenate([rows[:, 1 : 1 + p.size], np.diag(1.0 / std)])
+    # A coefficient of the curve has no prior; its row is there only to keep the matrix regular.
     prior = np.where(std < FREE_STD, p / std, 0.0)
     right = np.concatenate([rows[:, 0], prior])
     extra = np.concatenate([rows[:, 1 + p.size :], np.zeros((p.size, rows.shape[1] - 1 - p.size))])
@@ -184,35 +210,63 @@ def weighed(balance: Balance, parts: Sequence[Freed], p: Floats) -> Weighed:
 
 
 def adjust(balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point) -> Adjusted:
-    """From `start` to where the conditions hold. Raises Unbalanced where Gauss-Newton does not settle."""
+    """Adjust the measured values and unknowns from `start` until the conditions hold.
+
+    Parameters
+    ----------
+    balance, groups
+        The conditions, and the stages they apply to.
+    measured
+        (S, m) measured values.
+    C
+        (S, m, m) their covariance.
+    start
+        Point to begin from.
+
+    Raises
+    ------
+    Unbalanced
+        Where Gauss-Newton does not converge.
+
+    References
+    ----------
+    Deming (1943); Britt and Luecke, Technometrics 15 (1973) 233.
+    """
     try:
-        return _adjusted(balance, groups, measured, C, start)
+        return _iterate(balance, groups, measured, C, start)
     except np.linalg.LinAlgError:
         raise Unbalanced(0) from None
 
 
-def _adjusted(balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point) -> Adjusted:
+def _iterate(balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point) -> Adjusted:
     point, slack = start, list[Floats]()
-    for count in range(MOST_STEPS):
-        most = max(CALMING ** max(count - CALM_AFTER, 0), LEAST_SHARE)
+    for count in range(MAX_STEPS):
+        # Damping sets in late, so that ordinary cases keep the fast convergence of whole steps.
+        most = max(DAMPING ** max(count - DAMP_AFTER_STEPS, 0), MIN_STEP_SHARE)
         parts = freed(balance, groups, measured, C, point, slack=slack)
-        if count == CALM_AFTER:
+        # The slack depends on the solution. Freezing it stops steps and weights from alternating.
+        if count == DAMP_AFTER_STEPS:
             slack = [part.line.slack for part in parts]
         rows = weighed(balance, parts, point.p)
         dp = rows.step()
         covariance = np.asarray(np.linalg.inv(rows.information), np.float64)
-        before, (point, whole) = point, _moved(point, groups, parts, measured, dp, most)
+        before, (point, whole) = point, _step_from(point, groups, parts, measured, dp, most)
         in_std = np.abs(dp) / np.sqrt(np.abs(np.diag(covariance)))
         z_in_std = np.abs(point.z - before.z) / most / np.sqrt(np.diagonal(C, axis1=1, axis2=2))
-        close = 1.0 if most == 1.0 else CALM_CLOSE
-        if whole and in_std.max() < close * SETTLED and z_in_std.max() < close * SETTLED_Z:
+        close = 1.0 if most == 1.0 else DAMPED_TOLERANCE_FACTOR
+        if whole and in_std.max() < close * CONVERGED_STD and z_in_std.max() < close * CONVERGED_Z_STD:
             left = rows.right + rows.matrix @ dp
             return Adjusted(balance, tuple(groups), point, covariance, float(left @ left), rows.freedom, rows.log_likelihood())
     raise Unbalanced(int(np.abs((point.z - measured) / np.sqrt(np.diagonal(C, axis1=1, axis2=2))).max(axis=1).argmax()))
 
 
-def _moved(point: Point, groups: Sequence[Group], parts: Sequence[Freed], measured: Floats, dp: Floats, most: float) -> tuple[Point, bool]:
-    """The next point, `most` of the step away, and whether it was not cut: no angle may turn farther than conditions are nearly linear."""
+def _step_from(
+    point: Point, groups: Sequence[Group], parts: Sequence[Freed], measured: Floats, dp: Floats, most: float
+) -> tuple[Point, bool]:
+    """The next point, at the share `most` of the step, and whether the step was not cut.
+
+    A step is cut where an angle would turn farther than the conditions are nearly linear.
+    """
     moves = [part.moves(dp) for part in parts]
     z = measured.copy()
     for group, (dz, _) in zip(groups, moves, strict=True):

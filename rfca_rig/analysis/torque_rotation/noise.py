@@ -1,4 +1,4 @@
-"""How well angles and forces are known, as far as the stages themselves can tell it."""
+"""Noise of angles and forces, estimated from the stages themselves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,18 +12,22 @@ from rfca_rig.analysis.torque_rotation.stages import NOT_SEEN_STD_RAD, SHAFT_STD
 
 Floats = NDArray[np.float64]
 
-USUAL_HINGE_DEG = 0.15  # of a hinge angle in a photo, to begin from
-SPREAD = {"hinge": 2.0, "stated": 0.7, "force": 1.5}  # of the logarithms: how far each may reasonably be off
-FIRST_MOVE = {"hinge": 0.4, "stated": 0.3, "force": -0.7}
-FINE = 0.02
+# Initial error of a hinge angle in a photo.
+USUAL_HINGE_DEG = 0.15
+# Prior deviations of the logarithms.
+LOG_PRIOR_STD = {"hinge": 2.0, "stated": 0.7, "force": 1.5}
+FIRST_LOG_STEP = {"hinge": 0.4, "stated": 0.3, "force": -0.7}
+# Accuracy of the search, in logarithms of the noise and in log-likelihood.
+SEARCH_TOLERANCE = 0.02
 LEAST_HINGE_RAD, LEAST_FACTOR = 2e-5, 0.02
 
 
 @dataclass(frozen=True)
 class Errors:
-    """`hinge_std_rad` stands where no error of an angle was stated; factors multiply what was stated, and what one expects of a mean force.
+    """Noise model of a stage, m = h + 4 measured values.
 
-    `chained`: angles err as those between marks do that neighbouring hinges share; else each on its own.
+    `hinge_std_rad` applies where no error of an angle was stated. The factors multiply stated errors, and the expected error of a mean
+    force. With `chained`, neighbouring angles are correlated through the marks that they share; else each is independent.
     """
 
     hinge_std_rad: float = float(np.radians(USUAL_HINGE_DEG))
@@ -32,7 +36,7 @@ class Errors:
     chained: bool = False
 
     def covariance(self, data: StageData, link_lengths_m: Sequence[float]) -> Floats:
-        """(S, h + 4, h + 4) of what was measured at each stage."""
+        """Covariance (S, h + 4, h + 4) of the measured values at each stage."""
         h = data.hinges
         std = np.where(data.unstated, self.hinge_std_rad, self.stated_factor * data.hinge_std_rad)
         std = np.where(data.seen, std, NOT_SEEN_STD_RAD)
@@ -45,7 +49,7 @@ class Errors:
         return C
 
     def moved(self, steps: dict[str, float]) -> "Errors":
-        """With logarithms added; a table that was computed has no noise, and the balance needs some."""
+        """The same with these logarithms added. Limits from below, because computed tables have no noise and the adjustment needs some."""
         return Errors(
             max(self.hinge_std_rad * float(np.exp(steps.get("hinge", 0.0))), LEAST_HINGE_RAD),
             max(self.stated_factor * float(np.exp(steps.get("stated", 0.0))), LEAST_FACTOR),
@@ -54,15 +58,18 @@ class Errors:
         )
 
     def misfit(self) -> float:
-        """Minus the log of how plausible these are beforehand."""
+        """Minus the log prior of these errors, up to a constant."""
         usual = float(np.radians(USUAL_HINGE_DEG))
         logs = {"hinge": self.hinge_std_rad / usual, "stated": self.stated_factor, "force": self.force_factor}
-        return sum(0.5 * (float(np.log(value)) / SPREAD[name]) ** 2 for name, value in logs.items())
+        return sum(0.5 * (float(np.log(value)) / LOG_PRIOR_STD[name]) ** 2 for name, value in logs.items())
 
 
 def of_shared_marks(link_lengths_m: Sequence[float]) -> Floats:
-    """(h, h) correlation of hinge angles between marks at every hinge and at the tip, all found equally well: neighbours share two."""
+    """Correlation (h, h) of hinge angles from marks at every hinge and at the tip with equal errors: neighbouring angles share two
+    marks.
+    """
     n = len(link_lengths_m)
+    # A link's angle is the difference of its two marks over its length; a hinge angle is the difference of two links.
     links = (np.eye(n, n + 1, k=1) - np.eye(n, n + 1)) / np.array(link_lengths_m)[:, None]
     hinges = np.diff(links, axis=0)
     covariance = hinges @ hinges.T
@@ -71,20 +78,26 @@ def of_shared_marks(link_lengths_m: Sequence[float]) -> Floats:
 
 
 def learned(data: StageData, adjusted: Adjusted, errors: Errors) -> tuple[Errors, float]:
-    """The likeliest errors given the stages, curve and unknowns integrated over (REML), and their log-likelihood, plausibility included."""
+    """Most probable errors given the stages, with curve and unknowns integrated out (REML), and their log-likelihood including the
+    prior.
+    """
     lengths, measured = adjusted.balance.rig.leg.link_lengths_m, data.measured
     groups = adjusted.groups
+    # The conditions stay linearised at the solution, so that each trial costs only linear algebra.
     parts = freed(adjusted.balance, groups, measured, errors.covariance(data, lengths), adjusted.point)
     moved = measured - adjusted.point.z
     names = [name for name, there in _learnable(data).items() if there]
 
     def cost(logs: Floats) -> float:
-        tried = errors.moved(dict(zip(names, logs, strict=True)))
-        rows = weighed(adjusted.balance, refreed(parts, groups, moved, tried.covariance(data, lengths)), adjusted.point.p)
-        return tried.misfit() - rows.log_likelihood()
+        trial = errors.moved(dict(zip(names, logs, strict=True)))
+        rows = weighed(adjusted.balance, refreed(parts, groups, moved, trial.covariance(data, lengths)), adjusted.point.p)
+        return trial.misfit() - rows.log_likelihood()
 
-    first = np.concatenate([np.zeros((1, len(names))), np.diag([FIRST_MOVE[name] for name in names])])
-    found = minimize(cost, first[0], method="Nelder-Mead", options={"xatol": FINE, "fatol": FINE, "initial_simplex": first})
+    first = np.concatenate([np.zeros((1, len(names))), np.diag([FIRST_LOG_STEP[name] for name in names])])
+    # At most three unknowns: a simplex search needs no derivatives.
+    found = minimize(
+        cost, first[0], method="Nelder-Mead", options={"xatol": SEARCH_TOLERANCE, "fatol": SEARCH_TOLERANCE, "initial_simplex": first}
+    )
     return errors.moved(dict(zip(names, found.x, strict=True))), -float(found.fun)
 
 

@@ -1,4 +1,4 @@
-"""The measured points of the curve: at every stage and hinge its angle, and the torque that statics asks of it there."""
+"""Measured points of the curve: at every stage and hinge its angle, and the torque that static balance requires there."""
 
 from dataclasses import dataclass
 
@@ -14,10 +14,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Points:
-    """All (S, h), NaN where no angle was measured. The angles count from rest.
+    """All arrays (S, h), NaN where no angle was measured. Angles count from rest.
 
-    The torques follow from the angles as measured, before any curve is supposed; `turned` is +1 where a hinge had bent farther to its
-    angle, -1 where it had come back, 0 where that is not clear.
+    The torques follow from the measured angles, before any curve is assumed. `turned` is +1 where a hinge reached its angle by bending, -1
+    where it came back, 0 where that is not clear.
     """
 
     phi_rad: Floats
@@ -28,7 +28,7 @@ class Points:
 
 
 def points_of(found: Recovered, data: StageData) -> Points:
-    """Zeros, tares, shares of several touching ends, and angles that were not measured are taken as found."""
+    """Compute the points; zeros, tares, shares of several touching ends, and missing angles are taken from the solution."""
     balance, h = found.adjusted.balance, data.hinges
     p, curve = found.adjusted.point.p, slice(0, found.adjusted.balance.curve_size)
     z, C = _as_measured(found, data)
@@ -36,7 +36,9 @@ def points_of(found: Recovered, data: StageData) -> Points:
     torque, std = np.empty(data.seen.shape), np.empty(data.seen.shape)
     for group, c in zip(found.adjusted.groups, found.adjusted.point.c, strict=True):
         line = balance.linear(group, z[group.rows], c, p)
+        # Condition = curve torque - load. Subtracting it from the curve's torque leaves the load alone.
         torque[group.rows] = line.by_p[:, :h, curve] @ p[curve] - line.g[:, :h]
+        # The error of a torque comes from angles and forces directly, and through the floor's forces.
         by_z = -line.by_z[:, :h] + _through_floor(line, h)
         by_z[:, np.arange(h), np.arange(h)] += balance.basis.slopes(angle[group.rows]) @ p[: balance.basis.size]
         std[group.rows] = np.sqrt(np.einsum("sji,sik,sjk->sj", by_z, C[group.rows], by_z))
@@ -46,21 +48,22 @@ def points_of(found: Recovered, data: StageData) -> Points:
 
 
 def _as_measured(found: Recovered, data: StageData) -> tuple[Floats, Floats]:
-    """Readings (S, m) and their covariance, those that are missing as found and without error."""
+    """Readings (S, m) and their covariance (S, m, m); missing readings are taken from the solution, without error."""
     known = np.concatenate([data.seen, np.ones((len(data.seen), 4), dtype=bool)], axis=1)
     C = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)
     return np.where(known, data.measured, found.adjusted.point.z), C * known[:, :, None] * known[:, None, :]
 
 
 def _through_floor(line: LinearConditions, hinges: int) -> Floats:
-    """How the torques (S, h) follow the readings of fy and fz by way of the floor's forces, shares kept: (S, h, m)."""
+    """Derivatives (S, h, m) of the torques by the readings of fy and fz through the floor's forces, with shares kept."""
     by_z = np.zeros((len(line.g), hinges, hinges + 4))
     ends = line.normal_N.shape[1]
     if not ends:
         return by_z
     N = np.maximum(line.normal_N, 1e-9)
     share = N / N.sum(axis=1, keepdims=True)
-    deeper = line.by_c[:, hinges + 1, :ends]  # N by depth
+    # Derivative of N by depth.
+    deeper = line.by_c[:, hinges + 1, :ends]
     by_N = line.by_c[:, :hinges, :ends] / np.maximum(deeper, 1e-9)[:, None]
     by_z[:, :, hinges + 1] = np.einsum("sjk,sk->sj", line.by_c[:, :hinges, ends:], share)
     by_z[:, :, hinges + 2] = np.einsum("sjk,sk->sj", by_N, share)

@@ -1,4 +1,4 @@
-"""The curve of one form from the stages: ends that touch, errors and coefficients, found together."""
+"""Fits the curve of one form to the stages: touching ends, errors and coefficients are found together."""
 
 from dataclasses import dataclass
 
@@ -17,8 +17,9 @@ from rfca_rig.model.parameters import RigModel
 
 Floats = NDArray[np.float64]
 
-ROUNDS = 4
-SAME = 0.02  # of the logarithm of a noise
+MAX_ROUNDS = 4
+# Change of the logarithm of a noise below which it counts as the same.
+LOG_TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
@@ -40,30 +41,50 @@ def recovered(
     extra: Floats | None = None,
     learn: bool = True,
 ) -> Recovered:
-    """Coefficients by least squares with everything in error; with `learn`, errors as the stages themselves tell them, from `errors` on.
+    """Fit the coefficients by least squares with errors in all measured values.
 
-    `extra` (S, h, e) are further columns of hinge torque. Raises SimulationFailed.
+    Parameters
+    ----------
+    data, rig
+        The stages and the nominal model.
+    basis
+        Form of the curve.
+    systematic_errors
+        Their priors.
+    errors
+        Noise to begin from.
+    extra
+        (S, h, e) further columns of hinge torque.
+    learn
+        Whether the noise is estimated from the stages.
+
+    Raises
+    ------
+    SimulationFailed
+        Where no balance is found.
     """
     nothing = np.zeros((len(data.measured), data.hinges, 0))
     balance = Balance(rig, basis, systematic_errors, nothing if extra is None else extra)
     p = np.zeros(balance.curve_size + len(systematic_errors.each))
+    # Gauss-Newton begins at the nominal curve, with all systematic errors at 0.
     p[: basis.size] = _nominal_curve(rig, basis, data)
     ends = supposed(balance, data, p)
     point = restarted(balance, data, Point(data.measured.copy(), (), p), ends)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         adjusted, ends = settled(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
         if not learn:
             return Recovered(adjusted, errors, adjusted.log_likelihood, pressing(adjusted, len(ends)))
+        # Noise and curve depend on each other, so both are estimated in turn until the noise no longer changes.
         before, (errors, likelihood) = errors, learned(data, adjusted, errors)
         point = adjusted.point
-        if _alike(before, errors):
+        if _is_same(before, errors):
             break
     adjusted, ends = settled(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
     return Recovered(adjusted, errors, likelihood, pressing(adjusted, len(ends)))
 
 
 def _nominal_curve(rig: RigModel, basis: Basis, data: StageData) -> Floats:
-    """The coefficients nearest to what was believed, over the angles of the stages."""
+    """Coefficients nearest to the nominal law over the angles of the stages, (size,)."""
     phi = np.linspace(*_range(data), 100)
     torque = bending_torque_Nm(rig.leg, phi)
     return np.asarray(np.linalg.lstsq(basis.columns(phi), torque, rcond=None)[0])
@@ -74,6 +95,6 @@ def _range(data: StageData) -> tuple[float, float]:
     return float(angles.min()), float(angles.max())
 
 
-def _alike(a: Errors, b: Errors) -> bool:
+def _is_same(a: Errors, b: Errors) -> bool:
     pairs = ((a.hinge_std_rad, b.hinge_std_rad), (a.stated_factor, b.stated_factor), (a.force_factor, b.force_factor))
-    return max(abs(float(np.log(x / y))) for x, y in pairs) < SAME
+    return max(abs(float(np.log(x / y))) for x, y in pairs) < LOG_TOLERANCE

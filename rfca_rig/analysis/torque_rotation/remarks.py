@@ -1,10 +1,11 @@
-"""What a reader has to be told of a curve before believing it, in sentences."""
+"""Warnings on a curve that a reader needs before using it, in sentences."""
 
 import numpy as np
 
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.description.sections import SOFTEST_K2
 
+# Limits above which a warning is given.
 MUCH_HINGE_DEG = 0.6  # of a hinge angle in a photo
 MUCH_FORCE = 1.0  # times the noise of one sample, for a mean of many
 MUCH_STATED = 2.0
@@ -13,7 +14,7 @@ MOST_STRAYS = 3
 
 
 def remarks(result: StaticResult) -> list[str]:
-    """Warnings first of the form, then of the instruments, then of single hinges and values; empty where there is nothing to say."""
+    """Warnings on the form, then on the instruments, then on single hinges and values; empty where there are none."""
     return [
         *_form(result),
         *_loop(result),
@@ -21,25 +22,25 @@ def remarks(result: StaticResult) -> list[str]:
         *_noise(result),
         *_hinges(result),
         *_rests(result),
-        *_strained(result),
+        *_implausible_values(result),
         *_stages(result),
     ]
 
 
 def _form(result: StaticResult) -> list[str]:
-    form, said = result.form, []
+    form, sentences = result.form, []
     if not form.holds:
-        said.append(
+        sentences.append(
             f"The law k0 (phi + k2 phi^3) does not hold: splines fit better than chance allows (chi2 lower by {form.gain:.0f} for "
             f"{form.more} more numbers), and part from it by {abs(form.apart_Nm):.2f} N m, "
             f"{abs(100 * form.apart_relative):.1f} % of the largest torque, at {abs(np.degrees(form.at_rad)):.0f} degrees. "
             "The curve shown is that of the splines; k0 and k2 are only the nearest."
         )
     if result.values.k2_per_rad2 < 0.0:
-        said.append(_softens(result))
+        sentences.append(_softens(result))
     if result.not_monotone:
-        said.append(f"No model can take the measured curve: {result.not_monotone}.")
-    return said
+        sentences.append(f"No model can take the measured curve: {result.not_monotone}.")
+    return sentences
 
 
 def _softens(result: StaticResult) -> str:
@@ -64,31 +65,34 @@ def _loop(result: StaticResult) -> list[str]:
 
 
 def _noise(result: StaticResult) -> list[str]:
-    errors, data, said = result.found.errors, result.data, []
+    errors, data, sentences = result.found.errors, result.data, []
     if (data.unstated & data.seen).any() and np.degrees(errors.hinge_std_rad) > MUCH_HINGE_DEG:
-        said.append(f"Hinge angles scatter by {np.degrees(errors.hinge_std_rad):.2f} degrees about any one curve, more than photos should.")
+        sentences.append(
+            f"Hinge angles scatter by {np.degrees(errors.hinge_std_rad):.2f} degrees about any one curve, more than photos should."
+        )
     if errors.stated_factor > MUCH_STATED:
-        said.append(f"Hinge angles scatter {errors.stated_factor:.1f} times as much as was stated of them.")
+        sentences.append(f"Hinge angles scatter {errors.stated_factor:.1f} times as much as was stated of them.")
+    # The median stage stands for all: a single one with a large stated error does not count.
     over = errors.force_factor * float(np.median(data.force_std[:, 1] / data.sample_noise[1]))
     if over > MUCH_FORCE:
-        said.append(
+        sentences.append(
             f"Forces and angles do not go together: the mean forces would have to err by {over:.1f} times the noise of one sample. "
             "Something beyond one curve for all hinges is at work; the interval does not cover it."
         )
     if result.repeats.widened > MUCH_WIDENED:
-        said.append(
+        sentences.append(
             f"The recordings differ more than their errors allow; the interval is {result.repeats.widened:.1f} times wider for that."
         )
-    return said
+    return sentences
 
 
 def _strays(result: StaticResult) -> list[str]:
-    said = [
+    sentences = [
         f"In {stray.label} {stray.says} reads {stray.off:+.2g} {stray.unit} from what balance asks for: look at it again, or leave it out."
         for stray in result.strays[:MOST_STRAYS]
     ]
-    more = len(result.strays) - len(said)
-    return said + ([f"So do {more} more readings."] if more else [])
+    more = len(result.strays) - len(sentences)
+    return sentences + ([f"So do {more} more readings."] if more else [])
 
 
 def _hinges(result: StaticResult) -> list[str]:
@@ -101,7 +105,7 @@ def _hinges(result: StaticResult) -> list[str]:
 
 
 def _rests(result: StaticResult) -> list[str]:
-    """The clearest departure alone: one hinge that rests elsewhere pulls at the mean of all, and the other way round."""
+    """The most significant departure alone: one hinge that rests elsewhere also shifts the mean of all, and the other way round."""
     checks = [check for check in result.rest_checks if check.differs]
     if not checks:
         return []
@@ -113,7 +117,7 @@ def _rests(result: StaticResult) -> list[str]:
     ]
 
 
-def _strained(result: StaticResult) -> list[str]:
+def _implausible_values(result: StaticResult) -> list[str]:
     return [
         f"The {found.says} would be {found.value:+.3g} {found.unit} from what was believed, which was said to be known to "
         f"{found.prior_std:.2g} {found.unit}. Measure it again."
@@ -124,8 +128,8 @@ def _strained(result: StaticResult) -> list[str]:
 
 def _stages(result: StaticResult) -> list[str]:
     left = result.data.left_out
-    said = [f"Stage {one.stage.stage} at {1e3 * one.stage.height_m:g} mm is left out: {one.why}." for one in left]
+    sentences = [f"Stage {one.stage.stage} at {1e3 * one.stage.height_m:g} mm is left out: {one.why}." for one in left]
     if result.rig.effects:
         names = ", ".join(effect.id for effect in result.rig.effects)
-        said.append(f"The nominal effects ({names}) are not taken out of angles and forces.")
-    return said
+        sentences.append(f"The nominal effects ({names}) are not taken out of angles and forces.")
+    return sentences

@@ -1,4 +1,4 @@
-"""Static stages as arrays: what was measured at each, and how well that is known."""
+"""Static stages as arrays: measured values of each stage and their errors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,15 +11,19 @@ from rfca_rig.recording.model import Recording, StaticStage
 Floats = NDArray[np.float64]
 
 FORCES = ("fy_N", "fz_N", "tx_Nm")
-USUAL_NOISE = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}  # of one sample of a six-axis sensor for some hundred newtons
-MEAN_OF_SAMPLES = 5.0  # a stage's mean is at least this much quieter, squared, than one sample
-SHAFT_STD_RAD = 2e-4  # of a settled encoder reading
-NOT_SEEN_STD_RAD = 1.0  # of an angle that no photo tells
+# One sample of a six-axis sensor for some hundred newtons.
+USUAL_NOISE = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}
+# The variance of a stage's mean is at least this factor below that of one sample.
+MEAN_OF_SAMPLES = 5.0
+# Settled reading of an encoder.
+SHAFT_STD_RAD = 2e-4
+# Error of an angle that no photo shows: it has no influence.
+NOT_SEEN_STD_RAD = 1.0
 
 
 @dataclass(frozen=True)
 class Left:
-    """A stage that tells nothing of the hinges, and why."""
+    """A stage without information on the hinges, and why."""
 
     recording: int
     stage: StaticStage
@@ -30,9 +34,9 @@ class Left:
 class StageData:
     """The stages that count, in their order.
 
-    `measured` (S, h + 4): h hinge angles and the shaft's [rad], fy, fz [N], tx [N m]. `hinge_std_rad` (S, h) is NaN where nobody stated it
-    and infinite where the angle is missing (its value is then a guess to begin from). `force_std` (S, 3) is what one would expect of a
-    mean. `turned` (S, h): +1 or -1, the way in which the hinge came to its angle, 0 where that is within the errors.
+    `measured` (S, h + 4) holds h hinge angles and the shaft's [rad], fy, fz [N], tx [N m]. `hinge_std_rad` (S, h) is NaN where no error was
+    stated, and infinite where the angle is missing (its value is then a guess to begin from). `force_std` (S, 3) is the expected error of a
+    mean. `turned` (S, h) is the direction, +1 or -1, in which the hinge reached its angle; 0 where the change is within the errors.
     """
 
     stages: tuple[StaticStage, ...]
@@ -55,36 +59,42 @@ class StageData:
 
     @property
     def heights_m(self) -> Floats:
-        """The distinct ones, ascending."""
+        """The distinct heights, ascending."""
         return np.unique(self.height_m)
 
     @property
     def unstated(self) -> NDArray[np.bool_]:
-        """(S, h) where an angle was measured and its error not."""
+        """Where an angle was measured without a stated error, (S, h)."""
         return np.isnan(self.hinge_std_rad)
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """(S, h) where an angle was measured."""
+        """Where an angle was measured, (S, h)."""
         return ~np.isinf(self.hinge_std_rad)
 
 
 def stage_data(recordings: Sequence[Recording], noise_std: Mapping[str, float | None], hinge_std_deg: float | None = None) -> StageData:
     """All stages of the recordings that settled and have at least one hinge angle.
 
-    `noise_std` is that of one sample by channel, as far as the rig's description knows it. `hinge_std_deg` stands in where a stage does not
-    state its own.
+    Parameters
+    ----------
+    recordings
+        Recordings with static stages.
+    noise_std
+        Noise of one sample by channel, as far as the rig's description states it.
+    hinge_std_deg
+        Error of a hinge angle where a stage does not state its own.
     """
-    kept: list[tuple[int, StaticStage]] = []
-    left: list[Left] = []
+    usable: list[tuple[int, StaticStage]] = []
+    left_out: list[Left] = []
     for number, recording in enumerate(recordings):
         for stage in recording.static:
             why = _useless(stage)
             if why:
-                left.append(Left(number, stage, why))
+                left_out.append(Left(number, stage, why))
             else:
-                kept.append((number, stage))
-    return _arrays(kept, left, noise_std, hinge_std_deg)
+                usable.append((number, stage))
+    return _arrays(usable, left_out, noise_std, hinge_std_deg)
 
 
 def _useless(stage: StaticStage) -> str:
@@ -102,8 +112,10 @@ def _arrays(
     std_deg = np.array([stage.hinge_std_deg for stage in stages])
     if hinge_std_deg is not None:
         std_deg = np.where(np.isnan(std_deg), hinge_std_deg, std_deg)
+    # NaN means that the error was not stated, infinity that the angle is missing; both cases are told apart later.
     std_deg = np.where(np.isnan(hinge_deg), np.inf, std_deg)
     others = np.array([(stage.shaft_angle_rad, stage.fy_N, stage.fz_N, stage.tx_Nm) for stage in stages])
+    # Heights within 0.01 mm are one height, with one common error.
     height_m = np.array([round(stage.height_m, 5) for stage in stages])
     sample = np.array([noise_std.get(name) or USUAL_NOISE[name] for name in FORCES])
     stated = np.array([[stage.std.get(name) or usual for name, usual in zip(FORCES, sample, strict=True)] for stage in stages])
@@ -111,29 +123,31 @@ def _arrays(
         stages=stages,
         recording=number,
         height_m=height_m,
-        measured=np.concatenate([np.radians(_filled(hinge_deg)), others], axis=1),
+        measured=np.concatenate([np.radians(_fill_missing(hinge_deg)), others], axis=1),
         hinge_std_rad=np.radians(std_deg),
+        # Only the start: the factor on this error is estimated from the stages.
         force_std=stated / np.sqrt(MEAN_OF_SAMPLES),
         sample_noise=sample,
-        turned=_turned(hinge_deg, stages, number),
+        turned=_turn_directions(hinge_deg, stages, number),
         left_out=tuple(left),
     )
 
 
-def _filled(hinge_deg: Floats) -> Floats:
-    """A guess for what is missing: as the nearest hinges that were seen."""
-    places, filled = np.arange(hinge_deg.shape[1]), hinge_deg.copy()
-    for row in filled:
+def _fill_missing(hinge_deg: Floats) -> Floats:
+    """Initial guess for missing angles: interpolated from the hinges that were seen."""
+    places, complete = np.arange(hinge_deg.shape[1]), hinge_deg.copy()
+    for row in complete:
         seen = np.isfinite(row)
         row[~seen] = np.interp(places[~seen], places[seen], row[seen])
-    return filled
+    return complete
 
 
-CLEAR_DEG = 0.5  # a turn beyond doubt
+# A turn whose direction is beyond doubt.
+CLEAR_DEG = 0.5
 
 
-def _turned(hinge_deg: Floats, stages: Sequence[StaticStage], number: NDArray[np.intp]) -> Floats:
-    """Against the stage before; the first of a series came from the straight leg."""
+def _turn_directions(hinge_deg: Floats, stages: Sequence[StaticStage], number: NDArray[np.intp]) -> Floats:
+    """Direction of the change since the stage before; the first stage of a series came from the straight leg."""
     before = np.zeros_like(hinge_deg)
     for i in range(1, len(stages)):
         if not _begins(stages[i - 1], stages[i]) and number[i] == number[i - 1]:

@@ -1,4 +1,4 @@
-"""All that the static stages of some recordings tell of the hinges."""
+"""Result of the evaluation of static stages."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ from rfca_rig.recording.model import StaticStage
 
 @dataclass(frozen=True)
 class Repeats:
-    """The law's values of each recording by itself, and by how much their scatter widens the errors: 1 where it is as expected."""
+    """The law's values of each recording by itself, and the factor on the errors that their scatter requires: 1 where it is as expected."""
 
     each: tuple[LawValues, ...] = ()
     widened: float = 1.0
@@ -26,10 +26,10 @@ class Repeats:
 
 @dataclass(frozen=True)
 class StaticResult:
-    """`law` is the curve k0 (phi + k2 phi^3) with its `values`, `free` the one of splines; `found` is the solution behind `curve`.
+    """`law` is the curve k0 (phi + k2 phi^3) with its `values`, `free` the curve of splines; `found` is the solution behind `curve`.
 
-    `model` is the curve in the form that a model takes, which bears nothing at rest, and `model_form` its test. `rests` are the rest angles
-    found beside the law and beside `model`, None where they count as exact.
+    `model` is the curve in the form for a model file, which bears nothing at rest, and `model_form` its test. `rests` are the rest angles
+    found with the law and with `model`, None where they count as exact.
     """
 
     rig: RigModel
@@ -52,9 +52,10 @@ class StaticResult:
 
     @property
     def not_monotone(self) -> str:
-        """Why a model cannot take the measured curve, in a line; empty where it can."""
+        """Why a model cannot take the measured curve, in one line; empty where it can."""
         basis = self.model.basis
         assert isinstance(basis, ThroughRest)
+        # The reader of model files decides, so that a curve is offered exactly when its file could be read.
         try:
             knots_from(np.degrees(basis.knots_rad).tolist(), self.model.coefficients.tolist(), "the measured curve")
         except BadInput as error:
@@ -69,5 +70,5 @@ class StaticResult:
 
     @property
     def curve(self) -> TorqueCurve:
-        """The one to believe."""
+        """The curve to use: the law where it holds, else the splines."""
         return self.law if self.form.holds else self.free

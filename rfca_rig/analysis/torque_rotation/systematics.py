@@ -1,4 +1,4 @@
-"""What is common to many stages and not quite as believed: zeros of encoder, marks and sensor, mass, height, floor."""
+"""Systematic errors common to many stages: zeros of encoder, marks and sensor, mass, height, floor."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,20 +10,26 @@ from rfca_rig.analysis.torque_rotation.stages import FORCES, StageData
 
 Floats = NDArray[np.float64]
 
+# Marks an error that all recordings share.
 ANY = -1
-HEIGHT_MM = 1.0  # where nobody says how well the height of the rack is known
-CONTACT_RELATIVE = 0.5  # the same of the floor's stiffness
-LEVER_M = 4e-3  # where on a link's end the floor's friction acts: nobody measures it
-SLOPE = 3e-3  # of the floor along the motion: levelled by eye
-MARKS_DEG = 0.1  # a mark put on 0.05 mm beside its hinge turns two links by so much
+# Uncertainty of the rack's height where none is stated.
+HEIGHT_MM = 1.0
+# The same for the floor's stiffness.
+CONTACT_RELATIVE = 0.5
+# The point on a link's end where the floor's friction acts has not been measured.
+LEVER_M = 4e-3
+# Slope of the floor along the motion, levelled by eye.
+SLOPE = 3e-3
+# A mark placed 0.05 mm off its hinge turns two links by this angle.
+MARKS_DEG = 0.1
 
 
 @dataclass(frozen=True)
 class SystematicError:
-    """One quantity, 0 as believed, with a prior standard deviation.
+    """One quantity with nominal value 0 and a prior standard deviation.
 
-    `says`, `unit` and the `scale` to it are for a reader; one that `is_log` is the logarithm of a factor. One with a `column` shifts that
-    column of what was measured, of one recording or of any.
+    `says`, `unit` and the factor `scale` to it are for a reader. With `is_log` it is the logarithm of a factor. With a `column` it shifts
+    that column of the measured values, of one recording or of all.
     """
 
     name: str
@@ -37,13 +43,14 @@ class SystematicError:
 
     def shown(self, value: float, std: float) -> tuple[float, float]:
         """Value and standard deviation in its unit."""
+        # First-order propagation: the deviation of exp(v) is exp(v) times that of v.
         grown = float(np.exp(value)) if self.is_log else 1.0
         return self.scale * (grown - 1.0 if self.is_log else value), self.scale * grown * std
 
 
 @dataclass(frozen=True)
 class SystematicErrors:
-    """All of them, in the order of the unknowns."""
+    """All systematic errors, in the order of the unknowns; `std` is (count,)."""
 
     each: tuple[SystematicError, ...]
 
@@ -52,20 +59,20 @@ class SystematicErrors:
         return np.array([systematic_error.std for systematic_error in self.each])
 
     def place(self, name: str) -> int | None:
-        """Where it stands, None where it is not doubted."""
+        """Its index, None where it is not an unknown."""
         return next((i for i, systematic_error in enumerate(self.each) if systematic_error.name == name), None)
 
 
 @dataclass(frozen=True)
 class Instruments:
-    """How well sensor and marks are known where no recording says it. A gain counts as exact unless stated."""
+    """Standard errors of sensor and marks where no recording states them. A gain counts as exact unless stated."""
 
     gain_relative: float = 0.0
     marks_deg: float = MARKS_DEG
 
 
 def list_systematic_errors(data: StageData, known_to: Mapping[str, float | None], instruments: Instruments) -> SystematicErrors:
-    """The systematic errors that `known_to` states, and those that nobody states but every rig has."""
+    """The systematic errors that `known_to` states, and those that every rig has although they are not stated."""
     each = [
         *_common(data.hinges, known_to, instruments.gain_relative),
         *_heights(data, known_to),
@@ -73,6 +80,7 @@ def list_systematic_errors(data: StageData, known_to: Mapping[str, float | None]
         *(_mark(hinge, instruments.marks_deg) for hinge in range(data.hinges)),
         *(_rest(hinge, known_to.get("rest_angle_deg") or 0.0) for hinge in range(data.hinges)),
     ]
+    # An error with deviation 0 counts as exact and needs no unknown.
     return SystematicErrors(tuple(systematic_error for systematic_error in each if systematic_error.std > 0.0))
 
 
@@ -92,12 +100,13 @@ def _common(hinges: int, known_to: Mapping[str, float | None], gain_relative: fl
 
 
 def _heights(data: StageData, known_to: Mapping[str, float | None]) -> list[SystematicError]:
+    # Each height of the rack is set separately, so each has an error of its own.
     std_m = 1e-3 * (known_to.get("height_mm") or HEIGHT_MM)
     return [SystematicError(f"height_{i}", std_m, f"height of {1e3 * height:g} mm", "mm", 1e3) for i, height in enumerate(data.heights_m)]
 
 
 def _tares(data: StageData) -> list[SystematicError]:
-    """A tare is known no better than one sample of the sensor."""
+    """A tare is known no better than one sample of the sensor. Each recording has its own."""
     return [
         SystematicError(f"tare_{name}_{i}", std, f"tare of {name.split('_')[0]}" + (f", recording {i + 1}" if several else ""), unit, 1.0,
               data.hinges + 1 + k, i)
@@ -116,5 +125,5 @@ def _rest(hinge: int, std_deg: float) -> SystematicError:
 
 
 def rest_name(hinge: int) -> str:
-    """The systematic error of what a hinge's rest angle is off; hinges count from 0 here."""
+    """Name of the error of a hinge's rest angle; hinges count from 0 here."""
     return f"rest_{hinge + 2}"

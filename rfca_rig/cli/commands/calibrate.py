@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Find the values that a rig's devices have.", no_args_is_help=True)
 
+# Board that is assumed without --board: 10 x 7 squares of 25 mm with markers of 18 mm.
 BOARD = "10x7,25,18"
+# Share of the picture's width and height below which the user is asked for more photos.
 WELL_COVERED = 0.8
 
 
@@ -83,7 +85,7 @@ def camera(
     _check_can_be_written(out)
     place = _place(plane, board_at, shaft_px, turned, nearer, reach)
     say = marked("REAL", as_json)
-    calibration = calibrate([_seen(file, described, say) for file in _files(photos)])
+    calibration = calibrate([_find_board_in(file, described, say) for file in _files(photos)])
     section = None if plane is None else _plane(plane, calibration, described, place, shaft_px)
     file = camera_file(calibration, described.written(), section)
     write_camera_file(out, file, [f"A camera, calibrated with {len(calibration.photos)} photos of a ChArUco board."])
@@ -108,7 +110,7 @@ def _make_board(board: "Board", path: Path) -> None:
 
 
 def _check_can_be_written(path: Path) -> None:
-    """Before the work, not after it."""
+    """Checked before the work, not after it."""
     from rfca_rig.errors import BadInput
 
     if not path.parent.is_dir():
@@ -125,18 +127,18 @@ def _files(photos: list[Path]) -> list[Path]:
     return files
 
 
-def _seen(file: Path, board: "Board", say: "Say") -> "BoardPhoto | RefusedPhoto":
-    """The board in a file; one that is no whole picture is refused like one without a board."""
+def _find_board_in(file: Path, board: "Board", say: "Say") -> "BoardPhoto | RefusedPhoto":
+    """The board in a file; a damaged picture is refused like one without a board."""
     from rfca_rig.drivers.picture_file import read_picture
     from rfca_rig.errors import BadInput
     from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto, find_board
 
     try:
-        found = find_board(read_picture(file), board, file.name)
+        result = find_board(read_picture(file), board, file.name)
     except BadInput as error:
-        found = RefusedPhoto(file.name, str(error).removeprefix(f"{file}: "))
-    say(f"{file.name}: {len(found.px)} corners" if isinstance(found, BoardPhoto) else f"{file.name}: REFUSED, {found.why}")
-    return found
+        result = RefusedPhoto(file.name, str(error).removeprefix(f"{file}: "))
+    say(f"{file.name}: {len(result.px)} corners" if isinstance(result, BoardPhoto) else f"{file.name}: REFUSED, {result.why}")
+    return result
 
 
 def _place(
@@ -149,6 +151,7 @@ def _place(
 
     if plane is None and (board_at or shaft_px):
         raise BadInput("--board-at and --shaft-px speak of the photo with the board in the plane; name it with --plane")
+    # Exactly one of the two: each places the origin, and both together could contradict each other.
     if plane is not None and (board_at is None) == (shaft_px is None):
         raise BadInput("--plane needs to know where the shaft axis is: either --board-at Y,Z or --shaft-px U,V")
     corner_mm = (0.0, 0.0) if board_at is None else _pair(board_at, "--board-at")
@@ -188,6 +191,7 @@ def _plane(photo: Path, calibration: "CameraCalibration", board: "Board", place:
     pose = find_plane(found, calibration.matrix, calibration.distortion, place)
     if shaft_px is None:
         return plane_section(pose, photo.name, f"board at {1e3 * place.corner_m[0]:g}, {1e3 * place.corner_m[1]:g} mm")
+    # Orientation from the board, origin from the pixel of the shaft axis.
     moved = with_origin_at(calibration.camera(pose.rotation, pose.translation_m), _pair(shaft_px, "--shaft-px"))
     return plane_section(replace(pose, translation_m=moved.translation_m), photo.name, f"shaft axis at pixel {shaft_px}")
 

@@ -29,18 +29,19 @@ def check(
 
 
 def _check_run(run: Path, as_json: bool) -> None:
-    """Every file of a run."""
+    """Checks every file of a run."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.checking import check_run
 
     findings = []
     with progress(as_json) as bars:
-        done, of = 0.0, _size_MB(run)
+        done_MB, total_MB = 0.0, _size_MB(run)
         for finding in check_run(run):
-            done += _size_MB(run / finding.file)
-            bars.told("checking, MB", round(done), max(1, round(of)))
+            done_MB += _size_MB(run / finding.file)
+            bars.told("checking, MB", round(done_MB), max(1, round(total_MB)))
             findings.append(finding)
+            # Printed as it is found: a long run takes minutes, and the first damage should show at once.
             if not as_json:
                 typer.echo(f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: {finding.words}")
     if as_json:
@@ -52,11 +53,12 @@ def _check_run(run: Path, as_json: bool) -> None:
 
 
 def _check_experiment(folder: Path, as_json: bool) -> None:
-    """Recordings of a mechanism, with its model."""
+    """Checks recordings of a mechanism, with its model."""
     from rfca_rig.cli.lines import print_lines
     from rfca_rig.diagnosis.mechanisms.check import check_experiment
     from rfca_rig.errors import BadInput
 
+    # A refusal is raised at the end, so that the findings before it are printed, also as JSON.
     rows, refused = [], None
     try:
         for line in check_experiment(folder):
@@ -78,6 +80,6 @@ def _check_experiment(folder: Path, as_json: bool) -> None:
 
 
 def _size_MB(path: Path) -> float:
-    """Of a file, or of all files in a folder."""
+    """Size in MB of a file, or of all files in a folder."""
     files = path.rglob("*") if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files if file.is_file()) / 1e6

@@ -1,4 +1,4 @@
-"""The rounds of `rfca-rig diagnose --close-the-loop`: run what the diagnosis proposes, diagnose old and new together, and again."""
+"""The rounds of `rfca-rig diagnose --close-the-loop`: run the proposed experiment, diagnose old and new together, repeat."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,7 @@ Diagnosing = Callable[[Sequence[Recording]], Diagnosis]
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """What was asked for: the rig, at most how many rounds, where new runs go, and the folder of the diagnosis."""
+    """The options: the rig, the largest number of rounds, where new runs go, and the folder of the diagnosis."""
 
     rig_path: Path
     rounds: int
@@ -37,10 +37,26 @@ class ClosedLoop:
 
 
 def close_the_loop(loop: ClosedLoop, recordings: Sequence[Recording], diagnosis: Diagnosis, diagnosed: Diagnosing) -> Diagnosis:
-    """The last diagnosis, when nothing is open, nothing more would help, only a person could do it, or the rounds are used up.
+    """Runs the rounds and returns the last diagnosis.
 
-    `diagnosed` takes all recordings so far and writes what it finds into `loop.out`, the next protocol with it. A real rig asks to be armed
-    in every round. Raises BadInput where the rig must not or cannot do it.
+    It ends when nothing is open, nothing more would help, only a person could do the next test, or the rounds are used up. A real rig must
+    be armed in every round.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+        The options.
+    recordings : sequence of Recording
+        The recordings so far.
+    diagnosis : Diagnosis
+        Their diagnosis.
+    diagnosed : callable
+        Diagnoses a sequence of recordings and writes the result, with the next protocol, into `loop.out`.
+
+    Raises
+    ------
+    BadInput
+        The rig must not or cannot run the proposed experiment.
     """
     rig = read_rig(loop.rig_path)
     say = marked("REAL" if rig.is_real else "SIM", loop.quiet)
@@ -68,7 +84,7 @@ def _ending(diagnosis: Diagnosis) -> str:
 
 
 def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
-    """The proposed protocol on the rig, as the run commands do it: plan printed and checked, a real rig armed by what is typed."""
+    """Runs the proposed protocol like the run commands: plan printed and checked, a real rig armed by typing."""
     path = loop.out / NEXT_PROTOCOL
     model, model_text = belief(rig, first)
     config = RunConfig(
@@ -83,33 +99,34 @@ def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
         model=model,
         model_text=model_text,
     )
-    folder, _ = carry_out(config, _unsaid)
+    folder, _ = carry_out(config, _print_nothing)
     if folder is None:
         raise BadInput(f"{path}: nothing was recorded")
     return folder
 
 
-def _unsaid(stage: Stage, recorder: Recorder, say: Say) -> None:
-    """Every stage stands in the progress bar, none on a line of its own."""
+def _print_nothing(stage: Stage, recorder: Recorder, say: Say) -> None:
+    """Stages only show in the progress bar, none on a line of its own."""
 
 
 def _seed(loop: ClosedLoop, rig: RigFile, number: int) -> int | None:
-    """A twin's noise differs from round to round."""
+    """A seed that differs from round to round: equal noise would make a repeat look exact."""
     if rig.is_real or rig.twin is None:
         return None
     return (rig.twin.seed if loop.seed is None else loop.seed) + number
 
 
 def belief(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:
-    """What the recordings so far believe, where that is not what the rig file says: only recordings of one belief go together."""
+    """The recordings' nominal model, where it differs from the rig file's: only recordings of one nominal model go together."""
     known_to = rig.known_to.model_dump(exclude_none=True) if rig.known_to else {}
     if rig.nominal() == first.nominal and known_to == first.known_to:
         return None, ""
-    model = checked({**first.nominal, "known_to": _stated(first.known_to)}, ModelFile, first.title)
+    model = checked({**first.nominal, "known_to": _without_none(first.known_to)}, ModelFile, first.title)
+    # A file of another version may lose values on the way; a new recording must state the very same model.
     if model.nominal() != first.nominal or model.known_to.model_dump(exclude_none=True) != first.known_to:
         raise BadInput(f"{first.title}: its nominal values cannot be taken over for new runs; run the proposed protocol by hand")
     return model, json.dumps({**first.nominal, "known_to": first.known_to})
 
 
-def _stated(known_to: Mapping[str, Any]) -> dict[str, Any]:
+def _without_none(known_to: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in known_to.items() if value is not None}

@@ -22,6 +22,7 @@ def contract(
     described = read_rig(path)
     try:
         from rfca_rig.contracts.keeping import kept
+    # pytest is not installed with the package; only this command needs it.
     except ModuleNotFoundError as missing:
         raise BadInput(f"the contract needs {missing.name}; type pip install pytest") from None
     if not kept(described, path.resolve()):

@@ -42,10 +42,12 @@ def crosscheck(
     from rfca_rig.report.crosscheck_picture import write_crosscheck_picture
     from rfca_rig.report.picture_file import check_picture_path
 
+    # Before any work: MuJoCo is an extra that may not be installed.
     load_mujoco()
     if picture is not None:
         check_picture_path(picture)
     model = read_rig(find_file("calibration", rig)).model()
+    # MuJoCo would simulate another leg, and the difference would be taken for an error of the model.
     if model.effects:
         raise BadInput(f"{rig}: has effects switched on; MuJoCo computes the plain leg and ground only, take the [[effects]] out")
     plan = read_dynamic(find_file("protocols", protocol))

@@ -70,6 +70,7 @@ def diagnose(
 
     mechanism = experiment_among(paths)
     if mechanism is None:
+        # A mechanism has a catalogue of its own, which checks its effects later.
         check_known(without or ())
     known = [word for effect in without or () for word in ("--without", effect)]
     at = ["--law", law] if law else []
@@ -93,11 +94,12 @@ def diagnose(
             raise BadInput("--close-the-loop runs experiments on a leg's rig; leave it out for a pendulum and do the proposed run by hand")
         diagnosis = _pendulum(asked)
     elif not close_the_loop:
-        diagnosis = _diagnosed(open_with_belief(paths), asked)
+        diagnosis = _diagnose_leg(open_with_belief(paths), asked)
     else:
         from rfca_rig.cli.commands.close_the_loop import ClosedLoop
         from rfca_rig.cli.paths import find_file
 
+        # The command is stored with the result, without options at their defaults.
         options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed}
         command = typed("diagnose", *paths, *known, "--close-the-loop", options=options)
         diagnosis = _in_rounds(ClosedLoop(find_file("calibration", rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
@@ -106,7 +108,7 @@ def diagnose(
 
 
 def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
-    """The answer in the terminal."""
+    """Prints the result in the terminal."""
     from rfca_rig.report.diagnosis_files import terminal_lines
 
     if as_json:
@@ -119,7 +121,7 @@ def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
 
 
 def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
-    """The command that does the experiment which was proposed, where the rig can do it."""
+    """Prints the command for the proposed experiment, where the rig can do it."""
     from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
 
     proposal = diagnosis.next_experiment
@@ -129,8 +131,9 @@ def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
-    """Where the recordings are, where the answer goes, the command that asks for it, the effects that are not looked for, and where a law
-    is measured; `limits` are those of the rig to go on with.
+    """Paths of the recordings, folder of the result, the command as typed, effects that are excluded, and the place of a measured law.
+
+    `limits` are those of the rig on which further experiments may run.
     """
 
     paths: Sequence[Path]
@@ -143,18 +146,18 @@ class DiagnoseOptions:
 
 
 def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
-    """The last diagnosis, after the experiments that were proposed."""
+    """The last diagnosis, after the proposed experiments."""
     from rfca_rig.campaign.opening import open_with_belief
     from rfca_rig.cli.commands.close_the_loop import close_the_loop
     from rfca_rig.description.rig_file import read_rig
 
     recordings = open_with_belief(asked.paths)
     within = replace(asked, limits=read_rig(loop.rig_path).facts().limits)
-    return close_the_loop(loop, recordings, _diagnosed(recordings, within), lambda all_of_them: _diagnosed(all_of_them, within))
+    return close_the_loop(loop, recordings, _diagnose_leg(recordings, within), lambda all_of_them: _diagnose_leg(all_of_them, within))
 
 
 def _pendulum(asked: DiagnoseOptions) -> "Diagnosis":
-    """The diagnosis of a driven pendulum without ground; a model file of a leg does not fit it."""
+    """Diagnosis of a driven pendulum without ground; a leg's model file cannot describe it, so none is written."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
@@ -164,7 +167,7 @@ def _pendulum(asked: DiagnoseOptions) -> "Diagnosis":
 
 
 def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
-    """The diagnosis of a mechanism that MuJoCo simulates, and its model file with what was found."""
+    """Diagnosis of a mechanism that MuJoCo simulates, and its model file with the effects found."""
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.experiment_design.mechanism_experiment import write_excitation
@@ -178,7 +181,8 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     measured = [asked.out / name for name in ("measured-law.xml", "measured_law.py", "measured-law.csv")]
     if found.law is None:
         for path in measured:
-            path.unlink(missing_ok=True)  # of an earlier diagnosis
+            # Of an earlier diagnosis in the same folder, which would look like a result of this one.
+            path.unlink(missing_ok=True)
     else:
         law = found.law.stated.law
         write_law_table(measured[2], law)
@@ -198,7 +202,7 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
 
 
 def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, stated: Sequence[str]) -> None:
-    """The model file, and what MJCF does not hold as Python functions."""
+    """Writes the model file, and Python functions for what MJCF cannot express."""
     from rfca_rig.mechanism.amend import write_amended_model
     from rfca_rig.mechanism.laws_file import write_laws
 
@@ -208,21 +212,22 @@ def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, sta
 
 
 def _write_imported(diagnosis: "Diagnosis", asked: DiagnoseOptions) -> "Diagnosis":
-    """The diagnosis of tables from elsewhere, with its files."""
+    """Writes the files of a diagnosis of tables from elsewhere."""
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.identity import identity_of_tables
     from rfca_rig.report.diagnosis_files import write_diagnosis
     from rfca_rig.report.provenance import imported
 
     (folder,) = asked.paths
+    # The identity ties the result to these files, wherever they lie.
     recorded = Diagnosed(diagnosis.title, "IMPORT", identity_of_tables(diagnosis.title, folder))
     diagnosis = replace(diagnosis, recordings=(recorded,))
     write_diagnosis(diagnosis, asked.out, imported(asked.command, folder, diagnosis.title))
     return diagnosis
 
 
-def _diagnosed(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> "Diagnosis":
-    """The diagnosis, with all its files."""
+def _diagnose_leg(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> "Diagnosis":
+    """Diagnoses a leg's recordings and writes all files."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
     from rfca_rig.diagnosis.experiment_design.next_protocol import write_next_protocol

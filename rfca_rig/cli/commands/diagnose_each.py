@@ -1,4 +1,4 @@
-"""rfca-rig diagnose --each: many recordings, a diagnosis of each by itself."""
+"""rfca-rig diagnose --each: many recordings, a separate diagnosis of each."""
 
 import json
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ ANSWER = "diagnosis.json"
 def diagnose_each(
     paths: Sequence[Path], out: Path, without: tuple[str, ...], workers: int | None, cluster: str | None, as_json: bool
 ) -> None:
-    """A folder for each path under `out`; one that is there already stays. Raises RigError where some could not be diagnosed."""
+    """A folder for each path under `out`; an existing one stays. Raises RigError where some could not be diagnosed."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import RigError, Stopped
     from rfca_rig.recording.atomic_dir import see_afresh, sweep_out
@@ -32,9 +32,10 @@ def diagnose_each(
     sweep_out(out)
     try:
         with progress(quiet=as_json) as bars, open_executor(workers, cluster, bars.told, out) as executor:
-            failed = _diagnosed(folders, without, executor, bars.told)
+            failed = _diagnose_all(folders, without, executor, bars.told)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
+    # Workers on other computers wrote the answers; this computer may not see the new folders yet.
     see_afresh(out)
     answers = {name: json.loads((out / name / ANSWER).read_text(encoding="utf-8")) for name in folders if name not in failed}
     if as_json:
@@ -48,7 +49,7 @@ def diagnose_each(
 
 
 def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
-    """For each name where its recordings are, and where its diagnosis goes."""
+    """For each name the path of its recordings, and the folder of its diagnosis."""
     from rfca_rig.errors import BadInput
 
     folders: dict[str, tuple[Path, Path]] = {}
@@ -60,8 +61,8 @@ def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
     return folders
 
 
-def _diagnosed(folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], executor: "TaskExecutor", told: Told) -> dict[str, str]:
-    """Why there is no diagnosis, by name, of those that have none."""
+def _diagnose_all(folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], executor: "TaskExecutor", told: Told) -> dict[str, str]:
+    """Diagnoses what is missing; returns the reason, by name, for each that failed."""
     from rfca_rig.executors.mapping import Failed, map_unordered
 
     to_do = [each for each in folders.values() if not (each[1] / ANSWER).is_file()]
@@ -77,13 +78,14 @@ def _diagnosed(folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], 
 
 
 def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | None:
-    """One diagnosis, what it prints unheard; the reason where the recordings cannot be used."""
+    """One diagnosis without output; returns the reason where the recordings cannot be used."""
     from rfca_rig.cli.commands.diagnose import diagnose
     from rfca_rig.errors import RigError
     from rfca_rig.recording.atomic_dir import whole
 
     recordings, folder = job
     try:
+        # All or nothing: a folder that exists counts as done when the command is typed again.
         with whole(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             diagnose([recordings], into, without=list(without))
     except RigError as error:
@@ -93,4 +95,5 @@ def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | 
 
 def _in_words(answer: dict[str, Any]) -> str:
     named = [f"{effect['id']} ({100.0 * effect['probability']:.1f} %)" for effect in answer["effects"]]
-    return ", ".join([answer.get("grade", answer["verdict"]), *named])  # rfca-diagnosis/1 has no grades
+    # Files of rfca-diagnosis/1 have no grades.
+    return ", ".join([answer.get("grade", answer["verdict"]), *named])

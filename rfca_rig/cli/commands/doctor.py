@@ -1,4 +1,4 @@
-"""rfca-rig doctor: finds buses, drives and sensors, and says which fix each red line needs."""
+"""rfca-rig doctor: finds buses, drives and sensors, and states the fix for each red line."""
 
 import json
 from collections.abc import Iterator
@@ -42,7 +42,8 @@ def doctor(rig: RigToCheck = None, runs: Runs = Path("runs"), as_json: Json = Fa
     described = None if rig is None else read_rig(find_file("calibration", rig))
     clock = WallClock()
     checks = scan(runs, clock) if described is None else check_rig(described, runs, clock)
-    findings = list(checks) if as_json else list(_told(_title(described), checks))
+    # JSON is printed as one document, after all checks; text line by line, as each is done.
+    findings = list(checks) if as_json else list(_print_each(_title(described), checks))
     counts = {colour.value: sum(one.colour is colour for one in findings) for colour in Colour}
     if as_json:
         typer.echo(json.dumps({"title": _title(described), "findings": [asdict(one) for one in findings], **counts}, indent=2))
@@ -58,8 +59,8 @@ def _title(rig: "RigFile | None") -> str:
     return f"{'REAL' if rig.is_real else 'SIM'} {rig.rig.title}"
 
 
-def _told(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
-    """Each finding is printed before the next is looked for."""
+def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
+    """Prints each finding before the next check begins."""
     typer.echo(title)
     for finding in checks:
         for line in _lines(finding):
@@ -68,9 +69,9 @@ def _told(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
 
 
 def _lines(finding: "Finding") -> Iterator[str]:
-    """At most 80 columns; colours only where a person watches, which typer finds out."""
+    """At most 80 columns; colours only on a terminal, which typer detects."""
     first, *rest = wrap(finding.seen, WIDTH - len(INDENT), break_on_hyphens=False)
-    yield f"{_painted(finding.colour.value)}{finding.subject:<{SUBJECT_WIDTH}}{first}"
+    yield f"{_coloured(finding.colour.value)}{finding.subject:<{SUBJECT_WIDTH}}{first}"
     yield from (INDENT + line for line in rest)
     if finding.fix:
         yield from (INDENT + line for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False))
@@ -78,12 +79,12 @@ def _lines(finding: "Finding") -> Iterator[str]:
         yield from _command_lines(command)
 
 
-def _painted(colour: str) -> str:
+def _coloured(colour: str) -> str:
     padding = " " * (COLOUR_WIDTH - len(colour))
     return (typer.style(colour, fg=colour) if takes_colours() else colour) + padding
 
 
 def _command_lines(command: str) -> list[str]:
-    """To be copied as it stands: a long one goes on in the next line as the shell has it."""
+    """For copying: a long command continues on the next line with the shell's backslash."""
     pieces = wrap(command, WIDTH - len(COMMAND_INDENT) - 2, break_long_words=False, break_on_hyphens=False)
     return [COMMAND_INDENT + line for line in " \\\n".join(pieces).splitlines()]

@@ -71,7 +71,7 @@ def run(
 
 
 def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> "DynamicFile":
-    """The protocol with what the command line replaces."""
+    """The protocol with the values that the command line replaces."""
     from rfca_rig.description.protocol_file import ConditionSection, DynamicFile
     from rfca_rig.description.toml import checked
     from rfca_rig.errors import BadInput
@@ -82,6 +82,7 @@ def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: flo
     if height_mm is not None and speed_rad_s is not None:
         condition = checked({"height_mm": height_mm, "speed_rad_s": speed_rad_s}, ConditionSection, "--height, --speed")
         changes |= {"conditions": (condition,), "title": f"{protocol.title} {height_mm:g} mm {speed_rad_s:g} rad per s"}
+    # Checked again as a whole: a copy alone would take values that the file's format forbids.
     return checked(protocol.model_copy(update=changes).model_dump(), DynamicFile, "--repeats")
 
 
@@ -95,13 +96,13 @@ def say_valley(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
 
 
 class Valleys:
-    """A line for every stroke, and a row of numbers for the end; the strokes themselves stay on disk."""
+    """Prints a line for every stroke and keeps a row of numbers for the end; the strokes themselves stay on disk."""
 
     def __init__(self) -> None:
         self.rows: list[dict[str, float | None]] = []
 
     def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
-        """Called after each."""
+        """Called after each stage."""
         from rfca_rig.protocol.plan import Flap
 
         if isinstance(stage, Flap):
@@ -117,7 +118,7 @@ def valley_text(valley: "Valley | Refused") -> str:
 
 
 def _close(mark: str, folder: Path, rows: list[dict[str, float | None]], report: Path | None, as_json: bool) -> None:
-    """The last lines: where the recording is, and what to type next."""
+    """Prints the last lines: where the recording is, and what to type next."""
     import json
 
     if report is not None:

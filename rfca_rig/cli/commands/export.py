@@ -28,6 +28,7 @@ def export_mcap(
 
     from rfca_rig.errors import BadInput
 
+    # Asked separately: finding google.protobuf raises where there is no package google.
     if any(find_spec(name) is None for name in ("mcap", "google")) or find_spec("google.protobuf") is None:
         raise BadInput('MCAP is an extra that is not installed; type pip install "rfca-rig[mcap]"')
     from rfca_rig.cli.progress import progress
@@ -39,6 +40,7 @@ def export_mcap(
         counts = {"messages": exported.messages, "pictures": exported.pictures, "missing": list(exported.missing)}
         typer.echo(json.dumps({"out": str(out), **counts}, indent=1))
         return
+    # A lost photo must not prevent the export of everything else.
     for name in exported.missing:
         typer.echo(f"{run / name}: is not there or is no picture, so it is left out", err=True)
     typer.echo(

@@ -66,14 +66,14 @@ def run(
 
 
 def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
-    """The protocol with what the command line replaces."""
+    """The protocol with the values that the command line replaces."""
     from rfca_rig.description.toml import checked
 
     return protocol if cycles is None else checked({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
 
 
 def say_bending(config: "RunConfig") -> None:
-    """What the model says of a cycle, before anything moves."""
+    """Prints how far the model bends the leg in a cycle, before anything moves."""
     from rfca_rig.bench.predicted_loads import expected_bending
     from rfca_rig.cli.terminal import marked
     from rfca_rig.protocol.cycles import cycles_in
@@ -85,7 +85,7 @@ def say_bending(config: "RunConfig") -> None:
 
 @dataclass(frozen=True)
 class Watcher:
-    """Says what becomes of a run, and ends it where the leg is worn. `begun` is there for one that goes on."""
+    """Prints what each stage gave, and ends the run where the leg is worn. `begun` is set for a continued run."""
 
     begun: "InterruptedRun | None" = None
 
@@ -105,14 +105,16 @@ class Watcher:
     def _judge(self, stage: "StiffnessCheck", recorder: "Recorder", say: "Say") -> None:
         from rfca_rig.errors import WornOut
 
+        # The first check, with which all are compared, may lie in an earlier part of the run.
         earlier: Sequence[StaticStage] = () if self.begun is None else self.begun.static
         drift = _drift(stage, (*earlier, *recorder.stages))
         if drift is None or stage.number == 1:
             return
-        said = f"{stage.label}: the forces are {drift.text()} off those of the first"
+        message = f"{stage.label}: the forces are {drift.text()} off those of the first"
         if abs(drift.relative) > stage.drift_limit:
-            raise WornOut(f"{said}, limit {100.0 * stage.drift_limit:g} %; look at the leg before anything else")
-        say(said)
+            # An error of its own, with exit code 4: a worn leg is the result of the test, not a failure of it.
+            raise WornOut(f"{message}, limit {100.0 * stage.drift_limit:g} %; look at the leg before anything else")
+        say(message)
 
 
 def _drift(stage: "StiffnessCheck", stages: "Sequence[StaticStage]") -> "StiffnessDrift | None":
@@ -122,7 +124,7 @@ def _drift(stage: "StiffnessCheck", stages: "Sequence[StaticStage]") -> "Stiffne
 
 
 def close(mark: str, folder: Path, as_json: bool) -> None:
-    """The last lines: cycles done, how the stiffness drifted, and what to type next."""
+    """Prints the last lines: cycles done, drift of the stiffness, and what to type next."""
     import json
 
     found = _results(folder)
@@ -141,12 +143,12 @@ def _results(folder: Path) -> dict[str, Any]:
     from rfca_rig.recording.cycle_table import cycle_table
     from rfca_rig.recording.run_folder import read_stages
 
-    kept = read_stages(folder)
-    plan = plan_of(kept.title, kept.provenance)
+    recording = read_stages(folder)
+    plan = plan_of(recording.title, recording.provenance)
     checks = [stage for stage in plan.stages if isinstance(stage, StiffnessCheck) and stage.number > 1]
-    drifts = [(stage.number, drift) for stage in checks if (drift := _drift(stage, kept.static)) is not None]
+    drifts = [(stage.number, drift) for stage in checks if (drift := _drift(stage, recording.static)) is not None]
     return {
-        "cycles": len(cycle_table(kept).numbers) + len(kept.strokes),
+        "cycles": len(cycle_table(recording).numbers) + len(recording.strokes),
         "planned": sum(stage.count for stage in cycles_in(plan)) + len(plan.flaps),
         "checks": [
             {"check": number, "drift_percent": 100.0 * drift.relative, "std_percent": 100.0 * drift.std} for number, drift in drifts

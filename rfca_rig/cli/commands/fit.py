@@ -72,6 +72,7 @@ def fit(
     if effects and mechanism is None:
         raise BadInput("--effects: is an option for recordings of a mechanism (experiment.toml); leave it out here")
     if pendulum is not None or mechanism is not None:
+        # An option counts as given where it differs from its default.
         asked = {"--shaft": shaft != ShaftOption.recorded, "--phases": phases != "loading", "--after-touchdown": after_touchdown != 200.0}
         refuse_leg_options({**asked, "--starts": starts != 1, "--cluster": cluster is not None})
     if pendulum is not None:
@@ -81,6 +82,7 @@ def fit(
         _fit_mechanism(mechanism, _names(parameters), _names(effects), out, as_json)
         return
     comparison = StrokeComparison(shaft.value, StrokeWindow(tuple(_names(phases)), 1e-3 * after_touchdown))
+    # Only for its check: a misspelt parameter must be refused before the recordings are read.
     named(_names(parameters))
     recordings = open_with_belief(paths)
     counter = _Counter()
@@ -95,7 +97,7 @@ def fit(
 
 
 def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: bool) -> None:
-    """The same of a pendulum's recordings."""
+    """The same for a pendulum's recordings."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.campaign.pendulum_model import write_pendulum_model
     from rfca_rig.cli.progress import progress
@@ -111,7 +113,7 @@ def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: boo
 
 
 def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path | None, as_json: bool) -> None:
-    """The same of recordings of a mechanism, with effects that are named."""
+    """The same for recordings of a mechanism, with the named effects."""
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT, fit_mechanism
@@ -129,7 +131,7 @@ def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path
 
 
 def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path | None, as_json: bool) -> None:
-    """A fit to windows of recordings."""
+    """Prints a fit to windows of recordings."""
     if as_json:
         typer.echo(json.dumps(found.plain(file_format), indent=1))
         return
@@ -139,7 +141,7 @@ def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path
 
 
 def _executor_of_starts(cluster: str | None, told: Told) -> "AbstractContextManager[TaskExecutor | None]":
-    """Threads of this process share a single descent out better than processes share several; a cluster has more cores than either."""
+    """None without a cluster: threads of this process share out one descent better than processes share several."""
     return nullcontext() if cluster is None else open_executor(None, cluster, told)
 
 
@@ -157,7 +159,7 @@ def _print(result: "FitResult", out: Path | None, as_json: bool) -> None:
 
 
 class _Counter:
-    """What a search came to so far: nobody knows how many sets of values it will try."""
+    """Progress of a search, whose number of evaluations is not known beforehand."""
 
     def __init__(self) -> None:
         self._text = ""

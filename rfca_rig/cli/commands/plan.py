@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from rfca_rig.protocol.plan import Plan, Stage
 
 MOST_LINES = 60
-LABEL_AT = 35  # where the last column begins
+# Column at which the last field begins.
+LABEL_AT = 35
 
 
 def plan(
@@ -58,6 +59,7 @@ def _lines(config: "RunConfig", expected: "Mapping[Stage, Load]", most: int | No
 
 
 def _rows(plan: "Plan", expected: "Mapping[Stage, Load]") -> list[str]:
+    # Durations are upper bounds, so the running sum is the latest time at which a stage may end.
     rows, until_s = [], 0.0
     for number, stage in enumerate(plan.stages, start=1):
         until_s += stage.duration_s
@@ -72,7 +74,7 @@ def _load(load: "Load | None") -> str:
 
 
 def _clock(duration_s: float) -> str:
-    """Hours, minutes and seconds, as few of them as it takes."""
+    """Hours, minutes and seconds, with as few fields as possible."""
     minutes, seconds = divmod(duration_s, 60.0)
     hours, minutes = divmod(int(minutes), 60)
     return f"{hours}:{minutes:02d}:{seconds:04.1f}" if hours else f"{minutes}:{seconds:04.1f}"

@@ -34,10 +34,10 @@ def predict(
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
 
-    supposed = read_model_file(model).model() if model else read_rig(find_file("calibration", rig)).model()
+    rig_model = read_model_file(model).model() if model else read_rig(find_file("calibration", rig)).model()
     with progress(as_json) as bars:
         tell_first_compile(bars, as_json)
-        prediction = predict_stroke(supposed, height / 1e3, speed, sweep)
+        prediction = predict_stroke(rig_model, height / 1e3, speed, sweep)
     if csv is not None:
         write_csv(prediction.stroke, csv)
     if as_json:

@@ -61,7 +61,7 @@ def prove(
 def _work(
     out: Path, seed: int, numbers: dict[str, int], workers: Workers, cluster: Cluster, follows: bool, takes_out: bool, quiet: bool
 ) -> None:
-    """All cases; then, where asked, open ones are followed up and each effect is taken out."""
+    """Runs all cases; then, if asked, follow-ups of open ones, and the ablation of each effect."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.clock import WallClock
     from rfca_rig.errors import Stopped
@@ -76,6 +76,7 @@ def _work(
                 follow_up(out, diagnose_as_typed, executor, bars.told)
             if takes_out:
                 take_out_each(out, diagnose_without, executor, bars.told)
+    # Completed cases are on disk, so the same command continues.
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
 
@@ -98,7 +99,8 @@ def _tell(result: "Examined", out: Path, as_json: bool) -> None:
 
 
 def diagnose_as_typed(campaign: Path, into: Path, without: list[str] | None = None) -> None:
-    """The command `rfca-rig diagnose` itself, what it prints unheard."""
+    """The command `rfca-rig diagnose` itself, without its output."""
+    # Many diagnoses run at the same time; their output would be mixed.
     with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
         diagnose.diagnose([campaign], into, without=without)
 

@@ -31,7 +31,7 @@ def recover(
 
     path = run if run.suffix == ".h5" else run / RECORDING_NAME
     with progress(as_json) as bars:
-        recording = _recovered(path.parent, bars.counting("stages")) if is_run(path.parent) else _older(path)
+        recording = _recover_run(path.parent, bars.counting("stages")) if is_run(path.parent) else _older(path)
     found = tally_of(path, thorough=False)
     if as_json:
         counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
@@ -42,8 +42,8 @@ def recover(
     typer.echo(f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report {path} --out report", err=True)
 
 
-def _recovered(folder: Path, watcher: "Watcher") -> "Recording":
-    """The run without its samples."""
+def _recover_run(folder: Path, watcher: "Watcher") -> "Recording":
+    """Recovers the run; returns it without its samples."""
     from rfca_rig.bench.stage_photos import with_photos_read
     from rfca_rig.errors import BadInput
     from rfca_rig.recording import run_folder
@@ -51,19 +51,22 @@ def _recovered(folder: Path, watcher: "Watcher") -> "Recording":
 
     if run_folder.is_whole(folder):
         raise BadInput(f"{folder}: is whole; there is nothing to recover")
+    # First the stage in progress: it belongs into run.h5 like the others.
     run_folder.close_journals(folder)
+    # A run that ended normally, and only lost run.h5, keeps what its end says.
     if read_ending(folder) is None:
         found = run_folder.read_without_samples(folder)
-        seen = with_photos_read(found, folder)
-        added = {name: text for name, text in seen.provenance.items() if name != "events" and found.provenance.get(name) != text}
+        with_photos = with_photos_read(found, folder)
+        # Only the texts that reading the photos added; the end file repeats nothing of the header.
+        added = {name: text for name, text in with_photos.provenance.items() if name != "events" and found.provenance.get(name) != text}
         interrupted = {INTERRUPTED: found.provenance[INTERRUPTED]}
-        write_ending(folder, Ending({**interrupted, **added}, seen.static))
+        write_ending(folder, Ending({**interrupted, **added}, with_photos.static))
     run_folder.build(folder, watcher)
     return run_folder.read_without_samples(folder)
 
 
 def _older(path: Path) -> "Recording":
-    """A run of an older version, which left a folder beside the file that it should have become."""
+    """Recovers a run of an older version, which left a folder beside the file that it should have become."""
     from rfca_rig.bench.stage_photos import with_photos_read
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.older_partial import partial_of, recover_partial
@@ -72,14 +75,14 @@ def _older(path: Path) -> "Recording":
     if not partial_of(path).is_dir():
         raise BadInput(_nothing_to_recover(path))
     recording = read_recording(recover_partial(path))
-    seen = with_photos_read(recording, path.parent)
-    if seen is not recording:
-        write_recording(seen, path)
-    return seen
+    with_photos = with_photos_read(recording, path.parent)
+    if with_photos is not recording:
+        write_recording(with_photos, path)
+    return with_photos
 
 
 def _nothing_to_recover(path: Path) -> str:
-    """Why, for a file or the folder that it should be in, with no run's files beside it."""
+    """The reason, for a file or the folder that it should be in, without a run's files beside it."""
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.summary import tally_of
     from rfca_rig.suggestions import not_there

@@ -56,6 +56,7 @@ def report(
     if pendulum is None and mechanism is None:
         write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf)
         return
+    # An option without effect must be refused: its user would believe it was applied.
     refuse_leg_options({"--shaft": shaft != ShaftOption.average})
     if pendulum is not None:
         _write_pendulum(pendulum, out, as_json, model, pdf)
@@ -64,7 +65,7 @@ def report(
 
 
 def refuse_leg_options(given: Mapping[str, bool]) -> None:
-    """Raises BadInput for the first option that was given and is for a leg alone."""
+    """Raises BadInput for the first given option that only applies to a leg."""
     from rfca_rig.errors import BadInput
 
     for option, is_given in given.items():
@@ -73,7 +74,7 @@ def refuse_leg_options(given: Mapping[str, bool]) -> None:
 
 
 def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:
-    """The same of a pendulum's recordings."""
+    """The same for a pendulum's recordings."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.campaign.pendulum_model import with_model_file
     from rfca_rig.cli.printing import Printing
@@ -92,7 +93,7 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
 
 
 def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:
-    """The same of recordings of a mechanism."""
+    """The same for recordings of a mechanism."""
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
@@ -110,7 +111,7 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
 
 
 def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out: Path, as_json: bool, model: Path | None) -> Path:
-    """The page of recordings in windows; returns where it is."""
+    """Writes the page of recordings in windows; returns its path."""
     from rfca_rig.report.motions_page import PAGE, write_motions
     from rfca_rig.report.provenance import imported, typed
     from rfca_rig.report.text import counted
@@ -133,7 +134,25 @@ def write(
     model: Path | None = None,
     pdf: bool = False,
 ) -> None:
-    """Writes the report and says where it is, with the averages of the table."""
+    """Writes the report and prints where it is, with the averages of the table.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Campaigns, runs or .h5 files.
+    out : Path
+        Folder of the report.
+    shaft : str
+        How the simulated shaft turns: average, commanded or recorded.
+    as_json : bool
+        Print Table II as JSON.
+    quiet : bool
+        Print nothing else.
+    model : Path, optional
+        A model file in place of the recordings' nominal model.
+    pdf : bool
+        Print the pages as PDF too.
+    """
     from rfca_rig.campaign.opening import open_recordings, open_with_belief
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
@@ -142,8 +161,10 @@ def write(
     from rfca_rig.report.sources import GivenModel
     from rfca_rig.report.writing import write_report
 
+    # First: a missing browser must be reported before the work, not after it.
     printing = Printing(pdf)
     given = GivenModel(model.name, read_model_file(model).model()) if model else None
+    # Without a model file all recordings must have the same nominal model, which `open_with_belief` checks.
     recordings = open_recordings(paths) if given else open_with_belief(paths)
     command = typed("report", *paths, options={"--shaft": shaft if shaft != "average" else None, "--model": model})
     with progress(quiet) as bars:
@@ -156,7 +177,7 @@ def write(
 
 
 def _say(table: "Table2", out: Path, runs: int) -> None:
-    """The page that tells most comes first."""
+    """Prints the pages, the most informative one first."""
     pages = f"{out / 'run.html'}" if runs == 1 else f"{out / 'run-1.html'} to run-{runs}.html"
     if table.rows:
         typer.echo(f"{out / 'report.html'}: {_averages(table)}", err=True)

@@ -62,6 +62,7 @@ def _check_trip(begun: "InterruptedRun", after_trip: bool) -> None:
     from rfca_rig.errors import BadInput
 
     if begun.has_tripped and not after_trip:
+        # Nothing resumes by itself after a trip: a person must have looked at the rig.
         raise BadInput(f"{begun.folder}: was stopped by {begun.why}; look at the rig, then say --after-trip to go on")
 
 
@@ -75,20 +76,21 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
     from rfca_rig.errors import BadInput
     from rfca_rig.protocol.remaining import remaining
 
-    kept, left = begun.header.provenance, remaining(begun.plan, begun.done)
-    if not left.stages:
+    stored, remaining_plan = begun.header.provenance, remaining(begun.plan, begun.done)
+    if not remaining_plan.stages:
         raise BadInput(f"{begun.folder}: every stage is recorded; to bring it to its end, type rfca-rig recover {begun.folder}")
-    name = rig or kept.get("rig")
+    name = rig or stored.get("rig")
     if name is None:
         raise BadInput(f"{begun.folder}: does not say where its rig file is; say so with --rig")
     now = rig_to_go_on(begun, find_file("calibration", name), deliberately=rig is not None)
     model, model_text = belief(now.rig, begun.header)
-    camera_text = kept.get("camera_file", "") if left.photos else ""
+    camera_text = stored.get("camera_file", "") if remaining_plan.photos else ""
     return RunConfig(
         rig=now.rig,
         rig_text=now.text,
-        protocol_text=kept["protocol_file"],
-        plan=replace(left, limits=now.rig.facts().limits),
+        protocol_text=stored["protocol_file"],
+        # The limits of the present rig file: it may have been changed deliberately.
+        plan=replace(remaining_plan, limits=now.rig.facts().limits),
         seed=begun.seed(),
         runs=begun.folder,
         quiet=as_json,
@@ -122,8 +124,8 @@ def _close(config: "RunConfig", begun: "InterruptedRun", as_json: bool) -> None:
     if begun.plan.experiment == "fatigue":
         fatigue.close(config.mark, begun.folder, as_json)
     elif as_json:
-        kept = tally_of(begun.folder / RECORDING, thorough=False)
-        count = {"strokes": kept.strokes, "static_stages": kept.static, "resumed": begun.resumed + 1}
+        summary = tally_of(begun.folder / RECORDING, thorough=False)
+        count = {"strokes": summary.strokes, "static_stages": summary.static, "resumed": begun.resumed + 1}
         typer.echo(json.dumps({"source": config.mark, "run": str(begun.folder), **count}, indent=1))
     else:
         typer.echo(f"{config.mark} {counted(begun.folder)} in {begun.folder}; next: rfca-rig report {begun.folder} --out report", err=True)

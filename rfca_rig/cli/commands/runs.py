@@ -11,6 +11,7 @@ from rfca_rig.cli.options import Json
 if TYPE_CHECKING:
     from rfca_rig.logbook.entry import Entry
 
+# Rows of the table without --last; --json and --paths then give all.
 SHOWN = 20
 
 Ended = Annotated[
@@ -90,13 +91,14 @@ def runs(
         _each(str(folder / entry.folder) for entry in shown)
     else:
         _each(table_lines(shown))
-        typer.echo(_counted(folder, len(shown), len(fitting), len(entries)), err=True)
+        typer.echo(_count_line(folder, len(shown), len(fitting), len(entries)), err=True)
 
 
 def _most(last: int | None, is_table: bool) -> int | None:
-    """None for all."""
+    """Number of runs to show; None for all."""
     if last is None:
         return SHOWN if is_table else None
+    # --last 0 means all.
     return last or None
 
 
@@ -116,7 +118,7 @@ def _moment(began_s: float) -> str:
     return datetime.fromtimestamp(began_s).astimezone().isoformat(timespec="seconds")
 
 
-def _counted(folder: Path, shown: int, fitting: int, known: int) -> str:
+def _count_line(folder: Path, shown: int, fitting: int, known: int) -> str:
     if not known:
         return f"no runs below {folder} yet; the first: rfca-rig dynamic run --height 215 --speed 2.433"
     if not fitting:

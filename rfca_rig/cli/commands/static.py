@@ -70,7 +70,7 @@ def run(
 
 
 def say_stage(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
-    """A line for every static stage."""
+    """Prints a line for every static stage."""
     from rfca_rig.protocol.plan import Hold
 
     if isinstance(stage, Hold):
@@ -93,6 +93,7 @@ def _print_json(mark: str, folder: Path, stages: "list[StaticStage]") -> None:
             "fz_N": stage.fz_N,
             "tx_Nm": stage.tx_Nm,
             "settled": stage.settled,
+            # JSON has no NaN; null stands for an unknown angle.
             "hinge_deg": [None if isnan(angle) else angle for angle in stage.hinge_deg],
             "hinge_std_deg": [None if isnan(std) else std for std in stage.hinge_std_deg],
             "photo": stage.photo,

@@ -94,12 +94,16 @@ def force(
         leg = nominal_model(read_held_against(recordings, model)[0]).leg
         weight_N = GRAVITY_M_S2 * sum(leg.link_masses_kg)
         for stage in (stage for recording in recordings for stage in recording.static):
+            # One unknown hinge angle leaves the whole shape undetermined.
             if not np.isfinite(stage.hinge_deg).all():
                 continue
             stds = [std for std in stage.hinge_std_deg if np.isfinite(std)]
+            # `find_tip_force` takes one standard deviation for all angles: their root mean square.
             std = float(np.radians(np.sqrt(np.mean(np.square(stds))) if stds else angle_std))
             label = f"stage {stage.stage}, {1e3 * stage.height_m:.0f} mm, shaft {np.degrees(stage.shaft_angle_rad):.1f} deg"
             shape = [stage.shaft_angle_rad, *np.radians(stage.hinge_deg)]
+            # From the sensor's force to that at the tip: reversed along the ground, and without the leg's weight,
+            # which the sensor carries too.
             found.append((label, find_tip_force(leg, shape, std), (-stage.fy_N, stage.fz_N - weight_N)))
         if not found:
             raise BadInput(f"{run}: has no static stage with all hinge angles; give --angles, or record with a camera")

@@ -44,21 +44,23 @@ def photos(
     target = new_run_folder(runs, recording.source, recording.title)
     try:
         with progress(quiet=False) as bars:
-            seen = with_hand_photos(recording, files, eye, target, bars.counting("reading photos"))
-        kept = {"camera_file": read_text(camera), "photos_from": folder.resolve().name}
-        write_recording(replace(seen, provenance={**seen.provenance, **kept}), target / RECORDING_NAME)
+            with_angles = with_hand_photos(recording, files, eye, target, bars.counting("reading photos"))
+        sources = {"camera_file": read_text(camera), "photos_from": folder.resolve().name}
+        write_recording(replace(with_angles, provenance={**with_angles.provenance, **sources}), target / RECORDING_NAME)
+    # A folder with photos but without a recording is of no use to any command.
     except BaseException:
         rmtree(target, ignore_errors=True)
         raise
-    for line in photo_lines(seen.static):
+    for line in photo_lines(with_angles.static):
         typer.echo(f"{recording.source} {line}", err=True)
     typer.echo(
-        f"{recording.source} {len(seen.static)} stages with their photos in {target}; next: rfca-rig static report {target}", err=True
+        f"{recording.source} {len(with_angles.static)} stages with their photos in {target}; next: rfca-rig static report {target}",
+        err=True,
     )
 
 
 def photo_lines(stages: "Sequence[StaticStage]") -> "Iterator[str]":
-    """What the photo of each stage showed, and what it did not."""
+    """A line for each photo: its hinge angles and doubts."""
     for stage in stages:
         if stage.photo:
             angles = " ".join(_with_std(*one) for one in zip(stage.hinge_deg, stage.hinge_std_deg, strict=True))

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 HINGE_STD = typer.Option("--hinge-std-deg", min=1e-4, max=10, help="One standard deviation of a hinge angle, where the stages do not say.")
 MARKS = typer.Option("--marks-deg", min=0, max=5, help="How far a hinge's zero may be off because a mark sits beside its axis.")
+# Defaults of options, which the command in the report's footer leaves out.
 USUAL = {"--marks-deg": 0.1, "--force-gain-pct": 0.0}
 GAIN = typer.Option("--force-gain-pct", min=0, max=20, help="One standard deviation of the force sensor's gain, in %; 0 counts as exact.")
 
@@ -72,6 +73,7 @@ def report(
 
 
 def read_held_against(recordings: "Sequence[Recording]", model: Path | None) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Nominal model and known_to of the recordings, or of the model file. Raises BadInput where the recordings differ."""
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.errors import BadInput
 
@@ -80,6 +82,7 @@ def read_held_against(recordings: "Sequence[Recording]", model: Path | None) -> 
         return given.nominal(), given.known_to.model_dump(exclude_none=True)
     first = recordings[0]
     for other in recordings[1:]:
+        # One evaluation has one nominal model.
         if other.nominal != first.nominal or other.known_to != first.known_to:
             raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; give one model for both with --model")
     if not first.nominal:

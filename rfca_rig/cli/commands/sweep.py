@@ -49,19 +49,20 @@ def sweep(
     if lists:
         _print_lists()
         return
-    plan, command = _asked(file, vary or [], fixed or [], outputs, samples, method, seed, rig, model)
+    plan, command = _plan_and_command(file, vary or [], fixed or [], outputs, samples, method, seed, rig, model)
     if dry_run:
-        _print_foretold(plan, workers, as_json)
+        _print_estimate(plan, workers, as_json)
         return
     folder = Path(Path(file).stem if file else "sweep") if out is None else out
     try:
-        result = _carried_out(plan, folder, workers, cluster, quiet=as_json, clocks=WallClock)
+        result = _run_sweep(plan, folder, workers, cluster, quiet=as_json, clocks=WallClock)
+    # Completed cases are on disk, so the same command continues.
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
     _report(result, folder, [*command, "--out", folder], as_json)
 
 
-def _asked(
+def _plan_and_command(
     file: str | None,
     vary: list[str],
     fixed: list[str],
@@ -72,11 +73,12 @@ def _asked(
     rig: str | None,
     model: Path | None,
 ) -> "tuple[SweepPlan, list[str | Path]]":
-    """The plan, and the words with which it is asked for again."""
+    """The plan, and the words of the command that repeats it."""
     from rfca_rig.errors import BadInput
     from rfca_rig.sweep.typed_sweep import typed_plan
 
     if file is not None:
+        # Two sources of one setting would leave open which one holds.
         if vary or fixed or outputs or samples or rig or model:
             raise BadInput(f"{file} says what is varied; leave --vary, --set, --outputs, --samples, --rig and --model out, or edit a copy")
         return _of_file(file)
@@ -98,10 +100,11 @@ def _of_file(name: str) -> "tuple[SweepPlan, list[str | Path]]":
     from rfca_rig.sweep.sweep_file import plan_of, read_sweep
 
     path = find_file("sweeps", name)
-    said = read_sweep(path)
-    rig = said.rig if said.rig is None or not _is_path(said.rig) else str(path.parent / said.rig)
-    model = None if said.model is None else path.parent / said.model
-    return plan_of(said, _model(rig, model), path), ["sweep", path if _is_path(name) else name]
+    content = read_sweep(path)
+    # Paths in a sweep file are relative to the file; plain names are looked up as on the command line.
+    rig = content.rig if content.rig is None or not _is_path(content.rig) else str(path.parent / content.rig)
+    model = None if content.model is None else path.parent / content.model
+    return plan_of(content, _model(rig, model), path), ["sweep", path if _is_path(name) else name]
 
 
 def _is_path(name: str) -> bool:
@@ -119,7 +122,7 @@ def _model(rig: str | None, model: Path | None) -> "RigModel":
     return read_model_file(model).model() if model else read_rig(find_file("calibration", rig or "twin")).model()
 
 
-def _carried_out(
+def _run_sweep(
     plan: "SweepPlan", folder: Path, workers: int | None, cluster: str | None, quiet: bool, clocks: "Callable[[], Clock]"
 ) -> "SweepResult":
     from rfca_rig.cli.executors import open_executor
@@ -146,23 +149,24 @@ def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_j
     typer.echo(f"{folder / HTML}: figures and definitions; all cases in sweep.csv and sweep.h5", err=True)
 
 
-def _print_foretold(plan: "SweepPlan", workers: int | None, as_json: bool) -> None:
+def _print_estimate(plan: "SweepPlan", workers: int | None, as_json: bool) -> None:
     import json
 
     from rfca_rig.clock import WallClock
     from rfca_rig.executors.cores import machine_cores
     from rfca_rig.sweep.pilot import bytes_expected, measured_pace
 
-    hands = workers or machine_cores()
+    processes = workers or machine_cores()
     pace = measured_pace(plan, WallClock())
-    seconds = plan.count * pace.seconds_per_case / hands
+    # Cases are independent, so the time is divided by the number of processes.
+    seconds = plan.count * pace.seconds_per_case / processes
     if as_json:
-        said = {"cases": plan.count, "seconds_per_case": pace.seconds_per_case, "workers": hands, "seconds": seconds}
-        typer.echo(json.dumps({**said, "bytes": bytes_expected(plan), "cases_per_shard": pace.cases_per_shard}, indent=1))
+        estimate = {"cases": plan.count, "seconds_per_case": pace.seconds_per_case, "workers": processes, "seconds": seconds}
+        typer.echo(json.dumps({**estimate, "bytes": bytes_expected(plan), "cases_per_shard": pace.cases_per_shard}, indent=1))
         return
     typer.echo(f"{plan.title}: {plan.count} cases of {', '.join(plan.varied)}")
     size = f"{1e-6 * bytes_expected(plan):.1f} MB"
-    typer.echo(f"about {1e3 * pace.seconds_per_case:.1f} ms each, {_duration(seconds)} on {hands} cores; {size}")
+    typer.echo(f"about {1e3 * pace.seconds_per_case:.1f} ms each, {_duration(seconds)} on {processes} cores; {size}")
 
 
 def _duration(seconds: float) -> str:

@@ -27,9 +27,10 @@ def trip(code: Annotated[str, typer.Argument(metavar="[CODE]", help="Such as F-0
 
 
 def _lines(page: str) -> list[str]:
-    """As a terminal shows it: paragraphs and items within 80 columns, without marks and links."""
+    """The page as a terminal shows it: paragraphs and items within 80 columns, without marks and links."""
     from textwrap import wrap
 
+    # Blocks begin at an empty line, a numbered item or a heading; each is wrapped on its own.
     blocks = re.split(r"\n(?=\n|\d\. |# )", re.sub(r" \[All trips\]\(.*?\)|```(text)?\n|\*\*", "", page))
     plain = (re.sub(r"\[(.*?)\]\(.*?\)", r"\1", block).replace("`", "") for block in blocks)
     return [
@@ -41,7 +42,7 @@ def _lines(page: str) -> list[str]:
 
 
 def _title(code: str) -> str:
-    """What follows the code in the page's heading."""
+    """The text behind the code in the page's heading."""
     return _page(code).partition("\n")[0].partition(": ")[2]
 
 

@@ -1,4 +1,4 @@
-"""rfca-rig twin: the twin rig as a server that any client of the same wires can talk to."""
+"""rfca-rig twin: the twin rig as a server for any client of the same wires."""
 
 import json
 import socket
@@ -61,6 +61,7 @@ def serve(
     say = marked("SIM", quiet)
     orders = switchings(fault or [])
     described = read_rig(find_file("calibration", rig))
+    # There is no password, so opening the server to the network needs a warning.
     if not is_loopback(listen):
         say(f"WARNING open to the network: whoever reaches {listen} can command this twin and read it; there is no password")
     if not is_warm():
@@ -85,19 +86,20 @@ def tell(
     control_port: Annotated[int, typer.Option("--control-port", min=1, max=65535, help="Where the server listens.")] = CONTROL_PORT,
 ) -> None:
     """Switch faults of a running server, or ask how it is."""
-    answer = _asked(" ".join(words), control_port)
+    answer = _send_command(" ".join(words), control_port)
     if answer[-1].startswith("error "):
         raise BadInput(answer[-1].removeprefix("error "))
     for line in answer[:-1]:
         typer.echo(line)
 
 
-def _asked(line: str, port: int) -> list[str]:
-    """The lines of the answer, `ok` or `error ...` last."""
+def _send_command(line: str, port: int) -> list[str]:
+    """Sends a line; returns the lines of the answer, `ok` or `error ...` last."""
     answer = ""
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=ANSWER_WITHIN_S) as connection:
             connection.sendall(f"{line}\n".encode())
+            # TCP may deliver an answer in pieces.
             while not answer.endswith("ok\n") and "error " not in answer:
                 received = connection.recv(1 << 16)
                 if not received:

@@ -18,6 +18,7 @@ def view(
     from rfca_rig.view.live_view import check_view_is_installed
 
     check_view_is_installed()
+    # After the check: this import needs the packages of the extra.
     from rfca_rig.view.replaying import replay
 
     with suppress(KeyboardInterrupt):

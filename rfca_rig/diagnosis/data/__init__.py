@@ -1,4 +1,4 @@
-"""Recordings as observations, whatever was recorded. Entry point: `dataset.make_dataset`.
+"""Recordings of any kind of rig as observations. Entry point: `dataset.make_dataset`.
 
 `observations` holds the rows of conditions; `dataset` joins them with the simulator that predicts them.
 """

@@ -1,4 +1,4 @@
-"""Everything that was recorded, as rows, and the model's answer to the same."""
+"""All conditions of a campaign as one vector of observations, with the simulator that predicts them."""
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -42,29 +42,31 @@ class Dataset:
         return self if parts is self.parts else make_dataset(parts, self.simulator)
 
     def predicted(self, at: Any) -> Floats | None:
-        """The model's rows (m,), its conditions side by side; None where it has no answer."""
+        """The model's rows (m,) at an input of the simulator, conditions in parallel; None where the model has no answer."""
         with ThreadPoolExecutor(THREADS) as pool:
-            return _joined(pool.map(lambda part: self.simulator.simulate(at, part), self.parts))
+            return _join_or_none(pool.map(lambda part: self.simulator.simulate(at, part), self.parts))
 
     def predicted_all(self, inputs: Sequence[Any]) -> list[Floats | None]:
-        """The same for many, side by side: a compiled model releases the interpreter lock."""
+        """The model's rows (m,) for each of many inputs, in parallel: a compiled model releases the interpreter lock."""
         with ThreadPoolExecutor(THREADS) as pool:
-            return list(pool.map(self._predicted_here, inputs))
+            return list(pool.map(self._predict_in_sequence, inputs))
 
-    def _predicted_here(self, at: Any) -> Floats | None:
-        return _joined(self.simulator.simulate(at, part) for part in self.parts)
+    def _predict_in_sequence(self, at: Any) -> Floats | None:
+        # One thread per input: nested pools would only oversubscribe the cores.
+        return _join_or_none(self.simulator.simulate(at, part) for part in self.parts)
 
 
-def _joined(rows: Iterable[Floats]) -> Floats | None:
+def _join_or_none(rows: Iterable[Floats]) -> Floats | None:
     """The rows of all conditions; None where the model has no answer for one of them."""
     try:
         return np.concatenate(list(rows))
+    # A simulator raises these where an input has no answer, and the search stays away from such inputs.
     except (SimulationFailed, BadInput):
         return None
 
 
 def make_dataset(parts: Iterable[ConditionData], simulator: Simulator) -> Dataset:
-    """The evidence of these conditions. Raises BadInput where there is none."""
+    """The dataset of these conditions. Raises BadInput where there is none."""
     parts = tuple(parts)
     if not parts:
         raise BadInput("nothing to diagnose: no condition can be used")

@@ -1,7 +1,7 @@
-"""What was recorded as one vector of independent statements: means over short bins, and over repeats, of every signal.
+"""Recordings as one vector of observations: means over short bins and over repeats, of every signal.
 
-A recording is cut into bins that lose nothing of how the rig moves, as 10 to 25 ms of a stroke; each bin's value is the mean
-over its samples and over the repeats. Static stages stand below as they were read.
+Bins are short enough to resolve the motion, for example 10 to 25 ms in a stroke. Each value is the mean over the samples of a bin and over
+the repeats. Readings of static stages follow as they were recorded.
 """
 
 from dataclasses import dataclass
@@ -40,12 +40,30 @@ class Label:
 
 @dataclass(frozen=True)
 class Observations:
-    """All arrays (m,), one entry per row.
+    """All observations of a dataset. Every array is (m,), one entry per row.
 
-    `measured` in the signal's unit; `noise` its standard deviation from the sensor alone; `scale` the size of the signal here, which a
-    relative error of the model refers to: 1 % of it is what a generalised force that is wrong by 1 % does; `jolt` the size of an error
-    that differs from row to row, and counts like `scale`; `progress` along the condition, over which the model's error is smooth, in the
-    unit of the label's `correlation_length`; `phase` in words; `label` points into `labels`; `condition` counts conditions.
+    Parameters
+    ----------
+    measured
+        In the unit of the signal.
+    noise
+        Standard deviation from the sensor alone, in that unit.
+    scale
+        Size of the signal that a relative model error refers to: 1 % of it is the effect of a generalised force that is wrong by 1 %.
+    jolt
+        Size of a model error that is independent from row to row; it is multiplied by the discrepancy scale like `scale`.
+    progress
+        Position along the condition over which the model error is smooth, in the unit of the label's `correlation_length`.
+    t_s
+        Time; for static stages the shaft angle in rad.
+    phase
+        Phase in words.
+    label
+        Index into `labels`.
+    condition
+        Number of the condition.
+    labels
+        What the blocks of rows belong to.
     """
 
     measured: Floats
@@ -78,7 +96,7 @@ class Observations:
 
 
 def stacked(parts: list[Observations]) -> Observations:
-    """The parts below each other; their conditions and labels are counted on."""
+    """The observations of several conditions as one; their condition numbers and label indices are shifted to stay unique."""
     labels: list[Label] = []
     label, condition, conditions = [], [], 0
     for part in parts:
@@ -90,9 +108,10 @@ def stacked(parts: list[Observations]) -> Observations:
     return Observations(**columns, label=np.concatenate(label), condition=np.concatenate(condition), labels=tuple(labels))
 
 
+# Columns that are only concatenated; `label` and `condition` need an offset.
 _PLAIN = ("measured", "noise", "scale", "jolt", "progress", "t_s", "phase")
 
 
 def rms(values: Floats) -> float:
-    """Root mean square of all of them."""
+    """Root mean square of values (m,), in their unit."""
     return float(np.sqrt(np.mean(values**2)))

@@ -1,7 +1,7 @@
-"""Recordings that are cut into windows, each simulated from the state that the recording shows at its beginning.
+"""Recordings cut into windows, each simulated from the measured state at its beginning.
 
-An error of that state is taken off: for every hypothesis the start is moved, within its uncertainty, to where the window fits best. So the
-rows of a window do not inherit one error as if they were independent.
+Every hypothesis may move that start, within its uncertainty, to where the window fits best. So an error of the start does not appear in all
+rows of a window as if they were independent.
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,17 @@ from rfca_rig.diagnosis.data.observations import Label, Observations
 Floats = NDArray[np.float64]
 W = TypeVar("W")
 
+# Windows per condition: with windows of half a second these are stretches of about two seconds.
 WINDOWS_OF_CONDITION = 4
 ROUGH = 0.3  # share of the model's error that is not smooth
 
 
 @dataclass(frozen=True)
 class WindowRows:
-    """What was measured in one window: times (b,) in the run, and `measured`, `noise`, `scale` and `jolt` (s, b) of s signals in b bins.
+    """Measured values of one window with s signals in b bins.
 
-    Without a `jolt`, errors that differ from bin to bin are the usual share of the `scale`.
+    `t_s` (b,) are times in the run; `measured`, `noise`, `scale` and `jolt` are (s, b), as in `Observations`. Without a `jolt`, the errors
+    that differ from bin to bin are ROUGH times `scale`.
     """
 
     t_s: Floats
@@ -36,7 +38,7 @@ class WindowRows:
 
 
 def group(windows: Sequence[W]) -> list[Sequence[W]]:
-    """The windows of one run in their order, about WINDOWS_OF_CONDITION together."""
+    """The windows of one run in groups of about WINDOWS_OF_CONDITION, in their order."""
     count = max(1, round(len(windows) / WINDOWS_OF_CONDITION)) if windows else 0
     bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
     return [windows[a:b] for a, b in pairwise(bounds)]
@@ -74,15 +76,16 @@ def observe(windows: Sequence[WindowRows], labels: tuple[Label, ...], run: str, 
 
 
 def start_gain(start_effect: Floats, variance: Floats) -> Floats:
-    """The errors of the start that a misfit shows, in standard deviations, as a matrix (k, m).
+    """Matrix (k, m) that estimates the errors of a window's start from its residual, in standard deviations.
 
     Parameters
     ----------
     start_effect
-        (k, ...) what an error of one standard deviation in each value of the start does to the m rows.
+        (k, ...) effect of one standard deviation of each value of the start on the m rows.
     variance
-        (...) of the rows: sensors and usual model error.
+        (...) variance of the rows: sensors and usual model error.
     """
     effect = start_effect.reshape(len(start_effect), -1)
     weighted = effect / variance.ravel()
+    # Linear Bayesian estimate; the identity is the prior of start errors in standard deviations.
     return np.asarray(np.linalg.solve(weighted @ effect.T + np.eye(len(effect)), weighted), dtype=np.float64)

@@ -5,9 +5,9 @@ A statement ("the pins have dry friction", "the spring has memory") is true with
     P = 1 / (1 + exp(-(b + w . f)))
 
 f are the features of its `Support`, each limited to the range in which it is informative. The intercept b and the weights w come from
-benchmark cases with known truth: a logistic regression with a ridge penalty, the sign of every weight fixed by what the feature means.
-`calibration.json` beside this module holds them with the seeds they were fitted on and their cross-validated scores;
-`python -m rfca_rig.exam.calibrate` writes it.
+benchmark cases with known truth. They are fitted by logistic regression with a ridge penalty, and the meaning of a feature fixes the sign
+of its weight. `calibration.json` beside this module holds them with the seeds that were used and their cross-validated scores. `python -m
+rfca_rig.exam.calibrate` writes it.
 """
 
 import json
@@ -32,7 +32,7 @@ FILE = "calibration.json"
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature, limited to `low` .. `high`; `sign` is that of its weight, +1 where it speaks for a statement."""
+    """One feature, limited to `low` .. `high`; `sign` is that of its weight, +1 where it supports a statement."""
 
     name: str
     low: float
@@ -44,6 +44,7 @@ class Feature:
         return float(np.clip(np.nan_to_num(values[self.name], nan=self.low, posinf=self.high, neginf=self.low), self.low, self.high))
 
 
+# Limits and signs are those of the table "Support of a statement" in section 7 of docs/method.md.
 FEATURES = (
     Feature("log_bayes_factor", 0.0, float(np.log(1000.0)), 1),
     Feature("held_out_ratio", 0.0, 3.0, 1),
@@ -62,7 +63,7 @@ class Calibration:
     weights: Floats
 
     def probability(self, values: Mapping[str, float]) -> float:
-        """How probable a statement is whose support has these values."""
+        """Probability of a statement whose support has these values."""
         return float(expit(self.intercept + self.weights @ features_in(values)))
 
 
@@ -79,13 +80,13 @@ def support_values(support: Support) -> dict[str, float]:
 
 
 def features_in(values: Mapping[str, float]) -> Floats:
-    """The features of plain numbers, (features,)."""
+    """The limited features of plain values, (features,), in the order of FEATURES."""
     return np.array([feature.of(values) for feature in FEATURES])
 
 
 @cache
 def calibration_of(kind: Kind) -> Calibration:
-    """The calibration of one kind of statement that comes with the package.
+    """The calibration of one kind of statement that comes with the package; read once.
 
     Raises
     ------
@@ -93,6 +94,7 @@ def calibration_of(kind: Kind) -> Calibration:
         Where the file does not hold exactly the features of this version.
     """
     content = json.loads((files(__package__) / FILE).read_text(encoding="utf-8"))
+    # A file of another version may have other features; its weights would be applied to the wrong numbers.
     weights = content[kind]["weights"]
     if content["format"] != FORMAT or set(weights) != {feature.name for feature in FEATURES}:
         raise ValueError(f"{FILE}: holds {', '.join(weights)}; regenerate it with python -m rfca_rig.exam.calibrate")

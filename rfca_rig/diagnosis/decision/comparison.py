@@ -1,9 +1,10 @@
-"""Hypotheses compared with the size of the model discrepancy free, and how well the data support each effect.
+"""Comparison of hypotheses with the size of the model discrepancy free, and the support of each effect by the data.
 
-A hypothesis is a set of effects. Its log evidence is known at every discrepancy scale s of a grid from 0.5 % to 60 % of the signals; with a
-log-uniform prior, s is integrated out. So an effect whose law is only roughly right still competes: what its law leaves is discrepancy.
-A relative probability alone says too much here, since a discrepancy with a smooth covariance hides how alike wrong laws are. What decides
-is how much better held-out conditions are predicted with an effect than with the best rival that lacks it; see `calibration`.
+A hypothesis is a set of effects. Its log evidence is known at every discrepancy scale s of a grid from 0.5 % to 60 % of the signals. With a
+log-uniform prior, s is integrated out. So an effect whose law is only approximate still competes: what its law leaves is discrepancy.
+
+A relative probability alone claims too much here, since a smooth discrepancy hides how similar wrong laws are. The decision rests on how
+much better held-out conditions are predicted with an effect than with the best rival that lacks it; see `calibration`.
 """
 
 from collections.abc import Collection, Sequence
@@ -53,21 +54,22 @@ class ScaledHypothesis:
 
     @cached_property
     def held_out_rms(self) -> Floats:
-        """Rms of each held-out condition, all unknowns fitted to the others, in units of noise and usual model error, (conditions,)."""
+        """Rms (conditions,) of each held-out condition, predicted from the others, in units of noise and usual model error."""
         rows = self.result.dataset.rows
         linear = self.hypothesis.fitted.linear(rows.measured)
         residuals = loo_residuals(linear, self.whitening, rows.condition, range(int(rows.condition.max()) + 1))
+        # One unit for all hypotheses, whatever discrepancy scale each of them has.
         square = residuals**2 / self.result.likelihood.usual.variance()
         return np.asarray(np.sqrt(np.bincount(rows.condition, square) / np.bincount(rows.condition)))
 
     @property
     def misfit(self) -> float:
-        """The median over conditions of `held_out_rms`."""
+        """Median over conditions of `held_out_rms`: rho in docs/method.md."""
         return float(np.median(self.held_out_rms))
 
     @property
     def misfit_of_all(self) -> float:
-        """The root mean square over conditions of `held_out_rms`, in which a few conditions that are predicted badly count."""
+        """Root mean square over conditions of `held_out_rms`, so that a few badly predicted conditions count."""
         return float(np.sqrt(np.mean(self.held_out_rms**2)))
 
     @property
@@ -132,24 +134,24 @@ class Comparison:
         return best
 
     def scaled(self, hypothesis: Hypothesis) -> ScaledHypothesis:
-        """The hypothesis with this fit. Raises StopIteration where it is none of the search."""
+        """The compared hypothesis of this fit. Raises StopIteration where it is not part of the search."""
         return next(one for one in self.ranked if one.hypothesis.fitted is hypothesis.fitted)
 
     def as_good_as(self, name: str) -> tuple[str, ...]:
-        """The effects that could take the place of one effect of the best explanation as well, the others kept."""
+        """Effects that could take the place of one effect of the best explanation as well, with the other effects unchanged."""
         kept = set(self.best.ids) - {name}
         swapped = [one for one in self.ranked if len(one.ids) == len(self.best.ids) and kept < set(one.ids) and name not in one.ids]
         return tuple(sorted({other for one in swapped if self._is_as_good(one) for other in set(one.ids) - kept}))
 
     def variants_of(self, name: str) -> tuple[str, ...]:
-        """The effects with the same law that are not part of the best explanation: more general ones, and other special cases."""
+        """Effects with the same law that are not in the best explanation: more general ones, and other special cases."""
         effects = {term.effect.id: term.effect for one in self.ranked for term in one.hypothesis.fitted.coordinates.choices}
         general = effects[name].variant_of or name
         alike = {other.id for other in effects.values() if (other.variant_of or other.id) == general}
         return tuple(sorted(alike - {name} - set(self.best.ids)))
 
     def equals_of(self, one: ScaledHypothesis, name: str) -> tuple[str, ...]:
-        """The effects whose law that of one effect of a hypothesis becomes in a limit, where its fitted values lie in this limit."""
+        """Effects that the law of one effect of a hypothesis turns into in a limit, if its fitted values lie in that limit."""
         coordinates = one.hypothesis.fitted.coordinates
         number = one.ids.index(name)
         term = coordinates.choices[number]
@@ -157,7 +159,7 @@ class Comparison:
         return tuple(sorted(limit.other for limit in term.effect.equal_limits if limit.other not in one.ids and limit.holds(values)))
 
     def _is_as_good(self, one: ScaledHypothesis) -> bool:
-        """Whether the data do not tell a hypothesis from the best one, or would not if the model erred by as much as models usually do."""
+        """Whether the data do not distinguish a hypothesis from the best one, or would not at the usual model error."""
         likelihood = self.result.likelihood
         usual = [whitening.s for whitening in likelihood.every_scale].index(likelihood.usual.s)
         behind = self.best.log_joint - one.log_joint, float(self.best.log_evidence[usual] - one.log_evidence[usual])
@@ -169,35 +171,36 @@ class Comparison:
 
     def explained_share(self, one: ScaledHypothesis) -> float:
         """Share of the removable held-out misfit that a hypothesis removes: 1 down to the noise, 0 as without effects."""
-        return self._removed_share(self.nothing, one)
+        return self._compute_removed_share(self.nothing, one)
 
-    def _removed_share(self, before: ScaledHypothesis, after: ScaledHypothesis) -> float:
+    def _compute_removed_share(self, before: ScaledHypothesis, after: ScaledHypothesis) -> float:
         """Share of the removable held-out misfit of one hypothesis that another one removes."""
+        # Noise cannot be removed, so it does not count as misfit.
         removable = before.misfit**2 - self.noise_floor**2
         return (before.misfit**2 - after.misfit**2) / removable if removable > 0.0 else 0.0
 
     def _as_good_with(self, ids: Collection[str]) -> list[ScaledHypothesis]:
-        """The hypotheses with one of these effects, as large as the best and as good."""
+        """Hypotheses of the size of the best one that have one of these effects and are as good."""
         alike = [one for one in self.ranked if len(one.ids) == len(self.best.ids) and set(one.ids) & set(ids)]
         return [one for one in alike if self._is_as_good(one)]
 
     def law_error(self, one: ScaledHypothesis) -> float:
-        """Held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""
+        """Root of the held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""
         left, removed = max(one.misfit**2 - self.noise_floor**2, 0.0), self.nothing.misfit**2 - one.misfit**2
         return float(min(np.sqrt(left / removed), 1.0)) if removed > 0.0 else 1.0
 
     def law_error_without(self, name: str) -> float:
-        """The law error of the best explanation without one of its effects; 1 where nothing remains."""
+        """Law error of the best explanation without one of its effects; 1 where no effect remains."""
         others = set(self.best.ids) - {name}
         return next((self.law_error(one) for one in self.ranked if others and set(one.ids) == others), 1.0)
 
     @cached_property
     def noise_floor(self) -> float:
-        """What sensor noise alone leaves, in units of noise and usual model error."""
+        """Rms of sensor noise alone, in units of noise and usual model error."""
         return float(np.sqrt(np.mean(self.result.dataset.rows.noise**2 / self.result.likelihood.usual.variance())))
 
     def support(self, ids: Sequence[str]) -> Support:
-        """The support of these effects, members of the best explanation among them. Raises ValueError where none of them is."""
+        """The support of these effects, some of which are in the best explanation. Raises ValueError where none of them is."""
         best, rival = self.best, self.without(ids)
         numbers = [number for number, name in enumerate(best.ids) if name in ids]
         if not numbers:
@@ -207,7 +210,8 @@ class Comparison:
             rival=rival.ids,
             log_bayes_factor=best.log_joint - rival.log_joint,
             held_out_ratio=float(np.median(np.log(rival.held_out_rms / best.held_out_rms))),
-            removed_share=self._removed_share(rival, best),
+            removed_share=self._compute_removed_share(rival, best),
+            # Of several effects of one family the best counts: the statement is true if any of them is there.
             condition_scatter=min(self.condition_scatter(number) for number in numbers),
             strain=min(one.hypothesis.fitted.farthest for one in self._as_good_with(ids)),
             bound=min(self._farthest_size(number) for number in numbers),
@@ -222,19 +226,20 @@ class Comparison:
     def _as_good_without_one(self, one: ScaledHypothesis) -> ScaledHypothesis | None:
         """The most probable hypothesis with one effect fewer that predicts held-out conditions about as well.
 
-        A set whose nuisance parameters had to leave what is plausible stands for no effect that relieves them.
+        A subset does not count if it needs an implausible nuisance parameter that the whole set does not need.
         """
         for simpler in self.ranked:
             is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
             if is_part and not one.hypothesis.fitted.farthest < IMPLAUSIBLE < simpler.hypothesis.fitted.farthest:
-                gain = np.median(np.log(simpler.held_out_rms / one.held_out_rms))
-                if gain < -0.5 * np.log1p(-WORTH_ADDING):
+                log_ratio = np.median(np.log(simpler.held_out_rms / one.held_out_rms))
+                # The threshold is a share of the mean square, and `log_ratio` that of an rms, hence the half.
+                if log_ratio < -0.5 * np.log1p(-WORTH_ADDING):
                     return simpler
         return None
 
     @cached_property
     def _signatures(self) -> list[Floats]:
-        """What each effect of the best explanation does to the observations, (m,) each, all other unknowns at their MAP values."""
+        """Signatures (m,) of the effects of the best explanation, all other unknowns at their MAP values."""
         fitted = self.best.hypothesis.fitted
         coordinates, found = fitted.coordinates, []
         for number in range(len(coordinates.choices)):
@@ -245,9 +250,9 @@ class Comparison:
         return found
 
     def condition_scatter(self, number: int) -> float:
-        """Relative standard deviation, between conditions, of the size of one effect of the best explanation, beyond what chance makes.
+        """Relative standard deviation of the size of one effect between conditions, beyond chance.
 
-        Each condition's size is a random effect with prior deviation VARIES_BY; conditions that stay uncertain are left out.
+        The size of each condition is a random effect with prior deviation VARIES_BY. Conditions whose size stays uncertain are ignored.
         """
         signature, best, group = self._signatures[number], self.best, self.result.dataset.rows.condition
         columns = [column for g in range(int(group.max()) + 1) if np.any(column := np.where(group == g, signature, 0.0))]
@@ -261,24 +266,26 @@ class Comparison:
         informative = std < INFORMATIVE * VARIES_BY
         if informative.sum() < 2:
             return 0.0
+        # Inverse-variance weights; the posterior variances are what chance explains, so they are subtracted.
         weight = 1.0 / std[informative] ** 2
-        apart = size[informative] - np.average(size[informative], weights=weight)
-        return float(np.sqrt(max(np.average(apart**2 - std[informative] ** 2, weights=weight), 0.0)))
+        deviation = size[informative] - np.average(size[informative], weights=weight)
+        return float(np.sqrt(max(np.average(deviation**2 - std[informative] ** 2, weights=weight), 0.0)))
 
 
 def compare(result: ModelSelectionResult) -> Comparison:
     """All hypotheses of a search with the discrepancy scale free."""
-    found = [_scaled(result, hypothesis) for hypothesis in (result.nothing, *result.named)]
+    found = [_integrate_scale(result, hypothesis) for hypothesis in (result.nothing, *result.named)]
     return Comparison(result, tuple(sorted(found, key=lambda one: -one.log_joint)))
 
 
-def _scaled(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypothesis:
+def _integrate_scale(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypothesis:
     whitenings = result.likelihood.every_scale
     log_evidence = log_evidence_by_scale(hypothesis.fitted, result.dataset.rows.measured, whitenings)
     scales, total = np.array([whitening.s for whitening in whitenings]), float(logsumexp(log_evidence))
     return ScaledHypothesis(
         hypothesis=hypothesis,
         log_evidence=log_evidence,
+        # Posterior mean of log s, as the grid is about log-uniform.
         scale=float(np.exp(np.exp(log_evidence - total) @ np.log(scales))),
         whitening=whitenings[int(np.argmax(log_evidence))],
         log_joint=total - float(np.log(len(whitenings))) + hypothesis.log_prior - hypothesis.log_beyond,

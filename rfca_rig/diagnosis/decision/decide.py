@@ -40,9 +40,20 @@ HELD_OUT = "held-out misfit"
 
 @dataclass(frozen=True)
 class Supported:
-    """One effect, or family, with its calibrated probability and the numbers that this rests on.
+    """One effect, or family, with its calibrated probability and the values that this rests on.
 
-    `law_error_without` is the law error of the best explanation without the effect; without the effects of a family, the largest of them.
+    Parameters
+    ----------
+    kind, id
+        Whether it is an effect or a family, and which one.
+    probability
+        Calibrated probability.
+    values
+        Its support as plain numbers.
+    cannot_tell_from
+        Effects that explain the data as well.
+    law_error_without
+        Law error of the best explanation without the effect; without the effects of a family, the largest of them.
     """
 
     kind: Kind
@@ -54,7 +65,7 @@ class Supported:
 
     @property
     def is_needed(self) -> bool:
-        """Whether the laws of the other effects leave more without it than approximate laws usually do, or next to nothing with it."""
+        """Whether the laws of the other effects leave more than approximate laws usually do, or almost nothing remains with it."""
         return self.law_error_without > LAW_ERROR or self.values["removed_share"] > 1.0 - WORTH_ADDING
 
 
@@ -67,20 +78,21 @@ class Decision:
     grade
         What is stated.
     explanation
-        The hypothesis behind the statement, with the posterior at its own discrepancy scale; the one without effects where nothing is
+        The hypothesis behind the statement, with the posterior at its own discrepancy scale. It is the one without effects where nothing is
         stated.
     closest
         The best explanation where it is not stated as a whole; None where no hypothesis beats the one without effects.
     effects, family
         What is stated. A family is given beside effects, too.
     probability
-        That of the statement: the least of its effects, or that of the family; for the other grades that something is, or is not, missing.
+        Probability of the statement: the least of its effects, or that of the family. For other grades, that something is, or is not,
+        missing.
     explained_share
         Share of the removable held-out misfit that the explanation removes.
     relieved
-        The implausible nuisance parameters whose place the explanation takes, in words; empty where its share speaks for it.
+        The implausible nuisance parameters whose place the explanation takes, in words; empty where its share supports it.
     criteria
-        What `identified` asks for, with what was found.
+        What `identified` requires, with what was found.
     rivals
         All hypotheses with their relative probabilities, most probable first.
     supported
@@ -108,8 +120,10 @@ class Decision:
 
     @property
     def suspects(self) -> frozenset[str]:
-        """The effects that no detection limit may exclude: those stated or closest, where a law is approximate their families, and every
-        one whose absence is not sure.
+        """Effects that no detection limit may exclude.
+
+        These are the effects that are stated or closest, every one that is not surely absent, and their families where a law is only
+        approximate.
         """
         possible = (one.id for one in self.supported if one.kind == "effect" and one.probability > 1.0 - SURE)
         stated = frozenset(self.explanation.ids).union(possible, *(effect.cannot_tell_from for effect in self.effects))
@@ -120,25 +134,26 @@ class Decision:
 
 
 def decide(found: ModelSelectionResult) -> Decision:
-    """What can be stated, and how surely.
+    """Decide what can be stated, and how surely.
 
     Parameters
     ----------
     found
-        What the search left.
+        The result of the search.
     """
     comparison = compare(found)
     return decide_from(comparison, support_of_best(comparison))
 
 
 def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decision:
-    """The same from the compared hypotheses and the support of the best explanation's effects and families."""
+    """The decision from the compared hypotheses and the support of the effects and families of the best explanation."""
     found, rivals = comparison.result, rank_rivals(comparison)
     of_effects = {one.id: one for one in supported if one.kind == "effect"}
     is_usual = all(criterion.passed for criterion in _criteria(comparison.nothing, ()))
-    # where the model without effects predicts as models usually do, its error may look like an effect
+    # Where the model without effects predicts as models usually do, its error may look like an effect.
     needed = SURE if is_usual else STATED
     sure = {one.id for one in of_effects.values() if one.probability >= needed and one.is_needed}
+    # The stated set must have been fitted as a whole; otherwise nothing is known of its held-out misfit.
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
     family = _best_family(comparison, supported)
@@ -149,6 +164,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     decision = Decision(
         "unexplained", found.nothing, best if best.ids else None, criteria=criteria, rivals=rivals, supported=tuple(supported)
     )
+    # A set that leaves much misfit may still be the dominant omission: then it is stated as "mostly".
     if explanation is not None and (is_exact or _is_dominant(comparison, explanation)):
         hypothesis = at_own_scale(explanation)
         effects = tuple(_describe_effect(comparison, hypothesis, number, of_effects[name]) for number, name in enumerate(explanation.ids))
@@ -161,7 +177,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             family=family if is_family else None,
             probability=min(effect.probability for effect in effects),
             explained_share=comparison.explained_share(explanation),
-            relieved=_relieved_by(comparison, explanation),
+            relieved=_describe_relief(comparison, explanation),
         )
     if family is not None and is_family:
         return replace(
@@ -171,35 +187,35 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             family=family,
             probability=family.probability,
             explained_share=comparison.explained_share(comparison.best),
-            relieved=_relieved_by(comparison, comparison.best),
+            relieved=_describe_relief(comparison, comparison.best),
         )
+    # A usual held-out misfit alone is not enough: something unlisted must also be less probable.
     against_unknown = _probability_against_unknown(found)
     if is_usual and against_unknown > 0.5:
         return replace(decision, grade="nothing missing", probability=against_unknown)
     return replace(decision, probability=1.0 - next(rival.probability for rival in rivals if not rival.ids))
 
 
-def _relieved_by(comparison: Comparison, one: ScaledHypothesis) -> str:
-    """The implausible values, in words, whose place a hypothesis takes that explains less than DOMINANT; empty where there are none.
+def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
+    """Implausible nuisance parameters, in words, that a hypothesis replaces; empty where there are none, or it explains DOMINANT.
 
-    With them, the model without effects predicts as usual, and the hypothesis needs none.
+    With them the model without effects predicts as usual, and the hypothesis needs none of them.
     """
     is_needed = comparison.explained_share(one) < DOMINANT and comparison.nothing.misfit <= AS_USUAL
     return describe_strain(comparison.nothing.hypothesis) if is_needed and not describe_strain(one.hypothesis) else ""
 
 
 def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
-    """Whether a hypothesis explains most of what is missing, or takes the place of an implausible value that explains all of it."""
-    return comparison.explained_share(one) >= DOMINANT or bool(_relieved_by(comparison, one))
+    """Whether a hypothesis explains most of what is missing, or replaces an implausible value that explains all of it."""
+    return comparison.explained_share(one) >= DOMINANT or bool(_describe_relief(comparison, one))
 
 
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
-    """The support of every effect of the best explanation, and of every family that one of them belongs to.
+    """Support of every effect of the best explanation, and of every family of one of them.
 
-    The rival has none of the effects that are as good, no variant of the effect, and none whose law its own becomes where it
-    lies: they would predict the same.
-
-    A family is at least as probable as an effect whose class lies within it: that the effect is there implies the family.
+    The rival of an effect has none of the effects that are as good, no variant of it, and no law that its own law turns into: they would
+    predict the same. A family is at least as probable as an effect whose indistinguishable set lies within it, because the effect implies
+    the family.
     """
     found: list[Supported] = []
     for effect_id in comparison.best.ids:
@@ -208,7 +224,7 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
         without = comparison.law_error_without(effect_id)
         found.append(Supported("effect", effect_id, calibration_of("effect").probability(values), values, alike, without))
     for family in _families_of_best(comparison).values():
-        # a size at the end of its range speaks against the law, not against its family
+        # A size at the end of its range is evidence against the law, not against its family.
         values = support_values(comparison.support(tuple(sorted(family.members)))) | {"bound": 0.0}
         within = [one.probability for one in found if family.members.issuperset((one.id, *one.cannot_tell_from))]
         without = max(one.law_error_without for one in found if one.id in family.members)
@@ -217,16 +233,20 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
 
 
 def _families_of_best(comparison: Comparison) -> dict[str, Family]:
-    """The families of the best explanation's effects, by id; none of another kind of rig, which has less than a third of the members."""
+    """Families of the effects of the best explanation, by id.
+
+    A family of which less than a third of the members were tried belongs to another kind of rig. Such families are used only if there is no
+    other.
+    """
     known = {family.id: family for effect_id in comparison.best.ids for family in families_of(effect_id)}
     tried = {probe.choice.effect.id for probe in comparison.result.probes}.union(comparison.best.ids)
     return {name: family for name, family in known.items() if 3 * len(family.members & tried) >= len(family.members)} or known
 
 
 def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Criterion, ...]:
-    """What a hypothesis must meet to be identified; the one without effects, to lack nothing.
+    """What a hypothesis must meet to be identified; for the one without effects, to lack nothing.
 
-    A law may fail in a few conditions, as where a stop is reached. Where nothing is missing, no condition is predicted badly.
+    A law may fail in a few conditions, for example where a stop is reached. Where nothing is missing, no condition is predicted badly.
     """
     misfit = one.misfit if one.ids else one.misfit_of_all
     least = min((effect.probability for effect in supported), default=1.0)
@@ -240,13 +260,13 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
 
 
 def describe_strain(hypothesis: Hypothesis) -> str:
-    """The nuisance parameters that had to leave what is plausible, in words; empty where none had to."""
+    """Implausible nuisance parameters in words; empty where there are none."""
     names, x = hypothesis.fitted.coordinates.space.names, hypothesis.fitted.x
     return "; ".join(f"{name} {z:+.1f} prior standard deviations off" for name, z in zip(names, x, strict=False) if abs(z) > IMPLAUSIBLE)
 
 
 def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> StatedFamily | None:
-    """The most probable family of the best explanation's effects; the larger one of two that are as probable, which says less."""
+    """The most probable family of the best explanation; of two that are as probable, the larger one, which claims less."""
     known = _families_of_best(comparison)
     ranked = [(one.probability, len(known[one.id].members), one.id) for one in supported if one.kind == "family" and one.is_needed]
     if not ranked:
@@ -259,7 +279,7 @@ def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> Stat
 def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
     """The hypothesis with the posterior at its own most probable discrepancy scale, the usual one at least.
 
-    That this model should err less than others is no knowledge to narrow an interval with.
+    A fit that happens to be better than usual is no reason for narrower intervals.
     """
     linear = one.hypothesis.fitted.linear(one.result.dataset.rows.measured)
     whitening = one.result.likelihood.level(linear)
@@ -268,7 +288,7 @@ def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
 
 
 def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int, supported: Supported) -> NamedEffect:
-    """One stated effect with its sizes, and those that the data cannot tell it from."""
+    """One stated effect with its sizes, and the effects that the data do not distinguish from it."""
     one, effect = comparison.scaled(hypothesis), hypothesis.fitted.coordinates.choices[number].effect
     parameters, shape = estimate_sizes(comparison, hypothesis, number)
     law_error = comparison.law_error(one)
@@ -276,6 +296,7 @@ def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int
     return NamedEffect(
         id=effect.id,
         left_out=effect.left_out,
+        # The calibration rests on some dozens of statements, so more digits would claim too much.
         probability=min(supported.probability, 0.999),
         parameters=parameters,
         shape=shape,
@@ -287,7 +308,7 @@ def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int
 
 
 def _family_rivals(comparison: Comparison, one: ScaledHypothesis, name: str) -> set[str]:
-    """Effects of the same family that could take its place, and whose law is wrong by no more than laws usually are, or than its own."""
+    """Effects of the same family that could take its place, and whose law error is usual, or no larger than its own."""
     kept, most = set(one.ids) - {name}, max(LAW_ERROR, comparison.law_error(one))
     swapped = [rival for rival in comparison.ranked if len(rival.ids) == len(one.ids) and kept <= set(rival.ids)]
     others = {other for rival in swapped if comparison.law_error(rival) <= most for other in set(rival.ids) - set(one.ids)}
@@ -295,9 +316,9 @@ def _family_rivals(comparison: Comparison, one: ScaledHypothesis, name: str) -> 
 
 
 def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
-    """All sets of effects with their relative probabilities, most probable first; variants of one effect are one.
+    """All sets of effects with their relative probabilities, most probable first; variants of one effect count as one.
 
-    "Nothing missing" allows the model its usual error only, "unknown" a larger one; a set with effects is free to err as it does.
+    "Nothing missing" allows the usual model error only, "unknown" a larger one. The discrepancy scale of a set with effects is free.
     """
     joint: dict[tuple[str, ...], list[tuple[float, float, float]]] = {}
     for one in comparison.ranked:
@@ -313,12 +334,12 @@ def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
 
 
 def _probability_against_unknown(found: ModelSelectionResult) -> float:
-    """The probability that nothing is missing, where only something unlisted is left beside it."""
+    """Probability that nothing is missing, if only something unlisted is left as an alternative."""
     return float(expit(found.nothing.log_joint - found.unknown.log_evidence - np.log(PRIOR_UNKNOWN)))
 
 
 def join_decisions(forces: Decision, shaft: Decision) -> Decision:
-    """The answer about the forces and the shaft's own motion together, as if independent: the weaker of what is stated.
+    """One answer from those about the forces and about the motion of the shaft, treated as independent: the weaker of what is stated.
 
     It is "mostly" where one of the two stays unexplained. The explanation is that of the forces.
     """
@@ -330,6 +351,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         grade = "mostly"
     else:
         grade = next(one for one in ("family", "unexplained", "nothing missing") if one in grades)
+    # Nothing is missing only if nothing is missing in either of them.
     nothing = float(np.prod([one.probability if one.grade == "nothing missing" else 1.0 - one.probability for one in each]))
     pairs = [(a, b) for a in forces.rivals[:MOST_RIVALS] for b in shaft.rivals[:MOST_RIVALS]]
     rivals = [

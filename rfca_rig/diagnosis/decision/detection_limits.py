@@ -1,4 +1,4 @@
-"""The smallest size of every effect that was not named at which these recordings would have shown it."""
+"""Detection limits: the smallest size of every effect that was not found at which these recordings would have shown it."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -16,32 +16,54 @@ Floats = NDArray[np.float64]
 
 
 class Shows(Protocol):
-    """How plainly a signature shows."""
+    """Measure of how clearly a signature (m,) shows."""
 
     def power(self, signature: Floats) -> float:
-        """Its squared size, in whatever `needed` counts."""
+        """Squared size of a signature (m,), in the unit of `needed`."""
         ...
 
 
 def find_detection_limits(
     effects: Sequence[Effect], probes: Sequence[EffectProbe], shows: Shows, rig: RigModel, needed: float | None = None
 ) -> tuple[NotSeen, ...]:
-    """For each effect the size at which its signatures would have shown: at which it would have earned its name, if `needed` is not given
-    and its power is that beyond noise and nuisances.
+    """Detection limit of each effect.
+
+    Parameters
+    ----------
+    effects
+        The effects that were not found.
+    probes
+        Their signatures (m,) at grid points.
+    shows
+        Measures the power of a signature.
+    rig
+        The nominal model, from which sizes are counted.
+    needed
+        The power that is enough. If not given, it is the power at which an effect would have been identified, beyond noise and nuisances.
+
+    Returns
+    -------
+    tuple
+        One entry per effect.
     """
     if needed is None:
+        # Chi-square is twice a log evidence: odds of 20, the choice among all effects, and the cost of one parameter. See docs/method.md.
         needed = 2.0 * (3.0 + float(np.log(max(len(effects), 1))) + OCCAM)
     return tuple(NotSeen(effect.id, _size(effect, probes, shows, rig, needed)) for effect in effects)
 
 
 def size_parameter(effect: Effect) -> Parameter:
-    """The parameter that tells how large an effect is: the first that does not count something."""
+    """The parameter that states how large an effect is: the first one that does not count something."""
     return next(parameter for parameter in effect.parameters if not parameter.whole)
 
 
 def without_effect(effect: Effect, rig: RigModel) -> float:
-    """The value of the size parameter at which an effect does nothing; infinite for a stiffness in series, which is counted from 0."""
+    """Value of the size parameter at which an effect does nothing.
+
+    A stiffness in series does nothing at infinity, but is counted from 0.
+    """
     size = size_parameter(effect)
+    # Its size is the whole k2, so the nominal value does nothing.
     if effect.id == "stiffness_hardening":
         return rig.leg.k2_per_rad2
     if size.name.endswith("factor"):
@@ -52,17 +74,19 @@ def without_effect(effect: Effect, rig: RigModel) -> float:
 def _size(effect: Effect, probes: Sequence[EffectProbe], shows: Shows, rig: RigModel, needed: float) -> Mapping[str, float] | None:
     size, off = size_parameter(effect), without_effect(effect, rig)
     powers: dict[float, list[float]] = {}
-    below = 0.0
-    for trial in probes:
-        if trial.choice.effect.id == effect.id:
-            value = dict(trial.choice.present(trial.z).values)[size.name]
-            below += value - off
-            powers.setdefault(round(abs(value - off), 12), []).append(shows.power(trial.signature))
+    signed_sum = 0.0
+    for probe in probes:
+        if probe.choice.effect.id == effect.id:
+            value = dict(probe.choice.present(probe.z).values)[size.name]
+            signed_sum += value - off
+            # Sizes on both sides of zero count by their distance. Rounding joins what is equal but for the last digits.
+            powers.setdefault(round(abs(value - off), 12), []).append(shows.power(probe.signature))
+    # Several probes may have one distance, for example one per hinge; their median power counts.
     points = sorted((distance, max(float(np.median(p)), UNSEEN * needed)) for distance, p in powers.items() if distance > 0.0)
     if not any(power > UNSEEN * needed for _, power in points):
         return None
     distance, rising = _threshold(np.array(points), needed)
-    value = off + distance if off == 0.0 or below >= 0.0 else off - distance
+    value = off + distance if off == 0.0 or signed_sum >= 0.0 else off - distance
     value = value if rising else min(value, size.high)
     if (rising and value > size.high) or (not rising and value < size.low) or value < min(size.low, 0.0):
         return None
@@ -70,18 +94,20 @@ def _size(effect: Effect, probes: Sequence[EffectProbe], shows: Shows, rig: RigM
 
 
 def _threshold(points: Floats, needed: float) -> tuple[float, bool]:
-    """Where power over distance crosses what is needed, and whether it rises: for a stiffness it falls.
+    """Distance at which the power reaches `needed`, and whether power rises with distance; for a stiffness it falls.
 
-    Between two points on logarithmic scales, beyond them with the square of the distance.
+    `points` (k, 2) are distance and power. The line is straight on logarithmic scales between points. Beyond them power grows with the
+    square of the distance.
     """
-    size, power, wanted = np.log(points[:, 0]), np.log(points[:, 1]), float(np.log(needed))
+    size, power, log_needed = np.log(points[:, 0]), np.log(points[:, 1]), float(np.log(needed))
     rising = bool(power[-1] >= power[0])
     if not rising:
         size, power = size[::-1], power[::-1]
-    enough = np.flatnonzero(power >= wanted)
+    enough = np.flatnonzero(power >= log_needed)
     nearest = int(enough[0]) if len(enough) else int(np.argmax(power))
     if len(enough) and nearest > 0:
-        share = (wanted - power[nearest - 1]) / (power[nearest] - power[nearest - 1])
+        share = (log_needed - power[nearest - 1]) / (power[nearest] - power[nearest - 1])
         return float(np.exp(size[nearest - 1] + share * (size[nearest] - size[nearest - 1]))), rising
-    step = 0.5 * (wanted - power[nearest])
+    # Extrapolation: a signature is proportional to a small size, so its power to the square.
+    step = 0.5 * (log_needed - power[nearest])
     return float(np.exp(size[nearest] + (step if rising else -step))), rising

@@ -1,12 +1,11 @@
-"""Sizes of stated effects, with intervals that carry the misfit that remains.
+"""Sizes of stated effects, with intervals that include the remaining misfit.
 
-Two independent parts make the standard deviation of a parameter:
+The standard deviation of a parameter has two independent parts:
 
-1. the data: the larger one of two estimates of the same deviation. The posterior at the discrepancy scale of the hypothesis is one. The
-   other is a delete-one jackknife over conditions (Quenouille, Biometrika 43 (1956) 353), which is robust to errors that the observations
-   of one condition share;
-2. the law itself: a real cause departs from its law in the catalogue by LAWS_SIZE at least. Where held-out misfit remains, it departs by
-   up to the share of that misfit in what the effect removes.
+1. The data: the larger one of two estimates. One is the posterior at the discrepancy scale of the hypothesis. The other is a delete-one
+   jackknife over conditions (Quenouille, Biometrika 43 (1956) 353), which is robust to errors that the observations of one condition share.
+2. The law itself: a real cause departs from its law in the catalogue by LAWS_SIZE at least. Where held-out misfit remains, it departs by up
+   to the share of that misfit in what the effect removes.
 """
 
 import numpy as np
@@ -44,8 +43,8 @@ def estimate_sizes(comparison: Comparison, hypothesis: Hypothesis, number: int) 
     shape: dict[str, Value] = {}
     for parameter, z, std_z in zip(term.free, posterior.mean[part].tolist(), std.tolist(), strict=True):
         value = value_of(parameter, z)
-        open_by = _open_by(term, parameter, value, law, hypothesis)
-        found = Value(value, float(np.hypot(std_of(parameter, z, std_z), open_by)))
+        of_law = _law_uncertainty(term, parameter, value, law, hypothesis)
+        found = Value(value, float(np.hypot(std_of(parameter, z, std_z), of_law)))
         if parameter in term.sizes:
             parameters[parameter.name] = found
         elif parameter in term.effect.shape:
@@ -53,8 +52,11 @@ def estimate_sizes(comparison: Comparison, hypothesis: Hypothesis, number: int) 
     return parameters, shape
 
 
-def _open_by(term: EffectTerm, parameter: Parameter, value: float, law: float, hypothesis: Hypothesis) -> float:
-    """What the law leaves open of a value; a size counts from where the effect does nothing. Both gains of a drive's loop are sizes."""
+def _law_uncertainty(term: EffectTerm, parameter: Parameter, value: float, law: float, hypothesis: Hypothesis) -> float:
+    """Standard deviation of a value because the law is only approximate.
+
+    A size is counted from where the effect does nothing. Both gains of the control loop of a drive are sizes.
+    """
     if term.effect.where == "drive":
         return max(LAWS_SIZE, law) * abs(value)
     if parameter == size_parameter(term.effect):
@@ -63,6 +65,6 @@ def _open_by(term: EffectTerm, parameter: Parameter, value: float, law: float, h
 
 
 def _jackknife_std(comparison: Comparison, hypothesis: Hypothesis) -> Floats:
-    """Standard deviation of all unknowns by leaving one condition out at a time, (p,)."""
+    """Standard deviations (p,) of all unknowns by leaving one condition out at a time."""
     rows = comparison.result.dataset.rows
     return jackknife_std(hypothesis.fitted.linear(rows.measured), hypothesis.marginal.whitening, rows.condition)

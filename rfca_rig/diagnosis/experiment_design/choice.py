@@ -1,4 +1,4 @@
-"""Of all experiments that the rig and a person can do, the one that best separates the open hypotheses per minute.
+"""Choice of the experiment that best separates the open hypotheses per minute, among all that the rig and a person can do.
 
     score = sum over pairs of p_k p_l min(expected log evidence, ENOUGH) / minutes
 
@@ -33,12 +33,23 @@ SET_UP_MIN = 2.0  # minutes of a person before an experiment: start pose, arming
 
 @dataclass(frozen=True)
 class ExperimentDesign:
-    """Something that can be done next, `repeats` times, ascending numbers to choose from.
+    """Something that can be done next.
 
-    `settings` holds its "kind" and settings as the diagnosis states them, `words` says the same. `set_up_min` and `each_min` are usual
-    minutes. `simulate` makes the condition as if recorded once without noise, from the simulator's input. It returns None where the rig
-    may not do that or the recording could not be used, and may raise SimulationFailed and BadInput. `protocol` names the protocol file
-    that does it, None where a person does it.
+    Parameters
+    ----------
+    settings
+        Its "kind" and settings, as the diagnosis states them.
+    words
+        The same in words.
+    set_up_min, each_min
+        Usual minutes: once, and for each repeat.
+    repeats
+        Numbers of repeats to choose from, ascending.
+    simulate
+        Makes the condition from the simulator's input, as if recorded once without noise. It returns None where the rig may not do that, or
+        where the recording could not be used. It may raise SimulationFailed and BadInput.
+    protocol
+        Name of the protocol file that does it; None where a person does it.
     """
 
     settings: Mapping[str, object]
@@ -50,11 +61,11 @@ class ExperimentDesign:
     protocol: str | None = None
 
     def minutes(self, repeats: int) -> float:
-        """How long it usually takes."""
+        """Usual duration in minutes."""
         return self.set_up_min + repeats * self.each_min
 
     def try_simulate(self, hypothesis: Hypothesis) -> ConditionData | None:
-        """The condition if the hypothesis is true; None where `simulate` has none or fails."""
+        """The condition if the hypothesis is true; None where `simulate` returns None or fails."""
         try:
             return self.simulate(hypothesis.fitted.coordinates.supposed(hypothesis.fitted.x))
         except (SimulationFailed, BadInput):
@@ -94,10 +105,16 @@ BENCH_TESTS = (
 
 @dataclass(frozen=True)
 class Option:
-    """A design, done so often, with its score.
+    """A design with a number of repeats, and its score.
 
-    `pairs` are (hypothesis, hypothesis, expected log evidence), the pair that matters most first. `load` is the largest value that would
-    be recorded, 0 off the rig.
+    Parameters
+    ----------
+    pairs
+        (hypothesis, hypothesis, expected log evidence), the pair that matters most first.
+    score
+        Per minute.
+    load
+        The largest value that would be recorded; 0 off the rig.
     """
 
     design: ExperimentDesign
@@ -108,19 +125,22 @@ class Option:
 
 
 def list_options(hypotheses: OpenHypotheses, designs: Iterable[ExperimentDesign], with_bench_tests: bool) -> Iterator[Option]:
-    """All that would separate at least two of the hypotheses."""
+    """All designs and bench tests that would separate at least two of the hypotheses."""
     conditions = [(design, condition) for design in designs if (condition := design.try_simulate(hypotheses.open[0])) is not None]
     views = [(design, view) for design, condition in conditions if (view := expected_information(hypotheses, condition)) is not None]
+    # A bound needs one simulation per hypothesis; the exact score needs one per parameter.
     bounds = [_worth(hypotheses, view.bound(d.repeats[-1])).sum() / d.minutes(d.repeats[0]) for d, view in views]
     tenth = 0.1 * max(bounds, default=0.0) or 1.0  # of those that promise about as much, the gentle designs come first
     best = 0.0
     for n in sorted(range(len(views)), key=lambda n: (-round(bounds[n] / tenth), views[n][1].load))[:LOOKED_INTO]:
+        # Designs come in the order of their bounds, so those that follow promise about as little or less.
         if AS_GOOD_AS * bounds[n] <= best:
             break
         for option in _list_repeats(hypotheses, *views[n]):
             best = max(best, option.score)
             yield option
     for kind, minutes, effects, words in BENCH_TESTS if with_bench_tests else ():
+        # A bench test separates hypotheses that differ in the effects it shows.
         shown = [set(effects.split()) & set(hypothesis.ids) for hypothesis in hypotheses.open]
         expected = ENOUGH * np.array([[one != other for other in shown] for one in shown])
         if expected.any():
@@ -128,7 +148,7 @@ def list_options(hypotheses: OpenHypotheses, designs: Iterable[ExperimentDesign]
 
 
 def propose(options: Sequence[Option]) -> dict[str, object] | None:
-    """The gentlest of the options that are about as good as the best, its best number of repeats; None where there is no option."""
+    """The gentlest of the options that are about as good as the best, with its number of repeats; None where there is no option."""
     good = AS_GOOD_AS * max((option.score for option in options), default=0.0)
     chosen = min((o for o in options if o.score >= good), key=lambda o: (o.load, -o.score), default=None)
     if chosen is None:
@@ -139,7 +159,7 @@ def propose(options: Sequence[Option]) -> dict[str, object] | None:
 
 
 def _list_repeats(hypotheses: OpenHypotheses, design: ExperimentDesign, view: ExpectedInformation) -> Iterator[Option]:
-    """Each number of repeats that separates a pair; none where the rig may not do it under one of the hypotheses."""
+    """An option for each number of repeats that separates a pair; none where the rig may not do it under one of the hypotheses."""
     if any(design.try_simulate(hypothesis) is None for hypothesis in hypotheses.open[1:]):
         return
     for repeats, expected in zip(design.repeats, view.expect(design.repeats) or (), strict=False):
@@ -149,7 +169,7 @@ def _list_repeats(hypotheses: OpenHypotheses, design: ExperimentDesign, view: Ex
 
 
 def _make_option(hypotheses: OpenHypotheses, design: ExperimentDesign, repeats: int, expected: Floats, load: float = 0.0) -> Option:
-    """The option with its score, and with the pairs that it separates at least a little: a log evidence of 1, mean of both directions."""
+    """The option with its score and the pairs that it separates: a log evidence of 1 or more, mean of both directions."""
     names = [" with ".join(hypothesis.ids) or "nothing missing" for hypothesis in hypotheses.open]
     mean, worth = 0.5 * (expected + expected.T), _worth(hypotheses, expected)
     pairs = sorted(np.argwhere(np.triu(mean >= 1.0, 1)), key=lambda pair: -worth[*pair])
@@ -158,6 +178,6 @@ def _make_option(hypotheses: OpenHypotheses, design: ExperimentDesign, repeats: 
 
 
 def _worth(hypotheses: OpenHypotheses, expected: Floats) -> Floats:
-    """What each pair adds to the score, (n, n), upper triangle, per experiment."""
+    """Contribution of each pair to the score (n, n), upper triangle, per experiment; `expected` is (n, n)."""
     p = hypotheses.probability
     return np.triu(np.outer(p, p) * np.minimum(0.5 * (expected + expected.T), ENOUGH), 1)

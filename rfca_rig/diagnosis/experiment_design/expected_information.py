@@ -1,11 +1,14 @@
-"""How well an experiment would separate the open hypotheses.
+"""Expected log evidence of an experiment between the open hypotheses.
 
 If k is true, the log evidence that a new recording is expected to give it over l is
 
     1/2 (f_k - f_l)^T C_l^-1 (f_k - f_l),   C_l = (D + B B^T) / r + s^2 K + J_l P_l J_l^T
 
-f are the rows that each hypothesis predicts at its fitted point, D is the noise of one repeat, B what differs from repeat to repeat, r the
-number of repeats and s^2 K a usual model error. J_l P_l J_l^T is what the parameters of l may still change after the recordings so far.
+- f: the rows that each hypothesis predicts at its fitted point
+- D: the noise of one repeat
+- B: the scatter from repeat to repeat, and r the number of repeats
+- s^2 K: a usual model error
+- J_l P_l J_l^T: the change that the parameters of l may still make, given the recordings so far
 
 References
 ----------
@@ -33,8 +36,18 @@ Floats = NDArray[np.float64]
 class ExpectedInformation:
     """One experiment as the n open hypotheses predict it.
 
-    `dataset` has it as the only condition. `predicted` (n, m) are the rows of each hypothesis, `noise` (m,) the standard deviation of one
-    repeat, and `model_error` (m, m) the covariance of a usual model error.
+    Parameters
+    ----------
+    hypotheses
+        The open hypotheses.
+    dataset
+        The experiment as its only condition.
+    predicted
+        (n, m) the rows of each hypothesis.
+    noise
+        (m,) standard deviation of one repeat.
+    model_error
+        (m, m) covariance of a usual model error.
     """
 
     hypotheses: OpenHypotheses
@@ -44,11 +57,14 @@ class ExpectedInformation:
     model_error: Floats
 
     def bound(self, repeats: int) -> Floats:
-        """An upper bound (n, n) of `expect`: no parameter may change, and all repeats are alike."""
+        """Upper bound (n, n) of `expect`: no parameter may change, and repeats do not scatter."""
         return self._compare(np.diag(self.noise**2) / repeats, [np.zeros((len(self.noise), 0))] * len(self.predicted))
 
     def expect(self, repeats: Sequence[int]) -> list[Floats] | None:
-        """Expected log evidence of row over column (n, n) where row is true, per number of repeats; None where a model has no answer."""
+        """Expected log evidence, (n, n) per number of repeats: of the row over the column if the row is true.
+
+        None where a model has no answer.
+        """
         jacobians = self._jacobians()
         if jacobians is None:
             return None
@@ -60,27 +76,28 @@ class ExpectedInformation:
 
     @property
     def load(self) -> float:
-        """The largest value that would be recorded."""
+        """The largest value that would be recorded, in the unit of its signal."""
         return float(np.abs(self.predicted).max())
 
     def _compare(self, of_mean: Floats, moves: Sequence[Floats]) -> Floats:
         """`of_mean` (m, m) is the covariance of the mean over repeats, `moves` (m, p) a root of what each hypothesis may still change."""
         factor = cholesky(of_mean + self.model_error, lower=True)
         predicted, *white = (solve_triangular(factor, rows, lower=True) for rows in (self.predicted.T, *moves))
+        # Woodbury: C_l is whitened without the parameters, and their part is subtracted as a (p, p) system.
         columns = []
         for k, own in enumerate(white):
-            apart = predicted - predicted[:, [k]]
-            along = own.T @ apart
+            difference = predicted - predicted[:, [k]]
+            along = own.T @ difference
             explained = along * np.linalg.solve(np.eye(len(along)) + own.T @ own, along)
-            columns.append(0.5 * ((apart**2).sum(axis=0) - explained.sum(axis=0)))
+            columns.append(0.5 * ((difference**2).sum(axis=0) - explained.sum(axis=0)))
         return np.column_stack(columns)
 
     def _jacobians(self) -> list[Floats] | None:
-        """Of each hypothesis, (m, p). All share the columns of the nuisance parameters: all fit near the first."""
+        """Jacobian (m, p) of each hypothesis. All share the columns of the nuisance parameters, since all fits lie near the first."""
         fits = [hypothesis.fitted for hypothesis in self.hypotheses.open]
         shared = fits[0].coordinates.nuisances
         places = [(0, i) for i in range(shared)] + [(k, i) for k, fit in enumerate(fits) for i in range(shared, fit.coordinates.size)]
-        # towards the middle of the prior, where the model has an answer
+        # Towards the middle of the prior, where the model has an answer.
         steps = [-WIDE_STEP if fits[k].x[i] > 0.0 else WIDE_STEP for k, i in places]
         points = [fits[k].x + step * (np.arange(len(fits[k].x)) == i) for (k, i), step in zip(places, steps, strict=True)]
         moved = self.dataset.predicted_all([fits[k].coordinates.supposed(x) for (k, _), x in zip(places, points, strict=True)])
@@ -93,7 +110,10 @@ class ExpectedInformation:
         return [np.reshape(each, (-1, len(self.noise))).T for each in own]
 
     def _scatter(self, jacobian: Floats) -> Floats:
-        """B, from the Jacobian's columns (m, k) of all nuisance parameters. A recorded start angle is simulated: it does not scatter."""
+        """B (m, k), from the columns of the Jacobian of all nuisance parameters.
+
+        A recorded start angle is simulated, so it does not scatter.
+        """
         std = dict(self.hypotheses.found.scatter.std)
         if "start_angle" in std and all(flap.turn.start_rad is not None for flap in flaps_of(self.dataset.parts)):
             del std["start_angle"]
@@ -103,7 +123,7 @@ class ExpectedInformation:
 
 
 def expected_information(hypotheses: OpenHypotheses, condition: ConditionData) -> ExpectedInformation | None:
-    """The predictions of all hypotheses for a condition that is not recorded yet; None where one of them has no answer."""
+    """Predictions of all hypotheses for a condition that is not recorded yet; None where one of them has no answer."""
     rows = condition.rows()
     dataset = Dataset((condition,), rows, hypotheses.found.dataset.simulator)
     found = dataset.predicted_all([h.fitted.coordinates.supposed(h.fitted.x) for h in hypotheses.open])

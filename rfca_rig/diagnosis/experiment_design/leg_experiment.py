@@ -1,4 +1,4 @@
-"""The next experiment on a leg: strokes at a height and speed, or static stages at a height, within what the rig may do."""
+"""The next experiment on a leg: strokes at a height and speed, or static stages at a height, within the limits of the rig."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -46,7 +46,7 @@ SEQUENCES = {  # shaft angles in degrees; a bent leg wedges when it is pushed ba
 
 @dataclass(frozen=True)
 class FeasibleRegion:
-    """What the rig may be asked to do: lowest and highest rack, greatest speed, greatest load that the sensor is to feel."""
+    """Limits of a proposal: lowest and highest rack, greatest speed, greatest load on the sensor."""
 
     lowest_m: float
     highest_m: float
@@ -54,7 +54,7 @@ class FeasibleRegion:
     load: Load
 
     def allows(self, load: Load) -> bool:
-        """Whether neither force nor moment is too large."""
+        """Whether force and moment are within the limits."""
         return load.with_more(self.load) == self.load
 
     def heights_m(self, recorded_m: Iterable[float]) -> list[float]:
@@ -65,16 +65,16 @@ class FeasibleRegion:
 
 
 def next_experiment(body: "PreparedData", verdicts: "Findings", enough: bool, limits: Limits | None = None) -> dict[str, object] | None:
-    """What to do next; None where nothing is open or nothing would help.
+    """The next experiment; None where nothing is open or nothing would help.
 
     Parameters
     ----------
     body, verdicts
-        The recordings, and what was found in the forces and in the shaft's motion.
+        The recordings, and the results in the forces and in the motion of the shaft.
     enough
-        Whether there are enough conditions for a decision. Without, only a further dynamic condition helps.
+        Whether there are enough conditions for a decision. If not, only a further dynamic condition helps.
     limits
-        Those of the rig. If they are not known, it is asked for no higher speed and no greater load than were recorded.
+        Those of the rig. If they are not known, no higher speed and no greater load than were recorded are proposed.
 
     Returns
     -------
@@ -86,6 +86,7 @@ def next_experiment(body: "PreparedData", verdicts: "Findings", enough: bool, li
     options = [option for each in unsettled if each for option in _list_options(body, verdicts, each, enough, limits)]
     if options or enough:
         return propose(options)
+    # Too few conditions, and no design separates hypotheses: the condition that is least like the recorded ones is proposed.
     designs = list(_flap_designs(body, verdicts, _find_region(body, verdicts, limits)))
     possible = [(apart, design) for apart, design in designs if design.try_simulate(verdicts.leg.nothing) is not None]
     _, farthest = max(possible, key=lambda one: one[0], default=(0.0, None))
@@ -104,12 +105,13 @@ def _list_options(
 
 
 def _find_region(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> FeasibleRegion:
-    """Within the rig's limits where they are known, else within the speeds and loads that were recorded. Raises SimulationFailed."""
+    """The limits of the rig where they are known, otherwise the speeds and loads that were recorded. Raises SimulationFailed."""
     flaps, tables, fit = body.flaps, tables_of(verdicts.leg.dataset.parts), verdicts.leg.nothing.fitted
     heights = [*(flap.height_m for flap in flaps), *(table.height_m for table in tables)]
     lowest_m, highest_m = min(heights) - HEIGHT_BEYOND_M, max(heights) + HEIGHT_BEYOND_M
     fastest = max((flap.turn.speed_rad_s for flap in flaps), default=2.0 * SLOWEST_RAD_S)
     if limits is not None:
+        # At greater speeds the phases of a stroke may not be found, unless such strokes were recorded already.
         speed = min(SPARE * limits.speed_rad_s, max(fastest, READABLE_RAD_S))
         return FeasibleRegion(lowest_m, highest_m, speed, Load(SPARE * limits.force_N, SPARE * limits.torque_Nm))
     in_strokes = [_load_of(flap.stroke(fit.coordinates.supposed(fit.x))) for flap in flaps]
@@ -124,20 +126,21 @@ def _load_of(stroke: SimulatedStroke) -> Load:
 def _flap_designs(
     body: "PreparedData", verdicts: "Findings", region: FeasibleRegion, shaft: ShaftCondition | None = None
 ) -> Iterator[tuple[float, ExperimentDesign]]:
-    """Strokes at heights and speeds over the region, each with its distance from the nearest recorded condition, 1 where that is alike."""
+    """Strokes at heights and speeds over the region, each with its distance from the nearest recorded condition; 1 is the least."""
     slowest = min(SLOWEST_RAD_S, 0.5 * region.speed_rad_s)
     speeds = sorted({round(float(v), 1) for v in np.linspace(slowest, region.speed_rad_s, GRID)})
     recorded = np.array([(flap.height_m, flap.turn.speed_rad_s) for flap in body.flaps]).reshape(-1, 2)
     if body.flaps:
         start_rad, noise = body.flaps[0].turn.start_rad, body.flaps[0].sample_noise
-    else:  # as of the static stages, each of which is a mean
+    else:  # static stages only: each reading is a mean, so a single sample is noisier
         table = tables_of(verdicts.leg.dataset.parts)[0]
         start_rad, noise = None, {name: std * float(np.sqrt(MEAN_OF_SAMPLES)) for name, std in table.noise.items()}
     for height_m in region.heights_m(recorded[:, 0]):
         for speed_rad_s in speeds:
-            apart = np.abs(np.array([(recorded[:, 0] - height_m) / ALIKE_M, np.log(recorded[:, 1] / speed_rad_s) / ALIKE_SPEED]))
-            if 0.0 < speed_rad_s <= region.speed_rad_s and (apart.max(axis=0) >= 1.0).all():
-                distance = float(np.hypot(*apart).min(initial=np.inf))
+            # Heights are compared by their difference, speeds by their ratio.
+            distances = np.abs(np.array([(recorded[:, 0] - height_m) / ALIKE_M, np.log(recorded[:, 1] / speed_rad_s) / ALIKE_SPEED]))
+            if 0.0 < speed_rad_s <= region.speed_rad_s and (distances.max(axis=0) >= 1.0).all():
+                distance = float(np.hypot(*distances).min(initial=np.inf))
                 yield distance, flap_design(height_m, speed_rad_s, region, start_rad, noise, shaft, body.strokes_made)
 
 
@@ -150,17 +153,32 @@ def flap_design(
     shaft: ShaftCondition | None = None,
     strokes_made: int | None = None,
 ) -> ExperimentDesign:
-    """Strokes at a height and speed from a recorded start, if known, with the noise of one sample; with `shaft` its motion alone counts.
+    """Strokes at one height and speed.
 
-    The leg has made `strokes_made` before; None where they were not counted.
+    Parameters
+    ----------
+    height_m, speed_rad_s
+        The condition.
+    region
+        Limits that every simulated stroke must keep.
+    start_rad
+        Recorded start angle; None if it was not recorded.
+    noise_std
+        Noise of one sample, by signal.
+    shaft
+        If given, only the motion of the shaft is compared.
+    strokes_made
+        How many strokes the leg has made before; None where they were not counted.
     """
     settings = {"kind": "dynamic", "height_mm": round(1e3 * height_m, 3), "speed_rad_s": speed_rad_s}
     sweep_rad = float(np.radians(DYNAMIC["sweep_deg"]))
     back_s = (2.0 * np.pi - sweep_rad) / min(DYNAMIC["return_speed_rad_s"], speed_rad_s) + 0.5  # over the top; half a second to stop
 
     def simulate(at: Supposed) -> FlapCondition | ShaftCondition | None:
+        # The stroke is simulated finely and then cut exactly like a recording.
         turn = ShaftTurn(speed_rad_s, start_rad)
         before_s = 0.2 if at.rig.swing is None else min(0.2, at.rig.swing.before_s)  # recordings usually begin so long before the motion
+        # The ramp delays the end of the sweep by half its duration.
         t_s = np.arange(-before_s, sweep_rad / speed_rad_s + 0.5 * at.rig.drive.ramp_s, 1e-3)
         before = () if strokes_made is None else (strokes_made,)
         found = stroke_following(at.rig, height_m + at.height_offset_m, turn.motion(at, float(t_s[-1])), t_s, BOUNDED, before)
@@ -180,7 +198,10 @@ def flap_design(
 
 
 def _stage_designs(body: "PreparedData", tables: Sequence[StageTable], region: FeasibleRegion) -> Iterator[ExperimentDesign]:
-    """At a low, a middle and a high rack where no table was read: two tables of one height would be taken for one sequence."""
+    """Sequences of stages at a low, a middle and a high rack where no table was recorded.
+
+    Two tables of one height would be joined into one sequence.
+    """
     heights_m = region.heights_m(flap.height_m for flap in body.flaps)
     free = [h for h in heights_m if all(abs(h - table.height_m) >= ALIKE_M for table in tables)]
     for kind in SEQUENCES:
@@ -191,9 +212,20 @@ def _stage_designs(body: "PreparedData", tables: Sequence[StageTable], region: F
 def stage_design(
     kind: str, height_m: float, region: FeasibleRegion, noise_std: Mapping[str, float | None], strokes_made: int | None = None
 ) -> ExperimentDesign:
-    """A sequence of shaft angles to go through at one height; `noise_std` is that of one sample, where it is stated.
+    """A sequence of shaft angles at one height.
 
-    The leg has made `strokes_made` before; None where they were not counted.
+    Parameters
+    ----------
+    kind
+        One of SEQUENCES.
+    height_m
+        Height of the shaft.
+    region
+        Limits that every stage must keep.
+    noise_std
+        Noise of one sample by signal, where it is stated.
+    strokes_made
+        How many strokes the leg has made before; None where they were not counted.
     """
     angles_deg = SEQUENCES[kind]
     ways = ["loading", *("unloading" if there < here else "loading" for here, there in pairwise(angles_deg))]

@@ -1,7 +1,7 @@
-"""The next experiment on a mechanism: its joints follow sines, within the positions, speeds and commands that were recorded.
+"""The next experiment on a mechanism: joints follow sines, within the positions, speeds and commands that were recorded.
 
-Every joint needs a motor of its own. A controller tracks the reference; what is compared are the windows of the recording, each with the
-commands of the most probable hypothesis as feed-forward.
+Every joint needs a motor of its own. A controller tracks the reference. The windows of the recording are compared, each with the commands
+of the most probable hypothesis as feed-forward.
 """
 
 from collections.abc import Iterator
@@ -39,7 +39,10 @@ SPEEDS = (0.15, 0.6, 1.4)  # shares of its rms speed: stick and slip, usual moti
 
 @dataclass(frozen=True)
 class Excitation:
-    """What to do next: times (m,), the reference of the joints (m, n) in rad or m, and the feed-forward of the actuators (m, u)."""
+    """The proposed motion.
+
+    `t_s` (m,) are times, `reference` (m, n) positions of the joints in rad or m, and `command` (m, u) the feed-forward of the actuators.
+    """
 
     t_s: Floats
     reference: Floats
@@ -48,7 +51,7 @@ class Excitation:
 
 @dataclass(frozen=True)
 class NextMotion:
-    """The proposal as the diagnosis states it, with its excitation where the mechanism moves for it."""
+    """The proposal as the diagnosis states it, with its excitation if the mechanism moves for it."""
 
     proposal: dict[str, object]
     excitation: Excitation | None
@@ -84,7 +87,7 @@ def propose_motion(problem: MechanismProblem, found: ModelSelectionResult, decis
 
 
 def write_excitation(path: Path, mechanism: Mechanism, excitation: Excitation) -> None:
-    """Writes the reference of every joint and the feed-forward of every actuator over time as CSV; all or nothing."""
+    """Write the reference of every joint and the feed-forward of every actuator over time as CSV, atomically."""
     units = ["m" if slides else "rad" for slides in mechanism.is_slide]
     names = ["t_s", *(f"{joint}_position_{unit}" for joint, unit in zip(mechanism.joints, units, strict=True))]
     names += [f"{actuator}_command" for actuator in mechanism.actuators]
@@ -101,7 +104,7 @@ def _designs(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
         moving = [joint] if joint < len(names) else list(range(len(names)))
         for travel in TRAVELS:
             for speed in SPEEDS:
-                # of all together, the joint that is fastest for its travel keeps to its speed
+                # Of all joints together, the one that is fastest for its travel limits the frequency.
                 f_Hz = float(f"{np.min(speed * usual.speed[moving] / (2.0 * np.pi * travel * usual.half_range[moving])):.2g}")
                 if f_Hz * SECONDS < 0.5:
                     continue  # less than half a period
@@ -113,7 +116,7 @@ def _designs(problem: MechanismProblem) -> Iterator[ExperimentDesign]:
 
 @dataclass(frozen=True)
 class _Reference:
-    """What the joints are to do: times (m,), and their positions, speeds and accelerations (m, n)."""
+    """Reference motion of the joints: times (m,), and positions, speeds and accelerations (m, n)."""
 
     t_s: Floats
     position: Floats
@@ -121,17 +124,18 @@ class _Reference:
     acceleration: Floats
 
     def feed_forward(self, plant: Plant) -> Floats:
-        """The commands (m, u) that it takes of a plant."""
+        """Commands (m, u) that a plant needs for this motion."""
         return compute_feed_forward(plant, self.position, self.speed, self.acceleration)
 
 
 def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) -> _Reference:
-    """A sine of one joint, or for a number past the last of all of them, about the middle of the recorded range."""
+    """A sine of one joint about the middle of its recorded range; for a number past the last joint, of all joints."""
     joints = len(usual.lowest)
     t_s = np.arange(0.0, SECONDS + STEP_S / 2.0, STEP_S)
+    # The amplitude grows smoothly from rest, so that the start needs no jump of the command.
     grown = np.sin(0.5 * np.pi * np.minimum(t_s / RISE_S, 1.0)) ** 2
     moving = np.ones(joints, dtype=bool) if joint == joints else np.arange(joints) == joint
-    # joints that move together differ in phase, so that their torques differ
+    # Joints that move together differ in phase, so that their torques differ.
     phase = np.arange(joints) * np.pi / 3.0 if joint == joints else np.zeros(joints)
     wave = np.sin(2.0 * np.pi * frequency_Hz * t_s[:, None] + phase) * grown[:, None]
     position = usual.middle + travel * usual.half_range * moving * wave
@@ -140,10 +144,11 @@ def _sine(usual: UsualMotion, joint: int, travel: float, frequency_Hz: float) ->
 
 
 def _design(problem: MechanismProblem, settings: dict[str, object], words: str, sine: _Reference) -> ExperimentDesign:
-    """One recording; None under a hypothesis that needs larger commands than were recorded."""
+    """Design of one recording; it returns None under a hypothesis that needs larger commands than were recorded."""
     simulator, like = problem.simulator, problem.conditions[0]
     window, model = like.windows[0].window, simulator.mechanism.model
     every = round(float(window.t_s[-1]) / STEP_S)
+    # Only the stationary part is compared, in windows of the recorded length.
     starts = range(round(RISE_S / STEP_S), len(sine.t_s) - every, every)
     largest = np.where(model.actuator_ctrllimited.astype(bool), np.abs(model.actuator_ctrlrange).min(axis=1), problem.usual.command)
     nominal = simulator.plant(MechanismInput())
@@ -163,6 +168,7 @@ def _design(problem: MechanismProblem, settings: dict[str, object], words: str, 
                 position=sine.position[start],
                 speed=sine.speed[start],
             )
+            # The simulated signal takes the place of a measurement.
             planned = replace(planned, measured=simulator.follow(plant, planned))
             windows.append(correct_window(planned, simulator, nominal, problem.torque))
         return Motions(words, "next", words, like.signals, tuple(windows))

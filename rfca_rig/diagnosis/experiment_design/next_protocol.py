@@ -24,12 +24,13 @@ DYNAMIC: Mapping[str, Any] = {
 
 
 def protocol_of(proposal: Mapping[str, Any]) -> DynamicFile | StaticFile:
-    """The protocol of a proposal with "height_mm", and "speed_rad_s" or "stages". Raises BadInput where no rig could take it."""
+    """The protocol of a proposal with "height_mm", and "speed_rad_s" or "stages". Raises BadInput where no rig can do it."""
     title, height_mm = "next experiment", proposal["height_mm"]
     if "speed_rad_s" not in proposal:
         static = {"experiment": "static", "title": title, "heights_mm": [height_mm], **STATIC, "stages": proposal["stages"]}
         return checked(static, StaticFile, f"the {title}")
     speed_rad_s, repeats = proposal["speed_rad_s"], proposal.get("repeats", 1)
+    # A return that is faster than the stroke could exceed the limits of the rig.
     back = {"return_speed_rad_s": min(DYNAMIC["return_speed_rad_s"], speed_rad_s)}
     conditions = [{"height_mm": height_mm, "speed_rad_s": speed_rad_s}]
     dynamic = {"experiment": "dynamic", "title": title, "repeats": repeats, **DYNAMIC, **back, "conditions": conditions}
@@ -37,7 +38,7 @@ def protocol_of(proposal: Mapping[str, Any]) -> DynamicFile | StaticFile:
 
 
 def write_next_protocol(folder: Path, proposal: Mapping[str, Any] | None) -> Path | None:
-    """Writes the protocol of a proposal into `folder`; where none is proposed for the rig, removes an old one. Raises RigError."""
+    """Write the protocol of a proposal into `folder`; where none is proposed for the rig, remove an old one. Raises RigError."""
     path = folder / NEXT_PROTOCOL
     if proposal is None or proposal["protocol"] is None:
         path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Which hypotheses the recordings leave open, so that one more experiment has something to decide."""
+"""Hypotheses that the recordings leave open, so that one more experiment can decide between them."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,17 @@ LEAST_WEIGHT = 0.05  # probability: the most probable hypothesis was not stated,
 
 @dataclass(frozen=True)
 class OpenHypotheses:
-    """The hypotheses of a search that are still open, accepted or most probable first, with relative probabilities (n,); at least two."""
+    """The open hypotheses of a search; at least two.
+
+    Parameters
+    ----------
+    found
+        The search.
+    open
+        The hypotheses, the accepted or most probable one first.
+    probability
+        (n,) their relative probabilities.
+    """
 
     found: ModelSelectionResult
     open: tuple[Hypothesis, ...]
@@ -25,7 +35,7 @@ class OpenHypotheses:
 
 
 def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough: bool) -> OpenHypotheses | None:
-    """What is open after a decision; None where fewer than two hypotheses are. Without `enough` conditions everything stays open."""
+    """Hypotheses that are open after a decision; None where there are fewer than two. Without `enough` conditions all are open."""
     best: dict[frozenset[str], Hypothesis] = {}  # variant of each set of effects
     for hypothesis in sorted((found.nothing, *found.named), key=lambda h: -h.log_joint):
         best.setdefault(frozenset(hypothesis.ids), hypothesis)
@@ -33,6 +43,7 @@ def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough
     if not enough:
         is_open = ranked
     elif decision.grade == "identified":
+        # After an identified effect, only the effects that explain the data as well are left to be excluded.
         rivals = {name for effect in decision.effects for name in effect.cannot_tell_from}
         is_open = [accepted, *(h for h in ranked if _swaps_one_effect(h, accepted, rivals))]
     elif decision.grade == "nothing missing" and decision.probability >= SURE:
@@ -41,6 +52,7 @@ def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough
         probability = softmax([h.log_joint for h in ranked])
         closest = (decision.closest or accepted).ids
         likely = [h for h, p in zip(ranked, probability, strict=True) if p >= PLAUSIBLE or h.ids == closest]
+        # Nothing was stated, so at least the two most probable hypotheses are compared.
         is_open = likely if len(likely) > 1 else ranked[:2]
     if len(is_open) < 2:
         return None
@@ -49,6 +61,6 @@ def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough
 
 
 def _swaps_one_effect(hypothesis: Hypothesis, accepted: Hypothesis, rivals: set[str]) -> bool:
-    """Whether one effect of the accepted hypothesis is replaced by one of `rivals`, which explain the data as well."""
+    """Whether the hypothesis has one effect of the accepted one replaced by one of `rivals`, which explain the data as well."""
     new = set(hypothesis.ids) - set(accepted.ids)
     return len(hypothesis.ids) == len(accepted.ids) and len(new) == 1 and new <= rivals

@@ -1,4 +1,4 @@
-"""The next experiment on a pendulum: a release with the motors off, or a sine torque, within what the rig has borne so far."""
+"""The next experiment on a pendulum: a release with the motors off, or a sine torque, within the angles and torques that were recorded."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -31,11 +31,12 @@ def next_swing(campaign: PendulumCampaign, found: ModelSelectionResult, decision
 
 
 def _designs(campaign: PendulumCampaign) -> Iterator[ExperimentDesign]:
-    """Releases, and where there are motors sines in each driven joint; noise and sample time as recorded."""
+    """Releases, and sines in each driven joint where there are motors; noise and sample time as recorded."""
     first, links = campaign.runs[0], campaign.pendulum.links
+    # Small swing of the first link alone: it sets durations and frequencies.
     weight_Nm = GRAVITY_M_S2 * links[0].mass_kg * links[0].centre_of_mass_m
     frequency_Hz = float(np.sqrt(weight_Nm / links[0].inertia_kg_m2) / (2.0 * np.pi)) or 1.0
-    # eight periods of the small swing, and at least two stretches
+    # Eight periods of the small swing, and at least two stretches.
     t_s = np.arange(0.0, max(4.0, 8.0 / frequency_Hz), float(np.median(np.diff(first.t_s))))
     seconds = round(float(t_s[-1]), 1)
     for deg in (20.0, 60.0, 120.0) if weight_Nm > 0.0 else ():  # nearly linear, usual, and far from it
@@ -45,7 +46,7 @@ def _designs(campaign: PendulumCampaign) -> Iterator[ExperimentDesign]:
     if not any(run.powered for run in campaign.runs):
         return
     for joint in [number for number, link in enumerate(links) if link.driven]:
-        # at most the rms torque that weight and drive made so far; slower than the small swing, near it, and faster
+        # At most the rms torque that weight and drive made so far; slower than the small swing, near it, and faster.
         for share, of_swing in product((0.3, 1.0), (0.3, 0.7, 1.5)):
             a_Nm, f_Hz = (float(f"{value:.3g}") for value in (share * torque_Nm[joint], of_swing * frequency_Hz))
             settings = {"kind": "sine torque", "joint": joint + 1, "amplitude_Nm": a_Nm, "frequency_Hz": f_Hz, "seconds": seconds}
@@ -55,7 +56,10 @@ def _designs(campaign: PendulumCampaign) -> Iterator[ExperimentDesign]:
 
 
 def _design(campaign: PendulumCampaign, settings: dict[str, object], words: str, t_s: Floats, torque_Nm: Floats | None) -> ExperimentDesign:
-    """One recording from rest, with a torque over time (m, n), or released with the motors off; no joint turns farther than recorded."""
+    """One recording from rest, with a torque over time (m, n), or released with the motors off.
+
+    It returns None where a joint would turn farther than it was recorded to.
+    """
     first, links = campaign.runs[0], len(campaign.pendulum.links)
     noise = zip(("angle_rad", "speed_rad_s"), sample_noise(first, campaign.noise_std), strict=False)
     like = replace(campaign, noise_std={name: float(std.max()) for name, std in noise})

@@ -1,4 +1,4 @@
-"""The hypotheses that a search leaves, each with its evidence and prior probability."""
+"""Hypotheses (sets of effects) that a search leaves, each with its log evidence and prior probability."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,9 @@ Floats = NDArray[np.float64]
 
 
 def log_prior_of_set(size: int, candidates: int) -> float:
-    """Log prior of one set of so many effects: each size has its share, spread evenly over the sets of that size.
+    """Log prior of one set of `size` effects out of `candidates`: the prior of that size, spread evenly over all sets of the size.
+
+    The spread is the correction for multiplicity: the more candidates there are, the less probable each is.
 
     Raises
     ------
@@ -27,14 +29,26 @@ def log_prior_of_set(size: int, candidates: int) -> float:
         For more than three effects.
     """
     share = {0: PRIOR_NOTHING, 1: PRIOR_ONE, 2: PRIOR_TWO, 3: PRIOR_THREE}[size]
+    # With fewer candidates than the size there is no such set; the maximum only avoids a division by zero.
     return float(np.log(share / max(comb(candidates, size), 1)))
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One answer: the ids of its effects, none for nothing missing; where it fits best, how well, and log prior probability.
+    """One set of effects at its best fit, with its evidence.
 
-    `log_beyond` is what the evidence loses where a nuisance parameter had to leave what is plausible; it is taken off already.
+    Parameters
+    ----------
+    ids
+        The ids of its effects; none for "nothing missing".
+    fitted
+        Where it fits best.
+    marginal
+        How well it fits.
+    log_prior
+        Log prior probability.
+    log_beyond
+        Log evidence lost where a nuisance parameter had to leave its plausible range. It is subtracted from `marginal` already.
     """
 
     ids: tuple[str, ...]
@@ -50,13 +64,13 @@ class Hypothesis:
 
     @property
     def rows(self) -> Floats:
-        """What it says of every row, at its posterior mean."""
+        """Predicted rows (m,) at the posterior mean, by the linear model around the fit."""
         return self.fitted.predicted + self.fitted.jacobian @ (self.marginal.posterior.mean - self.fitted.x)
 
 
 @dataclass(frozen=True)
 class ModelSelectionResult:
-    """What a search leaves.
+    """Result of a search.
 
     Parameters
     ----------
@@ -73,7 +87,7 @@ class ModelSelectionResult:
     coarse, in_coarse
         The likelihood of that subset, and which rows it has, (m,).
     scatter
-        What differs from repeat to repeat.
+        Scatter from repeat to repeat.
     likelihood, dataset
         Those of all conditions.
     """
@@ -91,7 +105,24 @@ class ModelSelectionResult:
 
 
 def weigh_models(optimizer: GaussNewton, base: MapFit, fits: Sequence[MapFit], effects: int) -> tuple[Hypothesis, tuple[Hypothesis, ...]]:
-    """Nothing missing, and the fits that name something, most plausible first, of a catalogue with so many `effects`."""
+    """The hypotheses of a search with their log evidence and prior.
+
+    Parameters
+    ----------
+    optimizer
+        Evaluates the evidence of a fit.
+    base
+        The fit without effects.
+    fits
+        The fits with effects.
+    effects
+        Number of effects that were searched: the prior is spread over their sets.
+
+    Returns
+    -------
+    Hypothesis, tuple
+        The one without effects, and those with effects, most probable first.
+    """
     nothing = Hypothesis((), base, optimizer.evaluate(base), float(np.log(PRIOR_NOTHING)))
     named = [Hypothesis(fitted.ids, fitted, optimizer.evaluate(fitted), _log_prior(fitted, effects)) for fitted in fits]
     plausible = [_prefer_plausible(hypothesis, named) for hypothesis in named]
@@ -99,10 +130,11 @@ def weigh_models(optimizer: GaussNewton, base: MapFit, fits: Sequence[MapFit], e
 
 
 def _prefer_plausible(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hypothesis:
-    """The hypothesis without what only a value explains that nobody believes, where one of `named` says the very same by an effect.
+    """The hypothesis without the evidence that rests on an implausible value of a nuisance parameter.
 
-    The prior of a nominal value ends where it is implausible; what is left of the evidence is the share of the posterior within. Six
-    times the nominal damping is not well-known hinges, but more damping than believed.
+    This applies where one of `named` explains the same by an effect. The prior of a nuisance parameter is truncated where it is
+    implausible, and the share of the posterior that lies within remains as evidence. Six times the nominal damping is no uncertainty of the
+    hinges, but an effect of its own. See "Truncated priors" in section 3 of docs/method.md.
     """
     implausible = max((_log_beyond(hypothesis, wider) for wider in named), default=0.0)
     marginal = hypothesis.marginal
@@ -110,19 +142,24 @@ def _prefer_plausible(hypothesis: Hypothesis, named: Sequence[Hypothesis]) -> Hy
 
 
 def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
-    """Minus the log of the share of the posterior that is plausible, of the nominal value that the wider one's other effect stands for."""
-    more = [choice.effect.same_as for choice in wider.fitted.coordinates.choices if choice.effect.id not in hypothesis.ids]
+    """Minus the log of the plausible share of the posterior of one nuisance parameter.
+
+    It is the one that the additional effect of `wider` is equivalent to.
+    """
+    equivalent = [choice.effect.same_as for choice in wider.fitted.coordinates.choices if choice.effect.id not in hypothesis.ids]
     names, posterior = hypothesis.fitted.coordinates.space.names, hypothesis.marginal.posterior
-    is_wider = set(hypothesis.ids) < set(wider.ids) and len(more) == 1 and more[0] in names
+    # Only a set with exactly one effect equivalent counts, and only if that effect does the same as a nuisance parameter.
+    is_wider = set(hypothesis.ids) < set(wider.ids) and len(equivalent) == 1 and equivalent[0] in names
     if not is_wider or wider.marginal.farthest(wider.fitted.coordinates.nuisances) > IMPLAUSIBLE:
         return 0.0
-    place = names.index(more[0])
+    place = names.index(equivalent[0])
     std = float(np.sqrt(posterior.covariance[place, place]))
+    # -log Phi((IMPLAUSIBLE - |m|) / sigma), m and sigma of the posterior in standard normal coordinates.
     return -float(log_ndtr((IMPLAUSIBLE - abs(posterior.mean[place])) / std))
 
 
 def _log_prior(fitted: MapFit, effects: int) -> float:
-    """Each number of effects has its share, spread evenly; so is what an effect counts, as which hinge."""
+    """Log prior of a set of effects. The variants of an effect, for example one per hinge, share its prior evenly."""
     choices = fitted.coordinates.choices
     variants = np.prod([len(terms_of(choice.effect)) for choice in choices])
     return log_prior_of_set(len(choices), effects) - float(np.log(variants))

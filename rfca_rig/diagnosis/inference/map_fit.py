@@ -1,7 +1,7 @@
-"""The best point of one hypothesis: damped Gauss-Newton, its slopes renewed only as far as they change.
+"""MAP fit of one hypothesis by damped Gauss-Newton steps. The Jacobian is recomputed only as far as it changes.
 
-A hypothesis far from the data is fitted under a wide model error, which shrinks as the fit improves: otherwise rows that no value could
-explain would drive the nuisances to the ends of their priors.
+A hypothesis far from the data is fitted under a wide discrepancy, which shrinks as the fit improves. Otherwise rows that no value can
+explain would drive the nuisance parameters to the ends of their priors. Section 5 of docs/method.md lists the steps.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,8 +39,20 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MapFit:
-    """A hypothesis at its best point: x (p,), the model's rows there (m,), its slope (m, p), and about how many deviations long each
-    column of that is, `size` (p,). Equal to none but itself.
+    """A hypothesis at its best point, with m rows and p unknowns. Equal only to itself.
+
+    Parameters
+    ----------
+    coordinates
+        The unknowns.
+    x
+        (p,) their standard normal coordinates.
+    predicted
+        (m,) the model's rows at x, in the units of the signals.
+    jacobian
+        (m, p) derivatives of the rows there.
+    size
+        (p,) length of each column of the Jacobian, in standard deviations of all rows together.
     """
 
     coordinates: Parameterization
@@ -56,98 +68,119 @@ class MapFit:
 
     @property
     def farthest(self) -> float:
-        """How many prior deviations off the nuisance stands that is farthest from where it is believed."""
+        """Largest distance of a nuisance parameter from its prior mean, in prior standard deviations."""
         return float(np.abs(self.x[: self.coordinates.nuisances]).max(initial=0.0))
 
     @property
     def at_prior_means(self) -> Floats:
-        """x with its effects as they stand and its nuisances as believed, (p,)."""
+        """x with its effects unchanged and all nuisance parameters at their prior means, (p,)."""
         nuisances = self.coordinates.nuisances
         return np.concatenate([np.zeros(nuisances), self.x[nuisances:]])
 
     def linear(self, measured: Floats) -> LinearModel:
-        """The hypothesis as a linear model."""
+        """The hypothesis as a linear model around x, for the measured rows (m,)."""
         return LinearModel(measured - self.predicted + self.jacobian @ self.x, self.jacobian)
 
 
 @dataclass(frozen=True)
 class GaussNewton:
-    """The optimiser of one dataset: damped Gauss-Newton steps, results remembered."""
+    """Optimiser of one dataset: damped Gauss-Newton steps; evidence of fits is cached."""
 
     dataset: Dataset
     likelihood: MarginalLikelihood
+    # Evidence is asked for again and again during the search. The weak keys let a fit go with its results once it is dropped.
     _free: WeakKeyDictionary[MapFit, float] = field(default_factory=WeakKeyDictionary, init=False, repr=False, compare=False)
     _marginals: WeakKeyDictionary[MapFit, MarginalPosterior] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False, compare=False
     )
 
     def at(self, coordinates: Parameterization, x: Floats, known_slope: Floats | None = None) -> MapFit | None:
-        """The hypothesis at x; None where the model has no answer. The first slopes are taken over from `known_slope`."""
+        """Evaluate a hypothesis at x.
+
+        Parameters
+        ----------
+        coordinates
+            The unknowns.
+        x
+            (p,) their coordinates.
+        known_slope
+            (m, k) first k columns of the Jacobian, if they are known; the others are found by finite differences of STEP.
+
+        Returns
+        -------
+        MapFit or None
+            None where the model has no answer at x.
+        """
         predicted = self.dataset.predicted(coordinates.supposed(x))
         if predicted is None:
             return None
         left = np.empty((len(predicted), 0)) if known_slope is None else known_slope
         columns = self._columns(coordinates, x, predicted, dict.fromkeys(range(left.shape[1], coordinates.size), STEP))
-        return self._fitted(coordinates, x, predicted, np.column_stack([left, *columns]))
+        return self._make_fit(coordinates, x, predicted, np.column_stack([left, *columns]))
 
-    def _fitted(self, coordinates: Parameterization, x: Floats, predicted: Floats, jacobian: Floats) -> MapFit:
+    def _make_fit(self, coordinates: Parameterization, x: Floats, predicted: Floats, jacobian: Floats) -> MapFit:
         size = np.linalg.norm(self.likelihood.usual(jacobian), axis=0)
         return MapFit(coordinates, x, predicted, self._aligned(coordinates, jacobian), size)
 
     def without(self, found: MapFit, number: int) -> MapFit | None:
-        """The fit less one of its effects, all else where it stands; None where the model has no answer."""
+        """The fit without one of its effects, everything else unchanged; None where the model has no answer."""
         coordinates = found.coordinates
         kept = [term for i, term in enumerate(coordinates.choices) if i != number]
         drop = np.arange(coordinates.size)[coordinates.part(number)]
         return self.at(coordinates.with_terms(kept), np.delete(found.x, drop), np.delete(found.jacobian, drop, axis=1))
 
     def refine(self, start: MapFit, levels: int = LEVELS, rounds: int = ROUNDS) -> MapFit:
-        """From `start` down until nothing more is gained, at one model error after the other."""
+        """Steps from `start` until nothing more is gained, at one discrepancy scale after the other."""
         here, last = start, np.inf
         for _ in range(levels):
             whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
+            # The same scale twice: the fit has settled.
             if whitening.s == last:
                 break
             here, last = self._descend(here, whitening, rounds), whitening.s
         return here
 
     def converge(self, found: MapFit, rounds: int = POLISHED) -> MapFit:
-        """All slopes anew at the point found, and down once more, until that no longer helps."""
+        """Recompute all columns of the Jacobian and refine again, until that gains less than CONVERGED."""
         here = found
         for _ in range(rounds):
-            before, here = here, self.refine(self._with_new_slopes(here))
+            before, here = here, self.refine(self._recompute_jacobian(here))
             whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
             if self.misfit(before.x, before.predicted, whitening) - self.misfit(here.x, here.predicted, whitening) < CONVERGED:
                 break
         return here
 
-    def _with_new_slopes(self, here: MapFit) -> MapFit:
+    def _recompute_jacobian(self, here: MapFit) -> MapFit:
         columns = self._columns(here.coordinates, here.x, here.predicted, dict(enumerate(_widths(here.size))))
-        none = np.empty((len(here.predicted), 0))  # a hypothesis without unknowns has no column
-        return self._fitted(here.coordinates, here.x, here.predicted, np.column_stack([none, *columns]))
+        no_columns = np.empty((len(here.predicted), 0))  # a hypothesis without unknowns has no column
+        return self._make_fit(here.coordinates, here.x, here.predicted, np.column_stack([no_columns, *columns]))
 
     def _descend(self, here: MapFit, whitening: AtError, rounds: int) -> MapFit:
-        """Steps towards the goal of the linear model, shorter after each that did not help; those teach the slopes, too."""
+        """Damped steps at one discrepancy scale towards the optimum of the linear model; a failed step shortens the next one."""
         share = 1.0
         for _ in range(rounds):
             goal = _goal(here.linear(self.dataset.rows.measured), whitening)
             before = self.misfit(here.x, here.predicted, whitening)
+            # The linear model itself promises too little for a further step.
             if before - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening) < GOOD_ENOUGH:
                 return here
             x = here.x + share * (goal - here.x)
             predicted = self.dataset.predicted(here.coordinates.supposed(x))
             gained = -np.inf if predicted is None else before - self.misfit(x, predicted, whitening)
             if predicted is not None:
+                # A failed step is not taken, but it shows where the Jacobian is wrong.
                 here = self._update_by_secant(here, x, predicted) if gained <= 0.0 else self._refresh_jacobian(here, x, predicted)
             if 0.0 < gained < GOOD_ENOUGH:
                 return here
+            # Damping by step length: it grows back after a success, up to the full step.
             share = min(1.0, 2.0 * share) if gained > 0.0 else SHORTER * share
         return here
 
     def evaluate(self, found: MapFit) -> MarginalPosterior:
-        """How likely the recordings are with the hypothesis as it stands; what only its slopes promise, and no step found, does not count.
+        """Marginal likelihood of a fit, with the discrepancy scale integrated out under the strict prior.
 
-        A slope across a kink, as of a stop that no hinge reaches, promises much.
+        Evidence that only the Jacobian promises, and no step found, does not count. A Jacobian across a kink promises much, for example at
+        a stop that no hinge reaches.
         """
         if (known := self._marginals.get(found)) is None:
             known = self._marginals[found] = self._integrate(found)
@@ -160,7 +193,7 @@ class GaussNewton:
         return replace(marginal, log_evidence=marginal.log_evidence - missing)
 
     def evaluate_unlisted(self, found: MapFit) -> MarginalPosterior:
-        """How likely they are with something unlisted beside the hypothesis."""
+        """Marginal likelihood with something unlisted beside the hypothesis."""
         return self.likelihood.evaluate_unknown(found.linear(self.dataset.rows.measured))
 
     def log_evidence(self, found: MapFit) -> float:
@@ -168,7 +201,7 @@ class GaussNewton:
         return self.evaluate(found).log_evidence
 
     def free_log_evidence(self, found: MapFit) -> float:
-        """Log evidence with the discrepancy scale free over the whole grid, log-uniform; remembered."""
+        """Log evidence with the discrepancy scale free over the whole grid, log-uniform; cached. It ranks sets during the search."""
         if (known := self._free.get(found)) is None:
             known = self._free[found] = float(logsumexp(self.log_evidence_by_scale(found)))
         return known
@@ -178,22 +211,23 @@ class GaussNewton:
         return log_evidence_by_scale(found, self.dataset.rows.measured, self.likelihood.every_scale)
 
     def misfit(self, x: Floats, predicted: Floats, whitening: Whitening) -> float:
-        """Minus the log posterior density at x, but for a constant."""
+        """Negative log posterior density at x (p,) with predicted rows (m,), without constants."""
         return _misfit(self.dataset.rows.measured - predicted, x, whitening)
 
     def _update_by_secant(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
-        """Slopes that agree better with what the model said at x, each changed in proportion to how wrong it may be.
+        """Secant update of the whole Jacobian from the model's rows at x, each column in proportion to its probable error.
 
-        As a Kalman filter has it, with slopes known to SLOPES_ERR of their size and a model as rough as ROUGH.
+        It is a Kalman update: columns are known to SLOPES_ERR of their size, and the model is rough by ROUGH. Section 5 of docs/method.md
+        has the formula.
         """
         step = x - here.x
-        surprise = predicted - here.predicted - here.jacobian @ step
-        wrong = step * (SLOPES_ERR * here.size) ** 2
-        jacobian = here.jacobian + np.outer(surprise, wrong / (float(step @ wrong) + ROUGH**2))
+        deviation = predicted - here.predicted - here.jacobian @ step
+        gain = step * (SLOPES_ERR * here.size) ** 2
+        jacobian = here.jacobian + np.outer(deviation, gain / (float(step @ gain) + ROUGH**2))
         return replace(here, jacobian=self._aligned(here.coordinates, jacobian))
 
     def _refresh_jacobian(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
-        """At x, all slopes updated, those of the effects' parameters by differences."""
+        """Move to x: all columns get the secant update, those of effects are recomputed by finite differences."""
         jacobian = self._update_by_secant(here, x, predicted).jacobian
         of_effects = dict(list(enumerate(_widths(here.size)))[here.coordinates.nuisances :])
         for i, column in zip(of_effects, self._columns(here.coordinates, x, predicted, of_effects), strict=True):
@@ -201,49 +235,53 @@ class GaussNewton:
         return replace(here, x=x, predicted=predicted, jacobian=self._aligned(here.coordinates, jacobian))
 
     def _aligned(self, coordinates: Parameterization, jacobian: Floats) -> Floats:
-        """Nuisances that do the same as an effect, as a rack's height, or all but the same, made to do just that.
+        """Replace the column of a nuisance parameter that does the equivalents as an effect by a multiple of the effect's column.
 
-        Their slopes are differences over other steps; the data must not seem to tell apart what only the prior does.
+        Their columns are differences over other steps, so they would differ slightly. The data would then seem to distinguish what only the
+        prior does. It applies to stated equivalents, for example the height of the rack, and to columns whose cosine exceeds ALIKE.
         """
         size = jacobian / self.dataset.rows.noise[:, None]
+        # In units of noise, so that channels of different units count alike.
         norm = np.maximum(np.linalg.norm(size, axis=0), 1e-150)  # the product of two does not underflow
-        same = coordinates.same_as
+        equivalents = coordinates.same_as
         effects = range(coordinates.nuisances, coordinates.size)
         for nuisance, name in enumerate(coordinates.space.names):
-            alike = {effect: float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance]) for effect in effects}
-            tied = [effect for effect in effects if same[effect - coordinates.nuisances] == name]
-            effect = max(tied or effects, key=lambda one: abs(alike[one]), default=None)
-            if effect is not None and (tied or abs(alike[effect]) > ALIKE):
-                jacobian[:, nuisance] = jacobian[:, effect] * alike[effect] * norm[nuisance] / norm[effect]
+            cosine = {effect: float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance]) for effect in effects}
+            tied = [effect for effect in effects if equivalents[effect - coordinates.nuisances] == name]
+            effect = max(tied or effects, key=lambda one: abs(cosine[one]), default=None)
+            if effect is not None and (tied or abs(cosine[effect]) > ALIKE):
+                jacobian[:, nuisance] = jacobian[:, effect] * cosine[effect] * norm[nuisance] / norm[effect]
         return jacobian
 
     def _columns(self, coordinates: Parameterization, x: Floats, predicted: Floats, widths: Mapping[int, float]) -> list[Floats]:
-        """The slopes of these unknowns by differences of these widths, towards the middle of the prior; away from it where the model has
-        no answer there, and zero where it has none on either side.
+        """Columns (m,) of the Jacobian by one-sided finite differences of these widths, by the number of the unknown.
+
+        Steps go towards the middle of the prior, or away from it where the model has no answer there. The column is zero where it has none
+        on either side.
         """
         inwards = {i: -width if x[i] > 0.0 else width for i, width in widths.items()}
-        found = self._moved(coordinates, x, inwards)
+        found = self._simulate_shifted(coordinates, x, inwards)
         outwards = {i: -step for i, step in inwards.items() if found[i] is None}
-        found, steps = found | self._moved(coordinates, x, outwards), inwards | outwards
+        found, steps = found | self._simulate_shifted(coordinates, x, outwards), inwards | outwards
         return [np.zeros(len(predicted)) if (rows := found[i]) is None else (rows - predicted) / steps[i] for i in widths]
 
-    def _moved(self, coordinates: Parameterization, x: Floats, steps: Mapping[int, float]) -> dict[int, Floats | None]:
-        """The model's rows a step away from x, by the unknown that is moved."""
+    def _simulate_shifted(self, coordinates: Parameterization, x: Floats, steps: Mapping[int, float]) -> dict[int, Floats | None]:
+        """The model's rows one step away from x, by the number of the unknown that is shifted."""
         places = [coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x)) for i, step in steps.items()]
         return dict(zip(steps, self.dataset.predicted_all(places), strict=True))
 
 
 def log_evidence_by_scale(found: MapFit, measured: Floats, whitenings: Sequence[AtError]) -> Floats:
-    """Log evidence of a fit under each of these covariances, (k,)."""
+    """Log evidence of a fit to measured rows (m,) under each of k covariances, (k,)."""
     posteriors = laplace_posteriors(found.linear(measured), whitenings)
     pairs = zip(whitenings, posteriors, strict=True)
     return np.array([p.log_evidence - missing_promise(found, measured, p.mean, whitening) for whitening, p in pairs])
 
 
 def missing_promise(found: MapFit, measured: Floats, mean: Floats, whitening: Whitening) -> float:
-    """The log posterior density that only the Jacobian promises at `mean` (p,): a Jacobian across a kink promises much.
+    """Gain in log posterior density at `mean` (p,) that the linear model promises and the fit did not find; `measured` is (m,).
 
-    No step of the fit found it, so it does not count as evidence.
+    It does not count as evidence. A Jacobian across a kink promises much.
     """
     promised = _misfit(measured - found.predicted - found.jacobian @ (mean - found.x), mean, whitening)
     return max(_misfit(measured - found.predicted, found.x, whitening) - promised, 0.0)
@@ -255,18 +293,23 @@ def _misfit(residual: Floats, x: Floats, whitening: Whitening) -> float:
 
 
 def without_scatter(dataset: Dataset) -> GaussNewton:
-    """The optimiser while nothing is known of what differs from repeat to repeat: that counts as discrepancy."""
+    """The optimiser while the scatter from repeat to repeat is unknown: it counts as discrepancy."""
     return GaussNewton(dataset, make_marginal_likelihood(dataset.rows, np.empty((len(dataset.rows.measured), 0))))
 
 
 def _widths(size: Floats) -> Floats:
-    """Differences that stand well above the roughness of the model, and are no wider than that takes."""
+    """Widths (p,) of finite differences: a difference should exceed the roughness of the model, within NARROWEST to WIDEST."""
+    # Such a step changes the rows by about WELL_SEEN standard deviations in all.
     return np.asarray(np.clip(WELL_SEEN / np.maximum(size, 1e-300), NARROWEST, WIDEST))
 
 
 def _goal(linear: LinearModel, whitening: Whitening) -> Floats:
-    """The posterior mean within the bounds: what would leave them is held there, and the others found anew."""
+    """Posterior mean (p,) of the linear model within the bounds.
+
+    A coordinate that would leave is fixed at its bound, and the others are solved again.
+    """
     x, free = laplace_posterior(linear, whitening).mean, np.ones(linear.jacobian.shape[1], dtype=bool)
+    # Active-set iteration: every pass fixes at least one coordinate more, so it ends.
     while np.any(np.abs(x[free]) > FARTHEST):
         free &= np.abs(x) <= FARTHEST
         x = np.clip(x, -FARTHEST, FARTHEST)

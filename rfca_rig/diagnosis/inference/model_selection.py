@@ -1,10 +1,13 @@
-"""The search over hypotheses: nothing missing, every effect, pairs of effects, and triples where two do not suffice.
+"""Search over hypotheses: nothing missing, every effect, pairs of effects, and triples where two do not suffice.
 
-One optimiser fits every hypothesis (`map_fit`, Gauss-Newton to the MAP point). Starts come from three generators: the screening
-of all effects and all pairs, beside the nominal model and beside the fit without effects; a parent's optimum with one effect more; and an
-exchange in the best explanation, of an effect for another of its family, or of a strained nuisance parameter for the effect that does the
-same. Fits are halved successively: many on a subset of the conditions, few on all, the best of them to convergence (Jamieson and Talwalkar,
-AISTATS 2016).
+`map_fit` fits every hypothesis by Gauss-Newton to its MAP point. Starts come from three generators:
+
+- screening of all effects and all pairs, beside the nominal model and beside the fit without effects
+- a good fit with one effect more
+- an exchange in the best explanation: an effect for another of its family, or a strained nuisance parameter for the equivalent effect
+
+The search is successive halving (Jamieson and Talwalkar, AISTATS 2016): many fits on a subset of the conditions, few on all, and the best
+of them to convergence. Section 6 of docs/method.md describes it.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -54,7 +57,7 @@ Terms = tuple[EffectTerm, ...]
 
 @dataclass(frozen=True)
 class FitStart:
-    """Where a fit begins: effects, all unknowns (p,), and the first columns of the Jacobian on all conditions, (m, k)."""
+    """Start of a fit: effects, coordinates of all unknowns (p,), and the first columns of the Jacobian on all conditions, (m, k)."""
 
     terms: Terms
     x: Floats
@@ -63,7 +66,7 @@ class FitStart:
 
 @dataclass(frozen=True)
 class Screen:
-    """Every effect at grid points beside a fit: its signatures, and the space in which their promise counts."""
+    """Every effect at grid points beside a fit: its signatures, and the projection in which they are judged."""
 
     base: MapFit
     projection: Projection
@@ -72,9 +75,22 @@ class Screen:
 
 @dataclass(frozen=True)
 class SearchState:
-    """What is known so far: the optimiser on all conditions and on the subset, the nominal model, and the fits by size of the set.
+    """State of the search.
 
-    `converged` are the fits that need no fresh Jacobian any more, `exchanged` the sets whose parts were exchanged for what does the same.
+    Parameters
+    ----------
+    optimizer, scatter
+        The optimiser on all conditions, and the scatter from repeat to repeat that its covariance has.
+    coarse, in_coarse
+        The optimiser on a subset of the conditions, and which rows these have, (m,).
+    nominal, nothing
+        The nominal model, and the fit without effects.
+    fits
+        The best fit of each set of effects.
+    converged
+        The fits that need no fresh Jacobian.
+    exchanged
+        The sets whose parts were exchanged already.
     """
 
     optimizer: GaussNewton
@@ -93,13 +109,14 @@ class SearchState:
         return max((self.nothing, *self.fits), key=self.optimizer.free_log_evidence)
 
     def of_size(self, size: int) -> list[MapFit]:
-        """The fits with so many effects, best first."""
+        """The fits with `size` effects, best first."""
         found = [fit for fit in self.fits if len(fit.coordinates.choices) == size]
         return sorted(found, key=self.optimizer.free_log_evidence, reverse=True)
 
     def with_fits(self, fits: Iterable[MapFit]) -> "SearchState":
-        """With these fits; of each set of effects the best is kept."""
+        """With these fits added; of each set of effects only the best is kept."""
         ranked = sorted((*self.fits, *fits), key=self.optimizer.free_log_evidence)
+        # `ranked` ascends, so of equal keys the best fit comes last and stays in the dictionary.
         return replace(self, fits=tuple({frozenset(fit.coordinates.choices): fit for fit in ranked}.values()))
 
 
@@ -121,9 +138,14 @@ def search_models(
     effects
         The effects that may be missing.
     progress
-        Called with what is being done and the share that is done.
+        Called with the current step and the share that is done.
     config
         How widely to search.
+
+    Returns
+    -------
+    ModelSelectionResult
+        The fitted hypotheses with evidence and prior.
 
     Raises
     ------
@@ -143,6 +165,7 @@ def search_models(
         *_first_sets(_single_starts(beside_nothing, 1, config.worth_a_fit), config.beside_nothing),
     ]
     state = _fit_best(state, starts, config.singles_full)
+    # History and scatter are learned only from a good fit, and before pairs are compared on them.
     state = _learn(_exchange(_converge(state, 1, config), beside_nominal.probes, config), GOOD_FIT, config)
     progress("pairs of effects", 0.5)
     if not _is_adequate(state):
@@ -151,6 +174,7 @@ def search_models(
             *_pair_starts(beside_nothing, config.beside_nothing, config.worth_a_fit),
         ]
         state = _fit_best(state, starts, config.pairs_full)
+    # Partners are tried even beside an adequate single effect, then with a higher threshold.
     state = _fit_best(state, _partner_starts(state, 1, beside_nothing, config), config.pairs_full)
     state = _converge(state, 2, config)
     if not _is_adequate(state):
@@ -158,15 +182,17 @@ def search_models(
         state = _fit_best(state, _partner_starts(state, 2, beside_nothing, config), config.triples_full)
     progress("weighing", 0.85)
     state = _exchange(state, beside_nominal.probes, config)
-    compared_with_its_parts = state.best.ids
+    # A set must not win because its subsets were fitted badly, so they are fitted again. Another winner needs the same.
+    compared_with_subsets = state.best.ids
     state = _converge_all(_learn(_fit_nested(state), 2.0 * GOOD_FIT, config), config)
-    if state.best.ids != compared_with_its_parts:
+    if state.best.ids != compared_with_subsets:
         state = _converge_all(_fit_nested(state), config)
     return _result(_refit_nothing(state), coordinates, beside_nominal.probes, effects)
 
 
 def _fit_nominal(dataset: Dataset, coordinates: Parameterization, config: SearchConfig) -> SearchState:
-    """The nominal model, and the fit without effects."""
+    """State with the nominal model and the fit without effects."""
+    # The scatter needs a fit, and a fit needs the scatter: the first fit counts scatter as discrepancy.
     start = without_scatter(dataset)
     nominal = start.at(coordinates, np.zeros(coordinates.size))
     if nominal is None:
@@ -186,12 +212,12 @@ def _coarsen(dataset: Dataset, scatter: Scatter, conditions: int) -> tuple[Gauss
 
 
 def _restrict(fit: MapFit, state: SearchState) -> MapFit:
-    """A fit as the subset of the conditions sees it."""
+    """The rows of a fit on the subset of the conditions."""
     return replace(fit, predicted=fit.predicted[state.in_coarse], jacobian=fit.jacobian[state.in_coarse])
 
 
 def _projection(state: SearchState, fit: MapFit) -> Projection:
-    """The space around a fit, on the subset of the conditions."""
+    """The projection around a fit, on the subset of the conditions."""
     here, measured = _restrict(fit, state), state.coarse.dataset.rows.measured
     return projection_of(here, measured, state.coarse.likelihood.level(here.linear(measured)))
 
@@ -207,13 +233,13 @@ def _screen_again(state: SearchState, base: MapFit, projection: Projection, prob
 
 
 def _first_sets(starts: Sequence[FitStart], count: int) -> list[FitStart]:
-    """The starts of the first so many sets of effects."""
+    """The starts of the first `count` sets of effects."""
     sets = list(dict.fromkeys(frozenset(start.terms) for start in starts))[:count]
     return [start for start in starts if frozenset(start.terms) in sets]
 
 
 def _single_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
-    """At most `count` grid points of every effect, most promising first, of effects that promise `least` of chi-square."""
+    """At most `count` grid points of every effect that promises `least` of chi-square, most promising first."""
     by_term: dict[EffectTerm, list[tuple[float, EffectProbe]]] = {}
     for probe in screen.probes:
         by_term.setdefault(probe.choice, []).append((screen.projection.gain(probe.signature)[0], probe))
@@ -222,6 +248,7 @@ def _single_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
         points.sort(key=lambda pair: -pair[0])
         if points[0][0] < least:
             continue
+        # A second point must promise at least half as much as the first.
         found += [pair for pair in points[:count] if pair[0] >= 0.5 * points[0][0]]
     return [_beside(screen.base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
 
@@ -242,22 +269,25 @@ def _pair_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
 
 
 def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Floats:
-    """Chi-square that probes i and j could remove together, each scaled as suits within 0 to RESCALED, (k, k)."""
+    """Chi-square that probes i and j could remove together, (k, k), each signature scaled by a factor of 0 to RESCALED."""
     white = projection.whitening(np.column_stack([probe.signature for probe in probes]))
+    # Closed solution of the 2 x 2 normal equations for all pairs at once, by Cramer's rule.
     gram, match = white.T @ projection.through(white), white.T @ projection.residual
     own = np.diag(gram)
     product = np.outer(own, own)
+    # Two almost parallel signatures have no useful determinant; the floor keeps the quotient finite.
     determinant = np.maximum(product - gram**2, 1e-9 * product + 1e-300)
     first = np.clip((np.outer(match, own) - gram * match[None, :]) / determinant, 0.0, RESCALED)
+    # The factors are limited, so the gain is evaluated by its quadratic form, not by the formula for the optimum.
     second = first.T
     quadratic = first**2 * own[:, None] + 2.0 * first * second * gram + second**2 * own[None, :]
     return np.asarray(2.0 * (first * match[:, None] + second * match[None, :]) - quadratic)
 
 
 def _partner_starts(state: SearchState, size: int, screen: Screen, config: SearchConfig) -> list[FitStart]:
-    """One effect more beside the best sets of a size, screened by what it would do to a model that has these effects already.
+    """One effect more beside the best sets of a size, screened beside the fit of that set.
 
-    Only effects are screened that promise something beside the parent with their signatures beside the fit without effects.
+    Only effects are screened that promise something there by their signatures beside the fit without effects.
     """
     found: list[FitStart] = []
     least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
@@ -275,7 +305,7 @@ def _beside(base: MapFit, probes: Sequence[EffectProbe]) -> FitStart:
 
 
 def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> SearchState:
-    """The starts fitted on the subset, of each set the best; the best so many of these sets on all conditions."""
+    """Fit the starts on the subset, keep the best of each set, and fit the best `full` of these sets on all conditions."""
     known = {frozenset(fit.coordinates.choices) for fit in state.fits if len(fit.coordinates.choices) > 1}
     wanted = [start for start in starts if frozenset(start.terms) not in known]
     with ThreadPoolExecutor(THREADS) as pool:
@@ -287,20 +317,21 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
         ]
         best_of_each = {frozenset(start.terms): (gain, start) for gain, start in sorted(ends, key=lambda end: end[0])}
         best = sorted(best_of_each.values(), key=lambda end: -end[0])[:full]
+        # The best RIVALS sets are always fitted: the best one without an effect measures the support of that effect.
         near = [start for n, (gain, start) in enumerate(best) if n < RIVALS or gain > best[0][0] - NEAR]
         fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), near)
         return state.with_fits(fit for fit in fits if fit is not None)
 
 
 def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: int) -> MapFit | None:
-    """The MAP fit from a start, None where the model has no answer."""
+    """MAP fit from a start; None where the model has no answer."""
     known = start.jacobian if optimizer is state.optimizer else start.jacobian[state.in_coarse]
     here = optimizer.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
     return None if here is None else optimizer.refine(here, levels=levels)
 
 
 def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
-    """The best sets of a size with fresh Jacobians."""
+    """Converge the best fits of a size with fresh Jacobians, unless they are far behind the best of all."""
     best = state.of_size(size)[: config.converged]
     least = max((state.optimizer.free_log_evidence(fit) for fit in state.fits), default=0.0) - NEAR
     near = [fit for fit in best if fit is best[0] or state.optimizer.free_log_evidence(fit) > least]
@@ -311,50 +342,52 @@ def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchStat
 
 
 def _converge_all(state: SearchState, config: SearchConfig) -> SearchState:
-    """The same of every size."""
+    """The same for every size."""
     for size in range(1, LARGEST_SET + 1):
         state = _converge(state, size, config)
     return state
 
 
 def _is_adequate(state: SearchState) -> bool:
-    """Whether the best explanation leaves no more than a good model does, nuisance parameters within what is plausible."""
+    """Whether the best explanation leaves a normal model error only, with plausible nuisance parameters."""
     marginal = state.optimizer.evaluate(state.best)
     return marginal.error < GOOD_FIT and marginal.farthest(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
 
 
 def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchState:
-    """Repeat scatter and the history of the conditions, estimated again from the best explanation if its error is small `enough`.
+    """Estimate repeat scatter and approach history evaluated from the best explanation, if its error is at most `enough`.
 
-    All fits follow. From an explanation that fits badly the wrong history would be learnt.
+    All fits follow. A bad explanation would give a wrong history.
     """
     best = state.best
     if state.optimizer.evaluate(best).error > enough:
         return state
-    before = state.optimizer.dataset
-    dataset = before.with_parts(before.simulator.infer_history(before.parts, best.coordinates.supposed, best.x))
-    if dataset is before:
+    old_dataset = state.optimizer.dataset
+    dataset = old_dataset.with_parts(old_dataset.simulator.infer_history(old_dataset.parts, best.coordinates.supposed, best.x))
+    if dataset is old_dataset:
         return state
     scatter = estimate_scatter(dataset, best.coordinates.supposed(best.x))
     optimizer = GaussNewton(dataset, make_marginal_likelihood(dataset.rows, scatter.columns))
     coarse, rows = _coarsen(dataset, scatter, config.coarse_conditions)
-    again = [fit for old in (state.nominal, state.nothing, *state.fits) if (fit := optimizer.at(old.coordinates, old.x, old.jacobian))]
-    if len(again) < 2 + len(state.fits):
+    evaluated = [fit for old in (state.nominal, state.nothing, *state.fits) if (fit := optimizer.at(old.coordinates, old.x, old.jacobian))]
+    # Where a fit has no answer under the new history, the old state stays complete.
+    if len(evaluated) < 2 + len(state.fits):
         return state
-    nominal, *fits = again
+    nominal, *fits = evaluated
     least = max(map(optimizer.free_log_evidence, fits)) - NEAR
     with ThreadPoolExecutor(THREADS) as pool:
+        # Fits far behind are not refined, only evaluated where they are.
         is_worth = [n == 0 or optimizer.free_log_evidence(fit) > least for n, fit in enumerate(fits)]
         nothing, *others = pool.map(lambda fit, worth: optimizer.refine(fit) if worth else fit, fits, is_worth)
     return SearchState(optimizer, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged)
 
 
 def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchConfig) -> SearchState:
-    """Fits in which a part of the best explanation, or of the fit without effects, is exchanged for something that does much the same.
+    """Exchange a part of the best explanation, or of the fit without effects, for something that does much the same.
 
-    An effect is exchanged for another one of its family, or for itself of another size, and a strained nuisance parameter for the effect
-    that does the same. Everything else begins where it stands. A rival that began at the prior mean may have ended in another mode, and
-    would lose by that alone. `probes` are the effects around the nominal model.
+    An effect is exchanged for another one of its family, or for itself with another size. A strained nuisance parameter is exchanged for
+    the equivalent effect. Everything else begins unchanged: a rival that began at the prior means may have ended in another mode, and would
+    lose by that alone. `probes` are the effects around the nominal model.
     """
     terms = tuple(dict.fromkeys(probe.choice for probe in probes))
     parents = [fit for fit in dict.fromkeys((state.nothing, state.best)) if frozenset(fit.coordinates.choices) not in state.exchanged]
@@ -362,10 +395,11 @@ def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchC
     for base, wanted in (pair for parent in parents for pair in _without_each_part(state, parent, terms)):
         suitable = [probe for probe in probes if probe.choice.effect.id in wanted]
         ranked = _single_starts(_screen_again(state, base, _projection(state, base), suitable, config), 1, 0.0)
+        # One variant per effect; `ranked` descends, so in reversed order the best one stays in the dictionary.
         starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
     # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode than that of their prior means.
-    astray = [fit for fit in parents if fit.farthest > IMPLAUSIBLE and fit.ids]
-    starts += [FitStart(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in astray]
+    strained = [fit for fit in parents if fit.farthest > IMPLAUSIBLE and fit.ids]
+    starts += [FitStart(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in strained]
     with ThreadPoolExecutor(THREADS) as pool:
         fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), starts)
         found = [fit for fit in fits if fit is not None]
@@ -373,14 +407,14 @@ def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchC
         least = state.optimizer.free_log_evidence(after.best) - NEAR
         near = [fit for fit in found if fit in after.fits and state.optimizer.free_log_evidence(fit) > least]
         converged = list(pool.map(state.optimizer.converge, near))
-    done = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
-    return replace(after.with_fits(converged), converged=state.converged.union(converged), exchanged=done)
+    exchanged = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
+    return replace(after.with_fits(converged), converged=state.converged.union(converged), exchanged=exchanged)
 
 
 def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iterator[tuple[MapFit, frozenset[str]]]:
-    """The parent without one of its effects, or with a strained nuisance parameter at its prior mean; and what may take that place.
+    """The parent without one of its effects, or with a strained nuisance parameter at its prior mean, and the ids that may take that place.
 
-    An effect's place is open to its family, and to the effect that does the same as a strained nuisance parameter.
+    The place of an effect is open to its family, and to effects that are equivalent to a strained nuisance parameter.
     """
     coordinates = parent.coordinates
     strained = {name: place for place, name in enumerate(coordinates.space.names) if abs(parent.x[place]) > STRAINED}
@@ -400,9 +434,9 @@ def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iter
 
 
 def _fit_nested(state: SearchState) -> SearchState:
-    """The parts of the best set fitted again from where it stands: a set must not win because its parts were fitted badly.
+    """Fit the subsets of the best set again from its optimum: a set must not win because its subsets were fitted badly.
 
-    They also begin with what the missing effect did handed to the nuisance parameter that does the same.
+    Each subset also begins with the contribution of the missing effect transferred to the equivalent nuisance parameter.
     """
     best, found = state.best, []
     coordinates = best.coordinates
@@ -417,6 +451,7 @@ def _fit_nested(state: SearchState) -> SearchState:
             predicted = state.optimizer.dataset.predicted(coordinates.with_terms(terms).supposed(x))
             if predicted is not None:
                 place = coordinates.space.names.index(term.effect.same_as)
+                # Least squares in units of noise: the shift of the nuisance parameter that replaces the effect best.
                 along = best.jacobian[:, place] / state.optimizer.dataset.rows.noise
                 change = (best.predicted - predicted) / state.optimizer.dataset.rows.noise
                 share = float(along @ change) / max(float(along @ along), 1e-300)
@@ -426,7 +461,7 @@ def _fit_nested(state: SearchState) -> SearchState:
 
 
 def _refit_nothing(state: SearchState) -> SearchState:
-    """The fit without effects also from the nuisance parameters of the best explanation; the better one is converged."""
+    """Fit the hypothesis without effects also from the nuisance values of the best explanation; the better fit is converged."""
     nuisances = state.nominal.coordinates.nuisances
     again = _fit(state.optimizer, state, FitStart((), state.best.x[:nuisances], state.best.jacobian[:, :nuisances]), 5)
     best = max((fit for fit in (state.nothing, again) if fit is not None), key=state.optimizer.free_log_evidence)

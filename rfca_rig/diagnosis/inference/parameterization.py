@@ -1,8 +1,8 @@
-"""Every unknown as a number that is standard normal before the data: nuisances, and the parameters of effects.
+"""Every unknown as a coordinate that is standard normal a priori: nuisance parameters, and the parameters of effects.
 
-A nuisance counts the standard deviations by which it is off. A parameter of an effect that is positive over more than an octave is
-log-uniform between its plausible bounds, any other normal about their middle with a quarter of their distance; both are mapped, so
-that one step length, one prior and one test for "on a bound" suit all.
+The coordinate of a nuisance parameter counts the prior standard deviations by which it is off. A parameter of an effect that is positive
+over more than an octave is log-uniform between its plausible bounds. Any other one is normal about their middle, with a standard deviation
+of a quarter of their distance. So one step length, one prior and one test for "at a bound" suit all.
 """
 
 from collections.abc import Sequence
@@ -25,22 +25,24 @@ Floats = NDArray[np.float64]
 def value_of(parameter: Parameter, z: float) -> float:
     """The parameter's value at the standard normal coordinate z."""
     low, high = parameter.low, parameter.high
+    # Log-uniform: Phi(z) is uniform between 0 and 1.
     if _is_scale(parameter):
         return float(low * (high / low) ** ndtr(z))
     return 0.5 * (low + high) + 0.25 * (high - low) * z
 
 
 def coordinate_of(parameter: Parameter, value: float) -> float:
-    """The standard normal coordinate of a value; those beyond the bounds of a log-uniform one are taken back to 4 deviations."""
+    """Standard normal coordinate of a value; beyond the bounds of a log-uniform parameter it is limited to FARTHEST deviations."""
     low, high = parameter.low, parameter.high
     if _is_scale(parameter):
         share = np.log(max(value, 1e-300) / low) / np.log(high / low)
+        # The inner limit keeps the inverse of Phi finite at and beyond the bounds.
         return float(np.clip(ndtri(np.clip(share, 1e-12, 1.0 - 1e-12)), -FARTHEST, FARTHEST))
     return (value - 0.5 * (low + high)) / (0.25 * (high - low))
 
 
 def std_of(parameter: Parameter, z: float, std_z: float) -> float:
-    """A standard deviation of z in the parameter's unit: half the distance between the values one deviation up and down."""
+    """Standard deviation of z in the unit of the parameter: half the distance between the values one deviation up and down."""
     return 0.5 * abs(value_of(parameter, z + std_z) - value_of(parameter, z - std_z))
 
 
@@ -50,8 +52,15 @@ def _is_scale(parameter: Parameter) -> bool:
 
 @dataclass(frozen=True)
 class EffectTerm:
-    """One effect as a hypothesis has it: `whole` gives the parameters that count something, all others are free, as are the shape of
-    its law and how it begins.
+    """One effect as part of a hypothesis.
+
+    Parameters
+    ----------
+    effect
+        The effect of the catalogue.
+    whole
+        Values of its parameters that count something, for example the number of a hinge. All other parameters are fitted, and so are the
+        shape of its law and its initial state.
     """
 
     effect: Effect
@@ -68,7 +77,7 @@ class EffectTerm:
         return tuple(parameter for parameter in self.effect.parameters if not parameter.whole)
 
     def present(self, z: Floats) -> PresentEffect:
-        """The effect at the coordinates z of its free parameters."""
+        """The effect with the values at the coordinates z (p,) of its free parameters."""
         found = dict(self.whole) | {p.name: value_of(p, float(x)) for p, x in zip(self.free, z, strict=True)}
         every = (*self.effect.parameters, *self.effect.shape, *self.effect.begins)
         return PresentEffect(self.effect.id, tuple((p.name, found[p.name]) for p in every))
@@ -76,7 +85,7 @@ class EffectTerm:
 
 @dataclass(frozen=True)
 class Parameterization:
-    """The unknowns of one hypothesis: first the nuisances of `space`, then the free parameters of each choice."""
+    """The unknowns of one hypothesis: first the nuisance parameters of `space`, then the free parameters of each term in `choices`."""
 
     space: Space[Any]
     choices: tuple[EffectTerm, ...] = ()
@@ -91,19 +100,19 @@ class Parameterization:
 
     @property
     def same_as(self) -> list[str]:
-        """For each parameter of the choices the nuisance that does just the same, empty where there is none."""
+        """For each effect parameter the equivalent nuisance parameter, empty where there is none."""
         return [choice.effect.same_as if parameter in choice.sizes else "" for choice in self.choices for parameter in choice.free]
 
     def part(self, number: int) -> slice:
-        """Where the parameters of a choice stand."""
+        """Which coordinates belong to one term."""
         begin = self.nuisances + sum(len(choice.free) for choice in self.choices[:number])
         return slice(begin, begin + len(self.choices[number].free))
 
     def supposed(self, x: Floats) -> Any:
-        """The input of the simulator at x, of the simulator's own type (a `SimulatorInput`)."""
+        """Input of the simulator at the coordinates x (p,), of the simulator's own type (a `SimulatorInput`)."""
         at: SimulatorInput = self.space.at(x[: self.nuisances])
         return at.with_effects(tuple(choice.present(x[self.part(i)]) for i, choice in enumerate(self.choices)))
 
     def with_terms(self, choices: Sequence[EffectTerm]) -> "Parameterization":
-        """The same nuisances with other effects."""
+        """The same nuisance parameters with other effects."""
         return replace(self, choices=tuple(choices))

@@ -1,4 +1,7 @@
-"""A first look at every effect: what it would do to the rows at some sizes, and how much of the misfit that could take away."""
+"""Screening: the signature of every effect at some sizes, and how much of the misfit it could remove.
+
+This is a score test with few simulations per effect. It decides only where fits begin, see section 6 of docs/method.md.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,7 +25,7 @@ Point = tuple[EffectTerm, Floats]
 
 @dataclass(frozen=True)
 class EffectProbe:
-    """One effect at one place: coordinates z of its free parameters, and its signature there (m,), in the signals' units."""
+    """One effect at one point: coordinates z (p,) of its free parameters, and its signature (m,) there in the units of the signals."""
 
     choice: EffectTerm
     z: Floats
@@ -30,19 +33,22 @@ class EffectProbe:
 
 
 def terms_of(effect: Effect) -> tuple[EffectTerm, ...]:
-    """The effect, once for every value of what it counts."""
+    """The effect as terms, one for every value of a parameter that counts something."""
     whole = [parameter for parameter in effect.parameters if parameter.whole]
     values = [[(p.name, float(v)) for v in range(int(p.low), int(p.high) + 1)] for p in whole]
     return tuple(EffectTerm(effect, tuple(combination)) for combination in product(*values))
 
 
 def grid_points(choices: Iterable[EffectTerm]) -> list[Point]:
-    """All grid points of all choices."""
+    """All grid points of all terms."""
     return [(choice, z) for choice in choices for z in grid_of(choice)]
 
 
 def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> list[EffectProbe]:
-    """The effects at these points, on top of what `base` has already; those without an answer are left out."""
+    """Signatures (m,) of effects at these points, each added to the model of `base`.
+
+    Points where the model has no answer are omitted.
+    """
     coordinates = base.coordinates
     supposed = []
     for choice, z in points:
@@ -53,12 +59,13 @@ def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> li
 
 
 def grid_of(choice: EffectTerm) -> list[Floats]:
-    """The places where a choice is tried, each (p,): what the effect says itself, or the middles of equally probable parts of its prior.
+    """Grid points of a term, (p,) each: those that the effect states, or the middles of equally probable parts of its prior.
 
-    Where an effect counts something, each count is a choice of its own, and the other sizes begin at their middle, or on either side of
-    zero. Shape parameters begin at their starts, or at their neutral value; what swings begins at rest.
+    Where an effect counts something, each count is a term of its own. The other sizes then begin at their middle, or on either side of
+    zero. Shape parameters begin at their stated starts or at their neutral value, initial states at rest.
     """
     free, at_rest = choice.sizes, (0.0,) * len(choice.effect.begins)
+    # Points per axis: fewer with each further size, so that the grid does not grow too fast.
     points = max(GRID_POINTS + 1 - len(free), 2)
     if choice.whole:
         points = 2 if any(parameter.low < 0.0 < parameter.high for parameter in free) else 1
@@ -74,7 +81,19 @@ def _starts(parameter: Parameter) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Projection:
-    """Whitened residual space of a fitted hypothesis, nuisances taken out as far as their prior lets them move."""
+    """Whitened residual space around a fit, with the nuisance parameters projected out as far as their prior allows.
+
+    Parameters
+    ----------
+    whitening
+        The covariance.
+    jacobian
+        (m, p) whitened Jacobian of the fit.
+    inverse
+        (p, p) posterior covariance of its unknowns.
+    residual
+        (m,) whitened residual that they leave.
+    """
 
     whitening: Whitening
     jacobian: Floats
@@ -82,30 +101,31 @@ class Projection:
     residual: Floats
 
     def through(self, whitened: Floats) -> Floats:
-        """What of a whitened vector the nuisances cannot take up."""
+        """Part of a whitened vector (m,), or of columns (m, k), that the unknowns of the fit cannot take up."""
         return whitened - self.jacobian @ (self.inverse @ (self.jacobian.T @ whitened))
 
     def power(self, signature: Floats) -> float:
-        """Squared size of a signature beyond noise, scatter, model error and nuisances."""
+        """Squared size of a signature (m,) beyond noise, scatter, model error and nuisance parameters."""
         white = self.whitening(signature)
         return float(white @ self.through(white))
 
     def gain(self, signature: Floats) -> tuple[float, float]:
-        """(chi2 that it could take away, factor by which it would have to be scaled for that)."""
+        """Chi-square that a signature (m,) could remove, and the factor by which it would have to be scaled for that."""
         white = self.whitening(signature)
         return self.gain_inside(white, self.through(white))
 
     def gain_inside(self, white: Floats, inside: Floats) -> tuple[float, float]:
-        """The same of a signature that is whitened, and taken through, already."""
+        """The same of a signature that is whitened already, `white` (m,), with its projection `inside` (m,)."""
         power, match = float(white @ inside), float(white @ self.residual)
         if power <= 0.0:
             return 0.0, 1.0
+        # Least squares along the signature. An effect cannot change its sign, and far beyond its size the signature is no guide.
         factor = float(np.clip(match / power, 0.0, RESCALED))
         return 2.0 * factor * match - factor**2 * power, factor
 
 
 def promising_points(projection: Projection, probes: Sequence[EffectProbe], most: int) -> list[Point]:
-    """Of every effect at most so many grid points that promise most in a projection; the signatures may be those around another fit."""
+    """The points of each effect, at most `most`, that promise most in a projection; signatures may be those around another fit."""
     of_effect: dict[str, list[EffectProbe]] = {}
     for probe in sorted(probes, key=lambda probe: -projection.gain(probe.signature)[0]):
         of_effect.setdefault(probe.choice.effect.id, []).append(probe)
@@ -113,7 +133,22 @@ def promising_points(projection: Projection, probes: Sequence[EffectProbe], most
 
 
 def projection_of(base: MapFit, measured: Floats, whitening: Whitening) -> Projection:
-    """The space around `base`; its residual counts from where the prior puts the nuisances' best linear correction."""
+    """The projection around a fit.
+
+    Parameters
+    ----------
+    base
+        The fit.
+    measured
+        (m,) the measured rows.
+    whitening
+        The covariance.
+
+    Returns
+    -------
+    Projection
+        Its residual is what remains after the best linear correction of all unknowns under their prior.
+    """
     jacobian = whitening(base.jacobian)
     inverse = np.asarray(np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1])), dtype=np.float64)
     linear = base.linear(measured)

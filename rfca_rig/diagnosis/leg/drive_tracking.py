@@ -1,4 +1,4 @@
-"""What a shaft that follows its command excludes: drives that would have moved it otherwise, and from which size on."""
+"""Sizes of drive effects that a shaft which follows its command excludes: with them it would have moved otherwise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,24 +23,27 @@ from rfca_rig.model.parameters import RigModel
 
 @dataclass(frozen=True)
 class _TrackingError:
+    """Measure of a signature for detection limits: the tracking error that it would have made."""
+
     shafts: Sequence[ShaftCondition]
     ramp_s: float
 
     def power(self, signature: NDArray[np.float64]) -> float:
-        """The largest squared tracking error over all shafts, if each turned otherwise by its part of the signature."""
+        """Largest squared tracking error over all shafts, if each moved otherwise by its part of the signature (m,)."""
         ends = np.cumsum([shaft.away_rad.size for shaft in self.shafts])[:-1]
-        turned = [replace(shaft, repeats=away[None]) for shaft, away in zip(self.shafts, np.split(signature, ends), strict=True)]
-        return max(tracking_error(shaft, self.ramp_s) for shaft in turned) ** 2
+        deviating = [replace(shaft, repeats=away[None]) for shaft, away in zip(self.shafts, np.split(signature, ends), strict=True)]
+        return max(tracking_error(shaft, self.ramp_s) for shaft in deviating) ** 2
 
 
 def excluded_by_tracking(shafts: Sequence[ShaftCondition], rig: RigModel, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
     """For each of these drive effects that the nominal rig lacks, the size from which on the shaft would not have tracked its command.
 
-    A few conditions are simulated: the others could only show a smaller size.
+    Only a few conditions are simulated. The others could only lower the limit.
     """
-    wanted = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
+    candidates = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
     shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
     dataset, coordinates = leg_dataset(shafts), Parameterization(nuisances_of_drive(rig, Supposed(rig), {}))
     base = without_scatter(dataset).at(coordinates, np.zeros(coordinates.size))
-    probes = [] if base is None else probe_effects(dataset, base, grid_points(term for effect in wanted for term in terms_of(effect)))
-    return find_detection_limits(wanted, probes, _TrackingError(shafts, rig.drive.ramp_s), rig, needed=1.0)
+    probes = [] if base is None else probe_effects(dataset, base, grid_points(term for effect in candidates for term in terms_of(effect)))
+    # A tracking error of 1 is the limit of `tracks_command`, so this is the power that is needed.
+    return find_detection_limits(candidates, probes, _TrackingError(shafts, rig.drive.ramp_s), rig, needed=1.0)

@@ -1,5 +1,12 @@
-"""What every hypothesis may move: the values of [known_to], the numbers of the floor that nobody measures, and a leg that has not
-quite come to rest when the recording begins. Of the shaft's own motion: how late the drive does what it is told."""
+"""Nuisance parameters of the leg: what every hypothesis may change within its prior.
+
+- the values of [known_to]
+- four ground parameters that are seldom measured
+- the swing of a leg that is not quite at rest when the recording begins
+- for the motion of the shaft, the delay of the drive
+
+Section 3 of docs/method.md lists them.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,38 +17,47 @@ from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed, space_of
 from rfca_rig.analysis.fitting.space import FitParameter, Space
 from rfca_rig.model.parameters import RigModel, Swing
 
-# how a floor ties and drags a point beside mu N, how high in a deep print, and what it damps of a point that leaves
+# Beside the friction coefficient: presliding, tangential damping, friction rise in a deep print, and damping of a point that leaves.
 SELDOM_MEASURED = ("presliding", "tangential_damping", "friction_rise", "leaving_damping")
 LATE_MS = 2.0  # an adapter, a bus and a drive's own cycle; a gain of its loop does much the same
-SAGS = 0.3  # a leg let go straight half a second before still swings by a third of its sag
+SAGS = 0.3  # a leg that was released straight half a second before still swings by a third of its sag
 SAGS_PER_S = 25.0  # the same as a speed, at the 13 Hz of the paper's leg
 
 
 def nuisances_of(rig: RigModel, known_to: Mapping[str, float], before_s: float) -> Space[Supposed]:
-    """The space of all nuisances; `before_s` is how long before the start the recording begins.
+    """Space of all nuisance parameters of the leg.
 
-    Those that hardly anybody measures have their usual spread where [known_to] has no key for them; a key of 0 leaves them out.
+    Parameters
+    ----------
+    rig
+        The nominal model.
+    known_to
+        Standard uncertainties by key. Parameters that are seldom measured have a usual prior without a key; a key of 0 makes a value exact.
+    before_s
+        How long before the start of the motion the recording begins.
     """
+    # Before the motion begins, a free swing of the leg can show; without such samples it cannot be fitted.
     swinging = replace(rig, swing=Swing(before_s, 0.0, 0.0)) if before_s > 0.0 else rig
     listed = {p.name for p in PARAMETERS.values() if p.known_to in known_to}
     names = [p.name for p in PARAMETERS.values() if p.name in listed.union(SELDOM_MEASURED) and _prior_std(p, known_to) > 0.0]
     space = space_of(names, Supposed(swinging), known_to) if names else Space((), Supposed(swinging), np.empty(0), np.empty(0, dtype=bool))
     space = replace(space, has_prior=np.ones(len(space.std), dtype=bool))
-    return _joined(space, _SWING, known_to) if before_s > 0.0 else space
+    return _extend(space, _SWING, known_to) if before_s > 0.0 else space
 
 
 def nuisances_of_drive(rig: RigModel, centre: Supposed, known_to: Mapping[str, float]) -> Space[Supposed]:
-    """The space of what the shaft's own motion hardly depends on, and of what it does, around what is supposed of the leg."""
+    """Space of the nuisance parameters of the shaft's motion, around the leg in `centre`."""
+    # The leg is taken from the forces. Only ground, friction and height stay free, since the shaft hardly depends on them.
     stated = {key: known_to[key] for name in SELDOM_MEASURED if (key := PARAMETERS[name].known_to or "") in known_to}
     space = nuisances_of(rig, {**stated, "friction_coefficient": 0.01, "height_mm": 0.1}, 0.0)
-    return _joined(replace(space, centre=centre), (_DELAY,), known_to)
+    return _extend(replace(space, centre=centre), (_DELAY,), known_to)
 
 
 def _prior_std(parameter: FitParameter[Supposed], known_to: Mapping[str, float]) -> float:
     return known_to.get(parameter.known_to or "", parameter.spread)
 
 
-def _joined(space: Space[Supposed], more: tuple[FitParameter[Supposed], ...], known_to: Mapping[str, float]) -> Space[Supposed]:
+def _extend(space: Space[Supposed], more: tuple[FitParameter[Supposed], ...], known_to: Mapping[str, float]) -> Space[Supposed]:
     free = tuple(p for p in more if _prior_std(p, known_to) > 0.0)
     return replace(
         space,

@@ -1,4 +1,4 @@
-"""The answer about a leg: forces and shaft together, with valleys, place, remarks and next experiment beside it."""
+"""The answer about a leg: forces and shaft together, with valleys, place, remarks and the next experiment."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -33,9 +33,10 @@ DYNAMIC = "dynamic"
 
 
 def build_leg_result(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> Diagnosis:
-    """The whole answer; `limits` are those of the rig that the next experiment is for, where one is known."""
+    """The whole answer; `limits` are those of the rig that the next experiment is for, if they are known."""
     leg, decision = verdicts.leg, verdicts.leg_decision
     enough = len(body.flaps) >= FEWEST_CONDITIONS
+    # Held-out prediction needs at least three conditions; with fewer nothing is decided.
     if not enough:
         decision = not_enough_data(leg, f"{len(body.flaps)} usable conditions, {FEWEST_CONDITIONS} are needed")
     elif verdicts.drive_decision is not None:
@@ -43,7 +44,7 @@ def build_leg_result(body: "PreparedData", verdicts: "Findings", limits: Limits 
     result = build_result(body.title, leg, decision, verdicts.effects, DYNAMIC)
     if enough:
         result = _with_drive(result, decision, verdicts)
-    place, free_text = _free_form(decision, verdicts)
+    place, free_text = _locate_free_force(decision, verdicts)
     after = replace(decision.explanation.fitted.coordinates.supposed(decision.explanation.marginal.posterior.mean), rig=result.found_rig)
     has_drive = any(effect.id not in decision.explanation.ids for effect in result.found_effects)
     return replace(
@@ -63,7 +64,7 @@ def build_leg_result(body: "PreparedData", verdicts: "Findings", limits: Limits 
 
 
 def _with_drive(result: Diagnosis, decision: Decision, verdicts: "Findings") -> Diagnosis:
-    """The answer with what the shaft's own motion shows: its places, curves, and the drive's effects in the model found."""
+    """The answer with the results in the motion of the shaft: places, curves, and the effects of the drive in the model found."""
     drive, of_drive = verdicts.drive, verdicts.drive_decision
     if drive is None or of_drive is None:
         return result
@@ -71,11 +72,12 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: "Findings") -> 
     found = present_effects(of_drive.explanation) if of_drive.effects else ()
     rig = result.found_rig
     if found:
+        # The search for the drive also chose how a compliant drive starts, so its whole drive is taken over.
         rig = replace(rig, drive=drive.nominal.coordinates.space.centre.rig.drive, effects=(*rig.effects, *found))
-    left = any(one.grade == "unexplained" for one in (verdicts.leg_decision, of_drive)) and decision.grade != "unexplained"
+    is_left = any(one.grade == "unexplained" for one in (verdicts.leg_decision, of_drive)) and decision.grade != "unexplained"
     return replace(
         result,
-        sentence=result.sentence + (" Something else remains unexplained." if left else ""),
+        sentence=result.sentence + (" Something else remains unexplained." if is_left else ""),
         cells=(*result.cells, *cells),
         located=(*places, *result.located),
         overlays=(*result.overlays, *overlays(drive, of_drive.explanation, DYNAMIC)),
@@ -84,26 +86,28 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: "Findings") -> 
     )
 
 
-def _free_form(decision: Decision, verdicts: "Findings") -> tuple[StatedPlace | None, tuple[str, ...]]:
-    """Where a force that nobody listed would have to act, and its law if it has a plain one: empirical, cause not known."""
+def _locate_free_force(decision: Decision, verdicts: "Findings") -> tuple[StatedPlace | None, tuple[str, ...]]:
+    """Place of a free force outside the catalogue, and its empirical law if it has a short one; the cause is not known."""
     if decision.grade != "unexplained" or verdicts.leg_decision.grade != "unexplained":
         return None, ()
     try:
         free = free_form(verdicts.leg)
     except SimulationFailed as error:
+        # The rest of the answer is still valid, so the failure becomes a remark.
         return None, (f"no free force could be estimated: {error}",)
     return (None, ()) if free is None else (place_of(free), (free.text,))
 
 
 def _remarks(body: "PreparedData", leg: ModelSelectionResult) -> tuple[str, ...]:
     alone = lone_channel(leg.dataset.rows, leg.nothing.fitted, leg.likelihood)
+    # A force on the leg would show in all channels.
     channel = (f"only {alone} parts: without it nothing is missing, which speaks for the sensor",) if alone else ()
     shaft = () if body.as_commanded else ("the shaft did not turn as commanded; the forces are compared along its recorded turn",)
     return (*channel, *shaft)
 
 
 def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
-    """How late the drive does what it is told, where that shows: a gain that is fitted without it is wrong."""
+    """The delay of the drive, where it shows: a gain of the drive that is fitted without the delay is wrong."""
     if verdicts.drive_decision is None:
         if all(turns_as_commanded(shaft) for shaft in body.shafts):
             return ()
@@ -112,29 +116,30 @@ def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
     fitted_ms = nuisance_values(verdicts.drive_decision.explanation).get("command_delay")
     if fitted_ms is None:
         return ()
-    said = f"the drive does what it is told {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
-    return (said,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
+    message = f"the drive does what it is told {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
+    return (message,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
 
 
 def valley_errors(flaps: Sequence[FlapCondition], nominal: Supposed, after: Supposed, drive_found: bool) -> Mapping[str, BeforeAfter]:
-    """Mean error of the valley in time and force, in percent, as in Table II; the nominal shaft turns as commanded.
+    """Mean error of the valley in time and force, in percent, as in Table II of the paper.
 
-    With a drive that was found at fault the accepted model makes the shaft's motion itself, otherwise it follows the conditions' turn.
+    The nominal shaft moves as commanded. If a drive effect was found, the accepted model simulates the motion of the shaft itself.
+    Otherwise it follows the turn of each condition.
     """
     found = [
         (flap.valley, _valley(flap, nominal, True), _valley(flap, after, drive_found))
         for flap in flaps
         if not isinstance(flap.valley, Refused)
     ]
-    whole = [(m, b, a) for m, b, a in found if isinstance(m, Valley) and isinstance(b, Valley) and isinstance(a, Valley)]
-    if not whole:
+    complete = [(m, b, a) for m, b, a in found if isinstance(m, Valley) and isinstance(b, Valley) and isinstance(a, Valley)]
+    if not complete:
         return {}
     return {
         "valley_time_error_pct": BeforeAfter(
-            _error([(b.time_s, m.time_s) for m, b, _ in whole]), _error([(a.time_s, m.time_s) for m, _, a in whole])
+            _error([(b.time_s, m.time_s) for m, b, _ in complete]), _error([(a.time_s, m.time_s) for m, _, a in complete])
         ),
         "valley_force_error_pct": BeforeAfter(
-            _error([(b.fz_N, m.fz_N) for m, b, _ in whole]), _error([(a.fz_N, m.fz_N) for m, _, a in whole])
+            _error([(b.fz_N, m.fz_N) for m, b, _ in complete]), _error([(a.fz_N, m.fz_N) for m, _, a in complete])
         ),
     }
 
@@ -149,6 +154,7 @@ def _valley(flap: FlapCondition, supposed: Supposed, commanded: bool) -> Valley 
         known = t_s <= motion.breaks_s[-1]  # a recorded turn says nothing of the time after it
         stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known], BOUNDED, flap.strokes_before)
     except SimulationFailed as error:
+        # Without an answer of the model there is no valley to compare; the condition does not count.
         return Refused(str(error))
     return find_valley(stroke.t_s, stroke.fz_N)
 

@@ -1,4 +1,4 @@
-"""The shaft's own motion as rows: how far it is from where it was told to be."""
+"""The motion of the shaft as observations: its deviation from the commanded motion."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,9 +25,24 @@ SMALLEST_SCALE_RAD = 0.1  # a model error of 1 % is then a milliradian at least,
 
 @dataclass(frozen=True)
 class ShaftCondition:
-    """The shaft of one condition, mean over its repeats; `start_rad` where it stood before the motion.
+    """The shaft of one condition, mean over its repeats, with n samples in b bins.
 
-    `first` (b,) is the sample that each bin begins with; `repeats` (r, b) holds by how much each stroke turned further than told, in bins.
+    Parameters
+    ----------
+    label, height_m, speed_rad_s
+        The condition.
+    t_s
+        (n,) times of the samples.
+    first
+        (b,) the first sample of each bin.
+    start_rad
+        Angle before the motion.
+    sample_noise_rad
+        Standard deviation of one sample.
+    repeats
+        (r, b) by how much the shaft of each stroke is ahead of its command, mean in each bin.
+    strokes_before
+        Of each stroke, as in `Condition`.
     """
 
     label: str
@@ -41,10 +56,10 @@ class ShaftCondition:
     strokes_before: tuple[int, ...] = ()
 
     def simulated(self, supposed: Supposed) -> Floats:
-        """The model's turn less the commanded one, each from where it stands, (b,). Raises SimulationFailed.
+        """Simulated angle less the commanded one, each from its start, (b,). Raises SimulationFailed.
 
-        The command starts where the shaft was recorded to stand: by how much a drive sags there is not used. What a late drive does is
-        what the same drive would have done so much before.
+        The command starts from the recorded start angle: the sag of a drive there is not used. A drive that is late by a delay moves as the
+        same drive without delay did that much earlier.
         """
         motion = ramp_to_speed(self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1]))
         then_s = self.t_s - supposed.command_delay_s
@@ -58,11 +73,12 @@ class ShaftCondition:
 
     @property
     def away_rad(self) -> Floats:
-        """By how much it turned further than told, (b,), mean over the repeats."""
+        """By how much the shaft is ahead of its command, (b,), mean over the repeats."""
         return np.asarray(self.repeats.mean(axis=0))
 
     def told_rad_s(self, ramp_s: float) -> Floats:
-        """The commanded speed, (b,)."""
+        """Commanded speed, (b,)."""
+        # A linear ramp, then the constant speed of the stroke.
         return self._binned(self.speed_rad_s * np.clip(self.t_s / ramp_s, 0.0, 1.0))
 
     def _binned(self, values: Floats) -> Floats:
@@ -73,9 +89,10 @@ class ShaftCondition:
         return np.diff(np.append(self.first, len(self.t_s))).astype(np.float64)
 
     def rows(self) -> Observations:
-        """By how much the shaft has turned further than it was told."""
+        """The rows: by how much the shaft is ahead of its command, in rad."""
         measured = self.away_rad
         middle = self._binned(self.t_s)
+        # The derivative allows an error in time, as for forces.
         scale = np.sqrt(measured**2 + (0.02 * np.gradient(measured, middle)) ** 2 + SMALLEST_SCALE_RAD**2)
         bins = len(measured)
         return Observations(
@@ -83,6 +100,7 @@ class ShaftCondition:
             noise=self.sample_noise_rad / np.sqrt(self._counts * len(self.repeats)),
             scale=scale,
             jolt=np.zeros(bins),
+            # Model errors are correlated over about 0.3 s.
             progress=middle / 0.3,
             t_s=middle,
             phase=np.where(middle <= 0.0, "rest", "turning"),
@@ -100,11 +118,13 @@ def shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftC
     t_s = min((t for t, _ in traces), key=len)
     t_s = t_s[t_s <= end_s]
     angles = np.array([np.interp(t_s, t, angle) for t, angle in traces])
+    # A bin begins where the number of the time interval changes; the large negative value starts the first one.
     first = np.flatnonzero(np.diff(np.floor(t_s / BIN_S), prepend=-1e9))
     counts = np.diff(np.append(first, len(t_s)))
-    away = angles - ramp_to_speed(0.0, condition.speed_rad_s, ramp_s, float(t_s[-1])).angle_rad(t_s)
+    deviation = angles - ramp_to_speed(0.0, condition.speed_rad_s, ramp_s, float(t_s[-1])).angle_rad(t_s)
     still = t_s <= max(0.0, float(t_s[0]))
-    away -= angles[:, still].mean(axis=1)[:, None]
+    deviation -= angles[:, still].mean(axis=1)[:, None]
+    # Robust noise: 0.6745 turns a median deviation into a standard deviation, and a second difference of noise has the variance 6.
     noise = float(np.median(np.abs(np.diff(angles, 2, axis=1)))) / 0.6745 / np.sqrt(6.0)
     return ShaftCondition(
         label=condition.label,
@@ -114,23 +134,23 @@ def shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftC
         first=first,
         start_rad=float(angles[:, still].mean()),
         sample_noise_rad=max(noise, 1e-5),
-        repeats=np.add.reduceat(away, first, axis=1) / counts,
+        repeats=np.add.reduceat(deviation, first, axis=1) / counts,
         strokes_before=condition.strokes_before,
     )
 
 
 def turns_as_commanded(shaft: ShaftCondition) -> bool:
-    """Whether the shaft did what it was told, from where it stood."""
+    """Whether the shaft followed its command without delay, from its start."""
     return rms(shaft.away_rad) < AS_COMMANDED_RAD
 
 
 def tracks_command(shaft: ShaftCondition, ramp_s: float) -> bool:
-    """Whether the shaft did what it was told, at once or `late_s` later."""
+    """Whether the shaft followed its command, at once or with the constant delay `late_s`."""
     return tracking_error(shaft, ramp_s) < 1.0
 
 
 def tracking_error(shaft: ShaftCondition, ramp_s: float) -> float:
-    """How far the shaft is from what it was told, 1 where it neither turns as commanded nor only later."""
+    """Deviation of the shaft from its command; below 1 where it follows the command, at once or with a delay."""
     return min(rms(shaft.away_rad) / AS_COMMANDED_RAD, _beside_delay_rad(shaft, ramp_s) / BUT_LATE_RAD)
 
 
@@ -139,6 +159,6 @@ def _beside_delay_rad(shaft: ShaftCondition, ramp_s: float) -> float:
 
 
 def late_s(shaft: ShaftCondition, ramp_s: float) -> float:
-    """How much later than told the shaft turned (least squares)."""
+    """Delay of the shaft behind its command in s, by least squares."""
     told_rad_s = shaft.told_rad_s(ramp_s)
     return -float(told_rad_s @ shaft.away_rad) / float(told_rad_s @ told_rad_s)

@@ -1,4 +1,4 @@
-"""The compiled chain of the leg as a `Simulator`: strokes, static tables, and the shaft's own motion."""
+"""The compiled chain of the leg as a `Simulator`: strokes, static tables, and the motion of the shaft."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -25,29 +25,31 @@ Floats = NDArray[np.float64]
 LegCondition = FlapCondition | StageTable | ShaftCondition
 
 TRIGGER_MS = 0.2  # one sample at 5 kHz: what a trigger leaves open that is read once a sample
+# Usual ways to approach a stage. The approach is not recorded, and friction makes the readings depend on it.
 MOVES = (StageMoves(1.0, 0.005, HOLD_S), StageMoves(1.0, 0.05, HOLD_S), StageMoves(0.2, 0.2, HOLD_S))
 
 
 @dataclass(frozen=True)
 class LegSimulator(Simulator):
-    """The leg; the shaft stood where it was told in static stages if it `stopped_as_told`."""
+    """The leg. If `stopped_as_told`, the shaft of static stages stopped at its commanded angle without moving back."""
 
     stopped_as_told: bool = True
 
     def simulate(self, at: Supposed, condition: LegCondition) -> Floats:
-        """What the model says of a condition, signal after signal, (m,). Raises SimulationFailed."""
+        """Predicted rows (m,) of a condition, signal after signal. Raises SimulationFailed."""
         return condition.simulated(at)
 
     def coarsen(self, conditions: Sequence[LegCondition], count: int) -> list[int]:
-        """At most `count` of the conditions that move, and one static table."""
+        """At most `count` of the moving conditions, and one static table."""
         is_table = [isinstance(condition, StageTable) for condition in conditions]
         moving, tables = np.flatnonzero(~np.array(is_table)), np.flatnonzero(is_table)
         return sorted(int(number) for number in (*moving[spread(len(moving), count)], *tables[:1]))
 
     def scatter(self, at: Supposed, conditions: Sequence[LegCondition]) -> tuple[ScatterDirection, ...]:
-        """Height of the rack, friction, start angle, and the trigger: when the force's clock starts against the shaft's.
+        """Scatter of rack height, friction, start angle and trigger.
 
-        A recorded start angle is simulated, so that its scatter is none of the mean's.
+        The trigger is the time at which the clock of the force starts relative to that of the shaft. A recorded start angle is simulated,
+        so its scatter is not left in the mean.
         """
         std = np.array(list(USUAL.values()))
         parameters = tuple(replace(PARAMETERS[name], relative=False) for name in USUAL)
@@ -64,13 +66,21 @@ class LegSimulator(Simulator):
         )
 
     def forget_history(self, conditions: tuple[LegCondition, ...]) -> tuple[LegCondition, ...]:
-        """Before anything is known of how the shaft was moved, what friction held at a static stage is left open."""
+        """The conditions before the approach of the stages is known: static friction in them is free."""
         return _with_tables(conditions, [replace(table, stopped_as_told=False) for table in tables_of(conditions)])
 
     def infer_history(
         self, conditions: tuple[LegCondition, ...], input_at: Callable[[Floats], Supposed], x: Floats
     ) -> tuple[LegCondition, ...]:
-        """The static tables moved through as is likeliest around x."""
+        """The conditions with the static tables approached in the most probable way.
+
+        Parameters
+        ----------
+        conditions
+            All conditions.
+        input_at, x
+            The input of the simulator as a function of all unknowns (p,), and their values.
+        """
         tables = [replace(table, stopped_as_told=self.stopped_as_told) for table in tables_of(conditions)]
         if not tables:
             return conditions
@@ -79,7 +89,7 @@ class LegSimulator(Simulator):
 
 
 def leg_dataset(conditions: Iterable[LegCondition], stopped_as_told: bool = True) -> Dataset:
-    """The evidence of a leg's recordings. Raises BadInput where there is none."""
+    """The dataset of the recordings of a leg. Raises BadInput where there is none."""
     conditions = tuple(conditions)
     if not conditions:
         raise BadInput("nothing to diagnose: no stroke shows a touchdown and a valley, and there is no static table")
@@ -92,12 +102,20 @@ def flaps_of(conditions: Iterable[object]) -> tuple[FlapCondition, ...]:
 
 
 def tables_of(conditions: Iterable[object]) -> tuple[StageTable, ...]:
-    """The tables of the static one."""
+    """The tables of the static experiment."""
     return tuple(condition for condition in conditions if isinstance(condition, StageTable))
 
 
 def infer_approach(tables: Sequence[StageTable], input_at: Callable[[Floats], Supposed], x: Floats) -> StageMoves:
-    """Of the usual ways to move the shaft from stage to stage the one with the greatest evidence, all unknowns free around x."""
+    """The most probable of the usual ways to move the shaft from stage to stage.
+
+    Parameters
+    ----------
+    tables
+        The static tables.
+    input_at, x
+        The input of the simulator as a function of all unknowns (p,), and where they are linearised. All of them are integrated out.
+    """
     return max(MOVES, key=lambda moves: _log_evidence([replace(table, moves=moves) for table in tables], input_at, x))
 
 
@@ -111,9 +129,11 @@ def _with_tables(conditions: tuple[LegCondition, ...], tables: Sequence[StageTab
 def _log_evidence(tables: Sequence[StageTable], input_at: Callable[[Floats], Supposed], x: Floats) -> float:
     dataset = leg_dataset(tables)
     rows = dataset.rows
+    # One wide difference per unknown: no step corrects this Jacobian, so it must average over the roughness of contact.
     here, *moved = dataset.predicted_all([input_at(point) for point in (x, *(x + WIDE_STEP * unit for unit in np.eye(len(x))))])
     if here is None:
         return -np.inf
+    # A difference without an answer counts as no influence.
     jacobian = np.column_stack([np.zeros(len(here)) if m is None else (m - here) / WIDE_STEP for m in moved])
     whitening = factored(np.diag(rows.noise**2) + USUAL_ERROR**2 * discrepancy(rows))
     return laplace_posterior(LinearModel(rows.measured - here + jacobian @ x, jacobian), whitening).log_evidence

@@ -1,4 +1,4 @@
-"""The static table of one height as rows, and the simulated stages."""
+"""Static stages of one height as observations, and their simulation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -42,10 +42,21 @@ HOLD_S = 0.3  # the slowest swing of the paper's leg has died out
 
 @dataclass(frozen=True)
 class StageTable:
-    """The stages of one height in their order, moved to as `moves` says.
+    """The stages of one height in their order, approached as `moves` says.
 
-    Where the shaft is not `stopped_as_told`, it may have gone back a little at every stop, and friction holds the tip with an
-    unpredictable force.
+    Parameters
+    ----------
+    height_m
+        Height of the shaft.
+    stages
+        The recorded stages.
+    moves
+        How the shaft moves from stage to stage.
+    noise
+        Standard deviations by signal.
+    stopped_as_told
+        Whether the shaft stopped at its commanded angle. If not, it may have moved back a little at every stop. Friction then holds the tip
+        with a force that cannot be predicted.
     """
 
     height_m: float
@@ -61,44 +72,47 @@ class StageTable:
 
     @property
     def repeats(self) -> Floats:
-        """None: each stage is read once."""
+        """None, as (1, 0): each stage is read once."""
         return np.empty((1, 0))
 
     def simulated(self, supposed: Supposed) -> Floats:
-        """The model's rows, signal after signal, NaN where nothing was measured left out. Raises SimulationFailed."""
-        return self._table(supposed)[self._present()]
+        """Predicted rows (m,), signal after signal, without those that were not measured. Raises SimulationFailed."""
+        return self._simulate_all(supposed)[self._is_measured()]
 
-    def _table(self, supposed: Supposed) -> Floats:
+    def _simulate_all(self, supposed: Supposed) -> Floats:
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
         settled = tuple(effect for effect in supposed.rig.effects if not _in_motion_only(effect))
         rig = replace(supposed.rig, swing=None, effects=settled)
-        held = _held(rig, self.height_m + supposed.height_offset_m, turned, self._moves(), collect_strokes_before(self.stages[:1]))
+        held = _simulate_stages(
+            rig, self.height_m + supposed.height_offset_m, turned, self._moves(), collect_strokes_before(self.stages[:1])
+        )
         return np.concatenate(held[: len(self.signals)])
 
     def _moves(self) -> StageMoves:
-        """As the table says how long its stages were held, if it does."""
+        """The moves with the mean holding time of the stages, if all of them state it."""
         held = [stage.held_s for stage in self.stages if stage.held_s is not None]
         return replace(self.moves, hold_s=float(np.mean(held))) if len(held) == len(self.stages) else self.moves
 
-    def _measured(self) -> Floats:
+    def _stack_measured(self) -> Floats:
         forces = [[getattr(stage, signal) for stage in self.stages] for signal in FORCES]
         return np.concatenate([*forces, *np.array([stage.hinge_deg for stage in self.stages]).T])
 
-    def _held_anyhow(self) -> Floats:
-        """Of each signal, what a tip that is held otherwise than predicted may change in it."""
+    def _unknown_friction(self) -> Floats:
+        """Possible change of each signal if friction holds the tip otherwise than predicted, (signals,)."""
         if self.stopped_as_told:
             return np.zeros(len(self.signals))
         friction = HELD_ANYHOW * float(np.sqrt(np.mean([stage.fy_N**2 for stage in self.stages])))
         return np.array([friction, friction, self.height_m * friction] + [0.0] * (len(self.signals) - len(FORCES)))
 
-    def _present(self) -> NDArray[np.bool_]:
-        return np.isfinite(self._measured())
+    def _is_measured(self) -> NDArray[np.bool_]:
+        return np.isfinite(self._stack_measured())
 
     def rows(self) -> Observations:
-        """What was measured here."""
-        present, stages, signals = self._present(), len(self.stages), self.signals
-        measured = self._measured()
+        """The measured rows; what was not measured (NaN) is omitted."""
+        present, stages, signals = self._is_measured(), len(self.stages), self.signals
+        measured = self._stack_measured()
         table = measured.reshape(len(signals), stages)
+        # A relative error refers to the rms of each signal over the whole table.
         scale = np.sqrt(np.nanmean(table**2, axis=1)) if np.isfinite(table).any() else np.ones(len(signals))
         angle = np.array([stage.shaft_angle_rad for stage in self.stages])
         phase = np.array([stage.direction for stage in self.stages])
@@ -107,8 +121,9 @@ class StageTable:
             measured=measured[present],
             noise=np.repeat([self.noise[signal] for signal in signals], stages)[present],
             scale=np.nan_to_num(np.repeat(scale, stages)[present], nan=1.0),
-            jolt=np.repeat(self._held_anyhow(), stages)[present],
+            jolt=np.repeat(self._unknown_friction(), stages)[present],
             progress=np.tile(angle / STAGE_APART_RAD, len(signals))[present],
+            # A stage has no time; its shaft angle takes that place.
             t_s=np.tile(angle, len(signals))[present],
             phase=np.tile(phase, len(signals))[present],
             label=label[present],
@@ -118,15 +133,20 @@ class StageTable:
 
 
 def _in_motion_only(present: PresentEffect) -> bool:
-    """Whether a settled reading does not show the effect; the sensor is tared at each stage, so that what it adds over time does not."""
+    """Whether a settled reading does not show the effect.
+
+    The sensor is tared at each stage, so what it adds over time does not show either.
+    """
     return present.id in IN_MOTION_ONLY or (present.table is not None and present.table.argument == "time_s")
 
 
 @lru_cache(maxsize=REMEMBERED)
-def _held(rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves, strokes_before: tuple[int, ...]) -> Floats:
+def _simulate_stages(
+    rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves, strokes_before: tuple[int, ...]
+) -> Floats:
     """The three forces and all hinge angles of the model at these stages, (3 + hinges, stages).
 
-    Remembered: what a hypothesis moves is often something that no settled reading shows, as a leg that swings in the beginning.
+    Cached: a fit often changes something that no settled reading shows, for example the swing of the leg at the start.
     """
     motion, read_s = staged_motion(rig.leg.start_angle_rad, turned_rad, moves)
     held = stroke_following(rig, height_m, motion, read_s, CLOSE_ENOUGH, strokes_before)
@@ -134,15 +154,16 @@ def _held(rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: 
 
 
 def stage_tables(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves) -> tuple[StageTable, ...]:
-    """One table per height, and where strokes lie between, in the order in which the stages were recorded."""
+    """One table per height, and a new one after strokes in between, in the order in which the stages were recorded."""
     tables: dict[tuple[float, int | None], list[StaticStage]] = {}
     for stage in stages:
         tables.setdefault((round(stage.height_m, 4), stage.strokes_before), []).append(stage)
-    return tuple(StageTable(height, tuple(table), moves, _noise(table, noise_std)) for (height, _), table in tables.items())
+    return tuple(StageTable(height, tuple(table), moves, _estimate_noise(table, noise_std)) for (height, _), table in tables.items())
 
 
-def _noise(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None]) -> dict[str, float]:
+def _estimate_noise(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None]) -> dict[str, float]:
     stated = {name: [s.std[name] for s in stages if name in s.std] for name in FORCES}
+    # Usual noise of one sample, where neither the table nor the rig file states it.
     usual = {"fy_N": 0.1, "fz_N": 0.15, "tx_Nm": 0.006}
     forces = {name: (noise_std.get(name) or usual[name]) / np.sqrt(MEAN_OF_SAMPLES) for name in FORCES}
     found = {name: float(np.mean(stated[name])) if stated[name] else float(forces[name]) for name in FORCES}

@@ -1,4 +1,4 @@
-"""The strokes of one condition as rows, and the simulated stroke cut the same way."""
+"""Strokes of one condition as observations, and the simulated stroke binned in the same way."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,11 +24,11 @@ REST_BIN_S = 0.025
 BIN_S = 0.020
 TOUCHDOWN_BIN_S = 0.010
 BEFORE_TOUCHDOWN_S = 0.010  # repeats touch down some milliseconds apart
-BEFORE_LIFT_OFF_S = 0.020  # the leg lets go at moments that differ from stroke to stroke
+BEFORE_LIFT_OFF_S = 0.020  # the moment of lift-off differs from stroke to stroke
 SMALLEST_SCALE = 0.02  # of a signal's rms over the stroke: a free leg pulls little, but not with infinite precision
 SMOOTH_OVER = 0.06  # of the way from touchdown to valley, some 50 ms: over that a model's errors are alike
 LATE_S = 0.1  # a relative error of 1 % goes with a moment that is off by 1 ms
-JOLT = 5.0  # the ringing after touchdown is that much harder to foresee than what swings slowly
+JOLT = 5.0  # the ringing after touchdown is that much harder to predict than slow swings
 JOLT_DIES_S = 0.06
 # A stroke takes some thousands, up to 20 000 where the tip chatters; a place that takes more is no place to go to.
 BOUNDED = Tolerance(most_steps=50_000)
@@ -36,9 +36,18 @@ BOUNDED = Tolerance(most_steps=50_000)
 
 @dataclass(frozen=True)
 class ShaftTurn:
-    """How the shaft moves: along `recorded`, or where that is None from `start_rad` to `speed_rad_s` as commanded, but `late_s` later.
+    """How the shaft moves in the simulation of one condition.
 
-    `start_rad` is None where no shaft angle was recorded; then the leg starts where it is believed to.
+    Parameters
+    ----------
+    speed_rad_s
+        Commanded speed.
+    start_rad
+        Recorded start angle. None where no shaft angle was recorded; then the leg starts at its nominal angle.
+    recorded
+        Recorded motion to follow; None to follow the command.
+    late_s
+        Delay behind the command.
     """
 
     speed_rad_s: float
@@ -47,10 +56,11 @@ class ShaftTurn:
     late_s: float = 0.0
 
     def motion(self, supposed: Supposed, end_s: float) -> ShaftMotion:
-        """The motion under what is supposed of the encoder's zero and the drive's ramp."""
+        """The motion until `end_s`, with the encoder zero and the ramp of the drive in `supposed`."""
         leg, drive = supposed.rig.leg, supposed.rig.drive
         if self.recorded is not None:
             coefficients = self.recorded.coefficients.copy()
+            # The constant term of each cubic piece: the whole motion is shifted.
             coefficients[:, 0] += supposed.turn_offset_rad
             return replace(self.recorded, coefficients=coefficients)
         start_rad = leg.start_angle_rad if self.start_rad is None else self.start_rad + supposed.turn_offset_rad
@@ -59,10 +69,30 @@ class ShaftTurn:
 
 @dataclass(frozen=True)
 class FlapCondition:
-    """One condition of the dynamic experiment: mean over its repeats in bins, and how to simulate the same.
+    """One condition of the dynamic experiment: mean over its repeats in b bins, and how to simulate the same.
 
-    `edges_s` (b + 1,) bound the bins, `t_s` (n,) are the samples within, `first` (b,) the sample each bin begins with.
-    `repeats` (r, 3 b) holds the binned signals of each stroke in the order of `signals`; `strokes_before` of each as in `Condition`.
+    Parameters
+    ----------
+    label, height_m
+        The condition.
+    turn
+        How the shaft moves.
+    t_s
+        (n,) times of the samples within the bins.
+    first
+        (b,) the first sample of each bin.
+    signals
+        Names of the k signals.
+    repeats
+        (r, k b) the binned signals of each stroke, in the order of `signals`.
+    phases
+        Median times of touchdown, valley and lift-off.
+    sample_noise
+        Standard deviation of one sample, by signal.
+    valley
+        Mean force minimum.
+    strokes_before
+        Of each stroke, as in `Condition`.
     """
 
     label: str
@@ -78,12 +108,12 @@ class FlapCondition:
     strokes_before: tuple[int, ...] = ()
 
     def simulated(self, supposed: Supposed) -> Floats:
-        """The model's rows (k b,), signal after signal. Raises SimulationFailed."""
+        """Predicted rows (k b,), signal after signal. Raises SimulationFailed."""
         stroke = self.stroke(supposed)
-        return np.concatenate([self._binned(getattr(stroke, signal)) for signal in self.signals])
+        return np.concatenate([self._bin_means(getattr(stroke, signal)) for signal in self.signals])
 
     def until(self, end_s: float) -> "FlapCondition":
-        """The same without the bins that end later, for what only the beginning tells."""
+        """The same without the bins that end after `end_s`, for what only the beginning shows."""
         bins = max(int(np.searchsorted(self.t_s[self.first], end_s)) - 1, 1)
         repeats = self.repeats.reshape(len(self.repeats), len(self.signals), -1)[:, :, :bins]
         t_s = self.t_s[: self.first[bins]] if bins < len(self.first) else self.t_s
@@ -94,7 +124,7 @@ class FlapCondition:
         motion = self.turn.motion(supposed, float(self.t_s[-1]))
         return stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, BOUNDED, self.strokes_before)
 
-    def _binned(self, values: Floats) -> Floats:
+    def _bin_means(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self.counts)
 
     @cached_property
@@ -103,17 +133,17 @@ class FlapCondition:
         return np.diff(np.append(self.first, len(self.t_s))).astype(np.float64)
 
     def rows(self) -> Observations:
-        """What was measured here."""
+        """The measured rows, (k b,) in each array."""
         bins, signals = len(self.first), len(self.signals)
-        middle = self._binned(self.t_s)
+        middle = self._bin_means(self.t_s)
         phase = np.array(PHASES)[self.phases.number(middle)]
         measured = self.repeats.mean(axis=0)
         noise = [self.sample_noise[signal] / np.sqrt(self.counts * len(self.repeats)) for signal in self.signals]
         return Observations(
             measured=measured,
             noise=np.concatenate(noise),
-            scale=np.concatenate([_scale(middle, part, phase) for part in measured.reshape(signals, bins)]),
-            jolt=np.concatenate([_jolt(middle, part, phase, self.phases) for part in measured.reshape(signals, bins)]),
+            scale=np.concatenate([_error_scale(middle, part, phase) for part in measured.reshape(signals, bins)]),
+            jolt=np.concatenate([_transient_scale(middle, part, phase, self.phases) for part in measured.reshape(signals, bins)]),
             progress=np.tile(_progress(middle, self.phases), signals),
             t_s=np.tile(middle, signals),
             phase=np.tile(phase, signals),
@@ -124,26 +154,28 @@ class FlapCondition:
 
 
 def dynamic_label(condition: str, signal: str) -> Label:
-    """The label of a signal of strokes, in which the model errs smoothly from touchdown on."""
+    """Label of a signal of strokes, in which the model error is smooth from touchdown on."""
     return Label("dynamic", condition, signal, SMOOTH_OVER, errs_by_phase=False)
 
 
 def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn) -> FlapCondition | Refused:
-    """The condition as rows; refused where none of its strokes shows a valley."""
+    """The condition as observations; refused where none of its strokes shows a touchdown and a valley."""
     good = [(s, p) for s in condition.strokes if not isinstance((p := _phases(s)), Refused)]
     if not good:
         return Refused(f"{condition.label}: no stroke shows a touchdown and a valley")
     strokes = [stroke for stroke, _ in good]
     moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, p in good])
+    # The median over repeats: a single badly detected moment does not shift the bins.
     phases = StrokePhases(*(float(m) for m in np.median(moments, axis=0)))
     signals = tuple(s for s in FORCES if all(stroke.channel(s) is not None for stroke in strokes))
     times = [stroke.channel("fz_N")[0] for stroke in strokes]  # type: ignore[index]
     time = times[0]
+    # Only the time that all repeats cover.
     edges = _edges(float(max(t_s[0] for t_s in times)), float(min(t_s[-1] for t_s in times)), phases)
     inside = (time >= edges[0]) & (time < edges[-1])
     first = np.searchsorted(time[inside], edges[:-1])
-    repeats = np.array([np.concatenate([_binned(stroke, s, edges) for s in signals]) for stroke in strokes])
-    noise = {s: noise_std.get(s) or _noise(strokes, s) for s in signals}
+    repeats = np.array([np.concatenate([_bin_means(stroke, s, edges) for s in signals]) for stroke in strokes])
+    noise = {s: noise_std.get(s) or _estimate_noise(strokes, s) for s in signals}
     valleys = [v for stroke in strokes if not isinstance(v := stroke_valley(stroke), Refused)]
     valley = Valley(float(np.mean([v.time_s for v in valleys])), float(np.mean([v.fz_N for v in valleys])))
     before = collect_strokes_before(strokes)
@@ -151,13 +183,14 @@ def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], 
 
 
 def turn_of(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> ShaftTurn:
-    """The turn of a condition: as commanded from its mean recorded start, `late_s` later, or along the mean of its recorded angles.
+    """The turn of a condition: along its recorded angles, or as commanded from its mean recorded start, `late_s` later.
 
-    What obeys is better known from its command: what an encoder adds shakes no leg.
+    A shaft that follows its command is simulated from the command: the noise of an encoder must not shake the simulated leg.
     """
     traces = [trace for stroke in condition.strokes if (trace := stroke.channel("shaft_angle_rad")) is not None]
     if not traces:
         return ShaftTurn(condition.speed_rad_s, None)
+    # The start angle is the mean before the motion; a recording that begins with the motion has only its first sample.
     starts = [angle[t_s <= 0.0].mean() if (t_s <= 0.0).any() else angle[0] for t_s, angle in traces]
     start = float(np.mean(starts))
     if not follows_recorded:
@@ -176,9 +209,11 @@ def _phases(stroke: Stroke) -> StrokePhases | Refused:
 
 
 def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
-    """Borders of the bins from `begin_s` to `end_s`, or to shortly before the leg lets go."""
+    """Edges (b + 1,) of the bins from `begin_s` to `end_s`, or to shortly before lift-off."""
+    # Bins are fine around the touchdown, where forces change fastest, and wide at rest.
     touch = max(phases.touchdown_s - BEFORE_TOUCHDOWN_S, BIN_S)
     loading = phases.touchdown_s + 0.030
+    # At most 0.48 s after the valley, and never before it.
     end = min(max(phases.valley_s, min(phases.lift_off_s, phases.valley_s + 0.5) - BEFORE_LIFT_OFF_S), end_s)
     pieces = [(begin_s, 0.0, REST_BIN_S), (0.0, touch, BIN_S), (touch, loading, TOUCHDOWN_BIN_S)]
     pieces += [(loading, phases.valley_s, BIN_S), (phases.valley_s, end, BIN_S)]
@@ -187,10 +222,11 @@ def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
 
 
 def _even(begin: float, end: float, width: float) -> Floats:
+    """Even edges from `begin` to `end`, about `width` apart, both ends among them."""
     return np.linspace(begin, end, max(round((end - begin) / width), 1) + 1)
 
 
-def _binned(stroke: Stroke, signal: str, edges: Floats) -> Floats:
+def _bin_means(stroke: Stroke, signal: str, edges: Floats) -> Floats:
     t_s, values = stroke.channel(signal)  # type: ignore[misc]
     place = np.searchsorted(edges, t_s, side="right") - 1
     inside = (place >= 0) & (place < len(edges) - 1)
@@ -199,16 +235,21 @@ def _binned(stroke: Stroke, signal: str, edges: Floats) -> Floats:
     return np.asarray(sums / np.maximum(counts, 1))
 
 
-def _scale(t_s: Floats, values: Floats, phase: NDArray[np.str_]) -> Floats:
-    """Size, and change within LATE_S, of a signal; at least a share of its rms in the phase, and of that in the whole stroke."""
+def _error_scale(t_s: Floats, values: Floats, phase: NDArray[np.str_]) -> Floats:
+    """Size (b,) of a signal that a relative model error refers to, after "The scale rule" in section 3 of docs/method.md.
+
+    It is the value and its change within LATE_S, at least a share of the rms in the phase and in the whole stroke.
+    """
     least = SMALLEST_SCALE * float(np.sqrt(np.mean(values**2)))
     rms = np.array([np.sqrt(np.mean(values[phase == name] ** 2)) for name in phase])
     return np.sqrt(values**2 + (LATE_S * np.gradient(values, t_s)) ** 2 + (0.1 * rms) ** 2 + least**2)
 
 
-def _jolt(t_s: Floats, values: Floats, phase: NDArray[np.str_], phases: StrokePhases) -> Floats:
-    """Bounces and stick-slip right after touchdown: as large as the peak there, and dying away. And how the leg swings in the air after
-    the shaft started: there little is felt but what hinges do in their last tenths of a degree.
+def _transient_scale(t_s: Floats, values: Floats, phase: NDArray[np.str_], phases: StrokePhases) -> Floats:
+    """Size (b,) of errors that differ from bin to bin, in free flight and after the touchdown.
+
+    Bounces and stick-slip after the touchdown are as large as the peak there and decay. In the air after the start, the sensor feels little
+    but the last tenths of a degree of the hinges, which are hard to predict.
     """
     peak = float(np.abs(values[phase == "touchdown"]).max(initial=0.0))
     after_s = t_s - phases.touchdown_s
@@ -218,10 +259,12 @@ def _jolt(t_s: Floats, values: Floats, phase: NDArray[np.str_], phases: StrokePh
 
 
 def _progress(t_s: Floats, phases: StrokePhases) -> Floats:
+    """Time (b,) as progress from touchdown (0) to valley (1)."""
     return (t_s - phases.touchdown_s) / (phases.valley_s - phases.touchdown_s)
 
 
-def _noise(strokes: Sequence[Stroke], signal: str) -> float:
-    """From second differences, which a smooth force leaves alone; the median is deaf to the jumps of a touchdown."""
+def _estimate_noise(strokes: Sequence[Stroke], signal: str) -> float:
+    """Noise of one sample from second differences, which a smooth force hardly affects; the median ignores the jumps of a touchdown."""
+    # 0.6745 turns a median deviation into a standard deviation; the second difference of noise has 6 times its variance.
     found = [np.median(np.abs(np.diff(s.channel(signal)[1], 2))) / 0.6745 / np.sqrt(6.0) for s in strokes]  # type: ignore[index]
     return float(np.mean(found)) or 1.0

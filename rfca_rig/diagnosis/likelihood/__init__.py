@@ -1,5 +1,5 @@
-"""How probable the observations are under one hypothesis. Entry point: `marginal_likelihood.make_marginal_likelihood`.
+"""Log evidence of the observations under one hypothesis. Entry point: `marginal_likelihood.make_marginal_likelihood`.
 
 `covariance` (noise, discrepancy, repeat scatter) -> `laplace` (linear model, posterior) -> `marginal_likelihood` (discrepancy scale
-integrated out); `repeat_scatter` estimates what differs from repeat to repeat, `cross_validation` leaves conditions out.
+integrated out). `repeat_scatter` estimates how much repeats differ, and `cross_validation` predicts held-out conditions.
 """

@@ -1,13 +1,13 @@
-"""How far model and recording may lie apart before something is missing: noise, what differs from repeat to repeat, a model that is a
-little wrong everywhere.
+"""Covariance of the observations: sensor noise, scatter from repeat to repeat, and model discrepancy.
 
     C(s) = D + s^2 K + B B^T,   D = diag(noise^2)
 
-B holds what one standard deviation of each scattering quantity does, drawn anew for every condition. K is the covariance of a smooth
-discrepancy in proportion to the signal's size, alike in part between conditions (Kennedy and O'Hagan, J. R. Statist. Soc. B 63 (2001)
-425); s is its size, integrated over when hypotheses are compared. K ties only rows of one signal to each other: block by block one
-basis makes D the identity and K diagonal, so that all s come at the price of one. B is low, some columns a condition, and is added
-by Woodbury's identity.
+B holds the effect of one standard deviation of each scattering quantity. Each condition has columns of its own, since scatter is
+independent between conditions. K is the covariance of a smooth discrepancy that is proportional to the signal and partly shared between
+conditions (Kennedy and O'Hagan, J. R. Statist. Soc. B 63 (2001) 425). Its scale s is integrated out when hypotheses are compared.
+
+K couples only rows of one signal. So each block of rows has a basis in which D is the identity and K is diagonal, and all s cost as much as
+one. B has low rank, a few columns per condition, and is added by Woodbury's identity.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ Integers = NDArray[np.intp]
 
 
 class Whitening(Protocol):
-    """Turns deviations of covariance C into independent ones of variance 1."""
+    """Maps deviations of covariance C to independent ones of variance 1: values (m,) or columns (m, p)."""
 
     @property
     def log_det(self) -> float:
@@ -34,13 +34,13 @@ class Whitening(Protocol):
         ...
 
     def __call__(self, values: Floats) -> Floats:
-        """Of rows (m,) or columns (m, p)."""
+        """Whiten rows (m,) or columns (m, p); the result has the same shape."""
         ...
 
 
 @dataclass(frozen=True)
 class Factored:
-    """The whitening of a covariance given by its lower Cholesky factor."""
+    """Whitening of a covariance, given by its lower Cholesky factor (m, m)."""
 
     factor: Floats
 
@@ -53,13 +53,23 @@ class Factored:
 
 
 def factored(covariance: Floats) -> Factored:
-    """The whitening of this covariance (m, m)."""
+    """Whitening of a covariance (m, m), which must be positive definite."""
     return Factored(cholesky(covariance, lower=True, check_finite=False))
 
 
 @dataclass(frozen=True)
 class SignalBlock:
-    """The rows `of` one signal (b,), with `turn` D turn^T = 1 and `turn` K turn^T = diag(`strength`); `back` is the inverse of `turn`."""
+    """Rows of one signal that are correlated under K, with the basis that diagonalises D and K.
+
+    Parameters
+    ----------
+    of
+        (b,) numbers of the rows.
+    turn, back
+        (b, b) the matrix T with T D T^T = 1 and T K T^T = diag(`strength`), and its inverse.
+    strength
+        (b,) eigenvalues of K relative to D.
+    """
 
     of: Integers
     turn: Floats
@@ -69,42 +79,54 @@ class SignalBlock:
 
 @dataclass(frozen=True)
 class DiscrepancyBasis:
-    """The blocks, whose rows are below each other in it; `scatter` (m, k) is B; log of the determinant of D."""
+    """The blocks of all rows, which stand below each other in this basis.
+
+    Parameters
+    ----------
+    blocks
+        One per signal, see `SignalBlock`.
+    scatter
+        (m, k) the matrix B.
+    log_det
+        Log of the determinant of D.
+    """
 
     blocks: tuple[SignalBlock, ...]
     scatter: Floats
     log_det: float
 
     def turned(self, values: Floats) -> Floats:
-        """Rows (m,) or columns (m, p) in this basis."""
+        """Map rows (m,) or columns (m, p) to this basis."""
         return np.concatenate([block.turn @ values[block.of] for block in self.blocks])
 
     def turned_again(self, turned: Floats) -> Floats:
-        """The transpose of that, back in the rows' order."""
+        """Apply the transpose of `turned` to columns (m, p): back to the order of the rows."""
         found = np.empty_like(turned)
         for block, part in zip(self.blocks, self.parts(turned), strict=True):
             found[block.of] = block.turn.T @ part
         return found
 
     def parts(self, turned: Floats) -> list[Floats]:
-        """What is turned, cut into the blocks'."""
+        """Split an array (m, ...) of this basis into those of the blocks, (b, ...) each."""
         return np.split(turned, np.cumsum([len(block.of) for block in self.blocks])[:-1])
 
     @cached_property
     def strength(self) -> Floats:
-        """K's diagonal, (m,)."""
+        """Diagonal of K in this basis, (m,)."""
         return np.concatenate([block.strength for block in self.blocks])
 
     @cached_property
     def scatter_turned(self) -> Floats:
-        """B in this basis."""
+        """B in this basis, (m, k)."""
         return self.turned(self.scatter)
 
 
 @dataclass(frozen=True)
 class _Shrinking:
-    """Whitens for 1 + V V^T: W = 1 - V G V^T with W^2 its inverse, 1 - V H V^T. Of the eigenvalues l of V^T V, r = sqrt(1 + l)
-    makes G of 1 / (r (r + 1)) and H of 1 / r^2.
+    """Whitening W of 1 + V V^T, with V = `along` (m, k).
+
+    W = 1 - V G V^T, and its square is the inverse, 1 - V H V^T. With the eigenvalues l of V^T V and r = sqrt(1 + l), G has the eigenvalues
+    1 / (r (r + 1)) and H has 1 / r^2.
     """
 
     along: Floats
@@ -117,6 +139,7 @@ class _Shrinking:
 
 
 def _shrinking(along: Floats) -> _Shrinking:
+    # V^T V is only (k, k), and k is far smaller than m. Rounding may make an eigenvalue slightly negative, hence the maximum.
     values, vectors = np.linalg.eigh(along.T @ along)
     r = np.sqrt(1.0 + np.maximum(values, 0.0))
     return _Shrinking(along, (vectors / (r * (r + 1.0))) @ vectors.T, (vectors / r**2) @ vectors.T, 2.0 * float(np.log(r).sum()))
@@ -124,13 +147,22 @@ def _shrinking(along: Floats) -> _Shrinking:
 
 @dataclass(frozen=True)
 class AtError:
-    """The whitening of C(s)."""
+    """Whitening of C(s) at one discrepancy scale.
+
+    Parameters
+    ----------
+    basis
+        The basis of D and K, with B (m, k).
+    s
+        The discrepancy scale, as a share of the signal: 0.01 is the usual 1 %.
+    """
 
     basis: DiscrepancyBasis
     s: float
 
     @property
     def log_det(self) -> float:
+        # |C| = |D| |1 + s^2 K| |1 + V V^T|, each factor in the basis; `_scale` is the inverse root of the middle one.
         return self.basis.log_det - 2.0 * float(np.log(self._scale).sum()) + self._shrinking.log_det
 
     @cached_property
@@ -145,7 +177,7 @@ class AtError:
         return self.scaled(self.basis.turned(values))
 
     def scaled(self, turned: Floats) -> Floats:
-        """The same of values that were turned into the basis already."""
+        """Whiten rows (m,) or columns (m, p) that are in the basis already."""
         return self._shrinking(turned * (self._scale if turned.ndim == 1 else self._scale[:, None]))
 
     def weighted(self, values: Floats) -> Floats:
@@ -153,7 +185,9 @@ class AtError:
         return self.basis.turned_again(self._scale[:, None] * self._shrinking(self(values)))
 
     def precision(self, rows: NDArray[np.bool_]) -> Floats:
-        """Of C(s)^-1 what ties these rows to each other, (k, k)."""
+        """The block (k, k) of C(s)^-1 that belongs to k of the rows; `rows` is a mask (m,)."""
+        # C^-1 = T^T S (1 - V H V^T) S T, with S = diag(`_scale`). Only the columns of S T that belong to these rows are formed. So the full
+        # inverse (m, m) is never needed.
         place = np.cumsum(rows) - 1
         found, along = np.zeros((int(rows.sum()),) * 2), np.empty((int(rows.sum()), self.basis.scatter.shape[1]))
         parts = zip(self.basis.blocks, self.basis.parts(self._scale), self.basis.parts(self._shrinking.along), strict=True)
@@ -167,6 +201,7 @@ class AtError:
         """C(s), (m, m)."""
         found = self.basis.scatter @ self.basis.scatter.T
         for block in self.basis.blocks:
+            # T^-1 (1 + s^2 diag(strength)) T^-T is the block of D + s^2 K.
             found[np.ix_(block.of, block.of)] += (block.back * (1.0 + self.s**2 * block.strength)) @ block.back.T
         return np.asarray(found)
 
@@ -179,7 +214,7 @@ class AtError:
 
 
 def discrepancy(rows: Observations) -> Floats:
-    """K (m, m): the covariance of a discrepancy of relative size 1."""
+    """K (m, m): the covariance of a discrepancy of relative size 1, in the units of the rows."""
     found = np.zeros((len(rows.measured),) * 2)
     for of in _alike(rows):
         found[np.ix_(of, of)] = _discrepancy_within(rows, of)
@@ -187,7 +222,7 @@ def discrepancy(rows: Observations) -> Floats:
 
 
 def _alike(rows: Observations) -> list[Integers]:
-    """The rows of each signal that err together, one phase at a time where its label says so."""
+    """Row numbers of each block: the rows of one signal that are correlated, one phase at a time where the label says so."""
     way = np.where(np.array([label.errs_by_phase for label in rows.labels])[rows.label], rows.phase, "")
     keys = np.stack([np.unique(key, return_inverse=True)[1] for key in (rows.signal, rows.experiment, way)])
     group = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
@@ -195,20 +230,23 @@ def _alike(rows: Observations) -> list[Integers]:
 
 
 def _discrepancy_within(rows: Observations, of: Integers) -> Floats:
-    """K of rows that err together."""
+    """K (b, b) of the rows of one block: equation for K_ij in section 3 of docs/method.md."""
     condition, scale = rows.condition[of], rows.scale[of]
     together = np.where(condition[:, None] == condition, 1.0, SHARED)
+    # All labels of one signal of one experiment have the same correlation length, so the first is enough.
     apart = (rows.progress[of][:, None] - rows.progress[of]) / rows.labels[rows.label[of[0]]].correlation_length
     smooth = np.exp(-0.5 * apart**2) * together
+    # The diagonal holds what is independent between rows: a small share of the variance, and `jolt`.
     return np.asarray(scale[:, None] * smooth * scale + np.diag(FLOOR * scale**2 + rows.jolt[of] ** 2))
 
 
 def basis_of(rows: Observations, scatter: Floats) -> DiscrepancyBasis:
-    """The basis of these rows; `scatter` (m, k) is B."""
+    """The basis in which D and K of these rows are diagonal; `scatter` (m, k) is B."""
     return DiscrepancyBasis(tuple(_block(rows, of) for of in _alike(rows)), scatter, 2.0 * float(np.log(rows.noise).sum()))
 
 
 def _block(rows: Observations, of: Integers) -> SignalBlock:
     noise = rows.noise[of]
+    # The eigenvectors of D^-1/2 K D^-1/2 diagonalise K and keep D the identity. K has no negative eigenvalue except by rounding.
     strength, vectors = eigh(_discrepancy_within(rows, of) / np.outer(noise, noise), check_finite=False, driver="evd")
     return SignalBlock(of, np.ascontiguousarray(vectors.T / noise), noise[:, None] * vectors, np.maximum(strength, 0.0))

@@ -1,6 +1,7 @@
-"""Bayes' rule where the model is linear near its best point (Laplace): evidence, posterior, and what leaving rows out would do.
+"""Laplace approximation: posterior and evidence of a hypothesis whose model is linear near its best point.
 
-With y measured, f the model at x0 and J its slope there, r = y - f + J x0 is normal with mean J x, and x standard normal before the data.
+y are the measured rows, f the model at x0 and J its Jacobian there. Then r = y - f + J x0 is normal with mean J x, and x is standard normal
+a priori. The approximation holds as far as the model is linear over the width of the posterior.
 """
 
 from collections.abc import Sequence
@@ -16,19 +17,29 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LinearModel:
-    """The model near a point: `target` (m,) is r above, `slope` (m, p) is J, both in the signals' units."""
+    """The model near a point: `target` (m,) is r above and `jacobian` (m, p) is J, both in the units of the signals."""
 
     target: Floats
     jacobian: Floats
 
     def kept(self, rows: NDArray[np.bool_]) -> "LinearModel":
-        """The same for some rows only."""
+        """The same for some of the rows, given by a mask (m,)."""
         return LinearModel(self.target[rows], self.jacobian[rows])
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Mean (p,) and covariance (p, p) of x, and log of the density of the data under the hypothesis (without 2 pi)."""
+    """Posterior of the unknowns x.
+
+    Parameters
+    ----------
+    mean, covariance
+        (p,) and (p, p), in standard normal coordinates.
+    log_evidence
+        Log of the density of the data under the hypothesis, without the constant with 2 pi.
+    chi2
+        Squared whitened residual at the mean.
+    """
 
     mean: Floats
     covariance: Floats
@@ -37,14 +48,26 @@ class Posterior:
 
 
 def laplace_posterior(linear: LinearModel, whitening: Whitening) -> Posterior:
-    """The posterior under the covariance that this whitens."""
-    return _solved(whitening(linear.target), whitening(linear.jacobian), whitening.log_det)
+    """Posterior of a linear model with m rows and p unknowns, under the covariance of `whitening` (m, m)."""
+    return _solve(whitening(linear.target), whitening(linear.jacobian), whitening.log_det)
 
 
 def laplace_posteriors(linear: LinearModel, whitenings: Sequence[AtError], extra_directions: Floats | None = None) -> list[Posterior]:
-    """The same at several model errors of one basis.
+    """Posteriors of a linear model at several discrepancy scales.
 
-    `extra_directions` (m, k) are further directions in which the data may vary by one standard deviation each.
+    Parameters
+    ----------
+    linear
+        The model, target (m,) and Jacobian (m, p).
+    whitenings
+        The scales; all must share one basis, into which the model is mapped once.
+    extra_directions
+        (m, k) further directions, in each of which the data may vary by one standard deviation.
+
+    Returns
+    -------
+    list
+        One posterior per scale.
     """
     turned = whitenings[0].basis.turned
     target, jacobian = turned(linear.target), turned(linear.jacobian)
@@ -52,22 +75,24 @@ def laplace_posteriors(linear: LinearModel, whitenings: Sequence[AtError], extra
     found = []
     for whitening in whitenings:
         parts = whitening.scaled(target), whitening.scaled(jacobian), whitening.log_det
-        found.append(_solved(*(parts if directions is None else _loosened(*parts, whitening.scaled(directions)))))
+        found.append(_solve(*(parts if directions is None else _whiten_extra(*parts, whitening.scaled(directions)))))
     return found
 
 
-def _solved(target: Floats, jacobian: Floats, log_det: float) -> Posterior:
+def _solve(target: Floats, jacobian: Floats, log_det: float) -> Posterior:
+    # The identity is the prior: every unknown is standard normal.
     precision = jacobian.T @ jacobian + np.eye(jacobian.shape[1])
     covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
     mean = np.asarray(covariance @ (jacobian.T @ target))
-    rest = target - jacobian @ mean
-    chi2 = float(rest @ rest)
+    residual = target - jacobian @ mean
+    chi2 = float(residual @ residual)
     sign_log = float(np.linalg.slogdet(precision)[1])
+    # The terms are misfit, prior, |C| and |A|, as in section 4 of docs/method.md.
     return Posterior(mean, covariance, -0.5 * (chi2 + float(mean @ mean) + log_det + sign_log), chi2)
 
 
-def _loosened(target: Floats, jacobian: Floats, log_det: float, extra_directions: Floats) -> tuple[Floats, Floats, float]:
-    """Whitens once more, for C + V V^T: with V = U S W^T every direction of U shrinks by 1 / sqrt(1 + S^2)."""
+def _whiten_extra(target: Floats, jacobian: Floats, log_det: float, extra_directions: Floats) -> tuple[Floats, Floats, float]:
+    """Whiten once more, for C + V V^T: with the SVD V = U S W^T, every direction of U shrinks by 1 / sqrt(1 + S^2)."""
     directions, size, _ = np.linalg.svd(extra_directions, full_matrices=False)
     shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
     target = target - directions @ (shrink * (directions.T @ target))

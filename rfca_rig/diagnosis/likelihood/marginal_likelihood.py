@@ -1,4 +1,8 @@
-"""How likely the recordings are under one hypothesis, with the size of the model's own error integrated out."""
+"""Marginal likelihood of the recordings under one hypothesis, with the discrepancy scale s integrated out.
+
+The strict prior of s is half-normal with size USUAL_ERROR: nothing else is missing. With something unlisted, s is log-uniform over
+UNKNOWN_ERRORS. Section 4 of docs/method.md states both.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,8 +21,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MarginalPosterior:
-    """Log evidence, the model error s that goes with it (mean), and the posterior at the likeliest s, the usual one at least: that this
-    model should err less than others is no knowledge to narrow an interval with.
+    """Log evidence, mean discrepancy scale `error`, and posterior of the unknowns.
+
+    The posterior is the one at the most probable s, but at least at the usual one. A fit that happens to be better than usual is no reason
+    for a narrower interval.
     """
 
     log_evidence: float
@@ -27,28 +33,38 @@ class MarginalPosterior:
     whitening: AtError
 
     def farthest(self, nuisances: int) -> float:
-        """How many deviations off the nuisance is that is farthest from where it is believed."""
+        """Largest distance of a nuisance parameter from its prior mean, in prior standard deviations."""
         return float(np.abs(self.posterior.mean[:nuisances]).max(initial=0.0))
 
 
 @dataclass(frozen=True)
 class MarginalLikelihood:
-    """Whitenings over the plausible errors of a model that lacks nothing, and of one that something unlisted is missing from."""
+    """Whitenings over the grids of plausible discrepancy scales.
+
+    Parameters
+    ----------
+    named
+        Scales of a model that lacks nothing else.
+    unknown
+        Scales of a model that lacks something unlisted.
+    """
 
     named: tuple[AtError, ...]
     unknown: tuple[AtError, ...]
 
     def evaluate(self, linear: LinearModel, extra_directions: Floats | None = None) -> MarginalPosterior:
-        """The hypothesis whose linear model this is, as if nothing else were missing; `extra_directions` as in `laplace_posteriors`."""
+        """Evidence and posterior if nothing else is missing; `extra_directions` (m, k) as in `laplace_posteriors`."""
+        # The grid is uneven, so each point has the width that it stands for as a weight.
         half_normal = np.log(np.gradient(NAMED_ERRORS)) - 0.5 * (np.array(NAMED_ERRORS) / USUAL_ERROR) ** 2
-        return _integrated(self.named, half_normal - logsumexp(half_normal), linear, extra_directions)
+        return _integrate_scale(self.named, half_normal - logsumexp(half_normal), linear, extra_directions)
 
     def evaluate_unknown(self, linear: LinearModel) -> MarginalPosterior:
-        """The same with something unlisted in it."""
-        return _integrated(self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None)
+        """Evidence and posterior if something unlisted is missing beside the hypothesis."""
+        return _integrate_scale(self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None)
 
     def level(self, linear: LinearModel) -> AtError:
-        """The whitening under which this linear model is likeliest, the usual one at least: what its misfit really is."""
+        """The whitening at the most probable scale, the usual one at least: it reflects the actual misfit of this linear model."""
+        # Both grids contain the scale where they meet, hence [1:].
         every = [whitening for whitening in (*self.named, *self.unknown[1:]) if whitening.s >= USUAL_ERROR]
         logs = [posterior.log_evidence for posterior in laplace_posteriors(linear, every)]
         return every[int(np.argmax(logs))]
@@ -65,17 +81,18 @@ class MarginalLikelihood:
 
 
 def make_marginal_likelihood(rows: Observations, scatter: Floats) -> MarginalLikelihood:
-    """The marginal likelihood of these rows; `scatter` (m, k) as B in `covariance`."""
+    """The marginal likelihood of these rows; `scatter` (m, k) is B in `covariance`."""
     basis = basis_of(rows, scatter)
     return MarginalLikelihood(tuple(AtError(basis, s) for s in NAMED_ERRORS), tuple(AtError(basis, s) for s in UNKNOWN_ERRORS))
 
 
-def _integrated(
+def _integrate_scale(
     whitenings: tuple[AtError, ...], log_weights: Floats, linear: LinearModel, extra_directions: Floats | None
 ) -> MarginalPosterior:
     found = laplace_posteriors(linear, whitenings, extra_directions)
     logs = np.array([posterior.log_evidence for posterior in found]) + log_weights
     total = float(logsumexp(logs))
+    # The posterior is never taken below the usual error, however good the fit is.
     least = next(i for i, whitening in enumerate(whitenings) if whitening.s >= USUAL_ERROR)
     at = max(int(np.argmax(logs)), least)
     error = float(np.exp(logs - total) @ np.array([whitening.s for whitening in whitenings]))

@@ -1,7 +1,7 @@
-"""What differs from repeat to repeat, learnt from the repeats, and what it leaves in their mean.
+"""Scatter from repeat to repeat, estimated from the repeats, and what of it remains in their mean.
 
-A rig stands a tenth of a millimetre elsewhere each time, and friction is a little higher. The repeats of one condition tell how much;
-their mean keeps that, divided by the root of their number, in directions that the model knows.
+The rack stands a tenth of a millimetre elsewhere in each repeat, and the friction is a little higher. The repeats of one condition show how
+much. In their mean this scatter remains, divided by the root of their number, in directions that the model predicts.
 """
 
 from collections.abc import Sequence
@@ -20,25 +20,26 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scatter:
-    """Standard deviations `std` by parameter, and `columns` (m, k): what one of them does to the rows of one condition's mean."""
+    """Standard deviations `std` by parameter, and `columns` (m, k): the effect of one of them on the rows of one condition's mean."""
 
     std: dict[str, float]
     columns: Floats
 
 
 def estimate_scatter(dataset: Dataset, at: Any) -> Scatter:
-    """The scatter around this input of the simulator, usual deviations where repeats are too few to tell."""
+    """The scatter around this input of the simulator; usual deviations where there are too few repeats to estimate it."""
     directions = dataset.simulator.scatter(at, dataset.parts)
     effect = _effects(dataset, directions)
     usual = np.array([direction.std for direction in directions])
-    std = _update_by_secant(dataset, effect, usual)
+    std = _estimate_std(dataset, effect, usual)
     own = effect * (std / usual)
+    # A quantity that is simulated from its recorded value leaves no scatter in the mean.
     own[:, [direction.is_corrected for direction in directions]] = 0.0
     return Scatter({direction.name: float(s) for direction, s in zip(directions, std, strict=True)}, _per_condition(dataset, own))
 
 
 def _effects(dataset: Dataset, directions: Sequence[ScatterDirection]) -> Floats:
-    """What one usual deviation of each does to the rows, (m, k), by central differences."""
+    """Effect of one usual deviation of each quantity on the rows, (m, k), by central differences; 0 where the model has no answer."""
     found = dataset.predicted_all([*(direction.above for direction in directions), *(direction.below for direction in directions)])
     columns = np.zeros((len(dataset.rows.measured), len(directions)))
     for k, (above, below) in enumerate(zip(found[: len(directions)], found[len(directions) :], strict=True)):
@@ -47,8 +48,8 @@ def _effects(dataset: Dataset, directions: Sequence[ScatterDirection]) -> Floats
     return columns
 
 
-def _update_by_secant(dataset: Dataset, effect: Floats, usual: Floats) -> Floats:
-    """From how the repeats of each condition lie about their mean; the mean takes one of them away."""
+def _estimate_std(dataset: Dataset, effect: Floats, usual: Floats) -> Floats:
+    """Standard deviations (k,) from the deviations of the repeats from their mean, by expectation maximisation."""
     rows = dataset.rows
     residuals: list[Floats] = []
     effects: list[Floats] = []
@@ -57,7 +58,9 @@ def _update_by_secant(dataset: Dataset, effect: Floats, usual: Floats) -> Floats
         here, count = rows.condition == number, len(repeats)
         if count < 2:
             continue
+        # The noise of the rows is that of the mean over the repeats; a single repeat has sqrt(count) times as much.
         noise = np.sqrt(count) * rows.noise[here]
+        # The mean uses one degree of freedom; the factor restores the variance of a single repeat.
         for deviation in (repeats - repeats.mean(axis=0)) * np.sqrt(count / (count - 1.0)):
             repeat.append(np.full(len(noise), len(repeat)))
             residuals.append(-deviation / noise)
@@ -68,7 +71,7 @@ def _update_by_secant(dataset: Dataset, effect: Floats, usual: Floats) -> Floats
 
 
 def _per_condition(dataset: Dataset, effect: Floats) -> Floats:
-    """One column per condition and quantity: conditions deviate independently, and less the more repeats are averaged."""
+    """B (m, k): one column per condition and quantity. Conditions scatter independently, and less the more repeats are averaged."""
     condition = dataset.rows.condition
     columns = [
         np.where(condition == number, effect[:, k], 0.0) / np.sqrt(len(repeats))

@@ -1,4 +1,4 @@
-"""`check_experiment`: whether recordings of a mechanism can be used, and what is probably wrong with them, a line each."""
+"""`check_experiment`: whether recordings of a mechanism can be used, and what is probably wrong with them, one line each."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
@@ -35,12 +35,17 @@ BALANCED = 0.3  # imbalance of a joint up to which its sign is right
 
 
 def check_experiment(folder: Path) -> Iterator[CheckLine]:
-    """What the description, the model and the recordings in a folder are, and what is probably wrong with them, a line each.
+    """Check the description, the model and the recordings in a folder; one line per finding.
 
     Parameters
     ----------
     folder
         With experiment.toml.
+
+    Yields
+    ------
+    CheckLine
+        What was found, and what is probably wrong.
 
     Raises
     ------
@@ -63,6 +68,7 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
     yield from (CheckLine("balance", name, _describe_balance(share), values={"imbalance": share}) for name, share in shares.items())
     corrections = find_corrections(described, mechanism, states, ratios)
     yield from check_corrections(corrections)
+    # Later checks use corrected states, so that one wrong sign is not reported as several mistakes.
     factors = np.ones(len(mechanism.joints))
     for correction in corrections:
         states, factors = correction.reading.apply(states), factors * correction.reading.position
@@ -73,12 +79,14 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
     yield from _check_priors(experiment, mechanism)
     try:
         problem = make_problem(experiment, mechanism)
+        # A bad prediction is blamed on the model of a joint only if its columns are read correctly.
         is_read_right = not corrections and all(ratio.agrees for ratio in ratios.values())
         upset = [name for name, share in shares.items() if share >= BALANCED and is_read_right]
         yield from _check_prediction(problem, described, experiment, upset)
     except SimulationFailed as error:
-        said = str(error).removeprefix(f"{experiment.model}: ")
-        raise BadInput(f"{experiment.model}: the nominal model cannot be simulated from the recorded states: {said}") from None
+        # The path stands in front of the whole message already.
+        message = str(error).removeprefix(f"{experiment.model}: ")
+        raise BadInput(f"{experiment.model}: the nominal model cannot be simulated from the recorded states: {message}") from None
     step_s = problem.simulator.step_s
     words = f"{problem.simulator.integrator} with steps of {1e3 * step_s:g} ms, whose error is below a tenth of noise and usual model error"
     yield CheckLine("integrator", "step", words, values={"step_s": step_s})
@@ -109,15 +117,15 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
         values = {"length_s": length_s, "rate_Hz": rate_Hz, "largest_gap_s": gap_s, "windows": all_windows, "usable_windows": used}
         yield CheckLine("recording", run.label, words, values=values)
         if not all_windows:
-            said = f"too short for a window, which needs {shortest_recording_s(experiment):g} s; it is not used"
-            yield CheckLine("recording", run.label, said, is_warning=True)
+            message = f"too short for a window, which needs {shortest_recording_s(experiment):g} s; it is not used"
+            yield CheckLine("recording", run.label, message, is_warning=True)
         elif used < all_windows:
-            said = f"{all_windows - used} windows hold or touch a gap of more than bin_s = {experiment.bin_s:g} s and are not used; "
-            yield CheckLine("recording", run.label, f"{said}a longer bin_s in [windows] allows gaps", is_warning=True)
+            message = f"{all_windows - used} windows hold or touch a gap of more than bin_s = {experiment.bin_s:g} s and are not used; "
+            yield CheckLine("recording", run.label, f"{message}a longer bin_s in [windows] allows gaps", is_warning=True)
 
 
 def _imbalances(mechanism: Mechanism, balance: TorqueBalance) -> dict[str, float]:
-    """The imbalance of each joint; none without states."""
+    """Imbalance of the torques of each joint, as a share; none without states."""
     return dict(zip(mechanism.joints, balance.imbalance.tolist(), strict=True)) if len(balance.inertial) else {}
 
 
@@ -128,9 +136,10 @@ def _describe_balance(share: float) -> str:
 def _gains(
     experiment: Experiment, mechanism: Mechanism, balance: TorqueBalance, corrections: Sequence[Correction]
 ) -> Iterator[tuple[float, float]]:
-    """For each command as it is stated gain and correlation; the balance is that of corrected states."""
+    """Gain and correlation of each command as it is stated; the balance is that of corrected states."""
     for name in experiment.actuators:
         place = mechanism.actuators.index(name)
+        # The gain was found for the corrected command; it is converted back to the column as stated.
         factor = float(np.prod([correction.reading.command[place] for correction in corrections]))
         gain, correlation = balance.gain(place)
         yield gain * factor, correlation * float(np.sign(factor))
@@ -152,7 +161,10 @@ def _check_priors(experiment: Experiment, mechanism: Mechanism) -> Iterator[Chec
 def _check_prediction(
     problem: MechanismProblem, described: ExperimentFile, experiment: Experiment, upset: Collection[str]
 ) -> Iterator[CheckLine]:
-    """How far the nominal model is off in each signal; a warning where that is more than the position of a joint in `upset` changes."""
+    """Rms error of the nominal model in each signal.
+
+    A warning follows where the error is larger than the change of the signal, for positions of the joints in `upset`.
+    """
     plant = problem.simulator.plant(MechanismInput())
     windows = [each for condition in problem.conditions for each in condition.windows]
     misses = [each.window.measured - problem.simulator.predict(plant, each) for each in windows]
@@ -164,8 +176,8 @@ def _check_prediction(
         words += f"in which it changes by {change:.3g} {signal.unit}"
         yield CheckLine("prediction", signal.column, words, values={"miss": miss, "change": change})
         if miss > change and signal.quantity == "position" and signal.joint in upset:
-            said = "that is worse than no motion at all; correct the model of this joint, or its columns"
-            yield CheckLine("prediction", signal.column, said, is_warning=True)
+            message = "that is worse than no motion at all; correct the model of this joint, or its columns"
+            yield CheckLine("prediction", signal.column, message, is_warning=True)
 
 
 def _check_conditions(problem: MechanismProblem, experiment: Experiment) -> CheckLine:

@@ -1,4 +1,4 @@
-"""What the columns of recordings show by themselves: ranges, noise, steps of encoders, and what is probably wrong with them."""
+"""Checks of single columns of recordings: ranges, noise, encoder steps, and what is probably wrong with them."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,14 +22,14 @@ MUCH_NOISE, LITTLE_NOISE = 5.0, 0.05  # times the noise that the samples show: b
 
 @dataclass(frozen=True)
 class CheckLine:
-    """What was found of one thing.
+    """One finding of a check.
 
     Parameters
     ----------
     about, name
-        The kind of thing, as in "signal", and which one.
+        The kind of thing, for example "signal", and which one.
     words
-        What was found; of a warning also what to do.
+        The finding; for a warning also the fix.
     is_warning
         Whether something is probably wrong.
     values
@@ -52,6 +52,7 @@ def check_signals(described: ExperimentFile, experiment: Experiment, ratios: Map
         values = {"low": low, "high": high, "noise": signal.noise_std or noise}
         words = f"{signal.words}: {low:.4g} to {high:.4g} {signal.unit}, "
         words += f"noise {signal.noise_std:.3g} (stated)" if signal.noise_std else f"noise {noise:.2g} (found)"
+        # Steps below the noise do not matter: the noise hides them.
         if step > noise:
             values["step"] = step
             words += f", steps of {step:.3g}"
@@ -64,12 +65,12 @@ def check_signals(described: ExperimentFile, experiment: Experiment, ratios: Map
             ask = "was it measured? If the joint is locked, remove it from the model" if is_dead else "was it recorded there?"
             yield CheckLine("signal", signal.column, f"{what_is_constant}; {ask}", is_warning=True)
         elif step > noise and step * COARSE > high - low:
-            said = f"only {(high - low) / step:.0f} steps over the whole range; state a finer column, or expect wide intervals"
-            yield CheckLine("signal", signal.column, said, is_warning=True)
+            message = f"only {(high - low) / step:.0f} steps over the whole range; state a finer column, or expect wide intervals"
+            yield CheckLine("signal", signal.column, message, is_warning=True)
         if signal.noise_std and not is_dead and not LITTLE_NOISE * noise <= signal.noise_std <= MUCH_NOISE * noise:
-            said = f"noise_std = {signal.noise_std:g} is stated and the samples scatter by {noise:.2g} {signal.unit}; "
-            said += f"it is in the unit of the column: set it in {name_of('signals', place, signal)}, or remove it"
-            yield CheckLine("signal", signal.column, said, is_warning=True)
+            message = f"noise_std = {signal.noise_std:g} is stated and the samples scatter by {noise:.2g} {signal.unit}; "
+            message += f"it is in the unit of the column: set it in {name_of('signals', place, signal)}, or remove it"
+            yield CheckLine("signal", signal.column, message, is_warning=True)
         yield from _check_wrapping(signal, place, experiment)
 
 
@@ -82,7 +83,7 @@ def _range_of(columns: Sequence[Floats]) -> tuple[float, float]:
 
 
 def _constant(name: str, columns: Sequence[Floats], runs: Sequence[MechanismRun]) -> tuple[bool, str]:
-    """Whether a column never changes at all, and in words where it does not."""
+    """Whether a column never changes at all, and in words where it is constant."""
     dead = [run.label for run, column in zip(runs, columns, strict=True) if np.ptp(column) == 0.0]
     if len(dead) == len(runs):
         return True, f"column {name} is {columns[0][0]:g} in all samples"
@@ -91,11 +92,12 @@ def _constant(name: str, columns: Sequence[Floats], runs: Sequence[MechanismRun]
 
 def _check_wrapping(signal: SignalSection, place: int, experiment: Experiment) -> Iterator[CheckLine]:
     """A warning for the first jump of an angle that wraps."""
+    # One warning is enough: the fix is the same for all jumps.
     found = ((run, wraps[0]) for run in experiment.runs if (wraps := find_wraps(experiment, run, place)).size)
     for run, sample in islice(found, 1):
         size = abs(float(run.signals[sample + 1, place] - run.signals[sample, place]) / signal.factor)
-        said = f"jumps by {size:.4g} {signal.unit} at {run.t_s[sample + 1]:.4g} s of {run.label}; export the angle unwrapped"
-        yield CheckLine("signal", signal.column, said, is_warning=True)
+        message = f"jumps by {size:.4g} {signal.unit} at {run.t_s[sample + 1]:.4g} s of {run.label}; export the angle unwrapped"
+        yield CheckLine("signal", signal.column, message, is_warning=True)
 
 
 def check_speeds(
@@ -117,10 +119,11 @@ def check_speeds(
     for found in ratios.values():
         speed, position = described.signals[found.speed], described.signals[found.position]
         joint = speed.joint or ""
+        # A correction of the position changes the ratio already; only the remainder is a fault of the speed.
         ratio = found.ratio / factors[joint]
         if abs(found.correlation) < FOLLOWS:
-            said = f"does not follow the derivative of {position.column} (correlation {found.correlation:.2f}); is it of another joint?"
-            yield CheckLine("signal", speed.column, said, is_warning=True)
+            message = f"does not follow the derivative of {position.column} (correlation {found.correlation:.2f}); is it of another joint?"
+            yield CheckLine("signal", speed.column, message, is_warning=True)
         elif not found.agrees and not is_one(ratio):
             fixes = list_fixes(described, found, ratio, position_is_right=joint in balanced)
             ask = f"set {', or '.join(fixes)}" if fixes else "a gear ratio or counts_per_turn is probably wrong in one of both"
@@ -133,10 +136,11 @@ def check_commands(described: ExperimentFile, experiment: Experiment, gains: Seq
     Parameters
     ----------
     described, experiment
-        The description, and what it describes.
+        The description, and the experiment that it describes.
     gains
-        Of each command, the factor on it that balances the torques best, and its correlation with what the motion takes.
+        Of each command, the factor on it that balances the torques best, and its correlation with the torque that the motion needs.
     """
+    # Without drive a command may hold anything.
     driven = [run for run in experiment.runs if run.driven]
     for place, (command, (gain, correlation)) in enumerate(zip(described.commands, gains, strict=True)):
         columns = [run.commands[:, place] / command.factor for run in driven]
@@ -152,8 +156,8 @@ def check_commands(described: ExperimentFile, experiment: Experiment, gains: Seq
         yield CheckLine("command", command.column, words, values=values)
         _, what_is_constant = _constant(command.column, columns, driven)
         if what_is_constant:
-            said = f"{what_is_constant}; is it of {command.actuator}? Set driven = false in recordings where the actuators were off"
-            yield CheckLine("command", command.column, said, is_warning=True)
+            message = f"{what_is_constant}; is it of {command.actuator}? Set driven = false in recordings where the actuators were off"
+            yield CheckLine("command", command.column, message, is_warning=True)
 
 
 def check_corrections(corrections: Sequence[Correction]) -> Iterator[CheckLine]:
@@ -161,5 +165,5 @@ def check_corrections(corrections: Sequence[Correction]) -> Iterator[CheckLine]:
     for one in corrections:
         words = ", or ".join(reading.words for reading in (one.reading, *one.alternatives))
         better = f"torques of the model then miss the recorded motion by {100.0 * one.after:.0f} % instead of {100.0 * one.before:.0f} %"
-        said = f"set {words}; {better}"
-        yield CheckLine("reading", "signs and units", said, is_warning=True, values={"before": one.before, "after": one.after})
+        message = f"set {words}; {better}"
+        yield CheckLine("reading", "signs and units", message, is_warning=True, values={"before": one.before, "after": one.after})

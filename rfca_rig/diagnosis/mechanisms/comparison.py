@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointRemainder:
-    """What acts in one joint in the recorded motion beyond the nominal model, all (k,).
+    """Torque or force in one joint in the recorded motion that the nominal model does not explain, all (k,).
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class JointRemainder:
 
 @dataclass(frozen=True)
 class MechanismComparison:
-    """The fit of the values of [known_to], and what the nominal model lacks in each joint."""
+    """The fit of the values of [known_to], and the torque in each joint that the nominal model lacks."""
 
     fit: WindowFit
     joints: tuple[JointRemainder, ...]

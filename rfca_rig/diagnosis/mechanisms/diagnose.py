@@ -25,10 +25,20 @@ from rfca_rig.model.effect import Effect
 
 @dataclass(frozen=True)
 class MechanismDiagnosis:
-    """The answer, the mechanism with what it states, and what to record next, None where that is no motion.
+    """The answer about a mechanism.
 
-    Effects and nuisance parameters of `plant` are at their posterior means. `law` was measured on request. `stated`
-    describes the effects in lines: formulas, sources and values.
+    Parameters
+    ----------
+    diagnosis
+        The answer in the common form.
+    plant
+        The mechanism with the stated effects; effects and nuisance parameters are at their posterior means.
+    excitation
+        The motion to record next; None where no motion is proposed.
+    law
+        The law that was measured on request.
+    stated
+        Formulas, sources and values of the stated effects, in lines.
     """
 
     diagnosis: Diagnosis
@@ -47,7 +57,7 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
     experiment
         The recordings and the model file.
     progress
-        Called with what is being done and the share that is done.
+        Called with the current step and the share that is done.
     without
         Ids of effects that are not looked for.
     law_at
@@ -62,6 +72,7 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
     """
     progress("reading", 0.0)
     problem = make_problem(experiment, load_mechanism(experiment.model))
+    # Names given by the user are checked before the long search.
     problem.check_effects("--without", without)
     place = parse_place(law_at, problem.simulator.mechanism) if law_at else None
     simulator = problem.simulator
@@ -80,23 +91,24 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
         "step_s": simulator.step_s,
         "integrator": "implicit" if simulator.mechanism.is_implicit else "RK4",
     }
+    # Effects enter the model only if they are stated.
     stated = decision.explanation if result.found_effects else found.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
-    fewer = f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly spread; windows.at_most uses more"
-    following = propose_motion(problem, found, decision, enough)
+    thinning = f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly spread; windows.at_most uses more"
+    next_motion = propose_motion(problem, found, decision, enough)
     law = None
     if place is not None:
         progress(f"measuring the law at {law_at}", 0.98)
         law = measure_joint_law(problem, found, decision.explanation, place)
-    seldom = (fewer,) if problem.windows < problem.recorded_windows else ()
+    thinned = (thinning,) if problem.windows < problem.recorded_windows else ()
     result = replace(
         result,
-        remarks=(*result.remarks, *describe_exclusions(without), *seldom),
+        remarks=(*result.remarks, *describe_exclusions(without), *thinned),
         stated_law=None if law is None else law.stated,
         settings={**result.settings, **settings, "windows": problem.windows},
-        next_experiment=None if following is None else following.proposal,
+        next_experiment=None if next_motion is None else next_motion.proposal,
     )
-    excitation = None if following is None else following.excitation
+    excitation = None if next_motion is None else next_motion.excitation
     return MechanismDiagnosis(result, plant, excitation, law, _describe_effects(result, simulator.effects))
 
 

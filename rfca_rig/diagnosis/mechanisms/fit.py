@@ -58,11 +58,12 @@ def fit_mechanism(experiment: Experiment, progress: Progress, names: Collection[
     space = _select(problem.space, names)
     if not (space.parameters or effects):
         raise BadInput(f"{experiment.path}: nothing to fit: [known_to] lists no value that these recordings depend on; name --effects")
+    # An effect that is named twice is added once.
     return fit_problem(problem, space, [problem.simulator.effects[name] for name in dict.fromkeys(effects)], progress)
 
 
 def fit_problem(problem: MechanismProblem, space: Space[MechanismInput], effects: Sequence[Effect], progress: Progress) -> MechanismFit:
-    """The fit of what is to be diagnosed; without parameters and effects the nominal model as it stands.
+    """Fit of a prepared problem; without parameters and effects it is the nominal model itself.
 
     Parameters
     ----------
@@ -73,11 +74,11 @@ def fit_problem(problem: MechanismProblem, space: Space[MechanismInput], effects
     effects
         The effects that are in the model.
     progress
-        Called with what is being done and the share that is done.
+        Called with the current step and the share that is done.
     """
-    of_all = 0.5 if effects else 0.9
+    scale = 0.5 if effects else 0.9
     dataset = make_dataset(problem.conditions, problem.simulator)
-    found = search_models(dataset, Parameterization(space), [], lambda _, share: progress("fitting nominal values", of_all * share))
+    found = search_models(dataset, Parameterization(space), [], lambda _, share: progress("fitting nominal values", scale * share))
     fitted = fit_effects(found, effects, progress)
     windows = [WindowsOfCondition(c.recording, tuple(each.window.start_s for each in c.windows)) for c in problem.conditions]
     plant = problem.simulator.plant(fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean))
@@ -85,7 +86,8 @@ def fit_problem(problem: MechanismProblem, space: Space[MechanismInput], effects
 
 
 def _select(space: Space[MechanismInput], names: Collection[str]) -> Space[MechanismInput]:
-    """The parameters of these names, or of these keys of [known_to]; all where none is named."""
+    """The parameters of these names, or of these keys of [known_to]; all if no name is given."""
+    # A key alone stands for this value of all bodies, joints or actuators.
     keys = [name.rpartition(".")[2] for name in space.names]
     for name in names:
         if name not in (*space.names, *keys):

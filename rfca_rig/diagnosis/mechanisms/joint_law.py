@@ -1,4 +1,4 @@
-"""The torque in one joint as the recordings have it, in place of the effects of the catalogue that a diagnosis states there."""
+"""The torque in one joint as the recordings show it, in place of the effects of the catalogue that a diagnosis states there."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ OF_ONE = "_of_one"
 
 @dataclass(frozen=True)
 class JointPlace:
-    """Where a law is measured: the joint, and the quantities that are compared as its argument."""
+    """Where a law is measured: the joint, and the quantities that are tried as its argument."""
 
     joint: int
     quantities: tuple[str, ...]
@@ -51,8 +51,9 @@ class MeasuredJointLaw:
 
 
 def parse_place(place: str, mechanism: Mechanism) -> JointPlace:
-    """What "JOINT", "JOINT.speed" or "JOINT.position" means. Raises BadInput where there is no such joint."""
+    """Parse "JOINT", "JOINT.speed" or "JOINT.position". Raises BadInput where there is no such joint."""
     joint, _, quantity = place.rpartition(".")
+    # The name of a joint may itself end with ".speed"; then the whole text is the joint.
     if place not in mechanism.joints and quantity in QUANTITIES and joint in mechanism.joints:
         return JointPlace(mechanism.joints.index(joint), (quantity,))
     if place in mechanism.joints:
@@ -64,14 +65,14 @@ def parse_place(place: str, mechanism: Mechanism) -> JointPlace:
 def measure_joint_law(
     problem: MechanismProblem, found: ModelSelectionResult, hypothesis: Hypothesis, place: JointPlace
 ) -> MeasuredJointLaw:
-    """The law in a joint beside the rest of a hypothesis, whose effects that are such a law there are left out.
+    """Measure the law in a joint beside the rest of a hypothesis. Its effects that are such a law there are left out.
 
     Parameters
     ----------
     problem
         What was diagnosed.
     found
-        What the search left.
+        The result of the search.
     hypothesis
         What is stated; `found.nothing` where nothing is.
     place
@@ -87,6 +88,7 @@ def measure_joint_law(
     others = [_leave_out(term, mechanism, place) for term in terms]
     instead_of = tuple(term.effect.id for term, other in zip(terms, others, strict=True) if other is not term)
     simulator = _with_effects(problem.simulator, [term for term in others if term is not None])
+    # The reduced effects replace the whole ones under the same ids.
     found = replace(found, dataset=replace(found.dataset, simulator=simulator))
     base = _fit_base(found, hypothesis, others) if instead_of else hypothesis
     plants = (
@@ -95,7 +97,7 @@ def measure_joint_law(
     )
 
     def curve(argument: str, u: Floats) -> Floats | None:
-        """What the effects that are left out say, as far as that is a function of the argument."""
+        """Law (k,) of the effects that are left out, as far as it is a function of the argument."""
         own = [compute_own_law(plant, place.joint, argument.startswith("speed"), u) for plant in plants]
         having, without = (np.zeros_like(u) if each is None else each for each in own)
         return having - without if instead_of and np.any(having != without) else None
@@ -120,11 +122,12 @@ def _with_effects(simulator: MechanismSimulator, terms: Sequence[EffectTerm]) ->
 
 
 def _fit_base(found: ModelSelectionResult, hypothesis: Hypothesis, terms: Sequence[EffectTerm | None]) -> Hypothesis:
-    """The hypothesis with these terms in place of its own, fitted again."""
+    """The hypothesis with these terms in place of its own, fitted again from its posterior mean."""
     coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
     x = [mean[: coordinates.nuisances]]
     for number, (own, term) in enumerate(zip(coordinates.choices, terms, strict=True)):
         if term is not None:
+            # Only the coordinates of the parameters that remain.
             x.append(mean[coordinates.part(number)][[parameter in term.free for parameter in own.free]])
     optimizer = GaussNewton(found.dataset, found.likelihood)
     start = optimizer.at(coordinates.with_terms([term for term in terms if term is not None]), np.concatenate(x))
@@ -135,10 +138,14 @@ def _fit_base(found: ModelSelectionResult, hypothesis: Hypothesis, terms: Sequen
 
 
 def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> EffectTerm | None:
-    """The term without what it does in the joint: itself where it is no such law there, None where nothing is left of it."""
+    """The term without its part in the joint.
+
+    It is the term itself if it is no such law there, and None if nothing is left of it.
+    """
     effect = term.effect
     if effect.id.removesuffix(OF_ONE) not in (law for quantity in place.quantities for law in LAWS_OF[quantity]):
         return term
+    # Such an effect acts in one joint only; joints count from 1 in effects.
     if effect.id.endswith(OF_ONE):
         return term if int(dict(term.whole)["joint"]) != place.joint + 1 else None
     own = _own_parameter(effect, mechanism, place.joint)
@@ -151,7 +158,7 @@ def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> Eff
 
 
 def _own_parameter(effect: Effect, mechanism: Mechanism, joint: int) -> str | None:
-    """The name of the effect's size in this joint, which begins with the longest joint's name that fits."""
+    """Name of the size of the effect in this joint. Of several joint names that fit, the longest is the right one."""
     for parameter in effect.parameters:
         owners = [name for name in mechanism.joints if parameter.name.startswith(f"{name}_")]
         if owners and max(owners, key=len) == mechanism.joints[joint]:

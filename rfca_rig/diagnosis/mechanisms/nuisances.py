@@ -1,4 +1,4 @@
-"""What every hypothesis about a mechanism may move: the values of [known_to], of each body, joint and actuator."""
+"""Nuisance parameters of a mechanism: the values of [known_to], of each body, joint and actuator."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -15,22 +15,22 @@ from rfca_rig.model.parameters import PresentEffect
 
 @dataclass(frozen=True)
 class MechanismInput:
-    """What one simulation supposes: by how much nominal values are off, by key and place, and the effects."""
+    """Input of one simulation: shifts of nominal values by key and place, and the effects."""
 
     off: tuple[tuple[tuple[str, int], float], ...] = ()
     effects: tuple[PresentEffect, ...] = ()
 
     @property
     def rig(self) -> None:
-        """None: no effect of a mechanism counts its size from a value of the leg."""
+        """None: no effect of a mechanism counts its size from a nominal value of the leg."""
 
     def shifted(self, key: str, place: int, by: float) -> Self:
-        """The same with one more shift of a nominal value."""
+        """The same with a nominal value shifted by `by` more."""
         now = dict(self.off)
         return replace(self, off=tuple({**now, (key, place): now.get((key, place), 0.0) + by}.items()))
 
     def with_effects(self, effects: tuple[PresentEffect, ...]) -> Self:
-        """The same with these effects beside those that are there."""
+        """The same with these effects added."""
         return replace(self, effects=(*self.effects, *effects))
 
 
@@ -69,6 +69,7 @@ def _parameter(mechanism: Mechanism, key: str, name: str, places: tuple[int, ...
         return dict(at.off).get((key, places[0]), 0.0)
 
     def write(at: MechanismInput, value: float) -> MechanismInput:
+        # Places of one group share one parameter, for example links that are stated to be alike.
         others = (pair for pair in at.off if pair[0] not in {(key, place) for place in places})
         return replace(at, off=(*others, *(((key, place), shift(value)) for place in places)))
 
@@ -76,6 +77,6 @@ def _parameter(mechanism: Mechanism, key: str, name: str, places: tuple[int, ...
 
 
 def shift_plant(plant: Plant, at: MechanismInput) -> None:
-    """Puts the nuisance parameters into a plant."""
+    """Apply the shifts of nominal values to a plant, in place."""
     for (key, place), value in at.off:
         NUISANCES[key].shift(plant, place, value)

@@ -1,7 +1,7 @@
-"""Recordings of a mechanism cut into windows, with all that does not depend on the hypothesis.
+"""Recordings of a mechanism cut into windows, with everything that does not depend on the hypothesis.
 
-The discrepancy of the model refers to generalised forces: an error of 1 % means that the signals are off as the nominal model's are when
-the torque in each joint is off by 1 % of what weight and drive make there.
+The discrepancy of the model refers to generalised forces. An error of 1 % means: the signals are off as those of the nominal model are when
+the torque in each joint is off by 1 % of that of weight and drive.
 """
 
 from collections.abc import Collection, Sequence
@@ -36,6 +36,7 @@ from rfca_rig.suggestions import suggestion
 Floats = NDArray[np.float64]
 
 STEP_OF_ERRORS_S = 1e-3  # of what errors do, which is known to some percent at best
+# Steps that are tried, each half of the one before, so that the error of one shows against the next.
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 STEADY = 0.02  # relative difference of the readings to those with half the step
 STATES_LOOKED_AT = 20  # of a motion from rest, evenly spread: enough for an rms
@@ -75,7 +76,7 @@ class MechanismProblem:
         return sum(len(condition.windows) for condition in self.conditions)
 
     def check_effects(self, option: str, names: Collection[str]) -> None:
-        """Raises BadInput for a name, given with this option, that is no effect of the mechanism."""
+        """Raise BadInput for a name, given with this option, that is no effect of the mechanism."""
         for name in names:
             if name not in self.simulator.effects:
                 known = suggestion(name, sorted(self.simulator.effects))
@@ -84,7 +85,7 @@ class MechanismProblem:
 
 @dataclass(frozen=True)
 class ColumnMatch:
-    """What the columns of the recordings are in the model.
+    """How the columns of the recordings map to the model.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ class ColumnMatch:
 
 
 def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProblem:
-    """The windows of all runs, with all that does not depend on the hypothesis.
+    """The windows of all runs, with everything that does not depend on the hypothesis.
 
     Raises
     ------
@@ -122,15 +123,17 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     windows = [window for of_run in cut for window in of_run]
     if not windows:
         raise BadInput(f"{experiment.path}: {_describe_no_window(experiment)}")
-    still = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, match.columns, {})
+    # Without effects: ranges of the effects follow from the usual motion, which the plain model gives for starts at rest.
+    plain = MechanismSimulator(mechanism, STEP_OF_ERRORS_S, match.columns, {})
     if experiment.starts_at_rest:
-        still = replace(still, step_s=_find_steady_step(still, windows))
-    motions = [still.roll(still.plant(MechanismInput()), window) if window.starts_at_rest else None for window in windows]
+        plain = replace(plain, step_s=_find_steady_step(plain, windows))
+    motions = [plain.roll(plain.plant(MechanismInput()), window) if window.starts_at_rest else None for window in windows]
     usual = _measure_usual(experiment, mechanism, windows, motions)
+    # USUAL_ERROR of `torque` is then the stated torque error, whatever share that is.
     torque = usual.torque * experiment.known_to.get("torque_error_relative", USUAL_ERROR) / USUAL_ERROR
     effects = {effect.id: effect for effect in list_effects(mechanism, usual)}
     scatters = {joint.name: joint.scatter_std for joint in experiment.prescribed if joint.scatter_std is not None}
-    simulator = replace(still, effects=effects, scatters=scatters)
+    simulator = replace(plain, effects=effects, scatters=scatters)
     plant = simulator.plant(MechanismInput())
     every = iter([
         correct_window(window, simulator, plant, torque) if motion is None
@@ -138,6 +141,7 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
         for window, motion in zip(windows, motions, strict=True)
     ])  # fmt: skip
     corrected = [[next(every) for _ in of_run] for of_run in cut]
+    # The step is chosen last: its error is compared with the error scales of the corrected windows.
     step_s = choose_step(simulator, [each for of_run in corrected for each in of_run])
     conditions = []
     firsts = [runs[0] for runs in group_repeats(experiment.runs)] if experiment.starts_at_rest else experiment.runs
@@ -152,7 +156,7 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
 
 
 def list_windows(experiment: Experiment, mechanism: Mechanism, match: "ColumnMatch") -> list[list[Window]]:
-    """The windows of each recording, or where motions start at rest that of each condition, none or one."""
+    """Windows of each recording. Where motions start at rest, those of each condition: none or one."""
     if not experiment.starts_at_rest:
         return [cut_windows(run, experiment, mechanism, match) for run in experiment.runs]
     found = []
@@ -165,6 +169,7 @@ def list_windows(experiment: Experiment, mechanism: Mechanism, match: "ColumnMat
 def _measure_usual(
     experiment: Experiment, mechanism: Mechanism, windows: Sequence[Window], motions: Sequence[Motion | None]
 ) -> UsualMotion:
+    """Usual motion of each joint: from the windows' starts, or from the nominal motion where windows start at rest."""
     position, speed, commands = [], [], []
     for window, motion in zip(windows, motions, strict=True):
         if motion is None:
@@ -192,7 +197,7 @@ def _measure_usual(
 
 
 def _find_steady_step(simulator: MechanismSimulator, windows: Sequence[Window]) -> float:
-    """The longest step with which the nominal model does about what it does with half of it, for what errors do.
+    """Step in s for the effects of errors: the longest whose readings agree with those of half the step to STEADY.
 
     Raises
     ------
@@ -203,29 +208,32 @@ def _find_steady_step(simulator: MechanismSimulator, windows: Sequence[Window]) 
     for step_s in (2.0 * STEP_OF_ERRORS_S, *(step_s for step_s in STEPS_S if step_s <= STEP_OF_ERRORS_S)):
         fine, coarse_was = None, coarse
         stepping = replace(simulator, step_s=step_s)
+        # A step that is too long may diverge; a shorter one is tried next.
         with suppress(SimulationFailed):
             fine = stepping.follow(stepping.plant(MechanismInput()), windows[0])
         if coarse_was is not None and fine is not None and rms(coarse_was - fine) < STEADY * rms(fine):
             return step_s * 2.0
         coarse = fine
     stepping = replace(simulator, step_s=STEPS_S[-1])
+    # No pair of steps agreed: the shortest one is used if it can be simulated at all.
     stepping.follow(stepping.plant(MechanismInput()), windows[0])  # says why where it fails
     return STEPS_S[-1]
 
 
 def _thin(windows: list[Window], share: float) -> list[Window]:
-    """About this share of the windows of a run, evenly spread; all where it is 1 or more."""
+    """About this share of the windows of a run, evenly spread; all if it is 1 or more."""
     return [windows[place] for place in spread(len(windows), max(1, round(share * len(windows))))]
 
 
 def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow]) -> float:
-    """The longest step whose error, against half of it, is negligible in the nominal model.
+    """The longest integrator step whose error, estimated with half of it, is negligible in the nominal model.
 
     Raises
     ------
     SimulationFailed
         Where no step is short enough.
     """
+    # Some eight windows, spread over all recordings, are enough to judge a step.
     sample = windows[:: max(1, len(windows) // 8)]
 
     def simulate_all(step_s: float) -> Floats | None:
@@ -250,7 +258,7 @@ def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow
 
 
 def match_columns(experiment: Experiment, mechanism: Mechanism) -> ColumnMatch:
-    """What the columns of the recordings are in the model.
+    """Map the columns of the recordings to the model.
 
     Raises
     ------
@@ -279,7 +287,7 @@ def match_columns(experiment: Experiment, mechanism: Mechanism) -> ColumnMatch:
 
 
 def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
-    """The mechanism with what the experiment says of its joints and contacts.
+    """The mechanism with the roles of its joints and contacts as the experiment states them.
 
     Raises
     ------
@@ -330,21 +338,22 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
 
 
 def arrange_commands(run: MechanismRun, mechanism: Mechanism, match: ColumnMatch) -> Floats:
-    """The commands (m, u) of all actuators of the model, 0 where none was recorded."""
+    """Commands (m, u) of all actuators of the model; 0 where none was recorded."""
     commands = np.zeros((len(run.t_s), len(mechanism.actuators)))
     commands[:, match.actuators] = run.commands
     return commands
 
 
 def shortest_recording_s(experiment: Experiment) -> float:
-    """How long a recording must be for one window."""
+    """Least duration of a recording that has one window, in s."""
     if experiment.starts_at_rest:
         return 2.0 * experiment.bin_s
+    # The state at a start is estimated from samples on both sides of it.
     return experiment.window_s + 2.0 * SMOOTHED_S
 
 
 def window_starts(run: MechanismRun, experiment: Experiment) -> Floats:
-    """Where the windows of a run begin, those with gaps among them."""
+    """Start times (w,) in s of the windows of a run, those with gaps among them."""
     if experiment.starts_at_rest:
         return run.t_s[:1] if run.t_s[-1] - run.t_s[0] >= shortest_recording_s(experiment) else run.t_s[:0]
     return np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - experiment.window_s, experiment.window_s)
@@ -363,9 +372,10 @@ def _describe_no_window(experiment: Experiment) -> str:
 
 
 def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, match: ColumnMatch) -> list[Window]:
-    """The windows of one run that have no gap, without the errors of their starts."""
+    """Windows of one run without a gap; the effects of errors of their starts are not known yet."""
     length_s, bin_s = experiment.window_s, experiment.bin_s
     stated = [signal.noise_std for signal in experiment.signals]
+    # Stated noise comes first; otherwise it is estimated from the samples.
     noise = np.array([std or found for std, found in zip(stated, sample_std(run.signals), strict=True)])
     read = np.array(sorted(set(range(len(mechanism.joints))) - set(mechanism.prescribed)))
     position, position_noise = run.signals[:, match.positions[read]], noise[match.positions[read]]
@@ -384,6 +394,7 @@ def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism,
         at[read], speed[read], at_std[read], speed_std[read] = estimate_start(run.t_s, position, float(start_s), position_noise)
         follows = trajectory.since(float(start_s))
         prescribed = list(mechanism.prescribed)
+        # A prescribed joint starts on its smoothed trajectory, and that start has no error.
         at[prescribed], speed[prescribed] = (values[0] for values in follows.sample(np.zeros(1)))
         counts = np.diff(np.append(bins, len(t_s)))
         measured = bin_means(run.signals[inside], bins).T
@@ -406,7 +417,17 @@ def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism,
 
 
 def correct_window(window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats) -> CorrectedWindow:
-    """The window with what errors of its start and of the torques (n,) do to its rows; `plant` is the nominal one."""
+    """The window with the effects of errors of its start and of the torques on its rows.
+
+    Parameters
+    ----------
+    window, simulator
+        The window, and what predicts it.
+    plant
+        The nominal plant.
+    torque
+        (n,) the torques of which USUAL_ERROR is the usual error.
+    """
     joints = len(simulator.mechanism.joints)
 
     def half_difference(ahead: Floats, behind: Floats) -> Floats:
@@ -421,8 +442,10 @@ def correct_window(window: Window, simulator: MechanismSimulator, plant: Plant, 
     def push(more: Floats) -> Floats:
         return simulator.follow(replace(plant, torque_offset=plant.torque_offset + more), window)
 
+    # Central differences of one standard deviation; prescribed values have none and are skipped.
     start_effect = np.stack([half_difference(shift(by), shift(-by)) for by in np.diag(window.start_std) if by.any()])
     pushes = USUAL_ERROR * np.diag(torque)[list(simulator.mechanism.simulated)]
     square = sum((half_difference(push(more), push(-more)) / USUAL_ERROR) ** 2 for more in pushes)
+    # The error torques of the joints are independent, so their effects add in squares.
     scale = np.maximum.accumulate(np.sqrt(square), axis=1)  # what has grown stays grown
     return CorrectedWindow(window, start_effect, scale, ROUGH * scale)

@@ -1,6 +1,6 @@
-"""Signs and units of columns that are probably wrong, because torques balance far better with others.
+"""Signs and units of columns that are probably wrong, because the torques balance far better with others.
 
-Inertia, weight and drive of the nominal model balance in every state that was recorded. Physics that the model lacks, as friction, upsets
+Inertia, weight and drive of the nominal model balance in every recorded state. Physics that the model lacks, for example friction, disturbs
 that balance less than a wrong sign or unit does.
 """
 
@@ -34,7 +34,10 @@ SIGN = "sign"
 
 @dataclass(frozen=True)
 class AlternativeReading:
-    """A way to read columns other than as stated: factors on positions (n,) and commands (u,), and in `words` what to write instead."""
+    """A way to read columns other than as stated.
+
+    `words` says what to write instead; `position` (n,) and `command` (u,) are factors on positions and commands.
+    """
 
     words: str
     position: Floats
@@ -46,7 +49,7 @@ class AlternativeReading:
         return bool((np.abs(self.position) == 1.0).all() and (np.abs(self.command) == 1.0).all())
 
     def apply(self, states: States) -> States:
-        """The states, read so."""
+        """The states in this reading."""
         position, speed, acceleration = (self.position * part for part in (states.position, states.speed, states.acceleration))
         return States(position, speed, acceleration, self.command * states.command)
 
@@ -57,7 +60,7 @@ class AlternativeReading:
 
 @dataclass(frozen=True)
 class Correction:
-    """A reading with which the torques balance far better, others with which they do as well, and the imbalance before and after."""
+    """A reading with which the torques balance far better, others that are as good, and the imbalance before and after."""
 
     reading: AlternativeReading
     alternatives: tuple[AlternativeReading, ...]
@@ -83,8 +86,10 @@ def find_corrections(described: ExperimentFile, mechanism: Mechanism, states: St
     if not len(states.position):
         return found
     readings = _readings(described, mechanism, ratios)
+    # Two signs may be wrong together, so that neither change alone helps.
     pairs = [one.also(other) for one, other in combinations([reading for reading in readings if reading.is_sign], 2)]
     before = _imbalance(mechanism, states)
+    # At most one correction per reading, so that the loop ends.
     for _ in readings:
         correction = _find_best(readings, mechanism, states, before) or _find_best(pairs, mechanism, states, before)
         if correction is None:
@@ -95,11 +100,12 @@ def find_corrections(described: ExperimentFile, mechanism: Mechanism, states: St
 
 
 def _find_best(readings: Sequence[AlternativeReading], mechanism: Mechanism, states: States, before: float) -> Correction | None:
-    """The reading that balances best, None where none does far better than the imbalance `before`."""
+    """The reading that balances best; None where none is far better than the imbalance `before`."""
     scores = [_imbalance(mechanism, reading.apply(states)) for reading in readings]
     after = min(scores, default=np.inf)
     if after >= FAR_BETTER * before:
         return None
+    # Readings that balance equally well cannot be distinguished, so all are offered to the user.
     best, *others = [reading for reading, score in zip(readings, scores, strict=True) if score < AS_GOOD * after]
     return Correction(best, tuple(others), before, after)
 
@@ -109,11 +115,12 @@ def _imbalance(mechanism: Mechanism, states: States) -> float:
 
 
 def _readings(described: ExperimentFile, mechanism: Mechanism, ratios: Mapping[int, SpeedRatio]) -> list[AlternativeReading]:
-    """Every joint and every command with the other sign or in another unit, then all joints and all commands at once."""
+    """Every joint and every command with the other sign or in another unit, then all joints and all commands together."""
     alike: dict[tuple[str, str], list[AlternativeReading]] = {}
     joints, actuators = np.ones(len(mechanism.joints)), np.ones(len(mechanism.actuators))
     for place, signal in enumerate(described.signals):
         if signal.quantity == "position":
+            # A speed that agrees with its position must change with it, or it would disagree afterwards.
             follow = [ratio.speed for ratio in ratios.values() if ratio.position == place and ratio.agrees]
             for change, factor in _changes_of_position(signal):
                 words = " and ".join(_write("signals", one, described.signals[one], change) for one in (place, *follow))
@@ -125,15 +132,17 @@ def _readings(described: ExperimentFile, mechanism: Mechanism, ratios: Mapping[i
             words = _write("commands", place, command, change)
             alike.setdefault(("commands", change), []).append(AlternativeReading(words, joints, factors))
     single = [reading for readings in alike.values() for reading in readings]
+    # The same mistake may be in all columns.
     return [*single, *(reduce(AlternativeReading.also, readings) for readings in alike.values() if len(readings) > 1)]
 
 
 def _scale(ones: Floats, place: int, factor: float) -> Floats:
+    """Factors (n,): `factor` at one place, 1 elsewhere."""
     return np.where(np.arange(len(ones)) == place, factor, ones)
 
 
 def _changes_of_position(signal: SignalSection) -> Iterator[tuple[str, float]]:
-    """What may be changed, and the factor that this is on the values."""
+    """Possible changes of a position column, and their factor on the values."""
     yield SIGN, -1.0
     for family in (ANGLE_UNITS, LENGTH_UNITS):
         yield from ((unit, factor / family[signal.unit]) for unit, factor in family.items() if signal.unit in set(family) - {unit})
@@ -146,7 +155,7 @@ def _changes_of_command(command: CommandSection) -> Iterator[tuple[str, float]]:
 
 
 def _write(table: str, place: int, section: SignalSection | CommandSection, change: str) -> str:
-    """What to write into experiment.toml; the unit of a speed follows that of its position."""
+    """The line for experiment.toml; the unit of a speed follows that of its position."""
     per_s = "/s" if isinstance(section, SignalSection) and section.quantity == "speed" else ""
     value = f"sign = {-section.sign}" if change == SIGN else f'unit = "{change}{per_s}"'
     return f"{value} in {name_of(table, place, section)}"

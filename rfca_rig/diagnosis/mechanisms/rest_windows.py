@@ -17,8 +17,8 @@ from rfca_rig.mechanism.rollout import CommandTrace, Motion
 
 Floats = NDArray[np.float64]
 
-# How a sensor's model errs, as for a leg's strokes (`diagnosis.leg.strokes`): 1 % of the signal goes with a moment that is off by 1 ms,
-# and bounces after a touchdown are five times harder to predict than what swings slowly, until they die away.
+# Model error of a sensor, as for the strokes of a leg (`diagnosis.leg.strokes`): 1 % of the signal goes with a moment that is off by 1 ms.
+# Bounces after a touchdown are five times harder to predict than slow swings, until they decay.
 LATE_S = 0.1
 SMALLEST_SCALE = 0.1  # of a signal's rms
 JOLT, JOLT_DIES_S, BEFORE_TOUCH_S, PEAK_WITHIN_S = 5.0, 0.06, 0.010, 0.030
@@ -34,14 +34,14 @@ def group_repeats(runs: Sequence[MechanismRun]) -> list[list[MechanismRun]]:
 
 
 def cut_rest_window(runs: Sequence[MechanismRun], experiment: Experiment, arranged: Sequence[Floats]) -> Window | None:
-    """The window of one condition: the stretch that all its repeats have, on the samples of the first.
+    """The window of one condition: the stretch that all its repeats have, at the sample times of the first repeat.
 
     Parameters
     ----------
     runs
         The repeats.
     experiment
-        What they belong to.
+        The experiment that they belong to.
     arranged
         For each repeat the commands (m, u) of all actuators.
 
@@ -54,9 +54,9 @@ def cut_rest_window(runs: Sequence[MechanismRun], experiment: Experiment, arrang
     if any(np.diff(run.t_s).max() > experiment.bin_s for run in runs) or end_s - begin_s < 2.0 * experiment.bin_s:
         return None
     grid_s = runs[0].t_s[(runs[0].t_s >= begin_s) & (runs[0].t_s <= end_s)]
-    signals = np.array([_at(grid_s, run.t_s, run.signals) for run in runs])
-    commands = np.mean([_at(grid_s, run.t_s, values) for run, values in zip(runs, arranged, strict=True)], axis=0)
-    prescribed = np.mean([_at(grid_s, run.t_s, run.prescribed) for run in runs], axis=0)
+    signals = np.array([_resample(grid_s, run.t_s, run.signals) for run in runs])
+    commands = np.mean([_resample(grid_s, run.t_s, values) for run, values in zip(runs, arranged, strict=True)], axis=0)
+    prescribed = np.mean([_resample(grid_s, run.t_s, run.prescribed) for run in runs], axis=0)
     stated = [signal.noise_std for signal in experiment.signals]
     found = np.mean([sample_std(run.signals) for run in runs], axis=0)
     noise = np.array([std or of_samples for std, of_samples in zip(stated, found, strict=True)])
@@ -81,8 +81,9 @@ def cut_rest_window(runs: Sequence[MechanismRun], experiment: Experiment, arrang
     )
 
 
-def _at(grid_s: Floats, t_s: Floats, values: Floats) -> Floats:
-    """Columns (m, k) at other times."""
+def _resample(grid_s: Floats, t_s: Floats, values: Floats) -> Floats:
+    """Columns (m, k) interpolated at other times."""
+    # Equal times need no interpolation, so that a single recording stays exactly as it is.
     if grid_s.shape == t_s.shape and np.array_equal(grid_s, t_s):
         return values
     found = np.empty((len(grid_s), values.shape[1]))
@@ -92,7 +93,7 @@ def _at(grid_s: Floats, t_s: Floats, values: Floats) -> Floats:
 
 
 def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Plant, torque: Floats, motion: Motion) -> CorrectedWindow:
-    """The window with what errors of the torques (n,) do to its rows.
+    """The window with the effects of errors of the torques on its rows.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Pl
     plant
         The nominal plant.
     torque
-        The torques of which USUAL_ERROR is the usual error.
+        (n,) the torques of which USUAL_ERROR is the usual error.
     motion
         The nominal motion at the window's samples.
     """
@@ -115,6 +116,7 @@ def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Pl
     scale, jolt = np.sqrt(square), np.zeros(window.measured.shape)
     moves = _has_begun(window, motion.speed[:, list(simulator.mechanism.simulated)])
     for row, column in enumerate(simulator.columns):
+        # Positions and speeds stand before the sensors in the columns.
         if column < 2 * joints:
             scale[row] = np.maximum.accumulate(scale[row])  # what has grown stays grown
         else:
@@ -132,7 +134,10 @@ def _has_begun(window: Window, speed: Floats) -> NDArray[np.bool_]:
 
 
 def _bounces(t_s: Floats, values: Floats, moves: NDArray[np.bool_], touch_s: float) -> Floats:
-    """Errors that differ from bin to bin, from a first touch on, and while the mechanism swings before it; 0 without a touch."""
+    """Errors (b,) that differ from bin to bin: from the first touch on, and while the mechanism swings before it; 0 without a touch.
+
+    `values` (b,) are the measured means at `t_s` (b,), `moves` (b,) whether a joint moves.
+    """
     if not np.isfinite(touch_s):
         return np.zeros(len(t_s))
     after_s = t_s - touch_s

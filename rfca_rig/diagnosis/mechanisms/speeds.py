@@ -1,4 +1,4 @@
-"""Whether a speed column is the derivative of the position column beside it, and what to write into experiment.toml where it is not."""
+"""Check whether a speed column is the derivative of its position column, with the lines for experiment.toml that fix it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ OFF = 0.1  # share by which a ratio may differ from 1: speeds are filtered, and 
 
 @dataclass(frozen=True)
 class SpeedRatio:
-    """How many times the derivative of a position its speed is, as stated, and how well the two correlate.
+    """Factor of a speed on the derivative of its position, as stated, and the correlation of the two.
 
     `speed` and `position` are the places of the signals.
     """
@@ -46,7 +46,7 @@ class SpeedRatio:
 
 
 def find_wraps(experiment: Experiment, run: MechanismRun, place: int) -> NDArray[np.intp]:
-    """The samples of a signal behind which an angle jumps by more than half a turn."""
+    """Samples (w,) of an angle signal after which it jumps by more than half a turn."""
     signal = experiment.signals[place]
     if signal.quantity != "position" or signal.unit != "rad":
         return np.empty(0, dtype=np.intp)
@@ -54,7 +54,7 @@ def find_wraps(experiment: Experiment, run: MechanismRun, place: int) -> NDArray
 
 
 def compare_speeds(experiment: Experiment) -> dict[int, SpeedRatio]:
-    """The ratio of each speed signal that has a position beside it, by its place; none where the angle wraps, or noise hides the motion."""
+    """Ratio of each speed signal that has a position, by its place; omitted where the angle wraps, or noise hides the motion."""
     positions = {
         signal.name: place
         for place, signal in enumerate(experiment.signals)
@@ -66,29 +66,32 @@ def compare_speeds(experiment: Experiment) -> dict[int, SpeedRatio]:
 
 
 def _compare(experiment: Experiment, speed: int, position: int) -> SpeedRatio | None:
-    """What noise adds to the mean squares is taken off."""
+    """Ratio of a speed to the derivative of a position, from mean squares without the part of the noise."""
     sums = np.sum([_travels(run, speed, position, experiment.bin_s) for run in experiment.runs], axis=0)
     of_position, of_speed, product, noise_of_position, noise_of_speed = sums
     if of_position <= WELL_ABOVE_NOISE * noise_of_position or of_speed <= WELL_ABOVE_NOISE * noise_of_speed:
         return None
+    # The ratio of rms values, not a regression: noise in the position would bias a slope.
     ratio = np.sign(product) * np.sqrt((of_speed - noise_of_speed) / (of_position - noise_of_position))
     return SpeedRatio(speed, position, float(ratio), float(product / np.sqrt(of_position * of_speed)))
 
 
 def _travels(run: MechanismRun, speed: int, position: int, bin_s: float) -> Floats:
-    """Sums over the bins of a run: the squares of the travel by position and by speed, their product, and the squares of their noise.
+    """Sums over the bins of a run, (5,): the squares of the travel by position and by speed, their product, and the squares of their noise.
 
     Bins count samples, so that a time in another unit shows as a ratio.
     """
     columns, steps_s = run.signals[:, [position, speed]], np.diff(run.t_s)
     usual_s = float(np.median(steps_s))
     span = int(np.clip(round(bin_s / usual_s), 1, len(columns) // FEWEST_BINS))
+    # The speed is integrated by the trapezoidal rule: differentiating the position would amplify its noise.
     integral = np.append(0.0, np.cumsum(0.5 * steps_s * (columns[1:, 1] + columns[:-1, 1])))
     by_position, by_speed = np.diff(columns[::span, 0]), np.diff(integral[::span])
     noise = sample_std(columns)
     count = len(by_position)
     return np.array(
         [
+            # Noise of a travel: two positions in a difference, or `span` speeds in an integral.
             by_position @ by_position,
             by_speed @ by_speed,
             by_position @ by_speed,
@@ -104,7 +107,7 @@ def is_one(ratio: float) -> bool:
 
 
 def list_fixes(described: ExperimentFile, found: SpeedRatio, ratio: float, position_is_right: bool) -> list[str]:
-    """What could be written into experiment.toml for a ratio to become 1; nothing where no unit and no sign does it.
+    """Lines for experiment.toml that would make a ratio 1; empty where no unit and no sign does it.
 
     Parameters
     ----------
@@ -126,7 +129,7 @@ def list_fixes(described: ExperimentFile, found: SpeedRatio, ratio: float, posit
 
 
 def _units(signal: SignalSection, place: int, factor: float) -> Iterator[str]:
-    """The units of a signal that are `factor` times the stated one; of counts the number per turn."""
+    """Units of a signal that are `factor` times the stated one; for counts the number per turn."""
     name = name_of("signals", place, signal)
     if signal.counts_per_turn is not None:
         yield f"counts_per_turn = about {float(f'{signal.counts_per_turn / factor:.3g}'):g} in {name}"
@@ -142,5 +145,5 @@ def _near(units: dict[str, float], factor: float) -> list[str]:
 
 
 def name_of(table: str, place: int, section: SignalSection | CommandSection) -> str:
-    """As in "signals[2] (q2)"."""
+    """Name of a section, for example "signals[2] (q2)"."""
     return f"{table}[{place + 1}] ({section.column})"

@@ -20,7 +20,19 @@ def can_balance(mechanism: Mechanism) -> bool:
 
 
 def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
-    """States at moments that are spread evenly over all recordings; none within a gap, and none at all unless the mechanism `can_balance`.
+    """States at moments spread evenly over all recordings, from the recorded positions.
+
+    Parameters
+    ----------
+    experiment
+        The recordings.
+    mechanism
+        The nominal mechanism with n joints.
+
+    Returns
+    -------
+    States
+        (k, n) positions, speeds and accelerations; none within a gap, and none at all unless the mechanism `can_balance`.
 
     Raises
     ------
@@ -35,6 +47,7 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
     for run in experiment.runs if can_balance(mechanism) else ():
         recorded, commanded = run.signals[:, match.positions], arrange_commands(run, mechanism, match)
         for at_s in np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - SMOOTHED_S, apart_s):
+            # A local polynomial over a gap would invent the motion there.
             near_s = run.t_s[np.abs(run.t_s - at_s) <= SMOOTHED_S]
             if near_s.size > 1 and np.diff(near_s).max() <= experiment.bin_s:
                 local = local_polynomial(run.t_s, recorded, float(at_s))

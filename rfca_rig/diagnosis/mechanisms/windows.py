@@ -22,8 +22,8 @@ from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
 
-MECHANISMS = "motions"  # what their experiment is called
-SMOOTH_BINS = 3.0  # the same of a motion that starts at rest and is a window as a whole: as many bins as of a usual window
+MECHANISMS = "motions"  # name of their experiment in labels
+SMOOTH_BINS = 3.0  # correlation length of the model error of a motion from rest, in bins: as many as in a usual window
 SMOOTH_OVER = 0.3  # of a window: over that share of it the model's error is alike, as torques err with the joint's angle
 
 
@@ -73,17 +73,16 @@ class Window:
 
 @dataclass(frozen=True)
 class CorrectedWindow:
-    """A window, and what errors do to its rows in the nominal model.
+    """A window, with the effects of errors on its rows in the nominal model.
 
     Parameters
     ----------
     window
         The window.
     start_effect
-        (k, s, b) what an error of one standard deviation in each measured position and speed of the start makes of them; none for a start
-        at rest.
+        (k, s, b) effect of one standard deviation in each measured position and speed of the start; none for a start at rest.
     scale
-        (s, b) what torques that are wrong by their full usual size make of them.
+        (s, b) effect of torques that are wrong by their full usual size.
     jolt
         (s, b) the size of errors that differ from bin to bin, counted like `scale`.
     """
@@ -95,23 +94,24 @@ class CorrectedWindow:
 
     @property
     def error_scale(self) -> Floats:
-        """(s, b) smooth errors of the model and those that differ from bin to bin together, counted like `scale`."""
+        """(s, b) smooth model errors and those that differ from bin to bin together, counted like `scale`."""
         return np.hypot(self.scale, self.jolt)
 
     @cached_property
     def gain(self) -> Floats:
-        """(k, s b) the errors of the start, in standard deviations, that a misfit shows."""
+        """(k, s b) matrix that estimates the errors of the start from a residual, in standard deviations."""
         return start_gain(self.start_effect, self.window.sensor_std**2 + (USUAL_ERROR * self.scale) ** 2)
 
     def move_start(self, simulated: Floats) -> Floats:
-        """What the model says from the start that suits it best, (s, b), where it says `simulated` from the measured one."""
+        """Prediction (s, b) from the start that fits best within its uncertainty; `simulated` (s, b) is that from the measured start."""
+        # A start at rest is an equilibrium of the model, not a measured state with an error.
         if not len(self.start_effect):
             return simulated
         start_error = self.gain @ (self.window.measured - simulated).ravel()
         return np.asarray(simulated + np.tensordot(start_error, self.start_effect, 1))
 
     def rows(self) -> WindowRows:
-        """What was measured."""
+        """The measured rows."""
         recorded = self.window
         t_s = recorded.start_s + bin_means(recorded.t_s[:, None], recorded.bins)[:, 0]
         return WindowRows(t_s, recorded.measured, recorded.sensor_std, self.scale, self.jolt)
@@ -141,15 +141,16 @@ class Motions:
 
     @property
     def repeats(self) -> Floats:
-        """The rows of each repeat of a motion that starts at rest; every other window is recorded once."""
+        """Rows (r, m) of each repeat of a motion that starts at rest; every other window is recorded once, (1, 0)."""
         count = len(self.windows[0].window.repeats)
         return np.concatenate([each.window.repeats.reshape(count, -1) for each in self.windows], axis=1)
 
     def rows(self) -> Observations:
-        """What was measured here."""
+        """The measured rows."""
         labels = tuple(Label(MECHANISMS, self.name, signal) for signal in self.signals)
         first = self.windows[0].window
         bin_s = float(np.median(np.diff(first.t_s[first.bins]))) if len(first.bins) > 1 else float(first.t_s[-1])
+        # A motion from rest is one window as a whole, so its correlation length is counted in bins.
         smooth_over_s = SMOOTH_BINS * bin_s if first.starts_at_rest else SMOOTH_OVER * float(first.t_s[-1])
         return observe([window.rows() for window in self.windows], labels, self.run, smooth_over_s)
 
@@ -169,7 +170,7 @@ class MechanismSimulator(Simulator):
     effects
         By id.
     scatters
-        By how much joints stand elsewhere in each repeat, without their readings showing it, by name.
+        By joint, the standard deviation of its position from repeat to repeat that its readings do not show.
     """
 
     mechanism: Mechanism
@@ -190,6 +191,7 @@ class MechanismSimulator(Simulator):
         for present in at.effects:
             effect = self.effects[present.id] if present.table is None else make_tabulated_effect(self.mechanism, present.table)
             plant = effect.apply(plant, dict(present.values))
+        # MuJoCo derives constants from masses and sizes; they must follow the changes above.
         update_constants(plant)
         return plant
 
@@ -198,26 +200,27 @@ class MechanismSimulator(Simulator):
         return roll(plant, window.trace, window.position, window.speed, window.t_s, window.since_s, window.prescribed)
 
     def follow(self, plant: Plant, window: Window) -> Floats:
-        """What is read of that motion, (s, b). Raises SimulationFailed."""
+        """Simulated readings of that motion, (s, b). Raises SimulationFailed."""
         motion = self.roll(plant, window)
         read = np.concatenate([motion.position, motion.speed, motion.sensors], axis=1)[:, self.columns]
         return bin_means(read, window.bins).T
 
     def predict(self, plant: Plant, each: CorrectedWindow) -> Floats:
-        """What the plant does from the start that suits it best, (s, b). Raises SimulationFailed."""
+        """Predicted readings (s, b) from the start that fits best within its uncertainty. Raises SimulationFailed."""
         return each.move_start(self.follow(plant, each.window))
 
     def scatter(self, at: MechanismInput, conditions: Sequence[Motions]) -> tuple[ScatterDirection, ...]:  # noqa: ARG002
-        """What the readings of prescribed joints do not show of their scatter."""
+        """Scatter of prescribed joints that their readings do not show."""
         found = []
         for name, std in self.scatters.items():
             joint = self.mechanism.joints.index(name)
+            # The joint stands elsewhere while its reading stays the same: that is an offset of its zero.
             key = "zero_offset_m" if self.mechanism.is_slide[joint] else "zero_offset_rad"
             above, below = (at.shifted(key, joint, by) for by in (std, -std))
             found.append(ScatterDirection(f"{name}.{key}", std, above, below))
         return tuple(found)
 
     def simulate(self, at: MechanismInput, condition: Motions) -> Floats:
-        """What the model says of a condition, (m,), from the starts that suit it best. Raises SimulationFailed."""
+        """Predicted rows (m,) of a condition, from the starts that fit best. Raises SimulationFailed."""
         plant = self.plant(at)
         return np.concatenate([self.predict(plant, each).ravel() for each in condition.windows])

@@ -1,7 +1,7 @@
-"""Which effects a pendulum may lack, and how large each may plausibly be on it.
+"""Effects that a pendulum may lack, and plausible ranges of their sizes.
 
-Pendulums differ by a factor of ten thousand in their torques, so the ranges of the catalogue, which are those of a leg, do not suit.
-Here the range of a parameter follows from its unit and from what the recordings show: torques, speeds, inertias and masses of the rig.
+The torques of pendulums differ by a factor of ten thousand, so the ranges of the catalogue, which suit a leg, are no use. Here the range of
+a parameter follows from its unit and from the recordings: torques, speeds, inertias and masses of the rig.
 """
 
 from collections.abc import Collection, Mapping
@@ -32,15 +32,15 @@ def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effec
     """The effects that are looked for, with ranges that suit the rig.
 
     Effects of a lab's own are looked for where the pendulum has a place for them. Effects of the torque need a driven run, those of one
-    joint two joints, those of the speed's channel a recorded speed.
+    joint need two joints, and those of the speed channel need a recorded speed.
     """
     links, windows = problem.pendulum.links, problem.windows
-    shown = {
+    is_shown_by = {
         OF_TORQUE: any(window.trace.powered for window in windows) and any(link.driven for link in links),
         OF_TWO_JOINTS: len(links) > 1,
         OF_SPEED: any(len(window.measured) > 1 for window in windows),
     }
-    idle = [effect_id for ids, is_shown in shown.items() if not is_shown for effect_id in ids]
+    idle = [effect_id for ids, is_shown in is_shown_by.items() if not is_shown for effect_id in ids]
     own, _ = own_effects(problem.pendulum)
     known = [effect for effect in catalogue().values() if effect.where == OF_PENDULUMS or effect.id in (*ALSO, *own)]
     ranges = plausible_ranges(problem)
@@ -48,7 +48,7 @@ def candidates_of(problem: SwingProblem, without: Collection[str]) -> list[Effec
 
 
 def plausible_ranges(problem: SwingProblem) -> Mapping[str, tuple[float, float]]:
-    """The plausible range of a parameter by the unit that ends its name, from the rig's nominal values and its recordings."""
+    """Plausible range of a parameter by the unit that ends its name, from the nominal values of the rig and its recordings."""
     links = problem.pendulum.links
     torque, torques = _extent(usual_torque_Nm(problem.pendulum, problem.windows))
     speed, speeds = _extent(np.sqrt(np.mean([window.speed_rad_s**2 for window in problem.windows], axis=0)))
@@ -57,7 +57,7 @@ def plausible_ranges(problem: SwingProblem) -> Mapping[str, tuple[float, float]]
     usual = {
         "_Nm": (torque, torques),
         "_Nm_s_per_rad": (torque / speeds, torques / speed),
-        # a link that swings about its end feels c w^2 L^4 / 4
+        # A link that swings about its end feels a drag torque of c w^2 L^4 / 4.
         "_N_s2_per_m3": (4.0 * torque / (speeds**2 * sum(lengths_m) ** 4), 4.0 * torques / (speed**2 * min(lengths_m) ** 4)),
         "_kg_m2": (inertia, inertias),
         "mass_kg": (mass_kg, 3.0 * mass_kg),  # an added mass may well be more than the pendulum
@@ -66,13 +66,13 @@ def plausible_ranges(problem: SwingProblem) -> Mapping[str, tuple[float, float]]
 
 
 def _extent(values: Floats) -> tuple[float, float]:
-    """Smallest and largest; a joint that hardly moves or bears counts as a tenth of the largest."""
+    """Smallest and largest of values (n,); a joint that hardly moves or bears counts as a tenth of the largest."""
     largest = max(float(values.max()), 1e-12)
     return max(float(values.min()), 0.1 * largest), largest
 
 
 def _with_ranges(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effect:
-    """The effect with these ranges; as in the catalogue where a parameter does not depend on the rig."""
+    """The effect with these ranges; a parameter that does not depend on the rig keeps that of the catalogue."""
 
     def scale(parameter: Parameter) -> Parameter:
         found = [extent for unit, extent in ranges.items() if parameter.name.endswith(unit)]
@@ -82,10 +82,11 @@ def _with_ranges(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> E
 
 
 def own_effects(pendulum: Pendulum) -> tuple[tuple[str, ...], Mapping[str, str]]:
-    """Ids of the effects of a lab's own that this pendulum has a place for, and why it has none for the others, by id."""
+    """Ids of the effects of a lab's own that this pendulum has a place for, and by id why it has none for the others."""
     fitting, refused = [], {}
     for effect in (catalogue()[name] for name in lab_texts(catalogue())):
         try:
+            # Trial simulation set-up: only the effect itself knows whether it has a place here.
             driven(pendulum, [PresentEffect(effect.id, tuple((p.name, _middle(p)) for p in effect.parameters))])
             fitting.append(effect.id)
         except BadInput as error:

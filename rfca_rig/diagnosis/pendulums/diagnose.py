@@ -1,4 +1,4 @@
-"""`diagnose_pendulum`: recordings of a pendulum in, the same kind of answer out as for a leg. What only a leg has stays empty."""
+"""`diagnose_pendulum`: recordings of a pendulum in, the same kind of answer out as for a leg. Fields that only a leg has stay empty."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -25,14 +25,14 @@ from rfca_rig.model.effect import Effect
 
 @algebra_on_one_thread()
 def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: Collection[str] = (), law_at: str = "") -> Diagnosis:
-    """The diagnosis of a pendulum's recordings.
+    """The diagnosis of the recordings of a pendulum.
 
     Parameters
     ----------
     campaign
         The recordings and the nominal pendulum.
     progress
-        Called with what is being done and the share that is done.
+        Called with the current step and the share that is done.
     without
         Ids of effects that are not looked for.
     law_at
@@ -43,9 +43,10 @@ def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: C
     BadInput
         Where the recordings are too short.
     SimulationFailed
-        Where the nominal model cannot be computed.
+        Where the nominal model cannot be simulated.
     """
     if law_at:
+        # With a single joint, "joints" and "joint1" would be the same law.
         check_place(law_at, OF_PENDULUM[:1] if len(campaign.pendulum.links) == 1 else OF_PENDULUM)
     progress("reading", 0.0)
     found, effects = search_pendulum(swings_of(campaign, WINDOW_S, BIN_S), progress, without)
@@ -74,6 +75,7 @@ def _build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decis
     if not enough:
         decision = not_enough_data(found, f"{stretches} stretches of two seconds, {FEWEST_CONDITIONS} are needed")
     result = build_result(campaign.title, found, decision, effects, SWINGS)
+    # The search calls 1 % usual; figures for people refer to the stated torque error.
     usual = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
     return replace(
         result,
@@ -90,7 +92,7 @@ def _build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decis
 
 
 def _describe_closest(found: ModelSelectionResult, decision: Decision) -> tuple[str, ...]:
-    """What the closest effects, though they are not stated, would do on held-out stretches."""
+    """What the closest effects would improve on held-out stretches, although they are not stated."""
     if decision.closest is None or decision.effects:
         return ()
     figures = ", ".join(f"{name} {f.before:.2g} to {f.after:.2g}" for name, f in held_out(found, decision.closest, SWINGS).items())

@@ -63,14 +63,19 @@ def _with_nuisances(problem: SwingProblem, names: Collection[str]) -> SwingProbl
     if not known:
         raise BadInput("nothing to fit: [known_to] lists no value that these runs depend on; add for example mass_relative = 0.05")
     for name in names:
+        # A misspelt name must not silently leave a value out of the fit.
         if name not in known:
             raise BadInput(f"--parameters: {name!r} is none of {', '.join(known)}, which [known_to] lists and these runs depend on")
     return replace(problem, nuisances=tuple(one for one in problem.nuisances if not names or one.name in names))
 
 
 def fitted_known_to(campaign: PendulumCampaign, fit: WindowFit) -> Mapping[str, float]:
-    """[known_to] after the fit: of a value of several links the largest standard deviation; what was not fitted stays as stated."""
+    """[known_to] after the fit; what was not fitted stays as stated.
+
+    One key holds for several links, so the largest of their standard deviations is kept.
+    """
     found = dict(campaign.known_to)
+    # A shift is named LINK.KEY, and [known_to] has one value per KEY.
     for key in {shift.name.partition(".")[2] for shift in fit.shifts}:
         found[key] = max(shift.std for shift in fit.shifts if shift.name.partition(".")[2] == key)
     return found

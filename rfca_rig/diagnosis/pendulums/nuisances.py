@@ -1,4 +1,4 @@
-"""What every hypothesis about a pendulum may move: the values of [known_to], of each link."""
+"""Nuisance parameters of a pendulum: the values of [known_to], of each link."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -15,13 +15,13 @@ NEVER_NEGATIVE = ("joint_damping_Nm_s_per_rad", "joint_friction_Nm", "rotor_iner
 
 @dataclass(frozen=True)
 class SupposedPendulum(Supposed):
-    """What one simulation of a pendulum supposes: the effects in `rig`, and by how much nominal values are off, by nuisance."""
+    """Input of one simulation of a pendulum: the effects in `rig`, and the shifts of nominal values, by nuisance parameter."""
 
     off: tuple[tuple[str, float], ...] = ()
 
 
 def space_of_pendulum(pendulum: Pendulum, nuisances: Sequence[Nuisance]) -> Space[SupposedPendulum]:
-    """The space of the nuisances around the nominal pendulum."""
+    """Space of the nuisance parameters around the nominal pendulum."""
     std = np.array([nuisance.std for nuisance in nuisances])
     parameters = tuple(_parameter(pendulum, nuisance) for nuisance in nuisances)
     return Space(parameters, SupposedPendulum(rods(pendulum)), std, np.ones(len(std), dtype=bool))
@@ -44,5 +44,5 @@ def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> FitParameter[SupposedP
 
 
 def of_pendulum(at: Supposed) -> SupposedPendulum:
-    """What is supposed, with nothing off where it was not said."""
+    """The input as that of a pendulum; without shifts where it has none."""
     return at if isinstance(at, SupposedPendulum) else SupposedPendulum(at.rig)

@@ -1,12 +1,11 @@
-"""A recorded stretch of a pendulum's motion as rows, and the model's for the same.
+"""A recorded stretch of the motion of a pendulum as observations, and its simulation.
 
-A stretch is a few windows of half a second, each simulated from the state in which the recording has it. So only what the model does
-within a window counts.
+A stretch is a few windows of half a second, each simulated from its measured start. So only errors that grow within a window count.
 
-The model's own error refers to what wrong torques do: one of 1 % means that angles and speeds are off as the nominal pendulum's are
-when the torque in each joint is off by 1 % of what weight and drive make there. Near the top, where small differences grow, that is much.
-Where `torque_error` says that the torques are known to another share than 1 %, that share counts as 1 %: the diagnosis calls 1 % usual.
-Neighbouring rows err alike, so that they do not count as independent.
+The model error refers to wrong torques. An error of 1 % means: angles and speeds are off as those of the nominal pendulum are when the
+torque in each joint is off by 1 % of that of weight and drive. Near the top, where small differences grow, that is much. Where
+`torque_error` states another share than 1 %, that share counts as 1 %: the diagnosis calls 1 % usual. Neighbouring rows have correlated
+errors, so they do not count as independent.
 """
 
 from collections.abc import Iterable, Sequence
@@ -35,14 +34,18 @@ SMOOTH_OVER_S = 0.15  # of the model's error: torques err with the joint's angle
 
 @dataclass(frozen=True)
 class StartedWindow:
-    """One window, its rows' `scale` (c, n, b), and `gain` (2 n, c n b): the start's error, in standard deviations, that a misfit shows."""
+    """One window with c channels of n joints in b bins.
+
+    `scale` (c, n, b) is the error scale of its rows. `gain` (2 n, c n b) estimates the errors of the start from a residual, in standard
+    deviations.
+    """
 
     window: SwingWindow
     scale: Floats
     gain: Floats
 
     def predicted(self, pendulum: DrivenPendulum) -> Floats:
-        """What the model says from the start that suits it best. Raises SimulationFailed."""
+        """Predicted rows (c, n, b) from the start that fits best within its uncertainty. Raises SimulationFailed."""
         from_measured = self.window.predicted(pendulum)
         start_error = self.gain @ (self.window.measured - from_measured).ravel()
         return np.asarray(from_measured + np.tensordot(start_error, self.window.start_effect, 1))
@@ -50,7 +53,7 @@ class StartedWindow:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A few windows of one run, which are one condition; `named` in words."""
+    """A few windows of one run, which are one condition; `named` is its name."""
 
     named: str
     run: str
@@ -59,22 +62,22 @@ class Stretch:
 
     @property
     def repeats(self) -> Floats:
-        """None: every stretch is recorded once."""
+        """None, as (1, 0): every stretch is recorded once."""
         return np.empty((1, 0))
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """Of the rows, channel by channel, joint by joint."""
+        """Names of the signals, channel by channel, joint by joint."""
         channels, joints, _ = self.windows[0].window.measured.shape
         return tuple(f"{('angle', 'speed')[c]}{j + 1}_{('rad', 'rad_s')[c]}" for c in range(channels) for j in range(joints))
 
     def simulated(self, supposed: SupposedPendulum) -> Floats:
-        """The model's rows, signal by signal within window by window. Raises SimulationFailed, BadInput."""
+        """Predicted rows (m,), signal by signal within window by window. Raises SimulationFailed, BadInput."""
         ready = driven(shifted(self.pendulum, dict(supposed.off)), supposed.rig.effects)
         return np.concatenate([window.predicted(ready).ravel() for window in self.windows])
 
     def rows(self) -> Observations:
-        """What was measured here."""
+        """The measured rows."""
         labels = tuple(Label(SWINGS, self.named, signal) for signal in self.signals)
         shape = (len(self.signals), -1)
         parts = [
@@ -90,15 +93,15 @@ class Stretch:
 
 
 class PendulumSimulator(Simulator):
-    """A driven chain of links; nothing of it scatters, and a stretch depends on nothing before it."""
+    """A driven chain of links without scatter; a stretch depends on nothing before it."""
 
     def simulate(self, at: SupposedPendulum, condition: Stretch) -> Floats:
-        """What the model says of a stretch, (m,). Raises SimulationFailed, BadInput."""
+        """Predicted rows (m,) of a stretch. Raises SimulationFailed, BadInput."""
         return condition.simulated(at)
 
 
 def pendulum_dataset(stretches: Iterable[Stretch]) -> Dataset:
-    """The evidence of these stretches. Raises BadInput where there is none."""
+    """The dataset of these stretches. Raises BadInput where there is none."""
     return make_dataset(stretches, PendulumSimulator())
 
 
@@ -112,7 +115,7 @@ def _of_run(problem: SwingProblem, run: int) -> list[Stretch]:
     if not windows:
         return []
     torque_Nm = usual_torque_Nm(problem.pendulum, windows) * problem.torque_error / USUAL_ERROR
-    started = [_started(window, problem.pendulum, torque_Nm) for window in windows]
+    started = [_start_window(window, problem.pendulum, torque_Nm) for window in windows]
     return [_stretch(problem, run, part) for part in group(started)]
 
 
@@ -123,12 +126,12 @@ def _stretch(problem: SwingProblem, run: int, windows: Sequence[StartedWindow]) 
 
 
 def _condition(run: str) -> str:
-    """The condition of a run: its repeats err alike."""
+    """The condition of a run: the errors of its repeats are alike."""
     return run.rpartition(", repeat ")[0] or run
 
 
 def usual_torque_Nm(pendulum: Pendulum, windows: Sequence[SwingWindow]) -> Floats:
-    """Rms over the windows of what weight and drive make in each joint together, whichever way they point, (n,)."""
+    """Rms over the windows of the torques of weight and drive in each joint, added without regard to sign, (n,)."""
     square = sum(np.mean(_weight_Nm(pendulum, w.measured[0]) ** 2, axis=1) + np.mean(w.trace.torque_Nm**2, axis=0) for w in windows)
     return np.asarray(np.sqrt(square / len(windows)))
 
@@ -136,27 +139,30 @@ def usual_torque_Nm(pendulum: Pendulum, windows: Sequence[SwingWindow]) -> Float
 def _weight_Nm(pendulum: Pendulum, angle_rad: Floats) -> Floats:
     """The torque (n, b) of the weight in each joint, at joint angles (n, b)."""
     aside = np.sin(np.cumsum(angle_rad, axis=0))
+    # Each joint carries its own link, and at the end of that link all links beyond.
     beyond = np.append(np.cumsum([link.mass_kg for link in pendulum.links[::-1]])[::-1][1:], 0.0)
     moment = [link.mass_kg * link.centre_of_mass_m + far * link.length_m for link, far in zip(pendulum.links, beyond, strict=True)]
     own = GRAVITY_M_S2 * np.array(moment)[:, None] * aside
+    # The torque in a joint is the sum over its own link and all links beyond.
     return np.asarray(np.cumsum(own[::-1], axis=0)[::-1])
 
 
-def _started(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> StartedWindow:
+def _start_window(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> StartedWindow:
     scale = _scale(window, pendulum, torque_Nm)
     return StartedWindow(window, scale, start_gain(window.start_effect, window.sensor_std**2 + (USUAL_ERROR * scale) ** 2))
 
 
 def _scale(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> Floats:
-    """What a steady torque of the usual size in each joint does, of the shape of the window's rows; what has grown stays grown."""
+    """Effect of a steady torque of the usual size in each joint, (c, n, b); an error that has grown does not count as shrinking."""
+    # Every joint is made drivable, so that the error torque can act in passive joints, too.
     free = driven(Pendulum(tuple(replace(link, driven=True) for link in pendulum.links)))
     square = np.zeros_like(window.measured)
     for more in USUAL_ERROR * np.diag(torque_Nm):
-        ahead, behind = (_under(window, sign * more).predicted(free) for sign in (1.0, -1.0))
+        ahead, behind = (_with_torque(window, sign * more).predicted(free) for sign in (1.0, -1.0))
         square += (0.5 * (ahead - behind) / USUAL_ERROR) ** 2
     return np.asarray(np.maximum.accumulate(np.sqrt(square), axis=2))
 
 
-def _under(window: SwingWindow, more_Nm: Floats) -> SwingWindow:
-    """The window with some more torque in the joints."""
+def _with_torque(window: SwingWindow, more_Nm: Floats) -> SwingWindow:
+    """The window with additional torque (n,) in the joints."""
     return replace(window, trace=replace(window.trace, torque_Nm=window.trace.torque_Nm + more_Nm))

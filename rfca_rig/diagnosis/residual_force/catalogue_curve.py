@@ -1,4 +1,4 @@
-"""What an effect of the catalogue says at a place as a function of one argument, to be drawn beside a measured law."""
+"""The law of a catalogue effect at a place as a function of one argument, to be drawn beside a measured law."""
 
 from dataclasses import replace
 
@@ -15,19 +15,20 @@ from rfca_rig.model.setup import Felt, Setup, set_up
 
 Floats = NDArray[np.float64]
 
+# A law needs a set-up, but its curve does not depend on the height or on the motion.
 ANYWHERE_M = 1.0
 FAR_BEHIND_RAD = 1e3
 
 
 def catalogue_curve(rig: RigModel, present: PresentEffect, place: str, argument: str, u: Floats) -> Floats | None:
-    """What the effect adds to the law that the model has there without it.
+    """What the effect adds to the law of the model at this place.
 
     Parameters
     ----------
     rig
-        The model; effects in it are left aside.
+        The model; its own effects are ignored.
     present
-        The effect with the values that were fitted.
+        The effect with the fitted values.
     place, argument
         As in `rfca_rig.model.tabulated_law`.
     u : (k,)
@@ -59,7 +60,10 @@ def catalogue_curve(rig: RigModel, present: PresentEffect, place: str, argument:
 
 
 def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
-    """Dry friction as it slides; a spring as it is bent without a rate. What has other memory is no function of its argument."""
+    """Added torque (k,) in a hinge: dry friction while it slides, a spring while it is bent slowly.
+
+    Other laws with memory are no function of the argument, so they add nothing.
+    """
     before, after = plain.rig.leg, having.rig.leg
     if argument == "rate_rad_s":
         slides = sum(_sliding(use, u) for use in having.laws if use.law in (dry_friction.torque, joint_stribeck.torque))
@@ -76,7 +80,7 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
 
 
 def _sliding(use: LawUse, u: Floats) -> Floats:
-    """Dry friction at steady rates: the anchor of a stuck joint is far behind."""
+    """Dry friction at steady rates (k,): the anchor of its stick spring is far behind, so the joint slides."""
     return np.array([use.law(0.0, rate, 0.0, 0.0, 0.0, [-FAR_BEHIND_RAD * np.sign(rate)], use.parameters)[0] for rate in u.tolist()])
 
 
@@ -86,7 +90,7 @@ def _values(use: LawUse, u: Floats, *others: float) -> Floats:
 
 
 def _read(having: Setup, place: str, argument: str, u: Floats) -> Floats:
-    """Of what reads zero but for the argument."""
+    """Added reading (k,), from a sensor that reads zero except for the argument."""
     zero = np.zeros_like(u)
     t_s = u if argument == "time_s" else np.arange(float(len(u)))
     plain = Felt(t_s, zero, zero, zero, u if argument == "shaft_angle_rad" else zero)

@@ -1,8 +1,9 @@
-"""Where a force that nobody listed could enter, and what it would do to the rows if it did.
+"""Force inputs: places where a force outside the catalogue could enter, and its effect on the rows.
 
-Every place answers for one condition with the change of its rows per bump of the force, around the model as it stands. One simulation
-is made for every bump of torque in every hinge; what acts on all of them, or pulls at the leg from outside, is put together from these.
-A prescribed shaft goes on as told whatever torque acts on it, so that a torque on it and a fault of the torque channel are one place.
+Every place answers for one condition with the change of its rows per bump of the force, around the nominal motion. One simulation is made
+for every bump of torque in every hinge. Forces on all hinges, or from outside on the leg, are superposed from these.
+
+A prescribed shaft moves on whatever torque acts on it. So a torque on the shaft and a fault of the torque channel are one place.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,9 +30,20 @@ CHANNELS = {"fy_N": "fy_N", "fz_N": "fz_N", "shaft": "tx_Nm"}  # the signal that
 
 @dataclass(frozen=True)
 class NominalCondition:
-    """One condition with the model as it stands: its own stroke, and the bumps that a force is put together from.
+    """One condition with the model as it is: its own stroke, and the responses that a force is superposed from.
 
-    `in_hinge` (m, count, hinges) is the change of its rows per bump of a torque that resists one hinge.
+    Parameters
+    ----------
+    flap
+        The condition, with m rows.
+    supposed
+        Input of the simulator.
+    stroke
+        The simulated stroke.
+    bumps
+        Basis of a force over time, of `count` bumps.
+    in_hinge
+        (m, count, hinges) change of the rows per bump of a torque that resists one hinge.
     """
 
     flap: FlapCondition
@@ -41,26 +53,27 @@ class NominalCondition:
     in_hinge: Floats
 
     def rows(self, stroke: SimulatedStroke) -> Floats:
-        """The rows of a stroke, signal after signal."""
+        """Rows (m,) of a stroke, signal after signal."""
         return self.rows_of({signal: getattr(stroke, signal) for signal in self.flap.signals})
 
     def rows_of(self, channels: Mapping[str, Floats]) -> Floats:
-        """The same of channels over time (m,) or several (m, k) of each; those not given are zero."""
+        """Rows of channels over n samples, (n,) or several (n, k) of each; channels that are not given are zero."""
         nothing = np.zeros_like(next(iter(channels.values()))) if channels else np.zeros(len(self.flap.t_s))
         counts = self.flap.counts.reshape(-1, *[1] * (nothing.ndim - 1))
         binned = [np.add.reduceat(channels.get(signal, nothing), self.flap.first) / counts for signal in self.flap.signals]
         return np.concatenate(binned)
 
     def change_to(self, stroke: SimulatedStroke | None, size: float) -> Floats:
-        """Change of the rows per unit of what made the stroke another; none where the model had no answer."""
+        """Change of the rows (m,) per unit of what changed the stroke; zero where the model has no answer."""
         return self.rows_of({}) if stroke is None else (self.rows(stroke) - self.rows(self.stroke)) / size
 
 
 def nominal_conditions(flaps: Sequence[FlapCondition], supposed: Supposed) -> tuple[NominalCondition, ...]:
-    """The conditions under what is supposed. Raises SimulationFailed."""
+    """The conditions at an input of the simulator, with the responses of all hinges. Raises SimulationFailed."""
     hinges = len(supposed.rig.leg.link_lengths_m) - 1
     bare = [NominalCondition(flap, supposed, forced_stroke(flap, supposed, ()), bumps_of(flap), np.empty(0)) for flap in flaps]
     jobs = [(here, number, hinge) for here in bare for number in range(here.bumps.count) for hinge in range(1, hinges + 1)]
+    # One pool for all conditions, so that no thread waits at the end of each.
     with ThreadPoolExecutor(THREADS) as pool:
         columns = iter(list(pool.map(lambda job: _hinge_response(*job), jobs)))
     found = []
@@ -78,7 +91,7 @@ def _hinge_response(here: NominalCondition, number: int, hinge: int) -> Floats:
 def answer(
     here: NominalCondition, supposed: Supposed, changes: tuple[Change, ...] = (), motion: ShaftMotion | None = None
 ) -> SimulatedStroke | None:
-    """The condition's stroke under these changes; None where the model has none."""
+    """The stroke of the condition under these changes; None where the model has none."""
     try:
         return forced_stroke(here.flap, supposed, changes, motion)
     except SimulationFailed:
@@ -87,7 +100,17 @@ def answer(
 
 @dataclass(frozen=True)
 class ForceInput:
-    """`unit` is that of the force; `size` a plausible one. `response(standing)` is what each bump does to the rows, (m, count)."""
+    """A place where a force may enter.
+
+    Parameters
+    ----------
+    id, words
+        The place.
+    unit, size
+        Of the force: its unit, and a plausible size.
+    response
+        Change of the m rows of a condition per bump, (m, count).
+    """
 
     id: str
     words: str
@@ -96,13 +119,13 @@ class ForceInput:
     response: Callable[[NominalCondition], Floats]
 
     def responses(self, conditions: Sequence[NominalCondition]) -> list[Floats]:
-        """The response of each condition."""
+        """Response (m, count) of each condition."""
         with ThreadPoolExecutor(THREADS) as pool:
             return list(pool.map(self.response, conditions))
 
 
 def places_of(hinges: int) -> tuple[ForceInput, ...]:
-    """All places of a leg with so many hinges, those alike in all hinges first."""
+    """All places of a leg with so many hinges; the one with the same torque in all hinges first."""
     single = [ForceInput(f"hinge{i + 1}", f"a torque in hinge {i + 1} alone", "N m", 0.05, _hinge(i)) for i in range(1, hinges + 1)]
     return (
         ForceInput("hinges", "a torque in all hinges alike", "N m", 0.05, lambda here: here.in_hinge.sum(axis=2)),
@@ -126,7 +149,7 @@ def _channel(signal: str) -> Callable[[NominalCondition], Floats]:
 
 
 def _shaft_angle(here: NominalCondition) -> Floats:
-    """The first bump, an angle from the beginning, is a wrong start angle, which every hypothesis may have."""
+    """Response (m, count) to a shaft angle. The first bump is a wrong start angle, which every hypothesis may have, so it is zero."""
     motion = here.flap.turn.motion(here.supposed, float(here.flap.t_s[-1]))
     bent = [bump_in_turn(motion, here.bumps, number, TRIED_RAD) for number in range(1, here.bumps.count)]
     columns = [here.change_to(answer(here, here.supposed, (), turn), TRIED_RAD) for turn in bent]
@@ -134,52 +157,62 @@ def _shaft_angle(here: NominalCondition) -> Floats:
 
 
 def _floor_height(here: NominalCondition) -> Floats:
-    """As if the leg followed a floor at once that rises slowly; exact for one that is higher all along."""
+    """Response (m, count) to the height of the floor, as if the leg followed a slow change at once.
+
+    It is exact for a floor that is higher all the time.
+    """
     higher = answer(here, replace(here.supposed, height_offset_m=here.supposed.height_offset_m - TRIED_M))
     if higher is None:
         return np.zeros((len(here.rows_of({})), here.bumps.count))
+    # The change of the whole stroke, weighted over time by each bump.
     windows = here.bumps.at(here.flap.t_s)
     changes = {s: (getattr(higher, s) - getattr(here.stroke, s))[:, None] / TRIED_M * windows for s in here.flap.signals}
     return here.rows_of(changes)
 
 
 def of_tip(stroke: SimulatedStroke) -> Floats:
-    """All of a force on the last end, (m, n)."""
+    """All of a force on the last link end, as shares (n, links) for n samples."""
     shares = np.zeros_like(stroke.normal_N)
     shares[:, -1] = 1.0
     return shares
 
 
 def of_touching(stroke: SimulatedStroke) -> Floats:
-    """Shares of the ends in a force between leg and floor, (m, n): as they press, all of it on the tip while none does."""
+    """Shares (n, links) of the link ends in a force from the floor: as they press; all of it on the tip while none presses."""
     pressed = np.maximum(stroke.normal_N, 0.0)
     total = pressed.sum(axis=1, keepdims=True)
     return np.where(total > 0.0, pressed / np.maximum(total, 1e-9), of_tip(stroke))
 
 
 def _pull(shares_of: Callable[[SimulatedStroke], Floats], down: bool) -> Callable[[NominalCondition], Floats]:
-    """A force from outside, downwards or along +y: the torques that it has about the hinges, and its own part in what the mount feels."""
+    """A force from outside, downwards or along +y: its torques about the hinges, and its direct part in the reading at the mount."""
 
     def response(here: NominalCondition) -> Floats:
         arms, windows = arms_of(here, shares_of(here.stroke), down), here.bumps.at(here.flap.t_s)
+        # The arms change during the stroke, so torque courses are expressed in the same bumps before they are superposed.
         levers = _as_bumps(windows, windows[:, :, None] * arms[:, None, 1:])
         torque = -windows * arms[:, :1]
         fy, fz = (0.0 * windows, windows) if down else (-windows, 0.0 * windows)
         own = here.rows_of({"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy})
+        # `in_hinge` is for a torque that resists a hinge, and these torques act along the turn, hence the minus.
         return np.asarray(own - np.einsum("mji,jki->mk", here.in_hinge, levers))
 
     return response
 
 
 def _as_bumps(bumps: Floats, courses: Floats) -> Floats:
-    """Sizes (count, k, hinges) of the bumps (m, count) that are closest to courses (m, k, hinges)."""
+    """Sizes (count, k, hinges) of the bumps (n, count) that are closest to courses (n, k, hinges), by least squares."""
     flat = np.linalg.lstsq(bumps, courses.reshape(len(courses), -1), rcond=None)[0]
     return np.asarray(flat.reshape(bumps.shape[1], *courses.shape[1:]))
 
 
 def arms_of(here: NominalCondition, shares: Floats, down: bool) -> Floats:
-    """How much further the pulled point gets per radian that all links from i on turn, (m, n)."""
+    """Lever arms (n, links) of a force on the link ends: way of the pulled point per radian that all links from i on turn.
+
+    `shares` (n, links) divide the force between the ends.
+    """
     q, length = here.stroke.q_rad, np.array(here.supposed.rig.leg.link_lengths_m)
+    # A link at angle q extends L sin q downwards and L cos q along the floor; these are the derivatives.
     reach = length * (np.cos(q) if down else -np.sin(q))
     beyond = np.cumsum(shares[:, ::-1], axis=1)[:, ::-1]  # of the force, what acts on ends at or behind each link
     return np.asarray(np.cumsum((beyond * reach)[:, ::-1], axis=1)[:, ::-1])

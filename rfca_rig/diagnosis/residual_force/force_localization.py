@@ -1,8 +1,8 @@
-"""Which of the places explains best what nothing listed explains: each is given any smooth force, and pays for what it uses.
+"""Localisation of a residual force: which place explains best what no effect explains, if any smooth force may act there.
 
-The force of a place is a Gaussian process over the stroke: size and smoothness are integrated out over a grid, and conditions share part of
-it, counted by the way from touchdown to valley. So a place that needs little force, smooth and alike everywhere, to explain
-all channels at once is likelier than one that must be bent to each of them (MacKay, Neural Computation 4 (1992) 415).
+The force of a place is a Gaussian process over the stroke. Its size and smoothness are integrated out over a grid, and conditions share a
+part of it, by progress from touchdown to valley. A place may explain all channels by a small, smooth force that is alike everywhere. It is
+then more probable than a place whose force must be bent to each channel (MacKay, Neural Computation 4 (1992) 415).
 """
 
 from collections.abc import Sequence
@@ -26,18 +26,28 @@ from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCo
 
 Floats = NDArray[np.float64]
 
+# Of UNKNOWN_ERRORS, as shares of the signal.
 LARGER_ERRORS = (0.03, 0.12)
 SMOOTH_OVER_S = (0.02, 0.05, 0.15, 0.6)
 SIZES = tuple(0.01 * 3.0**k for k in range(7))  # of the place's plausible size
-AFTER_VALLEY_S = 0.05  # later, leg and floor ask little that they have not asked before
+AFTER_VALLEY_S = 0.05  # later, leg and floor add little information
 NEGLIGIBLE = 1e-6  # of a process's variance
 
 
 @dataclass(frozen=True)
 class ForceScene:
-    """What remains when nothing is missing that is listed: the rows of strokes up to the valley, as a linear model in the nuisances.
+    """The misfit without effects: rows of strokes up to the valley, as a linear model in the nuisance parameters.
 
-    `target` (m,), `slope` (m, p); `conditions` as the model has them, in the rows' order.
+    Parameters
+    ----------
+    rows
+        The m rows.
+    target, jacobian
+        (m,) and (m, p), as in `LinearModel`.
+    likelihood
+        Covariances at the discrepancy scales.
+    conditions
+        The nominal conditions, in the order of the rows.
     """
 
     rows: Observations
@@ -48,27 +58,27 @@ class ForceScene:
 
     @property
     def whitenings(self) -> tuple[AtError, ...]:
-        """At the usual model error, and at larger ones: a great force does not act in proportion to its size."""
+        """At the usual model error and at larger ones: the response to a large force is not linear."""
         return (self.likelihood.usual, *(w for w in self.likelihood.unknown if w.s in LARGER_ERRORS))
 
     @cached_property
     def without(self) -> float:
-        """Log evidence of no force."""
+        """Log evidence without a force."""
         logs = [system_of(self, whitening, np.empty((len(self.target), 0))).log_evidence(np.empty((0, 0))) for whitening in self.whitenings]
         return float(logsumexp(logs) - np.log(len(logs)))
 
     @cached_property
     def roots(self) -> list[Floats]:
-        """For each smoothness a root of the covariance of all forces at size 1, (k, r)."""
+        """For each smoothness a root (k, r) of the covariance of all forces at size 1."""
         return _roots(self.conditions)
 
     @property
     def places(self) -> tuple[ForceInput, ...]:
-        """Where a force could enter."""
+        """Where a force may enter."""
         return places_of(self.conditions[0].in_hinge.shape[2])
 
     def stack_responses(self, blocks: Sequence[Floats]) -> Floats:
-        """Columns of each condition's own rows (m_c, k_c), side by side in all rows (m, sum k_c)."""
+        """Columns (m_c, k_c) of the rows of each condition, side by side in all rows, (m, sum k_c)."""
         found = np.zeros((len(self.target), sum(block.shape[1] for block in blocks)))
         done = 0
         for number, block in enumerate(blocks):
@@ -79,10 +89,18 @@ class ForceScene:
 
 @dataclass(frozen=True)
 class LocalizedForce:
-    """A place with its likeliest free force.
+    """A place with its most probable free force.
 
-    `log_evidence` is above that of no force; `explained` the share of each channel's misfit, and of "all", that it takes away; `misfit`
-    what it leaves, mean square over what is expected, in each channel.
+    Parameters
+    ----------
+    place
+        The place.
+    log_evidence
+        Above that without a force.
+    explained
+        Share of the misfit of each channel, and of "all", that the force removes.
+    misfit
+        Remaining mean square of each channel, relative to what is expected.
     """
 
     place: ForceInput
@@ -92,28 +110,39 @@ class LocalizedForce:
 
 
 def scene_of(dataset: Dataset, nothing: MapFit, scatter: Floats) -> ForceScene:
-    """The scene around `nothing`; `scatter` (m, k) as in `covariance`. Raises SimulationFailed."""
+    """The scene around the fit without effects; `scatter` (m, k) is B in `covariance`. Raises SimulationFailed."""
     flaps = [flap.until(flap.phases.valley_s + AFTER_VALLEY_S) for flap in flaps_of(dataset.parts)]
     ends_s = np.array([flap.t_s[-1] for flap in flaps])
     dynamic = dataset.rows.experiment == "dynamic"
-    kept = dynamic & (dataset.rows.t_s < ends_s[np.where(dynamic, dataset.rows.condition, 0)])
-    rows = _kept(dataset.rows, kept)
-    linear = nothing.linear(dataset.rows.measured).kept(kept)
+    selected = dynamic & (dataset.rows.t_s < ends_s[np.where(dynamic, dataset.rows.condition, 0)])
+    rows = _select_rows(dataset.rows, selected)
+    linear = nothing.linear(dataset.rows.measured).kept(selected)
     conditions = nominal_conditions(flaps, nothing.coordinates.supposed(nothing.x))
-    return ForceScene(rows, linear.target, linear.jacobian, make_marginal_likelihood(rows, scatter[kept]), conditions)
+    return ForceScene(rows, linear.target, linear.jacobian, make_marginal_likelihood(rows, scatter[selected]), conditions)
 
 
-def _kept(rows: Observations, kept: NDArray[np.bool_]) -> Observations:
+def _select_rows(rows: Observations, kept: NDArray[np.bool_]) -> Observations:
     arrays = {f.name: getattr(rows, f.name)[kept] for f in fields(rows) if f.name != "labels"}
     return replace(rows, **arrays)
 
 
 def localize_force(scene: ForceScene, place: ForceInput, responses: Sequence[Floats]) -> LocalizedForce:
-    """The place with its likeliest force; `responses` as `place.responses` has them."""
+    """The place with its most probable force.
+
+    Parameters
+    ----------
+    scene
+        The misfit.
+    place
+        The place.
+    responses
+        (m_c, count) per condition, from `place.responses`.
+    """
     response = scene.stack_responses(responses)
     sizes = [place.size * size for size in SIZES]
     none = np.empty((response.shape[1], 0))
     systems = [system_of(scene, whitening, response) for whitening in scene.whitenings]
+    # Evidence over the grid of model error, smoothness and size of the force.
     logs = np.array([[system.log_evidences(root, sizes) for root in scene.roots] for system in systems])
     level, smooth, size = np.unravel_index(int(np.argmax(logs)), logs.shape)
     x, force, _ = systems[level].solved(sizes[size] * scene.roots[smooth])
@@ -127,15 +156,35 @@ def localize_force(scene: ForceScene, place: ForceInput, responses: Sequence[Flo
 
 
 def misfit_of(scene: ForceScene, x: Floats, pushed: Floats) -> dict[str, float]:
-    """Mean square of what is left over what is expected, in each channel."""
+    """Mean square of the residual relative to what is expected, in each channel.
+
+    Parameters
+    ----------
+    scene
+        The rows.
+    x
+        (p,) nuisance parameters.
+    pushed
+        (m,) effect of the force on the rows.
+    """
     square = (scene.target - scene.jacobian @ x - pushed) ** 2 / scene.likelihood.usual.variance()
     return {str(name): float(square[scene.rows.signal == name].mean()) for name in np.unique(scene.rows.signal)}
 
 
 @dataclass(frozen=True)
 class System:
-    """Products of whitened nuisance slopes and responses with each other, `gram` (p + k, p + k), and with the target, `match` (p + k,);
-    `constant` is the log density of the target itself; p nuisances.
+    """Normal equations of p nuisance parameters and k force coefficients, whitened.
+
+    Parameters
+    ----------
+    gram
+        (p + k, p + k) products of the Jacobian and the responses with each other.
+    match
+        (p + k,) their products with the target.
+    constant
+        Log density of the target itself.
+    nuisances
+        The number p.
     """
 
     gram: Floats
@@ -143,43 +192,44 @@ class System:
     constant: float
     nuisances: int
 
-    def _reduced(self, root: Floats) -> tuple[Floats, Floats]:
+    def _reduce(self, root: Floats) -> tuple[Floats, Floats]:
+        """The system for coefficients z of forces `root` z, with a root (k, r): products (p + r, p + r) and (p + r,)."""
         p = self.nuisances
         corner = self.gram[:p, p:] @ root
         gram = np.block([[self.gram[:p, :p], corner], [corner.T, root.T @ self.gram[p:, p:] @ root]])
         return gram, np.concatenate([self.match[:p], root.T @ self.match[p:]])
 
     def log_evidence(self, root: Floats) -> float:
-        """With forces root z, z standard normal."""
+        """Log evidence with forces `root` z, z standard normal; the root is (k, r)."""
         return self.log_evidences(root, [1.0])[0]
 
     def log_evidences(self, root: Floats, sizes: Sequence[float]) -> list[float]:
-        """The same for roots of several sizes."""
-        gram, match = self._reduced(root)
-        return [self._scaled(gram, match, np.append(np.ones(self.nuisances), np.full(root.shape[1], size))) for size in sizes]
+        """The same for roots (k, r) of several sizes."""
+        gram, match = self._reduce(root)
+        return [self._log_evidence_at(gram, match, np.append(np.ones(self.nuisances), np.full(root.shape[1], size))) for size in sizes]
 
-    def _scaled(self, gram: Floats, match: Floats, scale: Floats) -> float:
+    def _log_evidence_at(self, gram: Floats, match: Floats, scale: Floats) -> float:
         factor = cholesky(scale[:, None] * gram * scale + np.eye(len(gram)), lower=True, check_finite=False)
         found = solve_triangular(factor, scale * match, lower=True, check_finite=False)
         return self.constant + 0.5 * float(found @ found) - float(np.log(np.diag(factor)).sum())
 
     def solved(self, root: Floats) -> tuple[Floats, Floats, Floats]:
-        """(nuisances, forces, covariance of the forces)."""
-        gram, match = self._reduced(root)
+        """Posterior for a root (k, r): nuisance parameters (p,), forces (k,), and the covariance (k, k) of the forces."""
+        gram, match = self._reduce(root)
         covariance = np.linalg.inv(gram + np.eye(len(gram)))
         mean, p = covariance @ match, self.nuisances
         return mean[:p], root @ mean[p:], root @ covariance[p:, p:] @ root.T
 
 
 def system_of(scene: ForceScene, whitening: Whitening, response: Floats) -> System:
-    """The system of a response (m, k)."""
+    """The system of a response (m, k) under a covariance."""
     both, target = whitening(np.hstack([scene.jacobian, response])), whitening(scene.target)
     constant = -0.5 * (float(target @ target) + whitening.log_det)
     return System(both.T @ both, both.T @ target, constant, scene.jacobian.shape[1])
 
 
 def systems_without_each(scene: ForceScene, whitening: AtError, response: Floats) -> list[System]:
-    """The systems of the same response, each without the rows of one condition."""
+    """Systems of the same response (m, k), each without the rows of one condition."""
     both = np.column_stack([scene.jacobian, response, scene.target])
     weighted = whitening.weighted(both)
     found = []
@@ -190,8 +240,9 @@ def systems_without_each(scene: ForceScene, whitening: AtError, response: Floats
 
 
 def _roots(conditions: Sequence[NominalCondition]) -> list[Floats]:
-    """For each smoothness a root of the forces' covariance at size 1, (k, r)."""
+    """For each smoothness a root (k, r) of the covariance of the forces at size 1."""
     way_s = [here.flap.phases.valley_s - here.flap.phases.touchdown_s for here in conditions]
+    # Time is scaled so that touchdown and valley of all conditions coincide, since they share a part of the force.
     at = [(h.bumps.centres_s - h.flap.phases.touchdown_s) / way * np.mean(way_s) for h, way in zip(conditions, way_s, strict=True)]
     t, condition = np.concatenate(at), np.repeat(np.arange(len(at)), [len(a) for a in at])
     together = np.where(condition[:, None] == condition, 1.0, SHARED)
@@ -200,5 +251,6 @@ def _roots(conditions: Sequence[NominalCondition]) -> list[Floats]:
 
 def _root(covariance: Floats) -> Floats:
     values, vectors = np.linalg.eigh(covariance)
+    # The covariance of a smooth force has few directions that matter; the others are dropped.
     kept = values > NEGLIGIBLE * values[-1]
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))

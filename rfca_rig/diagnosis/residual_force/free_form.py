@@ -1,5 +1,6 @@
-"""What can be said where no entry of the catalogue explains the recordings: where a force is missing, what it looks like, which short
-formula it follows. An empirical law; its cause is not known.
+"""Empirical answer where no entry of the catalogue explains the recordings.
+
+It states where a force is missing, how it looks, and which short formula it follows. The cause is not known.
 """
 
 from collections.abc import Sequence
@@ -18,16 +19,26 @@ from rfca_rig.diagnosis.result import StatedPlace
 
 Floats = NDArray[np.float64]
 
-EXPLAINS = 2.0  # mean square over what is expected, up to which a channel counts as explained;
-MOSTLY = 0.9  # a great force, which the leg does not answer in proportion, must take away this share of the misfit
+EXPLAINS = 2.0  # mean square over what is expected, up to which a channel counts as explained
+MOSTLY = 0.9  # share of the misfit that a large force, whose response is not linear, must remove instead
 
 
 @dataclass(frozen=True)
 class FreeForm:
-    """The likeliest `place` of what is missing, in `words`, and an answer in `text`.
+    """The most probable place of what is missing.
 
-    `terms` are a formula for the force, empty where none lasts over the conditions. `ranking` is all places with their log evidence above
-    that of nothing missing, best first; `is_located` says whether the force is large enough, and explains all channels.
+    Parameters
+    ----------
+    place, words
+        The place.
+    terms
+        A formula for the force; empty where none holds over the conditions.
+    ranking
+        All places with their log evidence above that of nothing missing, best first.
+    is_located
+        Whether the force is large enough and explains all channels.
+    text
+        The answer in words.
     """
 
     place: str
@@ -40,19 +51,19 @@ class FreeForm:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A place with its free force, and with its formula."""
+    """A place with its free force and its formula."""
 
     placed: LocalizedForce
     law: SparseLaw
 
     @property
     def log_evidence(self) -> float:
-        """Of the place: its force is free or follows a formula, as likely one as the other before the data."""
+        """Log evidence of the place: a priori its force is free or follows a formula, with equal probability."""
         return float(np.logaddexp(self.placed.log_evidence, self.law.log_evidence) - np.log(2.0))
 
 
 def free_form(found: ModelSelectionResult) -> FreeForm | None:
-    """The answer for a search that named nothing; None where no stroke was recorded. Raises SimulationFailed."""
+    """The answer for a search that identified nothing; None where no stroke was recorded. Raises SimulationFailed."""
     if not flaps_of(found.dataset.parts):
         return None
     ranked = candidates(scene_of(found.dataset, found.nothing.fitted, found.scatter.columns))
@@ -63,28 +74,29 @@ def free_form(found: ModelSelectionResult) -> FreeForm | None:
         terms=best.law.terms,
         ranking=tuple((one.placed.place.id, one.log_evidence) for one in ranked),
         is_located=best.log_evidence >= AS_GOOD and _explains(best),
-        text=_text(ranked),
+        text=_describe(ranked),
     )
 
 
 def candidates(scene: ForceScene) -> tuple[Candidate, ...]:
-    """All places, likeliest first; those far behind are given no formula."""
+    """All places, most probable first; no formula is sought for those far behind."""
     responses = {place.id: place.responses(scene.conditions) for place in scene.places}
     free = [localize_force(scene, place, responses[place.id]) for place in scene.places]
     best = max(one.log_evidence for one in free)
     near = [one for one in free if one.log_evidence > best - NEAR]
     laws = sparse_laws(scene, [(one.place, responses[one.place.id]) for one in near])
+    # A formula counts only if it explains most of what the free force explains.
     lasting = {one.place.id: law for one, law in zip(near, laws, strict=True) if law.explained > DOMINANT * one.explained["all"]}
     found = [Candidate(one, lasting.get(one.place.id, SparseLaw())) for one in free]
     return tuple(sorted(found, key=lambda one: -one.log_evidence))
 
 
 def _explains(best: Candidate) -> bool:
-    """Whether the free force or its formula explains every channel, or most of a misfit too large to be linear."""
+    """Whether the free force or its formula explains every channel, or most of a misfit that is too large to be linear."""
     return max(best.placed.misfit.values()) <= EXPLAINS or max(best.placed.explained["all"], best.law.explained) >= MOSTLY
 
 
-def _text(ranked: Sequence[Candidate]) -> str:
+def _describe(ranked: Sequence[Candidate]) -> str:
     best = ranked[0]
     also = [other.placed.place.words for other in ranked[1:] if other.log_evidence > best.log_evidence - AS_GOOD]
     if best.log_evidence < AS_GOOD:
@@ -102,15 +114,16 @@ def _text(ranked: Sequence[Candidate]) -> str:
 
 
 def place_of(free: FreeForm) -> StatedPlace | None:
-    """The part of the rig where something acts: all parts are equally probable a priori, and so are the force inputs of each.
+    """The part of the rig where something acts; all parts are equally probable a priori, and so are the force inputs of each.
 
-    None where no force input explains the misfit, or where the part of the best one is less probable than SURE. Of the parts that were
-    stated in benchmark cases one in ten was wrong, by hundreds of log evidence, since responses are linear: no more than SURE is stated.
+    None where no force input explains the misfit, or where the part of the best one is less probable than SURE. In benchmark cases one in
+    ten of the stated parts was wrong, by hundreds in log evidence, since responses are linear. So no more than SURE is stated.
     """
     of_each: dict[str, list[float]] = {}
     for name, log_evidence in free.ranking:
         of_each.setdefault(_group(name), []).append(log_evidence)
     parts = list(of_each)
+    # The mean evidence over the places of a part: many places are no advantage.
     weights = softmax([logsumexp(logs) - np.log(len(logs)) for logs in of_each.values()])
     best = _group(free.place)
     probability = float(weights[parts.index(best)])
@@ -120,12 +133,12 @@ def place_of(free: FreeForm) -> StatedPlace | None:
 
 
 def _group(force_input: str) -> str:
-    """The part of the rig that a force input belongs to; a torque on the shaft and a fault of the tx channel are one and the same."""
+    """Part of the rig that a force input belongs to; a torque on the shaft and a fault of the tx channel are the same."""
     if force_input.startswith("hinge"):
         return "hinges"
     return {"shaft_angle": "drive", "fy_N": "sensor", "fz_N": "sensor", "shaft": "shaft"}.get(force_input, "ground")
 
 
 def formula(terms: Sequence[FoundTerm]) -> str:
-    """The terms as people write them, with one standard deviation and units."""
+    """The terms as a sum, with one standard deviation and units."""
     return " + ".join(f"({t.coefficient:.3g} ± {t.std:.1g}) {t.unit} * {t.term}" for t in terms)

@@ -1,4 +1,4 @@
-"""On what a torque in a joint of a mechanism may depend: its speed, or its position."""
+"""Arguments of a torque in a joint of a mechanism: its speed, or its position."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ PLAUSIBLE_SHARE = 0.1
 def make_joint_argument(mechanism: Mechanism, joint: int, quantity: str, usual_torque: float) -> LawArgument:
     """A law of the joint's "speed" or "position"; `usual_torque` [N m or N] is that of the joint in the recordings.
 
-    What resists a speed is none at rest: a steady torque is one of the position.
+    A force that resists motion is zero at rest: a steady torque depends on the position.
     """
     by_speed, slides = quantity == "speed", bool(mechanism.is_slide[joint])
     unit = ("m" if slides else "rad") + ("/s" if by_speed else "")
@@ -41,7 +41,7 @@ def make_joint_argument(mechanism: Mechanism, joint: int, quantity: str, usual_t
 
 
 def courses_of_motions(dataset: Dataset, motions: Sequence[Motions], supposed: MechanismInput, place: str, argument: str) -> list[Course]:
-    """The argument over all windows, as the model has it. Raises SimulationFailed."""
+    """The simulated argument over all windows. Raises SimulationFailed."""
     simulator = _simulator(dataset)
     plant, joint = simulator.plant(supposed), simulator.mechanism.joints.index(place)
     found = []
@@ -53,21 +53,24 @@ def courses_of_motions(dataset: Dataset, motions: Sequence[Motions], supposed: M
 
 
 def own_law_of_joint(dataset: Dataset, supposed: MechanismInput, place: str, argument: str, u: Floats) -> Floats | None:
-    """What the mechanism has in the joint with these values and effects, at `u` (k,); None where it has nothing."""
+    """Torque or force (k,) of the mechanism in the joint with these values and effects, at `u` (k,); None where it has none."""
     simulator = _simulator(dataset)
     joint = simulator.mechanism.joints.index(place)
     return compute_own_law(simulator.plant(supposed), joint, argument.startswith("speed"), u)
 
 
 def turning_rate(dataset: Dataset, supposed: MechanismInput, table: LawTable, share: float) -> float:
-    """This share of the greatest rate of the argument, below which its direction counts as none."""
+    """This share of the greatest rate of the argument. Below it the direction of the argument counts as none."""
     motions = [part for part in dataset.parts if isinstance(part, Motions)]
     found = courses_of_motions(dataset, motions, supposed, table.place, table.argument)
     return share * max(float(np.abs(np.gradient(each.values, each.t_s, axis=0)).max()) for each in found) + 1e-12
 
 
 def response_to_branch(dataset: Dataset, part: Motions, supposed: MechanismInput, knot: int, size: float, turning: float) -> Floats:
-    """What a unit of the branches at one knot does to the rows of a condition, (m,), found with this `size`; the law acts already."""
+    """Response (m,) of the rows of a condition to a unit of the branches at one knot, by a difference of this `size`.
+
+    The law itself acts already.
+    """
     simulator = _simulator(dataset)
     plant = simulator.plant(supposed)
     *others, law = plant.laws

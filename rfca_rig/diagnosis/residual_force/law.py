@@ -1,4 +1,4 @@
-"""A law as the recordings have it, and what stands beside it: plain values, which pages and files read."""
+"""A measured law and its companions as plain values, which pages and files read."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LawArgument:
-    """On what a force at a place may depend, on one kind of rig.
+    """Argument that a force at a place may depend on, for one kind of rig.
 
     Parameters
     ----------
@@ -25,11 +25,11 @@ class LawArgument:
     unit, value_unit
         Of the argument and of the force; "" for a share of the friction coefficient.
     plausible
-        Size of the force that a rig may have, in its unit.
+        Plausible size of the force, in its unit.
     is_signed
         Whether the law may change sign with its argument, so that knots stand denser around zero.
     zero_at_zero
-        Whether the force is known to be none where the argument is 0.
+        Whether the force is known to be zero where the argument is 0.
     effect_of
         The effect that simulates a table of it.
     """
@@ -55,9 +55,18 @@ class Course:
 
 @dataclass(frozen=True)
 class MemoryTest:
-    """Both branches of a law at its knots, `rising` and `falling` (k,), and the standard deviation of their difference, `std` (k,).
+    """Both branches of a law at its k knots.
 
-    `log_evidence_gain` is what two branches gain over one; `has_memory` whether they differ by more than the band allows.
+    Parameters
+    ----------
+    rising, falling
+        (k,) the law while the argument rises, and while it falls.
+    std
+        (k,) standard deviation of their difference.
+    log_evidence_gain
+        Gain of two branches over one.
+    has_memory
+        Whether the branches differ by more than the band allows.
     """
 
     rising: Floats
@@ -69,7 +78,7 @@ class MemoryTest:
 
 @dataclass(frozen=True)
 class MeasuredLaw:
-    """A law as the recordings have it, beside the hypothesis `base`.
+    """A law as the recordings show it, beside the hypothesis `base`.
 
     Parameters
     ----------
@@ -80,12 +89,12 @@ class MeasuredLaw:
     knots, values, std : (k,)
         The residual law with one standard deviation at each knot.
     whole, whole_std : (k,) or None
-        The same with what the model has there already, as the damping of a hinge; None where it has nothing. The data tell this better
-        than how it is divided between both.
+        The same plus the law that the model has there already, for example the damping of a hinge; None where it has none. The data
+        determine the sum better than its division.
     visited
-        Least and greatest value of the argument in the recordings, but for a thousandth of the time at either end.
+        Least and greatest value of the argument in the recordings, without a thousandth of the time at either end.
     explained
-        Share of the misfit on held-out conditions that the law takes away from what `base` leaves there.
+        Share of the misfit of `base` on held-out conditions that the law removes.
     log_density_gain
         Log predictive density of all conditions, each held out in turn, above that of `base`.
     log_evidence_gain
@@ -120,7 +129,7 @@ class MeasuredLaw:
 
     @property
     def _possible(self) -> tuple[float, ...]:
-        """Friction cannot be less than none."""
+        """The values, limited where they cannot be physical: a friction coefficient cannot be negative."""
         least = -1.0 if self.place == "floor_friction" else -np.inf
         return tuple(max(float(value), least) for value in self.values)
 
@@ -136,7 +145,7 @@ class CatalogueCurve:
 
 @dataclass(frozen=True)
 class StatedLaw:
-    """A measured law, the effects of the catalogue that it stands in for, and the law of one of them as fitted, where it has one."""
+    """A measured law, the effects of the catalogue that it replaces, and the fitted law of one of them, where it has one."""
 
     law: MeasuredLaw
     instead_of: tuple[str, ...]

@@ -1,6 +1,6 @@
-"""What a force at a place may depend on: the arguments' ranges over the recordings, knots for them, and what the model has there already.
+"""Arguments that a force at a place may depend on: ranges over the recordings, knots, and the law that the model has there already.
 
-Ranges come from the model's own motion, which has no noise, never from a differentiated recording.
+Ranges come from the simulated motion, which has no noise, never from a differentiated recording.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,7 +43,7 @@ PLAUSIBLE = {"N m": 0.1, "N": 2.0, "": 0.3}  # size of a law's value, in its uni
 
 
 def make_argument(place: str, argument: str) -> LawArgument:
-    """What a law of this argument at a place of a leg or a pendulum is. Raises BadInput where there is none."""
+    """The argument of a law at a place of a leg or a pendulum. Raises BadInput where there is none."""
     kind = kind_of(place, argument)
     return LawArgument(
         place, argument, kind.argument_unit, kind.unit, PLAUSIBLE[kind.unit], argument in SIGNED, argument in ZERO_AT_ZERO, effect_of_table
@@ -51,7 +51,7 @@ def make_argument(place: str, argument: str) -> LawArgument:
 
 
 def arguments_at(place: str, supposed: Any) -> tuple[str, ...]:
-    """The arguments that are tried at a place. In a leg with measured curves no law can follow the spring's torque."""
+    """Arguments that are tried at a place. In a leg with measured curves no law can follow the torque of the spring."""
     if place.startswith("hinge"):
         return ("rate_rad_s", "angle_rad", *(() if supposed.rig.leg.torque_splines else ("spring_torque_Nm",)))
     if place.startswith("joint"):
@@ -63,7 +63,7 @@ def arguments_at(place: str, supposed: Any) -> tuple[str, ...]:
 
 
 def courses(dataset: Dataset, supposed: Any, place: str, argument: str) -> list[Course]:
-    """The argument over every condition that moves, as the model has it. Raises SimulationFailed, and BadInput where none moves."""
+    """The simulated argument over every moving condition. Raises SimulationFailed, and BadInput where none moves."""
     motions = [part for part in dataset.parts if isinstance(part, Motions)]
     if motions:
         return courses_of_motions(dataset, motions, supposed, place, argument)
@@ -75,7 +75,7 @@ def courses(dataset: Dataset, supposed: Any, place: str, argument: str) -> list[
 
 
 def visited_range(found: Sequence[Course]) -> tuple[float, float]:
-    """Between which values the argument was, but for a thousandth of the time at either end."""
+    """Range of the argument, without a thousandth of the time at either end."""
     counted = np.concatenate([each.values[each.counts] for each in found])
     low, high = np.quantile(counted, [SELDOM, 1.0 - SELDOM]) if counted.size else (0.0, 0.0)
     return float(low), float(high)
@@ -89,15 +89,32 @@ def knots_over(visited: tuple[float, float], is_signed: bool) -> Floats:
     scale = NEAR_ZERO * max(abs(low), abs(high))
     first, last = np.arcsinh(low / scale), np.arcsinh(high / scale)
     spacing = (last - first) / (SIGNED_KNOTS - 1)
+    # The range hardly crosses zero, so zero needs no knot of its own.
     if first > -spacing or last < spacing:
         return np.asarray(scale * np.sinh(np.linspace(first, last, SIGNED_KNOTS)))
+    # Two pieces that meet at zero, so that zero is a knot: a law known to be zero there needs it.
     below = np.linspace(first, 0.0, round(-first / spacing) + 1)
     above = np.linspace(0.0, last, round(last / spacing) + 1)
     return np.asarray(scale * np.sinh(np.append(below, above[1:])))
 
 
 def own_law(dataset: Dataset, supposed: Any, place: str, argument: str, u: Floats) -> Floats | None:
-    """What the model has at the place already, at the arguments `u` (k,), with its base effects left aside; None where it has nothing."""
+    """The law that the model has at the place already, without base effects.
+
+    Parameters
+    ----------
+    dataset, supposed
+        The recordings, and the input of the simulator.
+    place, argument
+        The place and the argument.
+    u
+        (k,) values of the argument.
+
+    Returns
+    -------
+    (k,) or None
+        In the unit of the whole law; None where the model has none.
+    """
     if isinstance(dataset.parts[0], Motions):
         return own_law_of_joint(dataset, replace(supposed, effects=()), place, argument, u)
     leg, ground = supposed.rig.leg, supposed.rig.ground
@@ -114,7 +131,7 @@ def own_law(dataset: Dataset, supposed: Any, place: str, argument: str, u: Float
 
 
 def with_own(place: str, own: Floats, values: Floats) -> Floats:
-    """The whole law where the model has `own` and the table adds `values`: a share of the friction coefficient, elsewhere a force."""
+    """The whole law (k,) from `own` (k,) and the table `values` (k,): a share of the friction coefficient, elsewhere a force."""
     return np.asarray(own * (1.0 + values) if place == "floor_friction" else own + values)
 
 
@@ -129,6 +146,7 @@ def _own_of_joint(dataset: Dataset, supposed: Supposed, place: str, argument: st
 
 
 def course_of_stroke(flap: FlapCondition, supposed: Supposed, place: str, argument: str) -> Course:
+    """The argument over one simulated stroke."""
     stroke, rig = flap.stroke(supposed), supposed.rig
     if place.startswith("hinge"):
         angle, rate = np.diff(stroke.q_rad, axis=1), np.diff(stroke.w_rad_s, axis=1)
@@ -142,7 +160,7 @@ def course_of_stroke(flap: FlapCondition, supposed: Supposed, place: str, argume
 
 
 def _at_floor(flap: FlapCondition, supposed: Supposed, stroke: SimulatedStroke) -> dict[str, tuple[Floats, NDArray[np.bool_]]]:
-    """Slip speed, load and depth of the tip, and where it touches."""
+    """Slip speed, load and depth of the tip (n,), and where each counts."""
     q, w, length = stroke.q_rad, stroke.w_rad_s, np.array(supposed.rig.leg.link_lengths_m)
     load = stroke.normal_N[:, -1]
     slip = -(np.sin(q) * w) @ length - supposed.rig.friction_lever_m * w[:, -1]
@@ -157,6 +175,7 @@ def _of_channel(stroke: SimulatedStroke, place: str, argument: str) -> tuple[Flo
 
 
 def course_of_stretch(stretch: Stretch, supposed: Supposed, place: str, argument: str) -> list[Course]:
+    """The argument over each window of a simulated stretch."""
     ready = driven(shifted(stretch.pendulum, dict(of_pendulum(supposed).off)), supposed.rig.effects)
     found = []
     for each in stretch.windows:

@@ -1,8 +1,8 @@
-"""Whether a measured law has memory: whether the force at one value of its argument differs while the argument rises from while it falls.
+"""Memory of a measured law: whether the force at one value of its argument differs between a rising and a falling argument.
 
-Beside the law f(u) a second one, g(u) sign(du/dt), acts as a force over time along the motion that the law makes; the observations answer
-to it in proportion. It is fitted with everything else free. A friction that follows the speed alone leaves g at zero; presliding, a loop
-of the spring or play do not.
+Beside the law f(u), a second one, g(u) sign(du/dt), acts as a force over time along the motion with the law. The response of the
+observations to it is linear. It is fitted with everything else free. A friction that depends on the speed alone leaves g at zero.
+Presliding, a loop of the spring or play do not.
 """
 
 from collections.abc import Sequence
@@ -50,31 +50,50 @@ APART = 0.25  # of the knots at which the branches must be two standard deviatio
 def detect_memory(
     found: ModelSelectionResult, linear: LinearModel, supposed: Any, table: LawTable, plausible: float, slopes: Floats
 ) -> MemoryTest:
-    """The two branches of the law in `table`, which acts in what is `supposed`; `linear` is the hypothesis with the law around that.
+    """The two branches of a law.
 
-    `plausible` is the size of a plausible value. `slopes` (m, k) is what the values of the table do to all rows: at a static stage they
-    act in the direction of its turn. Raises SimulationFailed where the model has no answer.
+    Parameters
+    ----------
+    found
+        The result of the search.
+    linear
+        The hypothesis with the law, linearised around `supposed`.
+    supposed
+        Input of the simulator with the law.
+    table
+        The law at k knots.
+    plausible
+        Plausible size of a value.
+    slopes
+        (m, k) response of all rows to the values of the table. At a static stage they act in the direction of its turn.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the model has no answer.
     """
     responses = _responses(found, supposed, table, plausible) + _of_stages(found, table, slopes)
     whitening, knots = found.likelihood.level(linear), np.array(table.knots)
-    none = laplace_posterior(linear, whitening).log_evidence
+    without_branches = laplace_posterior(linear, whitening).log_evidence
     best, root = None, np.empty(0)
     for size, roughness in product(SIZES, ROUGHNESS):
-        tried = root_of(knots, size * plausible, roughness)
-        posterior = laplace_posterior(LinearModel(linear.target, np.column_stack([linear.jacobian, responses @ tried])), whitening)
+        trial_root = root_of(knots, size * plausible, roughness)
+        posterior = laplace_posterior(LinearModel(linear.target, np.column_stack([linear.jacobian, responses @ trial_root])), whitening)
         if best is None or posterior.log_evidence > best.log_evidence:
-            best, root = posterior, tried
+            best, root = posterior, trial_root
     assert best is not None
     count = len(knots)
+    # g is half the difference of the branches: rising is f + g, falling is f - g.
     half = root @ best.mean[-count:]
     std = np.sqrt(np.diag(root @ best.covariance[-count:, -count:] @ root.T))
-    gain, values = best.log_evidence - none, np.array(table.values)
+    gain, values = best.log_evidence - without_branches, np.array(table.values)
+    # Evidence alone is not enough: the branches must also differ clearly at a quarter of the knots.
     has_memory = gain > EVIDENCE and float(np.mean(np.abs(half) > 2.0 * std)) >= APART
     return MemoryTest(values + half, values - half, 2.0 * std, gain, has_memory)
 
 
 def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size: float) -> Floats:
-    """What a unit of g at each knot does to all rows, (m, k)."""
+    """Response (m, k) of all rows to a unit of g at each knot."""
     rows, count = found.dataset.rows, len(table.knots)
     turning = turning_rate(found.dataset, supposed, table, TURNING) if isinstance(found.dataset.parts[0], Motions) else 0.0
     jobs = [(number, part, knot) for number, part in enumerate(found.dataset.parts) for knot in range(count)]
@@ -99,7 +118,7 @@ def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size
 
 
 def _of_stages(found: ModelSelectionResult, table: LawTable, slopes: Floats) -> Floats:
-    """The same at static stages, where a bend grows while loading; no rate is left there."""
+    """Response (m, k) at static stages, where a bend grows while loading; no rate is left there."""
     rows = found.dataset.rows
     turn = np.where(rows.experiment == "static", np.where(rows.phase == "loading", 1.0, -1.0), 0.0)
     grows = np.sign(table.knots) if table.argument in BENDING else np.zeros(len(table.knots))
@@ -107,9 +126,10 @@ def _of_stages(found: ModelSelectionResult, table: LawTable, slopes: Floats) -> 
 
 
 def _branch(course: Course, table: LawTable, knot: int) -> Floats:
-    """One knot's share of g times the direction, over time, (m, k)."""
+    """Share of one knot in g times the direction, over time, (n, hinges)."""
     share = np.interp(course.values, table.knots, np.eye(len(table.knots))[knot])
     rate = np.gradient(course.values, course.t_s, axis=0)
+    # A smooth sign: the direction fades where the argument hardly changes.
     return np.asarray(share * np.tanh(rate / (TURNING * np.abs(rate).max() + 1e-12)) * course.counts)
 
 
@@ -128,34 +148,36 @@ class _Stroke:
         return cls(here, table, course_of_stroke(flap, supposed, table.place, table.argument))
 
     def response(self, knot: int, size: float) -> Floats:
-        """The change of the rows per unit of the knot."""
+        """Change of the rows (m,) per unit of the knot."""
         here, place, branch = self.here, self.table.place, _branch(self.course, self.table, knot)
         if place.startswith("hinge"):
             links = range(1, here.stroke.q_rad.shape[1])
             only = list(links) if place == "hinges" else [int(place.removeprefix("hinge")) - 1]
-            return self._changed(branch, only, size)
+            return self._respond_to_torque(branch, only, size)
         if not place.startswith("floor"):
             return here.rows_of({place: branch[:, 0]})
         down = place == "floor_normal"
         force = -branch[:, 0] if down else branch[:, 0] * self._friction_per_share()
-        return self._pulled(force, down, size)
+        return self._respond_to_force(force, down, size)
 
     def _friction_per_share(self) -> Floats:
+        """Friction (n,) per unit of the law, which is a share of the friction coefficient."""
         share = 1.0 + np.interp(self.course.values[:, 0], self.table.knots, self.table.values)
+        # The simulated friction has the law in it; the floor avoids a division by nearly nothing.
         return np.asarray(self.here.stroke.tangential_N[:, -1] / np.maximum(share, 0.1))
 
-    def _pulled(self, force: Floats, down: bool, size: float) -> Floats:
-        """A force on the tip, downwards or along +y: by the torques that it has about the hinges, and its own part at the mount."""
+    def _respond_to_force(self, force: Floats, down: bool, size: float) -> Floats:
+        """Response (m,) to a force (n,) on the tip, downwards or along +y: torques about the hinges, and the direct part at the mount."""
         here = self.here
         arms = arms_of(here, of_tip(here.stroke), down)
         torque, nothing = -force * arms[:, 0], np.zeros_like(force)
         fy, fz = (nothing, force) if down else (-force, nothing)
         own = here.rows_of({"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy})
         levers = -force[:, None] * arms[:, 1:]
-        return own + self._changed(levers, list(range(1, arms.shape[1])), size)
+        return own + self._respond_to_torque(levers, list(range(1, arms.shape[1])), size)
 
-    def _changed(self, torque: Floats, only: Sequence[int], size: float) -> Floats:
-        """By torques (m, k) over time that resist the hinges `only`, per unit; a stroke that has no answer shows nothing."""
+    def _respond_to_torque(self, torque: Floats, only: Sequence[int], size: float) -> Floats:
+        """Response (m,) per unit to torques (n, k) over time that resist the hinges `only`; zero where the model has no answer."""
         here, largest = self.here, float(np.abs(torque).max())
         if largest == 0.0:
             return here.rows_of({})
@@ -180,6 +202,8 @@ def follow(  # a law takes what its place offers, needed or not
     memory: Any,
     parameter: Any,
 ) -> tuple[float, float, float]:
+    """Torque over time from a table of even steps; the derivatives by angle and rate are 0."""
+    # `memory[0]` holds the time up to the last accepted step. A very long elapsed time means the rest pose and does not count.
     t = parameter[BEGINS] + memory[0] + (elapsed if elapsed < AT_REST_S else 0.0)
     last = int(parameter[COUNT]) - 1
     x = min(max(t / parameter[STEP], 0.0), float(last))
@@ -189,7 +213,7 @@ def follow(  # a law takes what its place offers, needed or not
 
 
 def course_in_hinge(t_s: Floats, torque_Nm: Floats, hinge: int) -> Change:
-    """A torque over time (m,) that resists the turn of a hinge, from 1."""
+    """A torque over time (n,) that resists the turn of a hinge; hinges count from 1."""
     begin_s = float(t_s[0])
     even = np.arange(begin_s, float(t_s[-1]) + STEP_S, STEP_S)
     values = tuple(float(value) for value in np.interp(even, t_s, torque_Nm))
@@ -202,7 +226,7 @@ def course_in_hinge(t_s: Floats, torque_Nm: Floats, hinge: int) -> Change:
 
 
 def _of_stretch(stretch: Stretch, supposed: Supposed, table: LawTable, knot: int, size: float) -> Floats:
-    """The same of a pendulum: a torque over time is a part of that which drives it, against the sign of one that resists."""
+    """Response (m,) of a pendulum. The torque over time is subtracted from the driving torque, since the law resists the turn."""
     ready = driven(shifted(stretch.pendulum, dict(of_pendulum(supposed).off)), supposed.rig.effects)
     joints = range(len(stretch.pendulum.links)) if table.place == "joints" else [int(table.place.removeprefix("joint")) - 1]
     changes = []

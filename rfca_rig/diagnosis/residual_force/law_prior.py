@@ -1,7 +1,7 @@
-"""What is known of a law before the data: it is smooth, and of a plausible size.
+"""Prior of a measured law: it is smooth, and of a plausible size.
 
-With second differences D over k knots and Q = D^T D / rho^2 + 1 / k, the covariance of its values is size^2 Q^-1: rho 0.03 is a straight
-line, rho 1 any course.
+D are second differences over k knots, and Q = D^T D / rho^2 + 1 / k. The covariance of the values is size^2 Q^-1. With rho = 0.03 the law
+is nearly straight, with rho = 1 it may have any course.
 
 References: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), chapter 5; Lang and Brezger, J. Comput. Graph. Statist.
 13 (2004) 183 (random-walk priors for the coefficients of splines).
@@ -18,9 +18,9 @@ NONE = 1e-3  # of a law's size: nothing, where it is known to be none
 
 
 def root_of(knots: Floats, size: float, roughness: float, zero_at_zero: bool = False) -> Floats:
-    """A root (k, k) of the covariance of the values at the knots, its columns from the least free to the most.
+    """Root (k, k) of the prior covariance of the values at the knots (k,), columns from the least free direction to the freest.
 
-    With `zero_at_zero` the law is known to be nothing at a knot that is 0.
+    With `zero_at_zero` the law is known to be zero at a knot that is 0.
     """
     count = len(knots)
     bend = np.diff(np.eye(count), 2, axis=0) / roughness

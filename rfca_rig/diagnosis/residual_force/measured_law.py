@@ -1,9 +1,10 @@
-"""The residual force at a place as a function of one argument, with a band: what no formula of the catalogue need contain.
+"""Residual force at a place as a function of one argument, with an uncertainty band and without a formula.
 
-The law is straight between values at knots. It acts in the simulator itself, beside the base hypothesis, so that the motion answers to it;
-the response of the observations to each value is found by differences there, and renewed where the fit moves to. The values have the smooth
-Gaussian prior of `law_prior`, its size and roughness those of the greatest evidence over a grid. All nuisance parameters stay free, and
-the covariance of the data has the discrepancy in it.
+The law is piecewise linear between values at knots. It acts in the simulator itself, beside the base hypothesis, so that the motion
+responds to it. The response of the observations to each value is found by finite differences there, and recomputed where the fit moves to.
+
+The values have the smooth Gaussian prior of `law_prior`, with the size and roughness of the greatest evidence over a grid. All nuisance
+parameters stay free, and the covariance of the data includes the discrepancy.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,14 +43,14 @@ Floats = NDArray[np.float64]
 # optimum. Of 9 starts 1e-3 prior deviations apart, a friction law fell 250 or more short of the best log evidence in 3 with 0.3, in 2
 # with 0.1; of 21 with 0.03, none by more than 75. A law that is given is not pulled straight. The likeliest roughness follows.
 FIRST_SIZE, STRAIGHT, FREE = 1.0, 0.03, 0.3
-CONVERGE = 1  # times that all slopes are found anew at the end
+CONVERGE = 1  # recomputations of the whole Jacobian at the end
 LEVELS, ROUNDS = 2, 4  # steps of each of the two fits; a friction law changes the motion that it depends on
-STEP = 1e-4  # of a prior deviation: for what the base law of the model does with its nuisances, which is smooth
+STEP = 1e-4  # of a prior deviation: the base law of the model is a smooth function of the nuisance parameters
 
 
 @dataclass(frozen=True)
 class LawStart:
-    """Where a fit begins: the unknowns of the base (p,), and the values of the law for an argument at its knots, None for no law of it."""
+    """Start of a fit: the unknowns of the base (p,), and the values (k,) of the law for an argument at its knots; None for no law of it."""
 
     x: Floats
     values: Callable[[str, Floats], Floats | None]
@@ -57,7 +58,7 @@ class LawStart:
 
 @dataclass(frozen=True)
 class _Fits:
-    """The likeliest law and those about as likely, and the range of its argument."""
+    """The most probable law and those about as probable, and the range of its argument."""
 
     laws: list[Hypothesis]
     visited: tuple[float, float]
@@ -65,7 +66,7 @@ class _Fits:
 
 @dataclass(frozen=True)
 class TableTerm(EffectTerm):
-    """A tabulated law as a hypothesis has it: `root` (k rows of k) times its standard normal coordinates are the values."""
+    """A tabulated law as part of a hypothesis: `root` (k rows of k) times its standard normal coordinates (k,) are the values."""
 
     argument: LawArgument = field(kw_only=True)
     knots: tuple[float, ...] = ()
@@ -73,15 +74,15 @@ class TableTerm(EffectTerm):
 
     @property
     def free(self) -> tuple[Parameter, ...]:
-        """One coordinate per knot; a normal parameter from -2 to 2 has itself as coordinate."""
+        """One coordinate per knot; a normal parameter from -2 to 2 equals its own coordinate."""
         return tuple(Parameter(f"coordinate{number}", -2.0, 2.0) for number in range(1, len(self.knots) + 1))
 
     def values(self, z: Floats) -> Floats:
-        """The values at the knots, (k,)."""
+        """Values at the knots (k,) for coordinates z (k,)."""
         return np.asarray(np.array(self.root) @ z)
 
     def present(self, z: Floats) -> PresentEffect:
-        """The law at these coordinates."""
+        """The law at coordinates z (k,)."""
         table = LawTable(self.argument.place, self.argument.name, self.knots, tuple(float(value) for value in self.values(z)))
         return PresentEffect(TABULATED_LAW, table=table)
 
@@ -123,10 +124,10 @@ def measure_best_law(
     start: LawStart | None = None,
     renew_range: bool = False,
 ) -> MeasuredLaw:
-    """The same for arguments of any kind of rig, all at one place.
+    """The law for the argument that predicts held-out conditions best, for any kind of rig; all arguments are at one place.
 
-    With `renew_range` each law is fitted again over the range of the motion with the law. Windows that begin at a measured state run to
-    speeds that were never recorded where the base brakes too little.
+    With `renew_range` each law is fitted again over the range of the motion with the law. If the base brakes too little, windows that begin
+    at a measured state reach speeds that were never recorded.
     """
     fitted = [fit_law(found, argument, base, start, renew_range) for argument in arguments]
     laws = [law for law in fitted if law is not None]
@@ -139,11 +140,12 @@ def measure_best_law(
 
 
 def with_memory_test(found: ModelSelectionResult, law: MeasuredLaw) -> MeasuredLaw:
-    """The law with the answer whether it has memory. Raises SimulationFailed where the model has no answer."""
+    """The law with the result of the memory test. Raises SimulationFailed where the model has no answer."""
     fitted, table = law.hypothesis.fitted, law.present.table
     assert table is not None
     linear, supposed = fitted.linear(found.dataset.rows.measured), fitted.coordinates.supposed(fitted.x)
     term, part = _term_of(fitted)
+    # The Jacobian is by coordinates; the inverse root turns it into one by values of the law.
     slopes = fitted.jacobian[:, part] @ np.linalg.inv(np.array(term.root))
     memory = detect_memory(found, linear, supposed, table, term.argument.plausible, slopes)
     if not memory.has_memory:
@@ -151,45 +153,47 @@ def with_memory_test(found: ModelSelectionResult, law: MeasuredLaw) -> MeasuredL
     half = 0.5 * (memory.rising - memory.falling)  # no single curve is right: the band holds both branches
     whole_std = law.whole_std
     if law.whole is not None and whole_std is not None:
+        # A law of floor friction is a share of the coefficient, so its band is converted to the coefficient.
         whole_std = np.hypot(whole_std, half * (law.whole / (1.0 + law.values) if law.place == "floor_friction" else 1.0))
     return replace(law, memory=memory, std=np.hypot(law.std, half), whole_std=whole_std)
 
 
 def base_without(found: ModelSelectionResult, hypothesis: Hypothesis, effect: str) -> Hypothesis:
-    """The hypothesis less one of its effects, fitted again: the base of a law that takes the effect's place.
+    """The hypothesis without one of its effects, fitted again: the base of a law that takes the place of the effect.
 
     Raises BadInput where it has no such effect, SimulationFailed where the model has no answer.
     """
     if effect not in hypothesis.ids:
         raise BadInput(f"effect {effect}: is not in the hypothesis, which has {', '.join(hypothesis.ids) or 'none'}")
     optimizer = GaussNewton(found.dataset, found.likelihood)
-    rest = optimizer.without(hypothesis.fitted, hypothesis.ids.index(effect))
-    if rest is None:
+    remaining = optimizer.without(hypothesis.fitted, hypothesis.ids.index(effect))
+    if remaining is None:
         raise SimulationFailed(f"the model has no answer without {effect}")
-    return _hypothesis(optimizer, optimizer.converge(optimizer.refine(rest)))
+    return _hypothesis(optimizer, optimizer.converge(optimizer.refine(remaining)))
 
 
 def fit_law(
     found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, start: LawStart | None = None, renew_range: bool = False
 ) -> MeasuredLaw | None:
-    """The law of one argument over its range in the motion of the base, with `renew_range` fitted again over that with the law.
+    """The law of one argument over its range in the motion of the base; with `renew_range` fitted again over that with the law.
 
     None where the argument hardly changes, or where the model has no answer.
     """
-    # what is missing may have drawn the nuisance parameters away, so a fit also begins at their prior means
+    # The missing law may have drawn the nuisance parameters away, so a fit also begins at their prior means.
     starts = [(STRAIGHT, LawStart(x, lambda _, knots: np.zeros(len(knots)))) for x in (base.fitted.x, base.fitted.at_prior_means)]
     if start is not None:
         starts.append((FREE, start))
     fits = _fit(found, argument, base, starts, base)
     if fits is not None and renew_range:
+        # The motion with the law may have another range. If it cannot be fitted there, the first fit is used.
         fits = _fit(found, argument, base, [(FREE, _start_at(law)) for law in fits.laws], fits.laws[0]) or fits
-    return None if fits is None else _measured(found, base, fits)
+    return None if fits is None else _make_measured_law(found, base, fits)
 
 
 def _fit(
     found: ModelSelectionResult, argument: LawArgument, base: Hypothesis, starts: Sequence[tuple[float, LawStart]], moving: Hypothesis
 ) -> _Fits | None:
-    """The law over its range in the motion of `moving`, fitted from starts with the roughness of their first prior."""
+    """The law over its range in the motion of `moving`, from starts with the roughness of their first prior."""
     optimizer = GaussNewton(found.dataset, found.likelihood)
     supposed = moving.fitted.coordinates.supposed(moving.fitted.x)
     visited = visited_range(courses(found.dataset, supposed, argument.place, argument.name))
@@ -202,23 +206,26 @@ def _fit(
         if values is None:
             continue
         coordinates = base.fitted.coordinates.with_terms((*base.fitted.coordinates.choices, first))
+        # The values are the root times the coordinates, so the coordinates follow by solving.
         start = optimizer.at(coordinates, np.append(begin.x, np.linalg.solve(np.array(first.root), values)))
         if start is not None:
+            # Twice: the prior is chosen by the Jacobian of the first fit, and the second fit uses it.
             here = _with_likeliest_prior(optimizer, optimizer.refine(start, LEVELS, ROUNDS))
             laws.append(_hypothesis(optimizer, optimizer.converge(optimizer.refine(here, LEVELS, ROUNDS), CONVERGE)))
+    # Fits that are about as probable as the best are kept: their differences widen the band.
     laws.sort(key=lambda law: -law.marginal.log_evidence)
     return _Fits([law for law in laws if law.marginal.log_evidence > laws[0].marginal.log_evidence - NEAR], visited) if laws else None
 
 
 def _start_at(law: Hypothesis) -> LawStart:
-    """Where a fit begins over other knots."""
+    """Start of a fit over other knots, from a law that was fitted."""
     term, part = _term_of(law.fitted)
     values = term.values(law.fitted.x[part])
     return LawStart(law.fitted.x[: part.start], lambda _, knots: np.interp(knots, term.knots, values))
 
 
 def _term(argument: LawArgument, knots: Floats, size: float, roughness: float) -> TableTerm:
-    """The term with the prior of this size, as a multiple of the plausible one, and roughness."""
+    """The term with a prior of this roughness and size; the size is a multiple of the plausible one."""
     table = LawTable(argument.place, argument.name, tuple(map(float, knots)), (0.0,) * len(knots))
     rows = tuple(tuple(map(float, row)) for row in _root(argument, knots, size, roughness))
     return TableTerm(argument.effect_of(table), argument=argument, knots=table.knots, root=rows)
@@ -229,7 +236,7 @@ def _root(argument: LawArgument, knots: Floats, size: float, roughness: float) -
 
 
 def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
-    """The fit at the same place with the size and roughness of the greatest evidence, by the slopes that it has."""
+    """The fit at the same values with the prior size and roughness of the greatest evidence, by its present Jacobian."""
     term, part = _term_of(here)
     root = np.array(term.root)
     knots, law, slopes = np.array(term.knots), root @ here.x[part], here.jacobian[:, part] @ np.linalg.inv(root)
@@ -248,7 +255,7 @@ def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
 
 
 def _term_of(fitted: MapFit) -> tuple[TableTerm, slice]:
-    """The tabulated law of a fit, its last term, and where its coordinates stand."""
+    """The tabulated law of a fit, its last term, and the slice of its coordinates."""
     term = fitted.coordinates.choices[-1]
     assert isinstance(term, TableTerm)
     return term, fitted.coordinates.part(len(fitted.coordinates.choices) - 1)
@@ -258,15 +265,16 @@ def _hypothesis(optimizer: GaussNewton, fitted: MapFit) -> Hypothesis:
     return Hypothesis(fitted.ids, fitted, optimizer.evaluate(fitted), 0.0)
 
 
-def _measured(found: ModelSelectionResult, base: Hypothesis, fits: _Fits) -> MeasuredLaw:
+def _make_measured_law(found: ModelSelectionResult, base: Hypothesis, fits: _Fits) -> MeasuredLaw:
+    """The most probable fit as plain values, with standard deviations that include the spread between equally good fits."""
     law, spread = fits.laws[0], _spread(fits.laws)
     term, part = _term_of(law.fitted)
     argument = term.argument
     values, knots = _estimate(law)[part], np.array(term.knots)
     covariances = [each + spread for each in (_covariance(found, law), _jackknife_covariance(found, law))]
     whole = _whole(found, law, covariances)
-    before, after = (_held_out_misfit(found, each) for each in (base, law))
-    densities = [_held_out_log_density(found, each) for each in (base, law)]
+    before, after = (_compute_held_out_misfit(found, each) for each in (base, law))
+    densities = [_compute_held_out_log_density(found, each) for each in (base, law)]
     return MeasuredLaw(
         place=argument.place,
         argument=argument.name,
@@ -287,16 +295,16 @@ def _measured(found: ModelSelectionResult, base: Hypothesis, fits: _Fits) -> Mea
 
 
 def _estimate(law: Hypothesis) -> Floats:
-    """Nuisances and values of the law, (p,)."""
+    """Nuisance parameters and values of the law, (p,)."""
     term, part = _term_of(law.fitted)
     mean = law.marginal.posterior.mean
     return np.asarray(_to_values(len(mean), part, np.array(term.root)) @ mean)
 
 
 def _spread(laws: Sequence[Hypothesis]) -> Floats:
-    """The covariance (p, p) between fits that are about as likely, as of a mixture of all; zero for a single one.
+    """Covariance (p, p) between fits that are about as probable, as of a mixture of all; zero for a single one.
 
-    Contact makes the misfit rough, so that fits from different starts stop at different places.
+    Contact makes the misfit rough, so fits from different starts stop at different places.
     """
     estimates = np.array([_estimate(law) for law in laws])
     apart = estimates - estimates.mean(axis=0)
@@ -304,19 +312,19 @@ def _spread(laws: Sequence[Hypothesis]) -> Floats:
 
 
 def _widest(covariances: Sequence[Floats]) -> Floats:
-    """The larger standard deviation at each knot: a posterior trusts its covariance, and where conditions disagree it is too sure."""
+    """Larger standard deviation (k,) at each knot: where conditions disagree, the posterior alone is too narrow."""
     return np.asarray(np.sqrt(np.max([np.diag(each) for each in covariances], axis=0)))
 
 
 def _to_values(size: int, part: slice, root: Floats) -> Floats:
-    """The matrix that turns the coordinates of a law into its values, and leaves the other unknowns alone."""
+    """Matrix (p, p) that turns the coordinates of a law into its values and leaves the other unknowns unchanged."""
     turn = np.eye(size)
     turn[part, part] = root
     return turn
 
 
 def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
-    """Of nuisances and values about the estimate, over all sizes and degrees of roughness of the prior as far as the evidence has them."""
+    """Covariance (p, p) of nuisance parameters and values, averaged over sizes and roughness of the prior by their evidence."""
     term, part = _term_of(law.fitted)
     linear, root = law.fitted.linear(found.dataset.rows.measured), np.array(term.root)
     knots = np.array(term.knots)
@@ -329,15 +337,17 @@ def _covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
         turn = _to_values(len(estimate), part, other)
         off = turn @ judged.posterior.mean - estimate
         logs.append(judged.log_evidence)
+        # Second moment about the estimate, not about the mean of each prior: the differences between priors count, too.
         moments.append(turn @ judged.posterior.covariance @ turn.T + np.outer(off, off))
+    # The maximum is subtracted to avoid an underflow.
     weights = np.exp(np.array(logs) - max(logs))
     return np.asarray(np.einsum("h,hij->ij", weights / weights.sum(), np.array(moments)))
 
 
 def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Floats:
-    """The same from how the estimate moves when each condition in turn is taken out (Efron, SIAM 1982)."""
+    """Covariance (p, p) from the change of the estimate when each condition in turn is left out (Efron, SIAM 1982)."""
     rows, whitening = found.dataset.rows, law.marginal.whitening
-    linear, out = law.fitted.linear(rows.measured), _held_out_conditions(found)
+    linear, out = law.fitted.linear(rows.measured), _list_held_out(found)
     both = np.column_stack([linear.jacobian, linear.target])
     weighed, unit = whitening.weighted(both), np.eye(linear.jacobian.shape[1])
     estimates = []
@@ -351,7 +361,10 @@ def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Float
 
 
 def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[Floats]) -> tuple[Floats, Floats] | None:
-    """The law with what the model has there already, and its standard deviations: both move with the nuisances."""
+    """The law plus that of the model at the place, and its standard deviations, (k,) each; None where the model has none.
+
+    Both parts move with the nuisance parameters, so the uncertainty of the sum is propagated from all unknowns.
+    """
     coordinates = law.fitted.coordinates
     term, part = _term_of(law.fitted)
 
@@ -368,20 +381,20 @@ def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[F
     return here, _widest([jacobian @ each @ jacobian.T for each in covariances])
 
 
-def _held_out_conditions(found: ModelSelectionResult) -> list[int]:
-    """Those that move; a static table is always among the others."""
+def _list_held_out(found: ModelSelectionResult) -> list[int]:
+    """Conditions that move; a static table is always among the others."""
     rows = found.dataset.rows
     return sorted({int(number) for number in rows.condition[rows.experiment != "static"]})
 
 
-def _held_out_misfit(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
-    """Sum of squares over what noise and the usual model error leave to be expected, each condition predicted from the others."""
-    rows, out = found.dataset.rows, _held_out_conditions(found)
+def _compute_held_out_misfit(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
+    """Sum of squares relative to noise and the usual model error, each condition predicted from the others."""
+    rows, out = found.dataset.rows, _list_held_out(found)
     residual = loo_residuals(hypothesis.fitted.linear(rows.measured), found.likelihood.usual, rows.condition, out)
     return float((residual**2 / found.likelihood.usual.variance()).sum())
 
 
-def _held_out_log_density(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
-    """Of all conditions, each predicted from the others, at the discrepancy that this hypothesis has."""
+def _compute_held_out_log_density(found: ModelSelectionResult, hypothesis: Hypothesis) -> float:
+    """Log predictive density of all conditions, each predicted from the others, at the discrepancy scale of this hypothesis."""
     rows, linear = found.dataset.rows, hypothesis.fitted.linear(found.dataset.rows.measured)
-    return float(loo_log_densities(linear, found.likelihood.level(linear), rows.condition, _held_out_conditions(found)).sum())
+    return float(loo_log_densities(linear, found.likelihood.level(linear), rows.condition, _list_held_out(found)).sum())

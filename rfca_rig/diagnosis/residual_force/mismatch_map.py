@@ -24,16 +24,27 @@ CHANCE = 0.01  # family-wise
 
 
 def locate_mismatch(rows: Observations, fit: MapFit, likelihood: MarginalLikelihood) -> tuple[tuple[MapCell, ...], tuple[Located, ...]]:
-    """The whole map, and the places where chance and all allowances do not explain the difference, worst first."""
+    """The whole map, and the places where the difference is significant, worst first.
+
+    Parameters
+    ----------
+    rows
+        The m observations.
+    fit
+        The model that is compared with them.
+    likelihood
+        Gives the usual covariance (m, m).
+    """
+    # The prior uncertainty of the unknowns is an allowance, too: C(0.01) + J J^T.
     covariance = likelihood.usual.covariance() + fit.jacobian @ fit.jacobian.T
-    apart = rows.measured - fit.predicted
+    residual = rows.measured - fit.predicted
     places: dict[tuple[str, str, str], list[NDArray[np.intp]]] = {}
-    cells = [(_describe_cell(rows, apart, covariance, of), of) for of in _cells(rows)]
+    cells = [(_describe_cell(rows, residual, covariance, of), of) for of in _cells(rows)]
     for cell, of in cells:
         places.setdefault((cell.signal, cell.experiment, cell.phase), []).append(of)
-    chances = _holm(np.array([_chance(apart, covariance, np.concatenate(parts)) for parts in places.values()]))
+    chances = _holm(np.array([_chance(residual, covariance, np.concatenate(parts)) for parts in places.values()]))
     found = [
-        _locate(rows, apart, covariance, parts, float(chance))
+        _locate(rows, residual, covariance, parts, float(chance))
         for parts, chance in zip(places.values(), chances, strict=True)
         if chance < CHANCE
     ]
@@ -41,9 +52,9 @@ def locate_mismatch(rows: Observations, fit: MapFit, likelihood: MarginalLikelih
 
 
 def lone_channel(rows: Observations, nothing: MapFit, likelihood: MarginalLikelihood) -> str | None:
-    """The one signal without which nothing is missing; None where others part as well, or none does.
+    """The only signal without which nothing is missing; None where other signals differ as well, or none does.
 
-    A sensor at fault changes its own channel and leaves the motion alone; a force that acts on the leg shows in all.
+    A faulty sensor changes only its own channel and leaves the motion unchanged. A force on the leg shows in all channels.
     """
     covariance = likelihood.usual.covariance()
     linear = nothing.linear(rows.measured)
@@ -59,8 +70,8 @@ DEPARTS, AGREES = 1.6, 1.2  # mean square over what is expected
 
 
 def _misfit(linear: LinearModel, covariance: Floats, kept: NDArray[np.bool_]) -> float:
-    found = laplace_posterior(linear.kept(kept), factored(covariance[np.ix_(kept, kept)]))
-    return found.chi2 / int(kept.sum())
+    posterior = laplace_posterior(linear.kept(kept), factored(covariance[np.ix_(kept, kept)]))
+    return posterior.chi2 / int(kept.sum())
 
 
 def _cells(rows: Observations) -> list[NDArray[np.intp]]:
@@ -75,12 +86,14 @@ def _describe_cell(rows: Observations, apart: Floats, covariance: Floats, of: ND
 
 
 def _chance(apart: Floats, covariance: Floats, of: NDArray[np.intp]) -> float:
-    """Probability of a chi-square as large as that of these rows, were nothing missing."""
+    """Probability of a chi-square as large as that of these rows if nothing is missing."""
     return float(chdtrc(len(of), apart[of] @ cho_solve(cho_factor(covariance[np.ix_(of, of)]), apart[of])))
 
 
 def _holm(p_values: Floats) -> Floats:
+    """P-values (n,) corrected for the number of tests by Holm's method."""
     order = np.argsort(p_values)
+    # The smallest is multiplied by n, the next by n - 1, and so on; they must not decrease.
     stepped = np.maximum.accumulate(p_values[order] * (len(p_values) - np.arange(len(p_values))))
     corrected = np.empty(len(p_values))
     corrected[order] = np.minimum(stepped, 1.0)
@@ -109,5 +122,5 @@ UNITS = {"_rad_s": "rad/s", "_Nm": "N m", "_N": "N", "_deg": "deg", "_rad": "rad
 
 
 def unit_of(signal: str) -> str:
-    """The unit that a signal's name ends with, as people write it; nothing where it ends with none."""
+    """The unit that ends the name of a signal, in the usual notation; empty where there is none."""
     return next((unit for ending, unit in UNITS.items() if signal.endswith(ending)), "")

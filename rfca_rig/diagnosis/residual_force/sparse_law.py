@@ -1,8 +1,8 @@
-"""A short formula for the force at a place: at most three terms of a small library, those that every choice of conditions agrees on.
+"""A short formula for the force at a place: at most three terms of a small library, the same for every choice of conditions.
 
-Terms are not fitted to the estimated force, which is smoothed and noisy, but to the rows: each term has its response there. They are taken
-one by one as long as the evidence grows by more than the choice costs, once for every condition left out; what is chosen in four of
-five of these fits is kept (stability selection: Meinshausen and Buehlmann, J. R. Statist. Soc. B 72 (2010) 417).
+Terms are not fitted to the estimated force, which is smoothed and noisy, but to the rows: each term has its response there. They are added
+one by one as long as the evidence grows by more than the choice costs. This is repeated without each condition in turn. A term is used if
+four of five of these fits choose it (stability selection: Meinshausen and Buehlmann, J. R. Statist. Soc. B 72 (2010) 417).
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ TRIED = 0.3  # of a plausible size
 AT_MOST = 3
 KEPT_IN = 0.8
 
-# terms of the hinges that are simulated as a law
+# Terms of the hinges that are simulated as a law; the order is that of the parameters of `series`.
 SERIES = ("1", "angle", "|angle|", "angle^3", "sign(rate)", "rate", "rate |rate|", "|angle| sign(rate)")
 SURE_OF_SIGN_RAD_S = 0.05  # the sign of a rate fades below, or no step of the integrator would converge
 
@@ -46,8 +46,16 @@ class FoundTerm:
 
 @dataclass(frozen=True)
 class SparseLaw:
-    """The terms that last, none if no formula does; `log_evidence` above that of no force, the choice of terms paid for; `explained` the
-    share of the misfit of all channels that it takes away.
+    """The terms of a formula; none if no formula holds.
+
+    Parameters
+    ----------
+    terms
+        The terms with coefficients.
+    log_evidence
+        Above that without a force, less the cost of choosing the terms.
+    explained
+        Share of the misfit of all channels that it removes.
     """
 
     terms: tuple[FoundTerm, ...] = ()
@@ -57,7 +65,10 @@ class SparseLaw:
 
 @dataclass(frozen=True)
 class _Library:
-    """The terms of a place and their responses (m, k) at rms sizes of `per` (k,), in the place's unit over the term's."""
+    """Terms of a place.
+
+    `responses` (m, k) are for terms of plausible rms size. `per` (k,) is the force, in the unit of the place, per unit of each term.
+    """
 
     place: ForceInput
     terms: tuple[Term, ...]
@@ -66,11 +77,20 @@ class _Library:
 
 
 def sparse_laws(scene: ForceScene, places: Sequence[tuple[ForceInput, Sequence[Floats]]]) -> list[SparseLaw]:
-    """The law at each place, given with its responses per bump, one (m, count) for each condition; at its likeliest model error."""
+    """The law at each place, at its most probable model error.
+
+    Parameters
+    ----------
+    scene
+        The misfit.
+    places
+        Each place with its responses per bump, one (m_c, count) for each condition.
+    """
     libraries = [_library(scene, place, blocks) for place, blocks in places]
     found = [SparseLaw()] * len(libraries)
     for whitening in scene.whitenings:
         laws = [_law(scene, library, whitening, _votes(scene, library, whitening)) for library in libraries]
+        # Each place is judged at the discrepancy scale that suits it best.
         found = [max(pair, key=lambda law: law.log_evidence) for pair in zip(found, laws, strict=True)]
     return found
 
@@ -85,35 +105,37 @@ def _library(scene: ForceScene, place: ForceInput, blocks: Sequence[Floats]) -> 
     with ThreadPoolExecutor(THREADS) as pool:
         columns = list(pool.map(lambda job: _response(*job), jobs))
     count = len(terms)
-    return _Library(place, terms, _stacked(scene, [columns[i : i + count] for i in range(0, len(columns), count)]), per)
+    return _Library(place, terms, _stack(scene, [columns[i : i + count] for i in range(0, len(columns), count)]), per)
 
 
 def _law(scene: ForceScene, library: _Library, whitening: AtError, votes: Floats) -> SparseLaw:
+    # The votes are sums of fractions, hence the tolerance.
     kept = [int(k) for k in np.argsort(-votes, kind="stable")[:AT_MOST] if votes[k] >= KEPT_IN - 1e-9]
     if not kept:
         return SparseLaw()
     system = system_of(scene, whitening, library.responses)
-    root = _chosen(len(library.terms), kept)
+    root = _select_columns(len(library.terms), kept)
     x, z, covariance = system.solved(root)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     terms = tuple(
         FoundTerm(library.terms[k].name, float(z[k] * library.per[k]), float(std[k] * library.per[k]), _unit(library, k)) for k in kept
     )
     left, before = misfit_of(scene, x, library.responses @ z), misfit_of(scene, system.solved(root[:, :0])[0], 0.0 * scene.target)
+    # The evidence pays for the choice among the scales, and below for the choice of each term.
     gained = system.log_evidence(root) - float(np.log(len(scene.whitenings))) - scene.without
     return SparseLaw(terms, gained - len(kept) * float(np.log(len(library.terms))), 1.0 - sum(left.values()) / sum(before.values()))
 
 
 def _votes(scene: ForceScene, library: _Library, whitening: AtError) -> Floats:
-    """In which share of the fits without one condition each term is chosen, (k,)."""
+    """Share of the fits without one condition that choose each term, (k,)."""
     votes = np.zeros(len(library.terms))
     for system in systems_without_each(scene, whitening, library.responses):
         votes[_greedy(system, len(library.terms))] += 1.0 / len(scene.conditions)
     return votes
 
 
-def _stacked(scene: ForceScene, responses: Sequence[Sequence[Floats]]) -> Floats:
-    """The terms' responses of every condition, each in its own rows, (m, terms)."""
+def _stack(scene: ForceScene, responses: Sequence[Sequence[Floats]]) -> Floats:
+    """Responses of the terms in every condition, each in its own rows, (m, terms)."""
     found = np.empty((len(scene.target), len(responses[0])))
     for number, columns in enumerate(responses):
         found[scene.rows.condition == number] = np.column_stack(columns)
@@ -122,25 +144,26 @@ def _stacked(scene: ForceScene, responses: Sequence[Sequence[Floats]]) -> Floats
 
 def _greedy(system: System, count: int) -> list[int]:
     chosen: list[int] = []
-    best = system.log_evidence(_chosen(count, []))
+    best = system.log_evidence(_select_columns(count, []))
     for _ in range(AT_MOST):
-        logs = {k: system.log_evidence(_chosen(count, [*chosen, k])) for k in range(count) if k not in chosen}
+        logs = {k: system.log_evidence(_select_columns(count, [*chosen, k])) for k in range(count) if k not in chosen}
         k = max(logs, key=lambda one: logs[one])
+        # A further term must gain a clear evidence, and pay for having been chosen out of `count`.
         if logs[k] < best + AS_GOOD + np.log(count):
             break
         chosen, best = [*chosen, k], logs[k]
     return chosen
 
 
-def _chosen(count: int, kept: Sequence[int]) -> Floats:
+def _select_columns(count: int, kept: Sequence[int]) -> Floats:
     return np.eye(count)[:, list(kept)]
 
 
 def _response(here: NominalCondition, place: ForceInput, block: Floats, term: Term, course: Floats, per: float) -> Floats:
-    """What a term of this course and size does to the rows of one condition: a law of the hinges by a simulation, what a channel reads more
-    directly, the others by bumps.
+    """Response (m,) of the rows of one condition to a term of this course and size.
 
-    `course` is (m,), or (m, hinges) of its own in each hinge.
+    A law of the hinges is simulated. An addition to a channel is direct. Others are superposed from bumps. `course` is (n,), or (n, hinges)
+    with one course per hinge.
     """
     if place.id.startswith("hinge") and term.name in SERIES:
         change = series_in(place, term.name, TRIED * per)
@@ -173,11 +196,13 @@ def series(  # a law takes what its place offers, needed or not
     memory: Any,  # noqa: ARG001
     parameter: Any,
 ) -> tuple[float, float, float]:
+    """Torque of the terms of SERIES, and its derivatives by angle and rate."""
     sign = np.tanh(rate / SURE_OF_SIGN_RAD_S)
     turn = (1.0 - sign * sign) / SURE_OF_SIGN_RAD_S
     side = 1.0 if phi >= 0.0 else -1.0
     even = parameter[0] + parameter[1] * phi + parameter[2] * abs(phi) + parameter[3] * phi * phi * phi
     odd = parameter[4] * sign + parameter[5] * rate + parameter[6] * rate * abs(rate) + parameter[7] * abs(phi) * sign
+    # Derivatives by angle and rate, which every law of a hinge returns.
     by_angle = parameter[1] + parameter[2] * side + 3.0 * parameter[3] * phi * phi + parameter[7] * side * sign
     by_rate = parameter[4] * turn + parameter[5] + 2.0 * parameter[6] * abs(rate) + parameter[7] * abs(phi) * turn
     return even + odd, by_angle, by_rate

@@ -1,7 +1,7 @@
-"""A stroke under a force that follows no law: any course over time, put together from short bumps.
+"""A stroke under a force that follows no law: any course over time, superposed from short bumps.
 
-A bump is a cubic B-spline. Those of one stroke stand `spacing_s` apart from its beginning to its end and add up to one, so that their
-sizes are the force itself, smoothed. The first one is also there before the start, where the leg rests under it.
+A bump is a cubic B-spline. The bumps of one stroke are `spacing_s` apart from its beginning to its end and add up to one. So their sizes
+are the force itself, smoothed. The first bump also acts before the start, where the leg rests under it.
 """
 
 from collections.abc import Callable
@@ -22,8 +22,9 @@ Floats = NDArray[np.float64]
 Change = Callable[[Setup], Setup]
 
 SPACING_S = 0.025  # a third of the slowest vibration of the paper's leg on the ground
+# Each bump costs one simulation per hinge, so a long stroke has wider bumps instead of more.
 MOST_BUMPS = 48
-AT_REST_S = 1e3  # the model asks for the rest pose as it is long after
+AT_REST_S = 1e3  # the model finds the rest pose with a very long elapsed time
 
 BEGINS, CENTRE, SPACING, HELD, SIZE = range(5)
 
@@ -41,9 +42,10 @@ class SplineBasis:
         return self.spacing_s * np.arange(1, self.count + 1, dtype=np.float64)
 
     def at(self, t_s: Floats) -> Floats:
-        """All bumps of size 1 at times (m,), (m, count)."""
+        """All bumps of size 1 at times (n,), as columns (n, count)."""
         x = (t_s[:, None] - self.centres_s) / self.spacing_s
         found = _bump(x)
+        # The first bump stands for all bumps before it as well, so that the sum stays one up to the start.
         first = x[:, 0]
         found[:, 0] = np.where(first < -1.0, 1.0, _bump(first) + _bump(first + 1.0) + _bump(first + 2.0))
         return found
@@ -57,6 +59,7 @@ def bumps_of(flap: FlapCondition) -> SplineBasis:
 
 
 def _bump(x: Floats) -> Floats:
+    """Cubic B-spline at distances x (in spacings) from its centre, of the shape of x; zero beyond 2."""
     y = np.abs(x)
     return np.where(y < 1.0, 2.0 / 3.0 - y * y * (1.0 - 0.5 * y), np.maximum(2.0 - y, 0.0) ** 3 / 6.0)
 
@@ -70,6 +73,7 @@ def torque(  # a law takes what its place offers, needed or not
     memory: Any,
     parameter: Any,
 ) -> tuple[float, float, float]:
+    """Torque of one bump over time in a hinge; the derivatives by angle and rate are 0."""
     t = parameter[BEGINS] + memory[0] + (elapsed if elapsed < AT_REST_S else 0.0)
     x = (t - parameter[CENTRE]) / parameter[SPACING]
     weight = 0.0
@@ -85,11 +89,12 @@ def torque(  # a law takes what its place offers, needed or not
 
 
 def tick(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:  # noqa: ARG001
+    """Advance the time of a law by an accepted step."""
     memory[0] += elapsed if elapsed < AT_REST_S else 0.0
 
 
 def bump_in_hinge(bumps: SplineBasis, number: int, size_Nm: float, hinge: int) -> Change:
-    """Bump `number`, from 0, of a torque that resists the turn of a hinge, from 1."""
+    """Bump `number`, from 0, of a torque that resists the turn of a hinge; hinges count from 1."""
 
     def change(setup: Setup) -> Setup:
         row = (setup.begins_s, float(bumps.centres_s[number]), bumps.spacing_s, float(number == 0), size_Nm)
@@ -99,18 +104,19 @@ def bump_in_hinge(bumps: SplineBasis, number: int, size_Nm: float, hinge: int) -
 
 
 def bump_in_turn(motion: ShaftMotion, bumps: SplineBasis, number: int, size_rad: float) -> ShaftMotion:
-    """The motion with bump `number`, which must not be the first, on top of the angle."""
+    """The motion with bump `number`, which must not be the first, added to the angle."""
     h, centre = bumps.spacing_s, float(bumps.centres_s[number])
     corners = centre + h * np.arange(-2.0, 3.0)
     breaks = np.union1d(motion.breaks_s, corners[corners < motion.breaks_s[-1]])
+    # Breaks that coincide up to rounding would give pieces of zero length.
     breaks = breaks[np.append(True, np.diff(breaks) > 1e-9)]
-    told = np.array([_at(motion, begin) for begin in breaks[:-1]])
-    more = np.array([_bump_piece((begin - centre) / h) for begin in breaks[:-1]]) / h ** np.arange(4)
-    return ShaftMotion(breaks, told + size_rad * more, motion.landings_s)
+    own = np.array([_at(motion, begin) for begin in breaks[:-1]])
+    added = np.array([_bump_piece((begin - centre) / h) for begin in breaks[:-1]]) / h ** np.arange(4)
+    return ShaftMotion(breaks, own + size_rad * added, motion.landings_s)
 
 
 def _at(motion: ShaftMotion, t: float) -> Floats:
-    """The cubic that begins at t."""
+    """Coefficients (4,) of the cubic that begins at t."""
     i = int(np.clip(np.searchsorted(motion.breaks_s, t + 1e-12, side="right") - 1, 0, len(motion.coefficients) - 1))
     a, b, c, d = motion.coefficients[i]
     x = t - motion.breaks_s[i]
@@ -118,27 +124,28 @@ def _at(motion: ShaftMotion, t: float) -> Floats:
 
 
 def _bump_piece(x: float) -> Floats:
-    """Coefficients of the bump's cubic from x on, in powers of the distance from there."""
+    """Coefficients (4,) of the cubic of the bump from x on, in powers of the distance from there."""
+    # x lies on the edge of a piece up to rounding; the small shift selects the piece that begins there.
     y = x + 1e-6
     if not -2.0 < y < 2.0:
         return np.zeros(4)
     outer = abs(y) > 1.0
     side = 1.0 if y > 0.0 else -1.0
     value = (2.0 - side * x) ** 3 / 6.0 if outer else 2.0 / 3.0 - x * x + 0.5 * side * x**3
-    jacobian = -0.5 * side * (2.0 - side * x) ** 2 if outer else -2.0 * x + 1.5 * side * x * x
+    slope = -0.5 * side * (2.0 - side * x) ** 2 if outer else -2.0 * x + 1.5 * side * x * x
     bend = 0.5 * (2.0 - side * x) if outer else -1.0 + 1.5 * side * x
-    return np.array([value, jacobian, bend, -side / 6.0 if outer else 0.5 * side])
+    return np.array([value, slope, bend, -side / 6.0 if outer else 0.5 * side])
 
 
 def forced_stroke(
     flap: FlapCondition, supposed: Supposed, changes: tuple[Change, ...], motion: ShaftMotion | None = None
 ) -> SimulatedStroke:
-    """The condition's stroke with changes of its setup, along another `motion` than its own where one is given.
+    """The stroke of the condition with changes of its setup, along `motion` if one is given.
 
     Raises SimulationFailed where the integrator cannot go on.
     """
-    told = flap.turn.motion(supposed, float(flap.t_s[-1])) if motion is None else motion
-    setup = set_up(supposed.rig, flap.height_m + supposed.height_offset_m, told, flap.strokes_before)
+    own_motion = flap.turn.motion(supposed, float(flap.t_s[-1])) if motion is None else motion
+    setup = set_up(supposed.rig, flap.height_m + supposed.height_offset_m, own_motion, flap.strokes_before)
     for change in changes:
         setup = change(setup)
     return stroke_of(setup, flap.t_s, BOUNDED)

@@ -1,4 +1,4 @@
-"""The law at a place as the recordings have it, with what the catalogue says there beside it."""
+"""The law at a place as the recordings show it, beside the law that the catalogue has there."""
 
 from collections.abc import Collection
 
@@ -29,18 +29,18 @@ FAMILIES_AT = {
 
 
 def check_place(place: str, known: Collection[str]) -> None:
-    """Raises BadInput for a place where no law can be measured on this kind of rig."""
+    """Raise BadInput for a place where no law can be measured on this kind of rig."""
     if place not in known:
         raise BadInput(f"--law {place}: no law can be measured there; name one of {', '.join(known)}")
 
 
 def measure_stated_law(found: ModelSelectionResult, hypothesis: Hypothesis, place: str) -> StatedLaw:
-    """The law at a place beside the rest of a hypothesis, whose effects that act there are left out.
+    """Measure the law at a place beside the rest of a hypothesis. Its effects that act there are left out.
 
     Parameters
     ----------
     found
-        What a search left.
+        The result of a search.
     hypothesis
         What is stated; `found.nothing` where nothing is.
     place
@@ -69,6 +69,7 @@ def measure_stated_law(found: ModelSelectionResult, hypothesis: Hypothesis, plac
     def values(argument: str, u: Floats) -> Floats | None:
         return np.asarray(sum(known)) if (known := list(curves(argument, u).values())) else None
 
+    # The fitted law of the catalogue is a good start, but only one of several.
     law = measure_law(found, place, base, start=LawStart(np.delete(mean, of_acting), values) if acting else None)
     u = np.linspace(*law.visited, CURVE_POINTS)
     drawn = next((CatalogueCurve(name, u, curve) for name, curve in curves(law.argument, u).items()), None)

@@ -1,6 +1,6 @@
-"""The few laws that a force at some place may follow: plain terms in what is there, with units, nothing fancier.
+"""Simple laws that a force at a place may follow: plain terms in what the motion offers, with units.
 
-A term's course comes from the model's own motion, which has no noise, never from a differentiated recording.
+The course of a term comes from the simulated motion, which has no noise, never from a differentiated recording.
 """
 
 from collections.abc import Callable
@@ -18,9 +18,10 @@ STILL = 1e-3  # share of the greatest speed below which a sign fades, so that re
 
 @dataclass(frozen=True)
 class Signals:
-    """What a force can depend on over one stroke: (m, hinges) in the hinges, (m,) elsewhere; SI units, time from the command.
+    """Quantities that a force can depend on over one stroke of n samples, in SI units.
 
-    `slip_m_s` is the speed of the tip along the floor, `gap_m` its height above it, `load_N` the floor's push on all ends.
+    `angle_rad` and `rate_rad_s` are (n, hinges), all others (n,). `t_s` counts from the command, `slip_m_s` is the speed of the tip along
+    the floor, `gap_m` its height above it, and `load_N` the force of the floor on all ends.
     """
 
     t_s: Floats
@@ -37,7 +38,7 @@ class Signals:
 
 
 def signals_of(here: NominalCondition) -> Signals:
-    """Of the model as it stands."""
+    """The quantities in the nominal motion."""
     stroke, leg = here.stroke, here.supposed.rig.leg
     t_s, q, length = stroke.t_s, stroke.q_rad, np.array(leg.link_lengths_m)
     along = np.cos(q) @ length
@@ -49,6 +50,7 @@ def signals_of(here: NominalCondition) -> Signals:
         shaft_rad=q[:, 0],
         shaft_rad_s=np.gradient(q[:, 0], t_s),
         load_N=stroke.normal_N.sum(axis=1),
+        # The end of the last link is round and rolls, so the contact point moves by its radius per angle.
         slip_m_s=np.gradient(along - leg.link_radius_m * q[:, -1], t_s),
         gap_m=np.maximum(gap, 0.0),
         along_m=along,
@@ -59,7 +61,7 @@ def signals_of(here: NominalCondition) -> Signals:
 
 @dataclass(frozen=True)
 class Term:
-    """`name` as a formula, `unit` of its value ("" for none), `course` over one stroke."""
+    """`name` as in a formula, `unit` of its value ("" for none), and `course` over one stroke, (n,) or (n, hinges)."""
 
     name: str
     unit: str
@@ -67,6 +69,7 @@ class Term:
 
 
 def _sign(x: Floats) -> Floats:
+    """Smooth sign of x (n,), zero at rest."""
     return np.asarray(np.tanh(x / (STILL * np.abs(x).max() + 1e-12)))
 
 
@@ -106,6 +109,7 @@ _FLOOR = (
     Term("way along the floor", "m", lambda s: s.along_m),
 )
 
+# Laws of an angle between shaft and leg. A constant one is a wrong start angle, which is a nuisance parameter already.
 _TWIST = (
     *_ALWAYS[1:],
     Term("shaft torque", "N m", lambda s: s.torque_Nm),

@@ -1,1 +1,1 @@
-"""Each check a pure function from what was seen to findings."""
+"""Evaluation of observations: pure functions from what was seen to findings."""

@@ -1,16 +1,17 @@
-"""An ATI F/T Controller on a serial port: does it answer, do records come, how many."""
+"""Evaluates an ATI F/T Controller on a serial port: answer, record rate, record quality."""
 
 from dataclasses import dataclass
 
 from rfca_rig.doctor.finding import Finding, green, red, yellow
 
 ANSWER, RATE, HEALTH = "sensor", "sensor's rate", "sensor's records"
+# Relative difference of the rate that the driver accepts too.
 TOLERANCE = 0.03
 
 
 @dataclass(frozen=True)
 class ControllerSeen:
-    """A short stream. `error` is how it failed, None where it did not; `notes` are the driver's own words on the records."""
+    """Observed short stream. `error` is why it failed, None if it did not; `notes` are the driver's remarks on the records."""
 
     path: str
     error: str | None = None

@@ -1,16 +1,17 @@
-"""The camera of the static experiment: its calibration, and what it sees of the marks."""
+"""Evaluates the camera of the static experiment: its calibration, and the marks that it shows."""
 
 from dataclasses import dataclass
 
 from rfca_rig.doctor.finding import Finding, green, red, yellow
 
 CAMERA, CALIBRATION = "camera", "camera file"
+# Reprojection error from which a new calibration is advised.
 MANY_PX = 1.0
 
 
 @dataclass(frozen=True)
 class CameraSeen:
-    """`fault` says why there was no photo, None where there was one; it showed `told` of `planned` marks, and these doubts."""
+    """Observed photo. `fault` is why there was none, else None. It showed `told` of `planned` marks, with these doubts."""
 
     fault: str | None
     told: int = 0
@@ -19,7 +20,7 @@ class CameraSeen:
 
 
 def judge_camera_file(path: str, fault: str | None, error_px: float) -> Finding:
-    """`fault` is why the calibration cannot be used, None where it can; `error_px` its reprojection error."""
+    """Finding on the calibration. `fault` is why it cannot be used, None if it can; `error_px` is its reprojection error."""
     calibrate = "rfca-rig calibrate camera --help"
     if fault is not None:
         return red(CALIBRATION, fault, "calibrate the camera, and name the file in calibration_file; docs/camera.md says how:", calibrate)
@@ -34,12 +35,12 @@ def judge_camera(seen: CameraSeen) -> Finding:
     shown = f"{seen.told} of {seen.planned} marks told"
     if seen.told == seen.planned:
         return green(CAMERA, shown)
-    said = f"{shown}: {'; '.join(seen.doubts)}"
-    return yellow(CAMERA, said, "bring the leg into the picture, light it evenly, take red things away")
+    message = f"{shown}: {'; '.join(seen.doubts)}"
+    return yellow(CAMERA, message, "bring the leg into the picture, light it evenly, take red things away")
 
 
 def judge_photo_folder(folder: str, fault: str | None) -> Finding:
-    """`fault` is why the folder cannot be read, None where it can."""
+    """Finding on the photo folder. `fault` is why it cannot be read, None if it can."""
     if fault is not None:
         return red(CAMERA, fault, "make the folder, and tell the camera's program to put its photos there:", f"mkdir -p {folder}")
     return green(CAMERA, f"photos are to come into {folder}")

@@ -1,10 +1,11 @@
-"""Can the bus that [motor] names be opened, and does anything fail on it while listening."""
+"""Evaluates the CAN bus of [motor]: can it be opened, and do errors occur while listening."""
 
 from dataclasses import dataclass
 
 from rfca_rig.doctor.finding import Finding, green, red, yellow
 
 SUBJECT = "CAN bus"
+# Fix and commands for the interfaces of python-can whose drivers have to be installed or set up.
 REMEDIES = {
     "socketcand": "start socketcand, or rfca-rig twin serve, and say where it is:",
     "slcan": "check the path of the serial port in channel under [motor], and who may open it",
@@ -22,9 +23,9 @@ COMMANDS = {
 
 @dataclass(frozen=True)
 class CanBusSeen:
-    """`error` is None for a bus that opened. What was heard while it was listened to: frames, error frames, whether it went off.
+    """Observed bus. `error` is None for a bus that opened. Counts of frames and error frames, and whether it went bus-off.
 
-    `failed` is how the bus failed while it was open, None where it did not.
+    `failed` is how the bus failed while it was open, None if it did not.
     """
 
     error: str | None = None
@@ -35,7 +36,7 @@ class CanBusSeen:
 
 
 def judge_can_bus(seen: CanBusSeen, interface: str, channel: str, known: tuple[str, ...]) -> Finding:
-    """`known` are the interfaces that python-can has."""
+    """Finding on the bus. `known` are the interfaces of python-can."""
     name = f"{interface} {channel}"
     if interface not in known:
         return red(SUBJECT, f"{interface} is no interface of python-can", f"interface under [motor] must be one of {', '.join(known)}")
@@ -44,8 +45,8 @@ def judge_can_bus(seen: CanBusSeen, interface: str, channel: str, known: tuple[s
         commands = (COMMANDS[interface],) if interface in COMMANDS else ()
         return red(SUBJECT, f"{name} cannot be opened: {seen.error}", remedy, *commands)
     if seen.went_off or seen.failed is not None:
-        said = "went off after too many errors" if seen.went_off else f"failed: {seen.failed}"
-        return red(SUBJECT, f"{name} {said}", "check wiring, termination and bit rate, then start the interface anew")
+        problem = "went off after too many errors" if seen.went_off else f"failed: {seen.failed}"
+        return red(SUBJECT, f"{name} {problem}", "check wiring, termination and bit rate, then start the interface anew")
     if seen.error_frames:
         fix = "check that the drive has the bit rate of the rig file, the wiring, and a 120 ohm resistor at both ends"
         return yellow(SUBJECT, f"{name} opens, with {seen.error_frames} error frames beside {seen.frames} good ones", fix)

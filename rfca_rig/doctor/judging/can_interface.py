@@ -1,4 +1,4 @@
-"""A CAN interface of the Linux kernel: there, a CAN interface at all, up, at the right bit rate."""
+"""Evaluates a CAN interface of the Linux kernel: existence, type, state and bit rate."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,9 @@ SUBJECT = "CAN interface"
 
 @dataclass(frozen=True)
 class CanInterfaceSeen:
-    """`others` are the CAN interfaces besides. None where the system does not tell; a virtual one has no bit rate.
+    """Observed interface. `others` are the other CAN interfaces. Values are None if the system does not report them.
 
-    `state` is the controller's own (ERROR-ACTIVE, ERROR-PASSIVE, BUS-OFF ...).
+    A virtual interface has no bit rate. `state` is that of the controller (ERROR-ACTIVE, ERROR-PASSIVE, BUS-OFF ...).
     """
 
     channel: str
@@ -27,13 +27,14 @@ class CanInterfaceSeen:
 
 
 def judge_can_interface(seen: CanInterfaceSeen, bitrate: int, data_bitrate: int | None) -> Finding:
-    """`data_bitrate` is that of CAN-FD, None for a drive that speaks classic CAN."""
+    """Finding on the interface. `data_bitrate` is that of CAN-FD, None for a drive with classic CAN."""
     if not seen.exists:
         return _absent(seen, bitrate)
     if not seen.is_can:
-        said = f"{seen.channel} is a network interface but not CAN{_others(seen)}"
-        return red(SUBJECT, said, "put a CAN interface into channel under [motor]")
+        problem = f"{seen.channel} is a network interface but not CAN{_others(seen)}"
+        return red(SUBJECT, problem, "put a CAN interface into channel under [motor]")
     finding = _not_running(seen, bring_up(seen.channel, bitrate, data_bitrate))
+    # A virtual interface has no bit rate to compare.
     if finding is None and not seen.is_virtual:
         finding = _wrong_rate(seen, bitrate, data_bitrate)
     return finding or _errors_counted(seen) or green(SUBJECT, f"{seen.channel} is up, {_rates(seen)}")
@@ -56,33 +57,35 @@ def _errors_counted(seen: CanInterfaceSeen) -> Finding | None:
 
 
 def bring_up(name: str, bitrate: int, data_bitrate: int | None = None) -> str:
-    """The command, for a kernel interface."""
+    """Shell command that brings a kernel interface up."""
     fd = "" if data_bitrate is None else f" dbitrate {data_bitrate} fd on"
     return f"sudo ip link set {name} up type can bitrate {bitrate}{fd}"
 
 
 def down(name: str) -> str:
+    """Shell command that takes a kernel interface down."""
     return f"sudo ip link set {name} down"
 
 
 def _absent(seen: CanInterfaceSeen, bitrate: int) -> Finding:
-    said = f"there is no {seen.channel}{_others(seen)}"
+    problem = f"there is no {seen.channel}{_others(seen)}"
     if seen.others:
-        return red(SUBJECT, said, f'put channel = "{seen.others[0]}" under [motor]')
+        return red(SUBJECT, problem, f'put channel = "{seen.others[0]}" under [motor]')
     fix = "plug the adapter in, and load its driver; an adapter that is a serial port needs slcand (s6 is 500 kbit/s, s8 is 1 Mbit/s):"
+    # Codes of slcand's option -s.
     speed = {125_000: 4, 250_000: 5, 500_000: 6, 800_000: 7}.get(bitrate, 8)
-    return red(SUBJECT, said, fix, "sudo modprobe can_raw gs_usb", f"sudo slcand -o -c -s{speed} /dev/ttyACM0 {seen.channel}")
+    return red(SUBJECT, problem, fix, "sudo modprobe can_raw gs_usb", f"sudo slcand -o -c -s{speed} /dev/ttyACM0 {seen.channel}")
 
 
 def _wrong_rate(seen: CanInterfaceSeen, bitrate: int, data_bitrate: int | None) -> Finding | None:
-    name, anew = seen.channel, (down(seen.channel), bring_up(seen.channel, bitrate, data_bitrate))
+    name, restart = seen.channel, (down(seen.channel), bring_up(seen.channel, bitrate, data_bitrate))
     if seen.bitrate is not None and seen.bitrate != bitrate:
-        return red(SUBJECT, f"{name} runs at {seen.bitrate} bit/s, the rig file says {bitrate}", "correct the one that is wrong:", *anew)
+        return red(SUBJECT, f"{name} runs at {seen.bitrate} bit/s, the rig file says {bitrate}", "correct the one that is wrong:", *restart)
     if data_bitrate is not None and not seen.is_fd:
-        return red(SUBJECT, f"{name} is set to classic CAN, the drive speaks CAN-FD", "set it up for CAN-FD:", *anew)
+        return red(SUBJECT, f"{name} is set to classic CAN, the drive speaks CAN-FD", "set it up for CAN-FD:", *restart)
     if data_bitrate is not None and seen.data_bitrate not in {None, data_bitrate}:
-        said = f"{name} runs its data phase at {seen.data_bitrate} bit/s, the rig file says {data_bitrate}"
-        return red(SUBJECT, said, "correct the one that is wrong:", *anew)
+        problem = f"{name} runs its data phase at {seen.data_bitrate} bit/s, the rig file says {data_bitrate}"
+        return red(SUBJECT, problem, "correct the one that is wrong:", *restart)
     if seen.bitrate is None:
         fix = f"it must be {bitrate} bit/s: slcand has it in its option -s, else ip shows it (package iproute2):"
         return yellow(SUBJECT, f"{name} is up, its bit rate is not told", fix, _show(name))

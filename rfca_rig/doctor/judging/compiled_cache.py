@@ -1,4 +1,4 @@
-"""Where compiled code of the model is kept for the next process."""
+"""Evaluates the cache of compiled model code."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ COMPILES = "rfca-rig predict --height 215 --speed 2.433"
 
 @dataclass(frozen=True)
 class CacheSeen:
-    """`error` is why the folder, or the one that it would be made in, cannot be written; None where it can.
+    """Observed cache. `error` is why the folder, or its future parent, cannot be written; None if it can.
 
-    `functions` are those that need not be compiled again.
+    `functions` is the number of functions that need not be compiled again.
     """
 
     folder: str

@@ -1,4 +1,4 @@
-"""A CubeMars / T-Motor AK drive in MIT mode: it speaks only when asked, so it is asked by the frame that switches it off."""
+"""Evaluates a CubeMars / T-Motor AK drive in MIT mode. It replies only when asked, which is done by the frame that disables it."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ DRIVE, ERROR = "drive", "drive error"
 
 @dataclass(frozen=True)
 class MitSeen:
-    """`asked` only on a bus that was quiet before. `others` are ids of other frames, `masters` those under which it replied wrongly."""
+    """Observed frames. The drive is `asked` only on a quiet bus. `others` are foreign ids, `masters` wrong ids of its replies."""
 
     asked: bool
     reply: MitReply | None = None
@@ -26,8 +26,8 @@ def judge_mit(seen: MitSeen, drive_id: int) -> list[Finding]:
         return [red(DRIVE, f"drive {drive_id} cannot be understood: {seen.unreadable}", "set it to MIT mode in CubeMarsTool")]
     if seen.reply is None:
         return [_silent(seen, drive_id)]
-    told = "" if seen.reply.temperature_degC is None else f", {seen.reply.temperature_degC} degC"
-    return [green(DRIVE, f"AK drive {drive_id} in MIT mode{told}"), _error(seen.reply)]
+    temperature = "" if seen.reply.temperature_degC is None else f", {seen.reply.temperature_degC} degC"
+    return [green(DRIVE, f"AK drive {drive_id} in MIT mode{temperature}"), _error(seen.reply)]
 
 
 def _silent(seen: MitSeen, drive_id: int) -> Finding:
@@ -37,11 +37,11 @@ def _silent(seen: MitSeen, drive_id: int) -> Finding:
     if seen.masters:
         fix = f"set its master id to 0 or {drive_id} in CubeMarsTool"
         return red(DRIVE, f"drive {drive_id} replies under id {listed(seen.masters)}", fix)
-    heard = tuple(sorted({*seen.others, *seen.servo}))
-    if heard:
-        fix = f"put drive_id = {heard[0]} under [motor] if that is the drive, or end the program that speaks there"
+    other_ids = tuple(sorted({*seen.others, *seen.servo}))
+    if other_ids:
+        fix = f"put drive_id = {other_ids[0]} under [motor] if that is the drive, or end the program that speaks there"
         not_asked = "" if seen.asked else "; it was not asked while others speak"
-        return red(DRIVE, f"heard id {listed(heard)}, the rig file says {drive_id}{not_asked}", fix)
+        return red(DRIVE, f"heard id {listed(other_ids)}, the rig file says {drive_id}{not_asked}", fix)
     fix = "check its power, the wiring, a 120 ohm resistor at both ends, that it has 1 Mbit/s, and in CubeMarsTool its id and MIT mode"
     return red(DRIVE, f"drive {drive_id} does not answer, and nothing else speaks", fix)
 

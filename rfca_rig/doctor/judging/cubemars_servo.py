@@ -1,4 +1,4 @@
-"""A CubeMars / T-Motor AK drive in servo mode: it sends its status on its own."""
+"""Evaluates a CubeMars / T-Motor AK drive in servo mode, which sends its status cyclically."""
 
 from dataclasses import dataclass
 
@@ -7,12 +7,13 @@ from rfca_rig.codecs.cubemars_servo import Status
 from rfca_rig.doctor.finding import Finding, green, listed, red, yellow
 
 DRIVE, ERROR, ENCODER = "drive", "drive error", "drive's encoder"
-REFUSED, WORTH_A_WORD = 2.0, 1.2  # a period off by this factor
+# Factors between measured and configured period: the driver refuses the first, the second gets a warning.
+REFUSED, WORTH_A_WORD = 2.0, 1.2
 
 
 @dataclass(frozen=True)
 class ServoSeen:
-    """`status` and `period_s` of the wanted drive; `others` sent status frames too, `strangers` counts frames that are none."""
+    """Observed frames: `status` and `period_s` of the drive, ids of `others` with status frames; `strangers` counts other frames."""
 
     status: Status | None = None
     period_s: float | None = None
@@ -26,8 +27,8 @@ def judge_servo(seen: ServoSeen, drive_id: int, status_period_s: float) -> list[
         return [red(DRIVE, f"drive {drive_id} cannot be understood: {seen.unreadable}", "set it to servo mode in CubeMarsTool")]
     if seen.status is None:
         return [_silent(seen, drive_id)]
-    said = green(DRIVE, f"AK drive {drive_id} in servo mode, {seen.status.temperature_degC} degC")
-    return [said, _error(seen.status), _period(seen.period_s, status_period_s)]
+    drive = green(DRIVE, f"AK drive {drive_id} in servo mode, {seen.status.temperature_degC} degC")
+    return [drive, _error(seen.status), _period(seen.period_s, status_period_s)]
 
 
 def _silent(seen: ServoSeen, drive_id: int) -> Finding:
@@ -51,9 +52,9 @@ def _period(period_s: float | None, wanted_s: float) -> Finding:
     if period_s is None:
         return red(ENCODER, "too few status frames to tell their rate", f"set its upload rate to {1.0 / wanted_s:.0f} Hz in CubeMarsTool")
     factor = max(period_s / wanted_s, wanted_s / period_s)
-    said = f"every {1e3 * period_s:.3g} ms"
+    measured = f"every {1e3 * period_s:.3g} ms"
     if factor < WORTH_A_WORD:
-        return green(ENCODER, said)
+        return green(ENCODER, measured)
     fix = f"put status_period_ms = {1e3 * period_s:.3g} under [motor], or set its upload rate to {1.0 / wanted_s:.0f} Hz in CubeMarsTool"
-    judged = red if factor >= REFUSED else yellow
-    return judged(ENCODER, f"{said}, the rig file says {1e3 * wanted_s:g} ms", fix)
+    finding = red if factor >= REFUSED else yellow
+    return finding(ENCODER, f"{measured}, the rig file says {1e3 * wanted_s:g} ms", fix)

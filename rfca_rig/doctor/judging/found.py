@@ -1,4 +1,4 @@
-"""What there is without a rig file; that something is not there is no fault yet."""
+"""Evaluates devices found without a rig file; a missing one is not an error."""
 
 from rfca_rig.codecs.netft_commands import CalibrationInfo
 from rfca_rig.codecs.netft_configuration import NetFtConfiguration
@@ -7,6 +7,7 @@ from rfca_rig.doctor.judging.can_interface import CanInterfaceSeen, bring_up
 from rfca_rig.doctor.judging.netft import BoxSeen
 
 ADAPTERS, PORTS, SENSOR = "CAN adapters", "serial port", "Net F/T"
+# Bit rate for the proposed command if the interface has none yet, in bit/s.
 USUAL_BITRATE = 1_000_000
 
 
@@ -27,7 +28,7 @@ def _interface(seen: CanInterfaceSeen) -> Finding:
 
 
 def judge_found_adapters(seen: tuple[tuple[str, str], ...]) -> list[Finding]:
-    """Adapters beside the kernel's, as python-can calls them: (interface, channel)."""
+    """Findings on adapters other than the kernel's, as (interface, channel) of python-can."""
     if not seen:
         return [green(ADAPTERS, "none beside the kernel's")]
     return [green(ADAPTERS, f'interface = "{interface}", channel = "{channel}"') for interface, channel in seen]
@@ -41,9 +42,9 @@ def judge_found_sensor(seen: BoxSeen) -> Finding:
     if seen.says is None:
         fix = "a sensor as delivered needs this computer in its network; with the right network port for eth0:"
         return yellow(SENSOR, f"none at {seen.host}, where it is as delivered", fix, "sudo ip address add 192.168.1.100/24 dev eth0")
-    return green(SENSOR, _told(seen.host, seen.says))
+    return green(SENSOR, _describe(seen.host, seen.says))
 
 
-def _told(host: str, says: NetFtConfiguration | CalibrationInfo) -> str:
+def _describe(host: str, says: NetFtConfiguration | CalibrationInfo) -> str:
     name = f"{says.product} {says.serial_number}" if isinstance(says, NetFtConfiguration) else "a sensor"
     return f"{name} at {host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = {says.counts_per_Nm:.10g}"

@@ -1,4 +1,4 @@
-"""A moteus: it speaks only when asked, and is asked to read registers, which changes nothing in it."""
+"""Evaluates a moteus. It replies only when asked; reading its registers changes nothing."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ DRIVE, ERROR = "drive", "drive error"
 
 @dataclass(frozen=True)
 class MoteusAnswer:
-    """What stood in its registers."""
+    """Values of its registers."""
 
     mode: int
     fault: int
@@ -21,7 +21,7 @@ class MoteusAnswer:
 
 @dataclass(frozen=True)
 class MoteusSeen:
-    """`others` answered when every id was asked, which is done only where the wanted one is silent."""
+    """Observed answers. `others` are ids that answered when all were asked, which is done only if the drive is silent."""
 
     answer: MoteusAnswer | None = None
     others: tuple[int, ...] = ()
@@ -34,8 +34,8 @@ def judge_moteus(seen: MoteusSeen, drive_id: int) -> list[Finding]:
         return [red(DRIVE, f"drive {drive_id} cannot be understood: {seen.unreadable}", "update its firmware:", _tool(drive_id, "--info"))]
     if seen.answer is None:
         return [_silent(seen, drive_id)]
-    said = f"moteus {drive_id}, {seen.answer.voltage_V:.1f} V, {seen.answer.temperature_degC:.0f} degC"
-    return [green(DRIVE, said), _error(seen.answer, drive_id)]
+    drive = f"moteus {drive_id}, {seen.answer.voltage_V:.1f} V, {seen.answer.temperature_degC:.0f} degC"
+    return [green(DRIVE, drive), _error(seen.answer, drive_id)]
 
 
 def _silent(seen: MoteusSeen, drive_id: int) -> Finding:

@@ -1,4 +1,4 @@
-"""An ATI Net F/T: does its box answer, is it set as the rig file says, do records come, how many, in what state."""
+"""Evaluates an ATI Net F/T: answer and configuration of the box, records, rate, status."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,13 @@ from rfca_rig.drivers.netft_box import refuse_difference
 from rfca_rig.errors import RigError
 
 BOX, STREAM, RATE, STATUS = "sensor's box", "sensor's records", "sensor's rate", "sensor's status"
+# Without bit 31, the summary error, which every error sets.
 SATURATED_BIT = SATURATED & ~ERROR
 
 
 @dataclass(frozen=True)
 class BoxSeen:
-    """`says` is None where it gave no configuration, for the reason in `error`."""
+    """Observed box. `says` is its configuration, None for the reason in `error`."""
 
     host: str
     says: NetFtConfiguration | CalibrationInfo | None = None
@@ -25,9 +26,9 @@ class BoxSeen:
 
 @dataclass(frozen=True)
 class StreamSeen:
-    """A short stream: records and what went wrong with them. `step` is the sensor's own samples from record to record.
+    """Observed short stream. `step` is the number of the sensor's own samples per record.
 
-    `words` are the different status words; `error` is how the way there failed, None where it did not.
+    `words` are the distinct status words. `error` is why the connection failed, None if it did not.
     """
 
     address: str
@@ -51,7 +52,7 @@ def judge_box(seen: BoxSeen, settings: NetFtSettings) -> Finding:
 
 
 def judge_stream(seen: StreamSeen, settings: NetFtSettings, box_answers: bool | None) -> list[Finding]:
-    """`box_answers` is None where the box was not asked."""
+    """Findings on the stream. `box_answers` is None if the box was not asked."""
     if not seen.received:
         return [_no_records(seen, box_answers)]
     return [_records(seen), _rate(seen, settings), _status(seen.words)]
@@ -72,26 +73,28 @@ def _no_records(seen: StreamSeen, box_answers: bool | None) -> Finding:
     host, _, port = seen.address.rpartition(":")
     if seen.malformed:
         return red(STREAM, f"{seen.malformed} datagrams from {seen.address}, none with records", "check port under [force_sensor]")
-    said = f"none from {seen.address} in {seen.seconds:.1f} s" + ("" if seen.error is None else f": {seen.error}")
+    observed = f"none from {seen.address} in {seen.seconds:.1f} s" + ("" if seen.error is None else f": {seen.error}")
+    # The box works, so the cause is the stream itself or the way of its datagrams.
     if box_answers and seen.error is None:
         fix = (
             "the box answers, so check that RDT is enabled on its Communications page, that nobody else took the stream, and the firewall:"
         )
-        return red(STREAM, said, fix, f"sudo ufw allow proto udp from {host}")
+        return red(STREAM, observed, fix, f"sudo ufw allow proto udp from {host}")
     if box_answers:
-        return red(STREAM, said, f"the box answers, but not on UDP port {port}: correct port under [force_sensor], it is mostly 49152")
-    return red(STREAM, said, _reach(host), f"ping -c 3 {host}", "ip -brief address")
+        return red(STREAM, observed, f"the box answers, but not on UDP port {port}: correct port under [force_sensor], it is mostly 49152")
+    return red(STREAM, observed, _reach(host), f"ping -c 3 {host}", "ip -brief address")
 
 
 def _records(seen: StreamSeen) -> Finding:
-    said = f"{seen.received} in {seen.seconds:.1f} s from {seen.address}"
+    observed = f"{seen.received} in {seen.seconds:.1f} s from {seen.address}"
     if seen.lost or seen.malformed:
         fix = "see the receive buffer below; use a network port of its own for the sensor, without a switch that others load"
-        return yellow(STREAM, f"{said}, {seen.lost} lost, {seen.malformed} malformed", fix)
-    return green(STREAM, f"{said}, none lost")
+        return yellow(STREAM, f"{observed}, {seen.lost} lost, {seen.malformed} malformed", fix)
+    return green(STREAM, f"{observed}, none lost")
 
 
 def _rate(seen: StreamSeen, settings: NetFtSettings) -> Finding:
+    # Records arrive, but the box does not measure anything new.
     if not seen.step or seen.step < 0:
         fix = "switch the box's power off and on; if it stays, see its status page"
         return red(RATE, "the sensor's own sample counter stands still: the values are not new", fix)
@@ -102,13 +105,14 @@ def _rate(seen: StreamSeen, settings: NetFtSettings) -> Finding:
     return red(RATE, f"{rate_Hz:.6g} records/s, the rig file says {settings.rate_Hz:g}", fix)
 
 
-def _status(words: tuple[int, ...]) -> Finding:
-    faulty = [word for word in words if word not in WARNINGS]
+def _status(status_words: tuple[int, ...]) -> Finding:
+    faulty = [word for word in status_words if word not in WARNINGS]
     if any(word & SATURATED_BIT for word in faulty):
         fix = "take every load off the sensor; if it stays, check the transducer's cable, then a gage is broken: have it looked at by ATI"
         return red(STATUS, status_text(faulty[0]), fix)
     if faulty:
         return red(STATUS, status_text(faulty[0]), "switch the box's power off and on; if it stays, see its status page and the manual")
-    if any(word & MONITOR_LATCHED for word in words):
-        return yellow(STATUS, status_text(max(words)), "reset the latch on the box's Settings page; the values are good")
+    # A latched monitor condition is a warning only; the values are valid.
+    if any(word & MONITOR_LATCHED for word in status_words):
+        return yellow(STATUS, status_text(max(status_words)), "reset the latch on the box's Settings page; the values are good")
     return green(STATUS, "healthy")

@@ -1,4 +1,4 @@
-"""An ODrive: does it answer under its node id, in what state, how often does it report."""
+"""Evaluates an ODrive: node id, errors, report rates."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,8 @@ from rfca_rig.codecs.odrive_messages import BROADCAST_NODE, AxisState, Heartbeat
 from rfca_rig.doctor.finding import Finding, green, listed, red, yellow
 
 DRIVE, ERROR, ENCODER, TORQUE = "drive", "drive error", "drive's encoder", "drive's torque"
-REFUSED, WORTH_A_WORD = 2.0, 1.2  # a period off by this factor
+# Factors between measured and configured period: the driver refuses the first, the second gets a warning.
+REFUSED, WORTH_A_WORD = 2.0, 1.2
 SAVE = "odrv0.save_configuration()"
 WATCHDOG = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
 ERROR_TEXT = {OdriveFirmware.V0_5: odrive_older_meanings.error_text, OdriveFirmware.V0_6: odrive_meanings.error_text}
@@ -16,7 +17,7 @@ ERROR_TEXT = {OdriveFirmware.V0_5: odrive_older_meanings.error_text, OdriveFirmw
 
 @dataclass(frozen=True)
 class OdriveWanted:
-    """As the rig file says."""
+    """Expected drive, from the rig file."""
 
     node_id: int
     encoder_period_s: float
@@ -25,9 +26,9 @@ class OdriveWanted:
 
 @dataclass(frozen=True)
 class OdriveSeen:
-    """What was heard from the wanted node, and `others`: nodes that spoke as ODrives do. `period_s` is that of encoder estimates.
+    """Observed frames of the expected node, and `others`: further nodes that behave as ODrives. `period_s` is that of the encoder.
 
-    `strangers` counts frames of other protocols; `unreadable` is why a frame of the wanted node could not be read.
+    `strangers` counts frames of other protocols. `unreadable` is why a frame of the expected node could not be decoded.
     """
 
     others: tuple[int, ...] = ()
@@ -56,6 +57,7 @@ def judge_odrive(seen: OdriveSeen, wanted: OdriveWanted) -> list[Finding]:
 
 
 def _not_heard(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
+    # A drive at the broadcast address has not been given an address yet.
     addressed = tuple(node for node in seen.others if node != BROADCAST_NODE)
     tell = (f"odrv0.axis0.config.can.node_id = {wanted.node_id}", SAVE)
     if addressed:
@@ -72,22 +74,23 @@ def _not_heard(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
 def _identity(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     firmware = "" if seen.firmware is None else f", firmware {seen.firmware}"
     others = f"; also heard node {listed(seen.others)}" if seen.others else ""
-    said = f"ODrive, node {wanted.node_id}{firmware}{others}"
+    drive = f"ODrive, node {wanted.node_id}{firmware}{others}"
     if wanted.dialect == OdriveFirmware.V0_5 and seen.firmware is not None:
-        return red(DRIVE, f"{said}: only firmware 0.6 tells its version", 'put dialect = "0.6" under [motor]')
-    return green(DRIVE, said)
+        return red(DRIVE, f"{drive}: only firmware 0.6 tells its version", 'put dialect = "0.6" under [motor]')
+    return green(DRIVE, drive)
 
 
 def _error(seen: OdriveSeen, beat: Heartbeat, wanted: OdriveWanted) -> Finding:
     parts = {error.part: odrive_older_meanings.part_error_text(error.part, error.word) for error in seen.part_errors}
-    told = "; ".join([ERROR_TEXT[wanted.dialect](beat.error), *(parts.get(part, f"{part} error") for part in beat.failed)])
+    errors = "; ".join([ERROR_TEXT[wanted.dialect](beat.error), *(parts.get(part, f"{part} error") for part in beat.failed)])
+    # An expired watchdog is the normal state after a program ended, so it is only a warning.
     if beat.error == WATCHDOG[wanted.dialect] and not beat.failed:
-        return yellow(ERROR, told, "nothing else is wrong: the next run clears it; by hand, in odrivetool:", "odrv0.clear_errors()")
+        return yellow(ERROR, errors, "nothing else is wrong: the next run clears it; by hand, in odrivetool:", "odrv0.clear_errors()")
     if beat.error or beat.failed:
-        return red(ERROR, told, "remove the cause, then clear it, in odrivetool:", "odrv0.clear_errors()")
+        return red(ERROR, errors, "remove the cause, then clear it, in odrivetool:", "odrv0.clear_errors()")
     if beat.state != AxisState.IDLE:
-        said = f"no error, but the drive is not idle: {state_text(beat.state)}"
-        return yellow(ERROR, said, "end the program that runs it, or in odrivetool:", "odrv0.axis0.requested_state = AxisState.IDLE")
+        state = f"no error, but the drive is not idle: {state_text(beat.state)}"
+        return yellow(ERROR, state, "end the program that runs it, or in odrivetool:", "odrv0.axis0.requested_state = AxisState.IDLE")
     return green(ERROR, f"none, {state_text(beat.state)}")
 
 
@@ -97,12 +100,12 @@ def _encoder(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     if seen.period_s is None:
         return red(ENCODER, "no steady encoder estimates", "set their period, in odrivetool:", *commands)
     factor = max(seen.period_s / wanted.encoder_period_s, wanted.encoder_period_s / seen.period_s)
-    said = f"every {1e3 * seen.period_s:.3g} ms"
+    measured = f"every {1e3 * seen.period_s:.3g} ms"
     if factor < WORTH_A_WORD:
-        return green(ENCODER, said)
-    judged = red if factor >= REFUSED else yellow
+        return green(ENCODER, measured)
+    finding = red if factor >= REFUSED else yellow
     fix = f"put encoder_period_ms = {1e3 * seen.period_s:.3g} under [motor], or tell the drive, in odrivetool:"
-    return judged(ENCODER, f"{said}, the rig file says {wanted_ms:g} ms", fix, *commands)
+    return finding(ENCODER, f"{measured}, the rig file says {wanted_ms:g} ms", fix, *commands)
 
 
 def _torque(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
@@ -118,5 +121,6 @@ def _torque(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
 
 
 def _set(message: str, period_ms: float, wanted: OdriveWanted) -> str:
+    # Firmware 0.6 renamed these settings.
     infix = "" if wanted.dialect == OdriveFirmware.V0_5 else "_msg"
     return f"odrv0.axis0.config.can.{message}{infix}_rate_ms = {round(period_ms)}"

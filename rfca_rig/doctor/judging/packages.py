@@ -1,4 +1,4 @@
-"""The Python packages that the tool stands on, in versions that it works with."""
+"""Evaluates the installed Python packages against the requirements."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ EXTRAS = "extras"
 
 @dataclass(frozen=True)
 class PackageSeen:
-    """`wanted` is the requirement as pip takes it; `version` None where it is not installed; `fits` whether it satisfies that."""
+    """Observed package. `wanted` is the pip requirement, `version` None if not installed, `fits` whether it satisfies it."""
 
     name: str
     wanted: str
@@ -20,30 +20,32 @@ class PackageSeen:
 
 @dataclass(frozen=True)
 class ExtraSeen:
-    """What one of the package's extras brings, and so what can be done with it."""
+    """Observed packages of one extra (optional feature)."""
 
     name: str
     packages: tuple[PackageSeen, ...]
 
 
 def judge_extras(seen: tuple[ExtraSeen, ...]) -> Finding:
-    """None of them is needed by all; one that is there must fit."""
-    there = [one for one in seen if all(package.fits for package in one.packages)]
+    """Finding on the extras. They are optional, but an installed package must have a suitable version."""
+    complete = [one for one in seen if all(package.fits for package in one.packages)]
     old = [package for one in seen for package in one.packages if package.version is not None and not package.fits]
-    missing = [one.name for one in seen if one not in there]
-    said = "; ".join(f"{one.name}: {', '.join(f'{p.name} {p.version}' for p in one.packages)}" for one in there) or "none installed"
+    missing = [one.name for one in seen if one not in complete]
+    summary = "; ".join(f"{one.name}: {', '.join(f'{p.name} {p.version}' for p in one.packages)}" for one in complete) or "none installed"
     if missing:
-        said += f"; not installed: {', '.join(missing)}"
+        summary += f"; not installed: {', '.join(missing)}"
     if old:
-        worn = ", ".join(f"{package.name} {package.version}" for package in old)
-        return yellow(EXTRAS, f"{said}; too old: {worn}", "install what fits:", "pip install " + " ".join(f'"{one.wanted}"' for one in old))
-    return green(EXTRAS, said)
+        outdated = ", ".join(f"{package.name} {package.version}" for package in old)
+        return yellow(
+            EXTRAS, f"{summary}; too old: {outdated}", "install what fits:", "pip install " + " ".join(f'"{one.wanted}"' for one in old)
+        )
+    return green(EXTRAS, summary)
 
 
 def judge_packages(seen: tuple[PackageSeen, ...], python: str, own_version: str) -> Finding:
     bad = [package for package in seen if not package.fits]
     if bad:
-        said = ", ".join(f"{one.name} {'is missing' if one.version is None else one.version}" for one in bad)
-        return red(SUBJECT, f"{said}", "install what fits:", "pip install " + " ".join(f'"{one.wanted}"' for one in bad))
+        problems = ", ".join(f"{one.name} {'is missing' if one.version is None else one.version}" for one in bad)
+        return red(SUBJECT, f"{problems}", "install what fits:", "pip install " + " ".join(f'"{one.wanted}"' for one in bad))
     versions = ", ".join(f"{one.name} {one.version}" for one in seen)
     return green(SUBJECT, f"python {python}, rfca-rig {own_version}, {versions}")

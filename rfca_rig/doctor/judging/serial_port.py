@@ -1,4 +1,4 @@
-"""Serial ports: there, and open to this user."""
+"""Evaluates serial ports: existence and permission."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ SUBJECT = "serial port"
 
 @dataclass(frozen=True)
 class SerialPortSeen:
-    """`group` owns the port, None where the system has no such thing; `others` are the serial ports besides."""
+    """Observed port. `group` is its owner group, None if the system has no groups; `others` are the other serial ports."""
 
     path: str
     exists: bool
@@ -20,28 +20,28 @@ class SerialPortSeen:
 
 
 def judge_serial_port(seen: SerialPortSeen, section: str) -> Finding:
-    """A port that the rig file names under `section`."""
+    """Finding on a port that the rig file names under `section`."""
     if not seen.exists:
-        there = f"there is {', '.join(seen.others)}" if seen.others else "there is no serial port at all"
-        return red(SUBJECT, f"there is no {seen.path}; {there}", f"plug the cable in, or name the right port under {section}")
+        existing = f"there is {', '.join(seen.others)}" if seen.others else "there is no serial port at all"
+        return red(SUBJECT, f"there is no {seen.path}; {existing}", f"plug the cable in, or name the right port under {section}")
     if not seen.may_open:
-        return red(SUBJECT, f"{seen.path} is not open to you{_owned(seen)}", *_permission(seen))
+        return red(SUBJECT, f"{seen.path} is not open to you{_owner_text(seen)}", *_permission(seen))
     return green(SUBJECT, f"{seen.path} {seen.product}".strip())
 
 
 def judge_found_port(seen: SerialPortSeen) -> Finding:
-    """A port that was found; not being allowed to use it may not matter."""
+    """Finding on a port that was found by a scan; a missing permission may not matter."""
     if not seen.may_open:
-        return yellow(SUBJECT, f"{seen.path} {seen.product}".strip() + f", not open to you{_owned(seen)}", *_permission(seen))
+        return yellow(SUBJECT, f"{seen.path} {seen.product}".strip() + f", not open to you{_owner_text(seen)}", *_permission(seen))
     return green(SUBJECT, f"{seen.path} {seen.product}".strip())
 
 
-def _owned(seen: SerialPortSeen) -> str:
+def _owner_text(seen: SerialPortSeen) -> str:
     return "" if seen.group is None else f", it belongs to the group {seen.group}"
 
 
 def _permission(seen: SerialPortSeen) -> tuple[str, ...]:
-    """Joining root's own group would give away too much; a rule of udev does not."""
+    """Fix for a missing permission. For a port of root the mode is changed: joining root's group would grant too much."""
     if seen.group is None or seen.group == "root":
         return "let yourself in until the next restart:", f"sudo chmod a+rw {seen.path}"
     return "join the group, then log out and in again:", f"sudo usermod -aG {seen.group} $USER"

@@ -1,1 +1,1 @@
-"""Looks at buses, ports, devices and this computer; sends nothing that could move a shaft."""
+"""Probes of buses, ports, devices and this computer. They send nothing that could move the shaft."""

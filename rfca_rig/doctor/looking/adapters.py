@@ -1,4 +1,4 @@
-"""Asks python-can for the adapters that its interfaces find, other than the kernel's."""
+"""Lists CAN adapters that python-can finds, other than those of the kernel."""
 
 import can
 
@@ -6,6 +6,6 @@ FINDABLE = ("canalystii", "cantact", "gs_usb", "ixxat", "kvaser", "neovi", "nica
 
 
 def look_for_adapters() -> tuple[tuple[str, str], ...]:
-    """(interface, channel); an interface whose own driver is not installed finds none."""
+    """All adapters as (interface, channel). Interfaces without an installed driver find none."""
     found = can.detect_available_configs(FINDABLE)
     return tuple(sorted((str(one["interface"]), str(one["channel"])) for one in found))

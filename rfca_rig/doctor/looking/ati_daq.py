@@ -1,4 +1,4 @@
-"""Asks NI's own package, where it is installed, for the sampling cards there are."""
+"""Lists NI sampling cards, if NI's package is installed, and checks the calibration file."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ def look_for_cards() -> CardsSeen:
 
 
 def look_at_calibration(path: str) -> str | None:
-    """Why the file cannot be used; None where it can."""
+    """Why the file cannot be used; None if it can."""
     try:
         parse_calibration(Path(path).read_bytes(), path)
     except OSError as error:

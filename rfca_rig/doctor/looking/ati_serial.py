@@ -1,4 +1,4 @@
-"""Streams from an F/T Controller for a moment, through its driver; never sends a bias."""
+"""Streams from an F/T Controller for one second, through its driver; never sends a bias."""
 
 from rfca_rig.clock import Clock
 from rfca_rig.doctor.judging.ati_serial import ControllerSeen
@@ -16,18 +16,18 @@ def look_at_controller(path: str, settings: AtiSerialSettings, clock: Clock) -> 
     except DeviceError as error:
         return ControllerSeen(path, str(error))
     try:
-        return _streamed(path, AtiSerialSensor(port, clock, settings), clock)
+        return _stream(path, AtiSerialSensor(port, clock, settings), clock)
     except DeviceError as error:
         return ControllerSeen(path, str(error))
     finally:
         port.close()
 
 
-def _streamed(path: str, sensor: AtiSerialSensor, clock: Clock) -> ControllerSeen:
-    """The rate is counted from the first record on; the driver's own check of it needs longer."""
+def _stream(path: str, sensor: AtiSerialSensor, clock: Clock) -> ControllerSeen:
+    """Streams and measures the rate from the first record on; the driver's own rate check needs longer."""
     sensor.start()
     first_s = last_s = None
-    times = 0
+    records = 0
     until_s = clock.now_s() + STREAM_S
     while clock.now_s() < until_s:
         clock.wait_until(clock.now_s() + POLL_S)
@@ -35,8 +35,8 @@ def _streamed(path: str, sensor: AtiSerialSensor, clock: Clock) -> ControllerSee
         if arrived and first_s is None:
             first_s = clock.now_s()
         elif arrived and first_s is not None:
-            last_s, times = clock.now_s(), times + arrived
+            last_s, records = clock.now_s(), records + arrived
     sensor.stop()
     health = sensor.health()
-    rate_Hz = times / (last_s - first_s) if first_s is not None and last_s is not None else 0.0
+    rate_Hz = records / (last_s - first_s) if first_s is not None and last_s is not None else 0.0
     return ControllerSeen(path, None, STREAM_S, health.received, rate_Hz, tuple(health.notes))

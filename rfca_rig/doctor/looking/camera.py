@@ -1,4 +1,4 @@
-"""One photo of the leg as it hangs, and what it shows. Nothing moves."""
+"""Takes one photo of the hanging leg and identifies its marks. Nothing moves."""
 
 from contextlib import ExitStack
 
@@ -21,8 +21,8 @@ def look_at_camera(section: OpenCvCameraSection, eye: Eye, clock: Clock) -> Came
         identified = read_leg_photo(photo.image, eye).identified
     except RigError as error:
         return CameraSeen(one_line(error))
-    told = sum(mark is not None for mark in identified.marks)
-    return CameraSeen(None, told, len(identified.marks), tuple(doubt.words for doubt in identified.doubts))
+    count = sum(mark is not None for mark in identified.marks)
+    return CameraSeen(None, count, len(identified.marks), tuple(doubt.words for doubt in identified.doubts))
 
 
 def _one_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:

@@ -1,4 +1,4 @@
-"""Opens the bus that a rig file names, and listens on it."""
+"""Listens on the CAN bus of a rig file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,19 +10,20 @@ from rfca_rig.doctor.judging.can_bus import CanBusSeen
 
 POLL_S = 1e-3
 LISTEN_S = 1.0
-CAN_ERROR_BUS_OFF = 0x40  # error class of a SocketCAN error frame (linux/can/error.h)
+# Error class of a SocketCAN error frame (linux/can/error.h).
+CAN_ERROR_BUS_OFF = 0x40
 
 
 @dataclass(frozen=True)
 class HeardFrame:
-    """A data frame, and when it was taken off the bus."""
+    """A data frame, and the time when it was received."""
 
     at_s: float
     message: can.Message
 
 
 class Listener:
-    """Keeps what it hears, oldest first, and counts error frames. A bus that fails is noted, not raised: that is what is looked for."""
+    """Collects frames, oldest first, and counts error frames. A bus failure is noted, not raised, as it is a finding."""
 
     def __init__(self, bus: can.BusABC, clock: Clock) -> None:
         self._bus = bus
@@ -33,7 +34,7 @@ class Listener:
         self.failed: str | None = None
 
     def listen(self, seconds: float) -> list[HeardFrame]:
-        """What came within that time."""
+        """Listens for `seconds`; returns the frames of that time."""
         first, until_s = len(self.frames), self._clock.now_s() + seconds
         while self.failed is None and self._clock.now_s() < until_s:
             self._clock.wait_until(self._clock.now_s() + POLL_S)
@@ -52,11 +53,12 @@ class Listener:
         if message.is_error_frame:
             self.error_frames += 1
             self.went_off |= bool(message.arbitration_id & CAN_ERROR_BUS_OFF)
+        # Remote frames are requests by other programs, and show nothing about the drive.
         elif not message.is_remote_frame:
             self.frames.append(HeardFrame(now_s, message))
 
     def ask(self, message: can.Message) -> None:
-        """Sends a question; where the bus does not take it, that is noted."""
+        """Sends a query; a failure to send is noted."""
         if self.failed is not None:
             return
         try:
@@ -69,12 +71,12 @@ class Listener:
 
 
 def period_s(frames: Sequence[HeardFrame]) -> float | None:
-    """Mean time from frame to frame; None for fewer than two, and for frames that all came at once."""
+    """Mean time between frames in s; None for fewer than two, and for frames received at the same time."""
     if len(frames) < 2 or frames[-1].at_s <= frames[0].at_s:
         return None
     return (frames[-1].at_s - frames[0].at_s) / (len(frames) - 1)
 
 
 def one_line(error: Exception) -> str:
-    """What another package says, fit for a line."""
+    """Error message of another package, shortened to one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__

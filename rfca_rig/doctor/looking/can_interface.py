@@ -1,4 +1,4 @@
-"""Reads what the Linux kernel says of its CAN interfaces."""
+"""Reads the state of the CAN interfaces of the Linux kernel."""
 
 import json
 import subprocess
@@ -8,20 +8,21 @@ from typing import Any
 from rfca_rig.doctor.judging.can_interface import CanInterfaceSeen
 
 NETWORK = Path("/sys/class/net")
-ARPHRD_CAN = "280"  # linux/if_arp.h
+# From linux/if_arp.h, linux/if.h and linux/can.h.
+ARPHRD_CAN = "280"
 IFF_UP = 1
 CANFD_MTU = 72
 IP_WITHIN_S = 2.0
 
 
 def look_at_can_interface(channel: str, network: Path = NETWORK) -> CanInterfaceSeen:
-    """The bit rate is known only where there is the command `ip`."""
+    """Observes one interface. The bit rate is known only if the command `ip` is installed."""
     names = can_interfaces(network)
     others = tuple(name for name in names if name != channel)
     if not channel or "/" in channel or not (network / channel).exists():
         return CanInterfaceSeen(channel, False, others)
-    told = _told_by_ip(channel) if network == NETWORK else {}
-    info = told.get("linkinfo", {})
+    details = _query_ip(channel) if network == NETWORK else {}
+    info = details.get("linkinfo", {})
     data = info.get("info_data", {})
     return CanInterfaceSeen(
         channel=channel,
@@ -38,26 +39,26 @@ def look_at_can_interface(channel: str, network: Path = NETWORK) -> CanInterface
 
 
 def can_interfaces(network: Path = NETWORK) -> tuple[str, ...]:
-    """Every CAN interface of the kernel, by name."""
+    """Names of all CAN interfaces of the kernel."""
     if not network.is_dir():
         return ()
     return tuple(sorted(entry.name for entry in network.iterdir() if _text(entry / "type") == ARPHRD_CAN))
 
 
 def _text(file: Path) -> str:
-    """Empty for a file that is not there: interfaces come and go."""
+    """Content of a file, empty if it does not exist: interfaces come and go."""
     try:
         return file.read_text().strip()
     except OSError:
         return ""
 
 
-def _told_by_ip(channel: str) -> dict[str, Any]:
-    """What `ip` says of the interface; nothing where it is not installed, or too old for JSON."""
+def _query_ip(channel: str) -> dict[str, Any]:
+    """Output of `ip` on the interface; empty if it is not installed, or too old for JSON."""
     command = ["ip", "-details", "-json", "link", "show", "dev", channel]
     try:
-        said = subprocess.run(command, capture_output=True, timeout=IP_WITHIN_S, check=True).stdout
-        links = json.loads(said)
+        output = subprocess.run(command, capture_output=True, timeout=IP_WITHIN_S, check=True).stdout
+        links = json.loads(output)
     except (OSError, subprocess.SubprocessError, ValueError):
         return {}
     return links[0] if links and isinstance(links[0], dict) else {}

@@ -1,7 +1,7 @@
-"""Listens for an AK drive in MIT mode, and asks it, on a bus that was quiet, by the frame that switches the motor off.
+"""Listens for an AK drive in MIT mode and, on a quiet bus, asks it by the frame that disables the motor.
 
-The mode has no frame that only asks. EXIT can take torque away but never give any; it is not sent where others speak, because
-somebody may be using the drive.
+The mode has no frame that only asks. EXIT can remove torque but never add any. It is not sent if others use the bus, because another
+program may be using the drive.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ def look_for_mit(listener: Listener, drive_id: int, ranges: MitRanges) -> MitSee
 
 
 def mit_seen(frames: Sequence[HeardFrame], drive_id: int, ranges: MitRanges, asked: bool) -> MitSeen:
-    """What these frames say. A command to the drive, which an adapter may give back, is no reply."""
+    """Sorts the received frames. A command to the drive, which an adapter may echo, is not a reply."""
     reply: MitReply | None = None
     unreadable: str | None = None
     others, masters, servo = set[int](), set[int](), set[int]()
@@ -38,7 +38,7 @@ def mit_seen(frames: Sequence[HeardFrame], drive_id: int, ranges: MitRanges, ask
             if identifier >> 8 == cubemars_servo.Packet.STATUS:
                 servo.add(cubemars_servo.drive_of(identifier))
         elif data and identifier in {0, drive_id} and data[0] == drive_id:
-            reply, unreadable = _decoded(ranges, data, reply)
+            reply, unreadable = _decode(ranges, data, reply)
         elif data and data[0] == drive_id:
             masters.add(identifier)
         elif data and identifier != drive_id:
@@ -46,7 +46,7 @@ def mit_seen(frames: Sequence[HeardFrame], drive_id: int, ranges: MitRanges, ask
     return MitSeen(asked, reply, tuple(sorted(others)), tuple(sorted(masters)), tuple(sorted(servo)), unreadable)
 
 
-def _decoded(ranges: MitRanges, data: bytes | bytearray, before: MitReply | None) -> tuple[MitReply | None, str | None]:
+def _decode(ranges: MitRanges, data: bytes | bytearray, before: MitReply | None) -> tuple[MitReply | None, str | None]:
     try:
         return decode_reply(ranges, data), None
     except MalformedFrame as error:

@@ -14,18 +14,18 @@ def look_for_servo(listener: Listener, drive_id: int) -> ServoSeen:
 
 
 def servo_seen(frames: Sequence[HeardFrame], drive_id: int) -> ServoSeen:
-    """What these frames say."""
+    """Sorts the received frames."""
     is_status = {True: list[HeardFrame](), False: list[HeardFrame]()}
-    for heard in frames:
-        is_status[heard.message.is_extended_id and heard.message.arbitration_id >> 8 == Packet.STATUS].append(heard)
-    own = [heard for heard in is_status[True] if _drive(heard) == drive_id]
-    others = tuple(sorted({_drive(heard) for heard in is_status[True]} - {drive_id}))
+    for frame in frames:
+        is_status[frame.message.is_extended_id and frame.message.arbitration_id >> 8 == Packet.STATUS].append(frame)
+    own = [frame for frame in is_status[True] if _drive(frame) == drive_id]
+    others = tuple(sorted({_drive(frame) for frame in is_status[True]} - {drive_id}))
     status, unreadable = _last_status(own)
     return ServoSeen(status, period_s(own), others, len(is_status[False]), unreadable)
 
 
-def _drive(heard: HeardFrame) -> int:
-    return cubemars_servo.drive_of(heard.message.arbitration_id)
+def _drive(frame: HeardFrame) -> int:
+    return cubemars_servo.drive_of(frame.message.arbitration_id)
 
 
 def _last_status(own: Sequence[HeardFrame]) -> tuple[Status | None, str | None]:

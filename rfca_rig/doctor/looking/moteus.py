@@ -1,4 +1,4 @@
-"""Asks a moteus to read registers, and, where it is silent, every other id: reading changes nothing in a drive."""
+"""Reads registers of a moteus and, if it is silent, of every other id. Reading changes nothing in a drive."""
 
 from collections.abc import Iterable, Sequence
 from math import nan
@@ -13,6 +13,7 @@ from rfca_rig.doctor.judging.moteus import MoteusAnswer, MoteusSeen
 from rfca_rig.doctor.looking.can_bus import HeardFrame, Listener
 from rfca_rig.drivers.moteus_scale import OWN_ID
 
+# Time for an answer, and the interval between two ids so that the bus is not flooded, in s.
 ANSWER_S = 0.1
 SPACING_S = 2e-3
 DRIVE_IDS = range(1, 127)
@@ -51,7 +52,7 @@ def _question(drive_id: int, prefix: int, bitrate_switch: bool) -> can.Message:
 
 
 def moteus_seen(frames: Sequence[HeardFrame], drive_id: int, prefix: int) -> MoteusSeen:
-    """What these frames say. Questions, other programs' or our own come back, are passed over."""
+    """Sorts the received frames. Queries, by other programs or our own as echoes, are skipped."""
     answer: MoteusAnswer | None = None
     unreadable: str | None = None
     others, strangers = set[int](), 0
@@ -65,6 +66,7 @@ def moteus_seen(frames: Sequence[HeardFrame], drive_id: int, prefix: int) -> Mot
             others.add(route.source)
         else:
             answer, unreadable = _read(message.data, answer)
+    # A good answer outweighs an unreadable frame before it.
     return MoteusSeen(answer, tuple(sorted(others)), strangers, unreadable if answer is None else None)
 
 

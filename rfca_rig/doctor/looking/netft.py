@@ -1,4 +1,4 @@
-"""Asks a Net F/T for its configuration, and streams from it for a moment; never sends a bias."""
+"""Reads the configuration of a Net F/T, and streams from it for half a second; never sends a bias."""
 
 from collections.abc import Sequence
 
@@ -27,14 +27,14 @@ def look_at_box(host: str, box: Box) -> BoxSeen:
 
 
 def look_at_stream(host: str, port: int, buffered: bool, clock: Clock) -> StreamSeen:
-    """Takes the stream from whoever has it, and ends it."""
+    """Streams for half a second. It takes the stream from any other client, and ends it."""
     address = f"{host}:{port}"
     try:
         datagrams = UdpDatagrams(host, port)
     except DeviceError as error:
         return StreamSeen(address, 0.0, str(error))
     try:
-        arrived = _streamed(datagrams, buffered, clock)
+        arrived = _stream(datagrams, buffered, clock)
     except DeviceError as error:
         return StreamSeen(address, STREAM_S, str(error))
     finally:
@@ -42,8 +42,8 @@ def look_at_stream(host: str, port: int, buffered: bool, clock: Clock) -> Stream
     return stream_seen(address, STREAM_S, arrived)
 
 
-def _streamed(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
-    """What comes in `STREAM_S`, after what an earlier stream still had on the way."""
+def _stream(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
+    """Datagrams received in `STREAM_S`, without the remains of an earlier stream."""
     datagrams.send(encode_request(RdtCommand.STOP))
     clock.wait_until(clock.now_s() + QUIET_S)
     datagrams.receive_all()
@@ -58,7 +58,7 @@ def _streamed(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]
 
 
 def stream_seen(address: str, seconds: float, datagrams: Sequence[bytes]) -> StreamSeen:
-    """What these datagrams say."""
+    """Evaluates the received datagrams."""
     blocks: list[Records] = []
     malformed = 0
     for datagram in datagrams:
@@ -70,6 +70,7 @@ def stream_seen(address: str, seconds: float, datagrams: Sequence[bytes]) -> Str
         return StreamSeen(address, seconds, malformed=malformed)
     records, sequence = join(blocks), RecordSequence()
     picked, numbers = sequence.take(records.rdt_sequence)
+    # Only between neighbouring records: a lost one would look like a larger step.
     steps = np.diff(records.ft_sequence[picked]).view(np.int32)[np.diff(numbers) == 1]
     return StreamSeen(
         address=address,

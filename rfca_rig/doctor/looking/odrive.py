@@ -1,4 +1,4 @@
-"""Listens for ODrives. What is sent: a question for the version, and for the errors of parts that report some."""
+"""Listens for ODrives. Sends only requests for the version, and for the errors of parts that report some."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -23,13 +23,15 @@ from rfca_rig.doctor.judging.odrive import OdriveSeen, OdriveWanted
 from rfca_rig.doctor.looking.can_bus import LISTEN_S, HeardFrame, Listener, period_s
 
 ANSWER_S = 0.1
-TELLING = frozenset({OdriveCommand.HEARTBEAT, OdriveCommand.ENCODER_ESTIMATES})  # what only a drive says, and says unasked
+# Messages that only a drive sends, and sends unasked: they identify an ODrive.
+TELLING = frozenset({OdriveCommand.HEARTBEAT, OdriveCommand.ENCODER_ESTIMATES})
 
 
 def look_for_odrive(listener: Listener, wanted: OdriveWanted) -> OdriveSeen:
     listener.listen(LISTEN_S)
     first = odrive_seen(listener.frames, wanted)
-    if first.beat is not None and first.beat.state == AxisState.IDLE:  # any frame feeds the watchdog of a drive that runs
+    # Only an idle drive is asked: any frame feeds the watchdog of a running one.
+    if first.beat is not None and first.beat.state == AxisState.IDLE:
         listener.ask(_question(cansimple.request(wanted.node_id, OdriveCommand.VERSION)))
         for part in first.beat.failed:
             listener.ask(_question(cansimple.request(wanted.node_id, cansimple.PART_COMMANDS[part])))
@@ -42,8 +44,8 @@ def _question(frame: cansimple.Frame) -> can.Message:
 
 
 @dataclass
-class _Ears:
-    """What is gathered on the way."""
+class _Observations:
+    """Observations collected from frames."""
 
     others: set[int] = field(default_factory=set)
     strangers: int = 0
@@ -57,55 +59,56 @@ class _Ears:
 
 
 def odrive_seen(frames: Sequence[HeardFrame], wanted: OdriveWanted) -> OdriveSeen:
-    """What these frames say."""
-    ears = _Ears()
+    """Sorts the received frames."""
+    observed = _Observations()
     for heard in frames:
-        _take(ears, heard, wanted)
+        _take(observed, heard, wanted)
     return OdriveSeen(
-        others=tuple(sorted(ears.others)),
-        strangers=ears.strangers,
-        own_frames=ears.own_frames,
-        beat=ears.beat,
-        period_s=period_s(ears.encoder),
-        torques=ears.torques,
-        firmware=ears.firmware,
-        part_errors=tuple(ears.part_errors.values()),
-        unreadable=ears.unreadable,
+        others=tuple(sorted(observed.others)),
+        strangers=observed.strangers,
+        own_frames=observed.own_frames,
+        beat=observed.beat,
+        period_s=period_s(observed.encoder),
+        torques=observed.torques,
+        firmware=observed.firmware,
+        part_errors=tuple(observed.part_errors.values()),
+        unreadable=observed.unreadable,
     )
 
 
-def _take(ears: _Ears, heard: HeardFrame, wanted: OdriveWanted) -> None:
+def _take(observed: _Observations, heard: HeardFrame, wanted: OdriveWanted) -> None:
     message = heard.message
     identifier = message.arbitration_id
+    # A frame of eight bytes with such a command, from another node: most likely another ODrive.
     is_telling = not message.is_extended_id and identifier & 0x1F in TELLING and message.dlc == 8
     if not message.is_extended_id and cansimple.node_of(identifier) == wanted.node_id and message.dlc:
-        ears.own_frames += 1
-        _hear(ears, heard, _decoded(ears, message, wanted.dialect), wanted)
+        observed.own_frames += 1
+        _hear(observed, heard, _decode(observed, message, wanted.dialect), wanted)
     elif is_telling:
-        ears.others.add(cansimple.node_of(identifier))
+        observed.others.add(cansimple.node_of(identifier))
     else:
-        ears.strangers += 1
+        observed.strangers += 1
 
 
-def _decoded(ears: _Ears, message: can.Message, dialect: OdriveFirmware) -> Message | None:
+def _decode(observed: _Observations, message: can.Message, dialect: OdriveFirmware) -> Message | None:
     try:
         return cansimple.decode(message.arbitration_id, message.data, dialect)
     except MalformedFrame as error:
-        ears.unreadable = str(error)
+        observed.unreadable = str(error)
         return None
 
 
-def _hear(ears: _Ears, heard: HeardFrame, message: Message | None, wanted: OdriveWanted) -> None:
+def _hear(observed: _Observations, heard: HeardFrame, message: Message | None, wanted: OdriveWanted) -> None:
     match message:
         case EncoderEstimates():
-            ears.encoder.append(heard)
+            observed.encoder.append(heard)
         case Heartbeat():
-            ears.beat = message
+            observed.beat = message
         case Torques():
-            ears.torques += 1
+            observed.torques += 1
         case Iq() if wanted.dialect == OdriveFirmware.V0_5:
-            ears.torques += 1
+            observed.torques += 1
         case Version():
-            ears.firmware = ".".join(map(str, message.firmware))
+            observed.firmware = ".".join(map(str, message.firmware))
         case PartError():
-            ears.part_errors[message.part] = message
+            observed.part_errors[message.part] = message

@@ -1,1 +1,1 @@
-"""What is checked at every tick, a device or a danger each; each raises Tripped, with the value and the limit."""
+"""Limit checks of every tick, one module for each device or danger. Each raises Tripped, with the value and the limit."""

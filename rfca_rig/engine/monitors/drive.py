@@ -1,4 +1,4 @@
-"""The drive: what it says of itself, and that it goes on saying it."""
+"""Checks of the drive's own status: heartbeat, error, temperature."""
 
 from rfca_rig.drivers.roles import MotorStatus
 from rfca_rig.errors import Tripped
@@ -7,11 +7,11 @@ from rfca_rig.trip_codes import Trip
 
 
 def check_drive(status: MotorStatus, limits: Limits) -> None:
-    """The age of its last heartbeat, its error and state, its temperature where it tells one.
+    """Checks the age of the last heartbeat, error and state, and the temperature where the drive reports one.
 
-    A driver that watches over the same limit calls silence a fault, too: silence is told first, because what is known of a silent drive
-    is old.
+    A driver with the same limit reports silence as a fault too.
     """
+    # Silence first: everything else that is known of a silent drive is old.
     if status.silent_s > limits.drive_silent_s:
         raise Tripped(
             Trip.DRIVE_SILENT,

@@ -1,4 +1,4 @@
-"""The force sensor's stream: there, whole, moving, healthy. A rig whose sensor cannot be trusted must not move."""
+"""Checks of the force sensor's stream: present, complete, changing, healthy. A rig without a trusted sensor must not move."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +9,13 @@ from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
 
-SENSOR_FAULT = np.uint32(0x80000000)  # NetBox status bit 31: summary error
-SATURATED = np.uint32(0x00020000)  # bit 17: transducer saturation or A/D error
-ANY_ERROR = np.uint32(0x7FFEFFFF)  # all but the summary and bit 16, a latched monitor condition
+# Status word of the NetBox, see `codecs.netbox_status`. Drivers of other sensors set the same bits 31 and 17. Bit 31:
+# summary of all errors.
+SENSOR_FAULT = np.uint32(0x80000000)
+# Bit 17: transducer saturation or A/D error.
+SATURATED = np.uint32(0x00020000)
+# All but the summary bit and bit 16, a latched monitor condition, which leaves the values good.
+ANY_ERROR = np.uint32(0x7FFEFFFF)
 
 
 class SensorMonitor:
@@ -19,20 +23,20 @@ class SensorMonitor:
 
     def __init__(self, limits: Limits, now_s: float) -> None:
         self._limits = limits
-        self._heard_s = now_s
+        self._received_s = now_s
         self._last: NDArray[np.int32] | None = None
         self._last_s = np.nan
         self._changed_s = np.nan
 
     def check(self, now_s: float, samples: ForceSamples) -> None:
-        """One tick's records, also where there are none."""
+        """Checks one tick's records; `samples.counts` (m, 6) may be empty."""
         if len(samples.counts):
-            self._heard_s = now_s
+            self._received_s = now_s
             self._check_status(samples)
             self._check_time(samples)
             self._check_alive(samples)
         else:
-            self._check_silence(now_s - self._heard_s)
+            self._check_silence(now_s - self._received_s)
 
     def _check_silence(self, silent_s: float) -> None:
         limit_s = self._limits.sensor_silent_s
@@ -44,6 +48,7 @@ class SensorMonitor:
 
     def _check_status(self, samples: ForceSamples) -> None:
         worst = np.bitwise_or.reduce(samples.status)
+        # Before all other errors: the values of a saturated sensor can no longer guard the rig.
         if worst & SATURATED:
             raise Tripped(
                 Trip.SENSOR_SATURATED, f"force sensor saturated (status 0x{int(worst):08x}); its values can no longer guard the rig"
@@ -52,7 +57,8 @@ class SensorMonitor:
             raise Tripped(Trip.SENSOR_ERROR, f"force sensor reports an error: {status_text(int(worst))}; see its status page")
 
     def _check_time(self, samples: ForceSamples) -> None:
-        """Records may come, and yet have left out so much in between that nobody watched the force."""
+        """Checks for gaps: records may come, and yet so many be lost in between that the force was not observed."""
+        # By the sensor's own record counter, which shows lost records whenever they were received.
         times_s = samples.device_s if np.isnan(self._last_s) else np.concatenate([[self._last_s], samples.device_s])
         blind_s = float(np.diff(times_s).max(initial=0.0))
         self._last_s = float(samples.device_s[-1])
@@ -65,8 +71,9 @@ class SensorMonitor:
             )
 
     def _check_alive(self, samples: ForceSamples) -> None:
-        """A quiet sensor has noise; six counts that never change are a cable or a box that hangs."""
+        """Checks that the counts change: a sensor at rest has noise, a hanging box or a loose cable has not."""
         counts = samples.counts
+        # The first record of all is compared with itself, which counts as no change.
         before = counts[:1] if self._last is None else self._last
         changed = np.flatnonzero((np.concatenate([before, counts[:-1]]) != counts).any(axis=1))
         if len(changed):

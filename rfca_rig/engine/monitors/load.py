@@ -1,4 +1,4 @@
-"""Force and moment: never above the limit, and above what the stage is expected to bring only as long as an impact lasts."""
+"""Limits of force and moment: an absolute peak limit, and a ceiling from the predicted load that only impacts may pass."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,8 @@ from rfca_rig.trip_codes import Trip
 
 Floats = NDArray[np.float64]
 
-LEAST_SHARE = 0.1  # of the limit: below it, more than expected is no danger
+# Share of the limit below which the ceiling never falls: a small excess over a small prediction is no danger.
+LEAST_SHARE = 0.1
 
 
 @dataclass
@@ -23,17 +24,33 @@ class Lasting:
     below_s: float = np.nan
 
     def seconds(self, device_s: Floats, values: Floats, ceiling: float) -> float:
-        """Takes in a block; 0 where its last value is not above."""
+        """Adds a block of samples and returns for how many seconds the value has been above the ceiling without a break.
+
+        Parameters
+        ----------
+        device_s : ndarray, shape (m,)
+            Times in s by the device's clock, increasing; m is at least 1.
+        values : ndarray, shape (m,)
+            Force in N or moment in N m.
+        ceiling : float
+            In the unit of `values`.
+
+        Returns
+        -------
+        float
+            0 where the last value is not above the ceiling.
+        """
         below = np.flatnonzero(values <= ceiling)
         if len(below):
             self.below_s = float(device_s[below[-1]])
+        # A stage that begins above the ceiling counts from its first sample.
         elif np.isnan(self.below_s):
             self.below_s = float(device_s[0])
         return float(device_s[-1]) - self.below_s
 
 
 class LoadMonitor:
-    """Knows the peak since the stage began: `peak`."""
+    """Checks force and moment; `peak` is the largest load since the stage began."""
 
     def __init__(self, limits: Limits, scale: SensorScale) -> None:
         self._limits = limits
@@ -41,7 +58,8 @@ class LoadMonitor:
         self.expect(None)
 
     def expect(self, expected: Load | None) -> None:
-        """A stage begins, in which the sensor is expected to feel at most so much; None where nobody knows."""
+        """A stage begins in which the model predicts at most this load; None where there is no prediction."""
+        # Without a prediction the ceiling is infinite: only the absolute limits hold then.
         limits, unknown = self._limits, Load(np.inf, np.inf)
         load = expected or unknown
         self._ceiling = Load(
@@ -52,8 +70,9 @@ class LoadMonitor:
         self.peak = Load(0.0, 0.0)
 
     def check(self, samples: ForceSamples) -> None:
-        """One block, not empty."""
+        """Checks one block, with at least one record."""
         counts = samples.counts.astype(np.float64)
+        # Magnitudes of the whole vectors: a limit per axis would depend on how the sensor is mounted.
         force_N = np.sqrt((counts[:, :3] ** 2).sum(axis=1)) / self._scale.counts_per_N
         torque_Nm = np.sqrt((counts[:, 3:] ** 2).sum(axis=1)) / self._scale.counts_per_Nm
         here = Load(float(force_N.max()), float(torque_Nm.max()))

@@ -1,4 +1,4 @@
-"""The shaft: reported, where it should be, not too fast, neither stuck nor somewhere else all of a sudden."""
+"""Checks of the shaft: reported, near its target, not too fast, not stuck, no jumps of the encoder."""
 
 from dataclasses import dataclass
 
@@ -9,15 +9,19 @@ from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
 
-JAM_SPEED_RAD_S = 0.2  # a target slower than this may stand for a moment
-JAM_SHARE = 0.1  # of the target's speed: slower is stuck
-JAM_S = 0.3  # longer than a soft drive sags into a load
-JUMP_RAD = 0.2  # between two reports, beyond what the limit of speed allows: far above any encoder's noise
+# A target slower than this may stand for a moment.
+JAM_SPEED_RAD_S = 0.2
+# Share of the target's speed below which the shaft counts as stuck.
+JAM_SHARE = 0.1
+# Longer than a soft drive sags into a load.
+JAM_S = 0.3
+# Allowed between two reports beyond what the speed limit explains: far above any encoder's noise.
+JUMP_RAD = 0.2
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """Where the shaft should be and is."""
+    """Angle and speed of target and shaft at one tick."""
 
     target_rad: float
     angle_rad: float
@@ -26,20 +30,20 @@ class Tracking:
 
 
 class ShaftMonitor:
-    """Remembers the last report, and since when the shaft has not followed at all."""
+    """Remembers the last report, and since when the shaft has not followed its target at all."""
 
     def __init__(self, limits: Limits, now_s: float) -> None:
         self._limits = limits
-        self._heard_s = self._moved_s = now_s
+        self._reported_s = self._moved_s = now_s
         self._last: tuple[float, float] | None = None
         self._torque_Nm = np.nan
 
     def reported(self, now_s: float, shaft: ShaftSamples) -> None:
-        """One tick's reports, also where there are none."""
+        """Checks one tick's reports; the block may be empty."""
         if not len(shaft.angle_rad):
-            self._check_silence(now_s - self._heard_s)
+            self._check_silence(now_s - self._reported_s)
             return
-        self._heard_s = now_s
+        self._reported_s = now_s
         self._torque_Nm = float(shaft.torque_Nm[-1])
         self._check_jump(shaft)
         self._last = float(shaft.device_s[-1]), float(shaft.angle_rad[-1])
@@ -56,6 +60,7 @@ class ShaftMonitor:
     def _check_jump(self, shaft: ShaftSamples) -> None:
         times_s, angles_rad = shaft.device_s, shaft.angle_rad
         if self._last is not None:
+            # The last report of the tick before belongs to the block: a jump may lie between two ticks.
             times_s, angles_rad = np.append(self._last[0], times_s), np.append(self._last[1], angles_rad)
         steps_rad = np.abs(np.diff(angles_rad))
         allowed_rad = self._limits.speed_rad_s * np.diff(times_s) + JUMP_RAD
@@ -67,7 +72,7 @@ class ShaftMonitor:
             )
 
     def following(self, now_s: float, now: Tracking) -> None:
-        """Speed, and how far the shaft is from where it should be; the limit grows with the speed."""
+        """Checks the speed, and the following error, whose limit grows with the target's speed."""
         if abs(now.speed_rad_s) > self._limits.speed_rad_s:
             raise Tripped(
                 Trip.OVERSPEED,
@@ -79,6 +84,7 @@ class ShaftMonitor:
 
     def _check_behind(self, now: Tracking) -> None:
         behind_rad = abs(now.target_rad - now.angle_rad)
+        # A drive lags in proportion to its speed; a constant limit would be too tight in strokes or too wide at rest.
         limit_rad = self._limits.following_error_rad + self._limits.following_error_s * abs(now.target_speed_rad_s)
         if behind_rad > limit_rad:
             raise Tripped(
@@ -88,6 +94,7 @@ class ShaftMonitor:
             )
 
     def _check_jam(self, now_s: float, now: Tracking) -> None:
+        # At a low speed the following error reaches its limit late; this check finds a stuck shaft within JAM_S.
         wanted_rad_s = abs(now.target_speed_rad_s)
         if wanted_rad_s < JAM_SPEED_RAD_S or abs(now.speed_rad_s) > JAM_SHARE * wanted_rad_s:
             self._moved_s = now_s

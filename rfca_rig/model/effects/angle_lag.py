@@ -1,11 +1,11 @@
-"""Joint angles and speeds are read through a lag, as from a filter."""
+"""Joint angles and speeds are read through a first-order lag, as of a filter."""
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.setup import Setup, with_late_readings
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """Raises BadInput for a rig whose joint angles are not recorded."""
+    """The setup with the lag. Raises BadInput for a rig whose joint angles are not recorded."""
     return with_late_readings(setup, "angle_lag", angle_lag_s=values["time_constant_s"])
 
 

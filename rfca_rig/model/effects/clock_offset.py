@@ -1,4 +1,4 @@
-"""Force and shaft clocks apart."""
+"""A constant offset between the clocks of force sensor and shaft."""
 
 from dataclasses import replace
 
@@ -11,6 +11,7 @@ from rfca_rig.model.setup import Felt, Setup, with_sensor
 def apply(setup: Setup, values: Values) -> Setup:
     """A positive offset makes the force appear later than it was."""
 
+    # Beyond the first and the last sample `np.interp` repeats the end values.
     def shift(felt: Felt) -> Felt:
         then = felt.t_s - values["offset_s"]
         fy, fz, tx = (np.interp(then, felt.t_s, channel) for channel in (felt.fy_N, felt.fz_N, felt.tx_Nm))

@@ -1,4 +1,4 @@
-"""One hinge that is softer (or harder) than its fellows."""
+"""One hinge that is softer (or stiffer) than the others."""
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.setup import Setup, link_of_hinge, with_chain
@@ -8,6 +8,7 @@ from rfca_rig.model.state import Chain
 def apply(setup: Setup, values: Values) -> Setup:
     link = link_of_hinge(setup, "damaged_hinge", values["hinge"])
 
+    # k0 scales the whole torque curve, with its hardening or its spline.
     def soften(chain: Chain) -> Chain:
         k0 = chain.k0.copy()
         k0[link] *= values["stiffness_factor"]

@@ -1,4 +1,4 @@
-"""Drag of the surroundings, across the links."""
+"""Quadratic drag of the surrounding fluid, normal to the links."""
 
 from typing import Any
 

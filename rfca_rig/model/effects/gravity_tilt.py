@@ -11,10 +11,10 @@ from rfca_rig.model.state import Chain
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """A positive angle lets gravity pull towards +y, where the leg starts.
+    """A positive angle makes gravity pull towards +y, where the leg starts.
 
     Shaft, floor and sensor lean together: in their axes only gravity turns. A sensor that was zeroed without the leg reads the part of
-    the weight along y, -m g sin(angle); one that was zeroed otherwise reads a constant force along y beside it.
+    the weight along y, -m g sin(angle); one that was zeroed otherwise reads an additional constant force along y.
     """
 
     def lean(chain: Chain) -> Chain:

@@ -21,8 +21,8 @@ EFFECT = Effect(
     law="floor at -height + B exp(-((y - y_0) / b)^2), y from below the shaft to where the leg starts; depth along its normal",
     source="signed distance to a smooth profile: the nearest point carries the contact",
     # The paper's tip touches at +174 to +217 mm and leaves at -126 to -156 mm (racks of 195 to 235 mm, 2 to 3.3 rad/s), with the
-    # valley of fz at -27 to -54 mm. A wider bump becomes a wrong height of the rack: a fitted one leaves 45 to 94 % of what a bump of
-    # 50 mm does, and 4 to 26 % of one of 200 mm
+    # valley of fz at -27 to -54 mm. A wider bump acts like a wrong height of the rack: a fitted height leaves 45 to 94 % of the effect of
+    # a bump of 50 mm, and 4 to 26 % of that of 200 mm.
     parameters=(
         Parameter("height_mm", -5.0, 5.0, starts=(-1.5, 1.5)),
         Parameter("at_mm", -130.0, 190.0, starts=tuple(float(at) for at in range(-120, 181, 10))),

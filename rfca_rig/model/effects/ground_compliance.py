@@ -1,4 +1,4 @@
-"""A soft floor under the contact."""
+"""A compliant floor in series with the nominal contact."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,14 +10,17 @@ from rfca_rig.model.laws import NORMAL, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
 AS_THE_GROUND = 1.5
-REFERENCE_N = 20.0  # force at which the soft floor yields as stated, whatever its exponent: about what the leg presses in mid-stroke
-ROUNDS = 8  # Newton's at most, in logarithms: to rounding for exponents from 0.5 to 3
-CONVERGED = 1e-7  # of log N: the next step of Newton's, its square, is below rounding
+# Force at which the depth of the soft floor does not depend on its exponent: about the contact force in mid-stroke.
+REFERENCE_N = 20.0
+ROUNDS = 8  # of Newton's iteration at most, in logarithms: to rounding for exponents from 0.5 to 3
+CONVERGED = 1e-7  # of log N: the error after the next iteration, its square, is below rounding
 
 
 def force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
-    """What the two springs in series push more than with an exponent as the ground's; parameter = (stiffness of the ground, of the
-    soft floor, of both with that exponent, the soft floor's exponent, damping of an end that enters, of one that leaves).
+    """Force of the two springs in series beyond that with the ground's exponent, and its derivatives.
+
+    parameter = (stiffness of the ground, of the soft floor, of both with the ground's exponent, exponent of the soft floor, damping of an
+    end that enters, of one that leaves).
     """
     hard, both, exponent = parameter[0], parameter[2], parameter[3]
     reference_m = (REFERENCE_N / parameter[1]) ** (2.0 / 3.0)
@@ -26,6 +29,7 @@ def force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float
     if grow <= 0.0 or depth <= 0.0:
         return 0.0, 0.0, 0.0
     plain = both * depth**1.5
+    # Newton's iteration for the N at which both depths add up to the given one. In logarithms N stays positive.
     log_N, softness = np.log(plain), depth
     for _ in range(ROUNDS):
         first = np.exp((log_N - np.log(hard)) * 2.0 / 3.0)
@@ -46,6 +50,7 @@ def apply(setup: Setup, values: Values) -> Setup:
     hard, added = (k ** (-2.0 / 3.0) for k in (ground.stiffness_N_per_m1p5, stiffness))
     both = (hard + added) ** -1.5
     softer = replace(setup, rig=replace(rig, ground=replace(ground, stiffness_N_per_m1p5=both)))
+    # With equal exponents the series is one Hertz contact, and no law is needed.
     if values["exponent"] == AS_THE_GROUND:
         return softer
     leaving = ground.damping_s_per_m * ground.leaving_damping_share
@@ -61,7 +66,7 @@ EFFECT = Effect(
     source="Hertz contacts in series; an exponent of 1 for a bed of springs (Winkler), of 2 for a cone (Sneddon 1965)",
     parameters=(Parameter("stiffness_N_per_m1p5", 5000.0, 1000000.0, may_be_zero=False),),
     apply=apply,
-    # At 2e5 N/m^1.5, fz over a stroke (215 mm, 2.433 rad/s) changes by 6.3 N rms at 1 and 2.2 N at 2
+    # At 2e5 N/m^1.5, fz over a stroke (215 mm, 2.433 rad/s) changes by 6.3 N rms with an exponent of 1, and by 2.2 N with 2.
     shape=(Parameter("exponent", 1.0, 2.0, may_be_zero=False, neutral=AS_THE_GROUND),),
     same_as="contact_stiffness",
 )

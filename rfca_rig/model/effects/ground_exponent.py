@@ -8,12 +8,14 @@ from rfca_rig.model.laws import NORMAL, LawUse
 from rfca_rig.model.setup import Setup
 from rfca_rig.model.state import Chain
 
-REFERENCE_N = 20.0  # force at which it yields as the nominal contact does: about what the leg presses in mid-stroke
+# Force at which the depth equals that of the nominal contact: about the contact force in mid-stroke.
+REFERENCE_N = 20.0
 
 
 def force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
-    """By how much it pushes more than the nominal contact; parameter = (stiffness of that, exponent, damping of an end that enters, of
-    one that leaves).
+    """Force beyond that of the nominal contact, and its derivatives.
+
+    parameter = (stiffness of the nominal contact, exponent, damping of an end that enters, of one that leaves).
     """
     stiffness, exponent = parameter[0], parameter[1]
     damping = parameter[2] if rate > 0.0 else parameter[3]
@@ -27,8 +29,9 @@ def force(depth: float, rate: float, memory: Any, parameter: Any) -> tuple[float
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """In place of the contact that the finished chain has, a floor that yields included."""
+    """Replaces the contact of the finished chain, which may include a compliant floor."""
 
+    # Built from the finished chain, since another effect may still change its stiffness and damping.
     def law(chain: Chain) -> LawUse:
         return LawUse(NORMAL, force, (chain.contact_stiffness, values["exponent"], chain.contact_damping, chain.leaving_damping))
 

@@ -8,7 +8,8 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.laws import SLIP, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
-ROUNDED = 1e-3  # of the speed scale: keeps the slope finite at rest for exponents below one; an exponent of one is not changed
+# Share of the speed scale. It keeps the slope finite at rest for exponents below one, and does not change an exponent of one.
+ROUNDED = 1e-3
 
 
 def factor(v: float, memory: Any, parameter: Any) -> tuple[float, float]:
@@ -32,6 +33,6 @@ EFFECT = Effect(
         Parameter("speed_m_s", 0.005, 1.0, may_be_zero=False),
     ),
     apply=apply,
-    # At a rise of 0.3 and 0.1 m/s, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.50 N rms at 0.4 and 0.08 N at 2.5
+    # At a rise of 0.3 and 0.1 m/s, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.50 N rms with exponent 0.4, by 0.08 N with 2.5.
     shape=(Parameter("exponent", 0.4, 2.5, may_be_zero=False, neutral=1.0),),
 )

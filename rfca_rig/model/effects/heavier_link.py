@@ -1,4 +1,4 @@
-"""One link that is heavier (or lighter) than its fellows."""
+"""One link that is heavier (or lighter) than the others."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def apply(setup: Setup, values: Values) -> Setup:
     more_kg, length_m = (values["mass_factor"] - 1.0) * leg.link_masses_kg[link], leg.link_lengths_m[link]
 
     def load(chain: Chain) -> Chain:
-        # a uniform rod: the links before it carry it at their far ends, it carries itself at its middle
+        # A uniform rod: it acts at the far ends of the links before it, and at its own middle.
         reach = np.where(np.arange(last) < link, chain.length, 0.0)
         reach[link] = 0.5 * length_m
         moment = chain.moment + more_kg * np.outer(reach, reach)

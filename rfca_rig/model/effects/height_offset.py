@@ -1,4 +1,4 @@
-"""A rack that stands higher or lower than it says."""
+"""A rack that is higher or lower than stated."""
 
 from dataclasses import replace
 

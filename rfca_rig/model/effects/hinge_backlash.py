@@ -10,6 +10,7 @@ from rfca_rig.model.setup import Setup, with_law
 
 
 def torque(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
+    # The chain has added the nominal spring already: the law is the spring with play less the spring without.
     bent = max(abs(phi) - parameter[0], 0.0)
     engaged = np.sign(phi) * k0 * bent * (1.0 + k2 * bent * bent)
     slope = k0 * (1.0 + 3.0 * k2 * bent * bent) if bent > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""More viscous damping in every hinge than believed."""
+"""More viscous damping in every hinge than in the nominal model."""
 
 from dataclasses import replace
 

@@ -7,7 +7,7 @@ from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.laws import LawUse
 from rfca_rig.model.setup import Setup, with_law
 
-PRESLIDING_RAD = 5e-4  # turn before a stuck joint slips: about a count of a joint's encoder
+PRESLIDING_RAD = 5e-4  # rotation before a stuck joint slips: about one count of a joint's encoder
 DAMPING_S = 5e-3  # a stuck joint is at rest after some hundredths of a second
 
 
@@ -29,7 +29,7 @@ EFFECT = Effect(
     parameters=(Parameter("torque_Nm", 0.005, 1.0),),
     apply=apply,
     variant_of="joint_stribeck",  # with a rise of zero
-    # Neutral: about a count of a joint's encoder. At 0.05 N m, fz over a stroke of the leg (215 mm, 2.433 rad/s) changes by 0.03 N rms
-    # at 0.01 degrees and 0.67 N at 1.5 degrees
+    # Neutral: about one count of a joint's encoder. At 0.05 N m, fz over a stroke of the leg (215 mm, 2.433 rad/s) changes by 0.03 N rms
+    # at 0.01 degrees and 0.67 N at 1.5 degrees.
     shape=(Parameter("presliding_deg", 0.01, 1.5, may_be_zero=False, neutral=float(np.degrees(PRESLIDING_RAD))),),
 )

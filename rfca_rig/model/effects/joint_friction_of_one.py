@@ -1,4 +1,4 @@
-"""Dry friction of one joint of a pendulum, with stick, as where only one of two has a gear."""
+"""Dry friction of one joint of a pendulum, with stick, for example where only one of two has a gear."""
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Parameter, Values

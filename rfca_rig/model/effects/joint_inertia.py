@@ -1,4 +1,4 @@
-"""Inertia that turns with every joint and not with a link: a rotor behind a gear, its inertia times the gear ratio squared."""
+"""Reflected inertia of every joint: that of a rotor behind a gear, times the gear ratio squared."""
 
 from typing import Any
 

@@ -12,6 +12,7 @@ from rfca_rig.model.setup import Setup
 
 
 def torque(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
+    # parameter = (loss, presliding, damping time, and the recorded torque); dry friction whose limit follows the torque.
     most = parameter[0] * abs(torque_at(memory[CLOCK] + elapsed, parameter))
     stiffness = most / parameter[1]
     stuck = stiffness * (phi - memory[0] + parameter[2] * rate)

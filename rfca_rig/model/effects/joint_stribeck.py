@@ -11,6 +11,7 @@ from rfca_rig.model.setup import Setup, with_law
 
 
 def torque(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
+    # parameter = (torque at high speed, rise, speed scale, presliding, damping time); memory[0] is the anchor of the stuck state.
     rise = parameter[1] * np.exp(-abs(rate) / parameter[2])
     most = parameter[0] * (1.0 + rise)
     stiffness = parameter[0] / parameter[3]
@@ -21,6 +22,7 @@ def torque(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory
 
 
 def advance(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:
+    # The stretch at which the spring carries the whole friction at this speed.
     reach = parameter[3] * (1.0 + parameter[1] * np.exp(-abs(rate) / parameter[2]))
     memory[0] = min(max(memory[0], phi - reach), phi + reach)
 

@@ -1,4 +1,4 @@
-"""A motor whose magnets pull it towards even angles; its loop holds against that, the better the slower it turns."""
+"""Cogging torque of a motor; its speed loop compensates it, the better the slower the motor turns."""
 
 import numpy as np
 
@@ -32,12 +32,12 @@ EFFECT = Effect(
     source="cogging torque of permanent-magnet motors: teeth and magnets, n is their least common multiple",
     parameters=(
         Parameter("torque_Nm", 0.02, 3.0, starts=(0.5,)),
-        # a stroke is half a turn: it tells cycles apart that differ by two
+        # A stroke is half a turn: it distinguishes numbers of cycles that differ by two.
         Parameter("cycles_per_turn", 4.0, 90.0, may_be_zero=False, starts=tuple(1.5 * n for n in range(3, 60))),
     ),
     apply=apply,
-    # A drive that sags by 0.2 to 10 mrad under 1 N m; a softer one is `motor_speed_droop`
-    # Periodic in the phase: a fit may leave half a cycle either way
+    # A drive that sags by 0.2 to 10 mrad under 1 N m; a softer one is `motor_speed_droop`.
+    # Periodic in the phase, so a fit may go beyond half a cycle in either direction.
     shape=(
         Parameter("phase_cycles", -0.5, 0.5, starts=(-0.25, 0.0, 0.25, 0.5)),
         Parameter("kp_Nm_s_per_rad", 5.0, 200.0, may_be_zero=False, neutral=15.0),

@@ -12,6 +12,7 @@ from rfca_rig.model.setup import Setup
 
 Floats = NDArray[np.float64]
 
+# Spacing of the pieces of the motion: at 60 cycles per turn and 3.3 rad/s a cycle takes 32 ms.
 STEP_S = 5e-4
 
 
@@ -21,8 +22,10 @@ def apply(setup: Setup, values: Values) -> Setup:
 
 
 def rippled(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: float = 0.0) -> ShaftMotion:
-    """The motion that obeys the law. With psi = n (theta - theta_0) + phase it is d psi / d theta_c = n (1 + a cos psi), so that the
-    angle is a function of the commanded one alone: tan(psi / 2) = r tan x, x = sqrt(1 - a^2) n (theta_c - theta_0) / 2 + x_0.
+    """The motion that follows from the law, in closed form.
+
+    With psi = n (theta - theta_0) + phase, d psi / d theta_c = n (1 + a cos psi). So the angle is a function of the commanded one
+    alone: tan(psi / 2) = r tan x, x = sqrt(1 - a^2) n (theta_c - theta_0) / 2 + x_0.
     """
     t = _times(motion)
     start = float(motion.angle_rad(np.zeros(1))[0])
@@ -34,12 +37,13 @@ def rippled(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: flo
 
 
 def _scale_tangent(x: Floats | float, r: float) -> Floats:
-    """The angle whose tangent is r tan x, on x's branch."""
+    """The angle whose tangent is r tan x, on the branch of x."""
+    # As a difference to x, which is always within a quarter turn, the arctangent needs no count of branches.
     return np.asarray(x + np.arctan((r - 1.0) * np.sin(x) * np.cos(x) / (np.cos(x) ** 2 + r * np.sin(x) ** 2)))
 
 
 def _times(motion: ShaftMotion) -> Floats:
-    """From zero to the end, every break of the motion among them."""
+    """Times from zero to the end, with every break of the motion among them."""
     breaks = np.unique(np.maximum(motion.breaks_s, 0.0))
     pieces = (np.linspace(t0, t1, int(np.ceil((t1 - t0) / STEP_S)) + 1)[:-1] for t0, t1 in pairwise(breaks))
     return np.concatenate([*pieces, breaks[-1:]])
@@ -52,6 +56,7 @@ def _speed(motion: ShaftMotion, t: Floats) -> Floats:
 
 
 def _through(t: Floats, angle: Floats, speed: Floats, motion: ShaftMotion) -> ShaftMotion:
+    # Cubic Hermite pieces through angles and speeds.
     step = np.diff(t)
     rise = np.diff(angle) / step
     square = (3.0 * rise - 2.0 * speed[:-1] - speed[1:]) / step
@@ -67,11 +72,11 @@ EFFECT = Effect(
     source="torque ripple of gear and motor",
     parameters=(
         Parameter("amplitude_relative", 0.005, 0.3, below=1.0, starts=(0.05,)),
-        # a stroke is half a turn: it tells cycles apart that differ by two
+        # A stroke is half a turn: it distinguishes numbers of cycles that differ by two.
         Parameter("cycles_per_turn", 1.0, 60.0, may_be_zero=False, starts=tuple(1.5 * n for n in range(1, 40))),
     ),
     apply=apply,
-    # Periodic: a fit may leave half a cycle either way, and finds the nearest quarter from its four starts
+    # Periodic, so a fit may go beyond half a cycle in either direction; four starts make one of them near.
     # At 5 % and 10 cycles, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.54 N rms at -0.25, 1.34 N at 0.25, 1.84 N at 0.5
     shape=(Parameter("phase_cycles", -0.5, 0.5, starts=(-0.25, 0.0, 0.25, 0.5)),),
 )

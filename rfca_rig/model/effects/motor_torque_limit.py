@@ -1,4 +1,4 @@
-"""A motor that cannot give more than a torque: the speed falls behind under load, and it catches up after it."""
+"""A motor whose torque is limited: its speed falls behind under load and catches up afterwards."""
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.effects.motor_speed_droop import ROTOR_KG_M2

@@ -9,7 +9,7 @@ from rfca_rig.model.setup import Felt, Setup, with_sensor
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """With a positive rate the force appears the later, the longer the motion lasts; before its beginning, the earlier."""
+    """With a positive rate the force appears too late after the beginning of the motion, in proportion to time, and too early before it."""
 
     def stretch(felt: Felt) -> Felt:
         then = felt.t_s * (1.0 - values["rate_relative"])
@@ -25,7 +25,7 @@ EFFECT = Effect(
     left_out="the force clock runs fast or slow",
     law="force(t) = true force(t - rate t), t from the beginning of the motion",
     source="-",
-    # a shift by more than a spike of the force is no longer proportional to the rate: the small ones are tried, too
+    # A shift longer than a spike of the force changes the residual no longer in proportion to the rate, so small rates are starts, too.
     parameters=(Parameter("rate_relative", -0.03, 0.03, below=0.5, starts=(-0.012, -0.004, -0.0015, 0.0015, 0.004, 0.012)),),
     apply=apply,
 )

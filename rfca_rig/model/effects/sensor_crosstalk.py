@@ -1,4 +1,4 @@
-"""A share of fy that leaks into fz."""
+"""Crosstalk of the sensor from fy to fz."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Channels that leak into each other."""
+"""Crosstalk between the channels of the sensor, as a matrix."""
 
 from dataclasses import replace
 

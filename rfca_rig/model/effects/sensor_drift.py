@@ -1,4 +1,4 @@
-"""A zero of fz that drifts with time."""
+"""Zero drift of fz with time."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ from rfca_rig.model.setup import Felt, Setup, with_sensor
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """From the beginning of the motion, where every stroke is zero."""
+    """The drift counts from the beginning of the motion, where every stroke is zeroed."""
 
     def drift(felt: Felt) -> Felt:
         return replace(felt, fz_N=felt.fz_N + values["rate_N_per_s"] * felt.t_s)

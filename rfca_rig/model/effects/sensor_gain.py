@@ -1,4 +1,4 @@
-"""A wrong scale of the sensor."""
+"""Wrong scale of all channels of the sensor."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A first-order lag of all channels of the sensor."""
+"""First-order lag of all channels of the sensor."""
 
 from dataclasses import replace
 
@@ -23,7 +23,8 @@ def apply(setup: Setup, values: Values) -> Setup:
 
 
 def lagged(t_s: Floats, x: Floats, tau_s: float) -> Floats:
-    """y' = (x - y) / tau from rest, exactly for x straight between samples."""
+    """Output (m,) of y' = (x - y) / tau from rest for the input `x` (m,) at times `t_s` (m,); exact for x linear between samples."""
+    # Two samples may have the same time; there nothing decays and nothing is added.
     step = np.diff(t_s) / tau_s
     left = np.exp(-step)
     ramp = (1.0 - left) / np.where(step > 0.0, step, 1.0)
@@ -52,6 +53,6 @@ EFFECT = Effect(
     source="first-order low-pass",
     parameters=(Parameter("time_constant_s", 0.0005, 0.05, may_be_zero=False),),
     apply=apply,
-    # fy, fz and tx of two strokes up to lift-off: a fitted offset leaves 10 % of what the lag does at 1 ms, 18 % at 4 ms and 21 % at 16 ms
+    # fy, fz and tx of two strokes up to lift-off: a fitted offset leaves 10 % of the lag's effect at 1 ms, 18 % at 4 ms and 21 % at 16 ms.
     equal_limits=(EqualLimit("clock_offset", "a lag of 4 ms at most", only_delays),),
 )

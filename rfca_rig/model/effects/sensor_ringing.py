@@ -1,4 +1,4 @@
-"""A sensor that swings under its load: every channel through a second-order low-pass."""
+"""A sensor that oscillates under its load: every channel passes a second-order low-pass."""
 
 from dataclasses import replace
 
@@ -30,7 +30,10 @@ def apply(setup: Setup, values: Values) -> Setup:
 
 
 def filter_second_order(t_s: Floats, x: Floats, rate_rad_s: float, ratio: float) -> Floats:
-    """y'' + 2 d w y' + w^2 y = w^2 x from rest, exactly for x straight between samples; `ratio` d below 1."""
+    """Output (m,) of y'' + 2 d w y' + w^2 y = w^2 x from rest for the input `x` (m,) at times `t_s` (m,); `ratio` d is below 1.
+
+    Exact for x linear between samples.
+    """
     y = x.copy()
     swing(np.diff(t_s), x, rate_rad_s, ratio, y)
     return y
@@ -38,7 +41,7 @@ def filter_second_order(t_s: Floats, x: Floats, rate_rad_s: float, ratio: float)
 
 @compiled
 def swing(step_s: Floats, x: Floats, rate_rad_s: float, ratio: float, y: Floats) -> None:
-    """y (m,) from its first value on. On a straight piece of x of slope s, y - (x - 2 d s / w) swings freely."""
+    """Fills `y` (m,) from its first value on. Where x is linear with slope s, y - (x - 2 d s / w) oscillates freely."""
     turning, decay, speed = rate_rad_s * np.sqrt(1.0 - ratio * ratio), ratio * rate_rad_s, 0.0
     for i in range(step_s.size):
         h = step_s[i]
@@ -66,12 +69,12 @@ EFFECT = Effect(
     law="y'' + 2 d w y' + w^2 y = w^2 x for every channel",
     source="one mode of vibration of the sensor with what is bolted to it: Ewins, Modal Testing, 2000",
     parameters=(
-        # it rings, and a start a tenth off is soon out of step
+        # It oscillates, and a start whose frequency is off by a tenth is soon out of phase.
         Parameter("frequency_Hz", 8.0, 200.0, may_be_zero=False, starts=tuple(8.0 * 1.12**n for n in range(28))),
         Parameter("damping_ratio", 0.005, 0.7, below=1.0, starts=(0.05,)),
     ),
     apply=apply,
-    # At 25 Hz and a ratio of 0.05, fy over a stroke (215 mm, 2.433 rad/s) changes by 2.3 N rms at 0.5 and 1.7 N at 2
+    # At 25 Hz and a ratio of 0.05, fy over a stroke (215 mm, 2.433 rad/s) changes by 2.3 N rms at 0.5 and 1.7 N at 2.
     shape=(Parameter("y_frequency_ratio", 0.5, 2.0, may_be_zero=False, neutral=1.0),),
     # fy, fz and tx of two strokes up to lift-off, a ratio of 0.5: a fitted offset leaves 20 % of the effect at 40 Hz, 12 % at 150 Hz
     equal_limits=(

@@ -1,4 +1,4 @@
-"""A sensor whose reading of fz does not pass a limit."""
+"""Saturation of fz: the reading does not exceed a limit."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from rfca_rig.model.setup import Felt, Setup, with_sensor
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """It acts on what the effects of the sensor that are stated before it have made of fz."""
+    """It acts on fz after all effects of the sensor that are stated before it."""
     limit_N = values["limit_N"]
 
     def clip(felt: Felt) -> Felt:
@@ -24,7 +24,7 @@ EFFECT = Effect(
     left_out="fz is cut off at a limit",
     law="fz between -limit and limit",
     source="range of an amplifier or of its converter",
-    # below the force of the valley it matters where it is, above it does nothing: begin at several
+    # A limit above the force of the valley does nothing and gives no direction to a fit, so there are several starts.
     parameters=(Parameter("limit_N", 5.0, 100.0, may_be_zero=False, starts=tuple(8.0 * 1.15**n for n in range(16))),),
     apply=apply,
 )

@@ -1,4 +1,4 @@
-"""Friction at the shaft from outside the leg: a cable that drags, a worn bearing."""
+"""Friction at the shaft from outside the leg, for example of a dragging cable or a worn bearing."""
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.setup import Setup, with_chain
@@ -6,7 +6,7 @@ from rfca_rig.model.state import Chain
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """It shows in tx, and slows a soft drive."""
+    """It is visible in tx, and slows a compliant drive."""
 
     def drag(chain: Chain) -> Chain:
         return chain._replace(shaft_friction=chain.shaft_friction + values["torque_Nm"])

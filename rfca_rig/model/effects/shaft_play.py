@@ -5,12 +5,12 @@ import numpy as np
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.setup import Setup, SoftDrive, with_drive
 
-STIFFNESS_NM_PER_RAD = 2000.0  # beyond the play: a shaft of steel of 10 mm, which twists by 1 mrad under 2 N m
-LOSS_S_PER_RAD = 0.3  # steel on steel: five times as much or as little changes fz by 0.1 to 0.5 N rms of 26 N
+STIFFNESS_NM_PER_RAD = 2000.0  # beyond the play: a steel shaft of 10 mm, which twists by 1 mrad under 2 N m
+LOSS_S_PER_RAD = 0.3  # steel on steel: a factor of five up or down changes fz by 0.1 to 0.5 N rms of 26 N
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """At rest the weight has taken up the play; without play the shaft is the plain one."""
+    """At rest the weight holds the play closed; without play the shaft is that of the plain model."""
     gap_rad = float(np.radians(values["half_gap_deg"]))
     if gap_rad == 0.0:
         return setup

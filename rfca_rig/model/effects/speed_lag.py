@@ -1,11 +1,11 @@
-"""Joint speeds are read later than the angles, as from a filter."""
+"""Joint speeds are read through a first-order lag, later than the angles."""
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.setup import Setup, with_late_readings
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """Raises BadInput for a rig whose joint angles are not recorded."""
+    """The setup with the lag. Raises BadInput for a rig whose joint angles are not recorded."""
     return with_late_readings(setup, "speed_lag", speed_lag_s=values["time_constant_s"])
 
 

@@ -1,4 +1,4 @@
-"""A rate-independent loop beside the spring (Bouc-Wen)."""
+"""Rate-independent hysteresis in parallel to the hinge spring (Bouc-Wen)."""
 
 from typing import Any
 
@@ -9,11 +9,12 @@ from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
-# Longest step of Runge-Kutta, in saturations. It errs by 2e-4 of the loop rms and 3e-3 at most, for exponents from 0.5 to 3.
+# Longest step of Runge-Kutta, in saturations. Its error is 2e-4 of the loop rms and 3e-3 at most, for exponents from 0.5 to 3.
 LONGEST = 0.3
-# A travel below SHORT, and below NEAR of the distance to z = 0, is one Taylor step: 5e-6 of the loop at most. |z|^n is not smooth at 0.
+# A travel below SHORT, and below NEAR of the distance to z = 0, is one Taylor step, with an error of 5e-6 of the loop at most. |z|^n is
+# not smooth at 0.
 SHORT, NEAR = 0.03, 0.1
-SATURATED = 20.0  # saturations: the loop is at its end
+SATURATED = 20.0  # travel in saturations after which the loop is saturated to rounding
 PRESLIDING_AT_MOST_DEG = 1.5  # of hinge_coulomb_friction
 
 
@@ -29,7 +30,7 @@ def loop_slope(along: float, exponent: float) -> float:
 def follow_loop(along: float, travel: float, exponent: float) -> tuple[float, float]:
     """z and dz/du after turning on by `travel` in one direction; exact for an exponent of one.
 
-    Most travels of a simulation are short. One power serves those, as z' = 1 - s |z|^n gives all further derivatives.
+    Most travels of a simulation are short. They need a single power, as z' = 1 - s |z|^n gives all further derivatives.
     """
     if exponent == 1.0:
         along = 1.0 - (1.0 - along) * np.exp(-travel)
@@ -44,6 +45,7 @@ def follow_loop(along: float, travel: float, exponent: float) -> tuple[float, fl
         third = bend * ((exponent - 1.0) / along * first * first + second)
         z = along + travel * (first + travel * (second / 2.0 + travel * third / 6.0))
         return z, first + travel * (second + travel * third / 2.0)
+    # The classical Runge-Kutta scheme of fourth order.
     steps = int(travel / LONGEST) + 1
     h = travel / steps
     for _ in range(steps):
@@ -55,7 +57,7 @@ def follow_loop(along: float, travel: float, exponent: float) -> tuple[float, fl
 
 
 def torque(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
-    """memory = (z, phi) at the last step."""
+    """Torque of the loop; memory = (z, phi) at the last step, parameter = (strength, saturation angle, exponent)."""
     side = 1.0 if phi >= memory[1] else -1.0
     along, slope = follow_loop(side * memory[0], abs(phi - memory[1]) / parameter[1], parameter[2])
     full = parameter[0] * k0 * parameter[1]
@@ -89,7 +91,7 @@ EFFECT = Effect(
         Parameter("saturation_deg", 0.5, 20.0, may_be_zero=False),
     ),
     apply=apply,
-    # At a strength of 0.2 and 4 degrees, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.13 N rms at 0.5 and 0.12 N at 3
+    # At a strength of 0.2 and 4 degrees, fz over a stroke (215 mm, 2.433 rad/s) changes by 0.13 N rms with exponent 0.5, 0.12 N with 3.
     shape=(Parameter("exponent", 0.5, 3.0, may_be_zero=False, neutral=1.0),),
     # fy, fz and tx of two strokes up to lift-off, strength 0.3: fitted friction leaves 2 to 7 % of the effect at 0.5 degrees, 7 to
     # 19 % at 1.5

@@ -1,6 +1,6 @@
-"""A viscoelastic arm beside the spring: a spring in series with a dashpot (Maxwell).
+"""A viscoelastic arm in parallel to the hinge spring: a spring in series with a dashpot (Maxwell).
 
-It is the creep of strokes and of static stages, where it relaxes on from stage to stage.
+It models the creep in strokes and in static stages, where the relaxation continues from stage to stage.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ from rfca_rig.model.setup import Setup, with_law
 
 
 def slack(phi: float, elapsed: float, memory: Any, tau: float) -> tuple[float, float]:
-    """Dashpot angle x and dx/dphi after `elapsed`, phi moving straight from where it was; memory = (x, phi) then."""
+    """Dashpot angle x and dx/dphi after `elapsed` [s], exact for a phi that moves linearly; memory = (x, phi) at the last step."""
     if elapsed <= 0.0:
         return memory[0], 0.0
     left, share = np.exp(-elapsed / tau), tau / elapsed
@@ -45,9 +45,9 @@ EFFECT = Effect(
     left_out="viscoelastic arm beside the spring (Maxwell)",
     law="T = s k0 (phi - x), x' = (phi - x) / tau",
     source="Maxwell element",
-    # Creep with log time, 4 % a decade from 10 ms to 100 s: one arm beside k0 leaves 3 % of what it does in strokes, 7 % in static stages
-    # held for 1 s, and 5 % in both, with time constants of 0.3 to 2 s. An arm slower than 1 s is a stiffer, less hardening spring in a
-    # stroke: another k0 and k2 leave 8 % of it; in static stages they leave 49 % at 1 s, 20 % at 10 s, 8 % at 30 s
+    # Creep with log time, 4 % per decade from 10 ms to 100 s: one arm beside k0 leaves 3 % of its effect in strokes, 7 % in static stages
+    # held for 1 s, and 5 % in both, with time constants of 0.3 to 2 s. An arm slower than 1 s acts as a stiffer, less hardening spring in
+    # a stroke: another k0 and k2 leave 8 % of it; in static stages they leave 49 % at 1 s, 20 % at 10 s, 8 % at 30 s.
     parameters=(
         Parameter("strength_relative", 0.02, 1.0),
         Parameter("time_constant_s", 0.01, 10.0, may_be_zero=False),

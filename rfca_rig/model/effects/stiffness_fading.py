@@ -8,7 +8,7 @@ from rfca_rig.model.state import Chain
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """The mean over the strokes whose mean is simulated; the first stroke where they were not counted."""
+    """The mean factor over the strokes whose mean is simulated; that of the first stroke where they were not counted."""
     decades = np.log10(1.0 + np.array(setup.strokes_before or (0,)))
     factor = float(np.mean((1.0 - values["loss_per_decade_relative"]) ** decades))
 

@@ -1,4 +1,4 @@
-"""Another hardening of the hinges' torque curve than believed."""
+"""Another hardening k2 of the hinges' torque curve than the nominal one."""
 
 from dataclasses import replace
 

@@ -8,7 +8,7 @@ from rfca_rig.model.state import Chain
 
 
 def add_tip_mass(setup: Setup, mass_kg: float) -> Setup:
-    """The setup with the mass on the tip: every link carries it at its far end."""
+    """The setup with the mass on the tip: it acts at the far end of every link."""
 
     def load(chain: Chain) -> Chain:
         return chain._replace(

@@ -1,4 +1,4 @@
-"""Joint torques that follow the recorded ones with a first-order lag, as those of a drive that is told a torque."""
+"""Joint torques that follow the recorded ones with a first-order lag, as those of a torque-controlled drive."""
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.joint_drive import with_drives
@@ -6,7 +6,7 @@ from rfca_rig.model.setup import Setup
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    """Two lags in a row count as one of their sum. Raises BadInput for a rig without torque-driven joints."""
+    """Two lags in series count as one with the sum of their time constants. Raises BadInput for a rig without torque-driven joints."""
     return with_drives(setup, "torque_lag", lambda drive: (*drive[:2], drive[2] + values["time_constant_s"]))
 
 

@@ -1,4 +1,4 @@
-"""Joints that turn with another torque than recorded: a wrong torque constant of the motors, or losses in proportion to the torque."""
+"""Joint torques in proportion to the recorded ones: a wrong torque constant of the motors, or losses in proportion to the torque."""
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.joint_drive import with_drives
