@@ -24,6 +24,7 @@ from rfca_rig.recording import nexus
 from rfca_rig.recording.cooperative import at_once
 from rfca_rig.recording.hdf5_file import being_made
 from rfca_rig.recording.model import Recording, Source
+from rfca_rig.recording.plain_hdf5 import open_plain
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import read_raw_stages, write_raw_stages
 from rfca_rig.recording.seal import is_broken
@@ -77,7 +78,7 @@ def read_recording(path: Path) -> Recording:
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[h5py.File, Source]]:
     """The file, once its seal is found whole. Raises BadInput for one that is damaged or of another kind, here or within the block."""
-    with _damage_in(path), h5py.File(path, "r") as file:
+    with _damage_in(path), open_plain(path) as file:
         yield file, _checked_source(path, file)
 
 
@@ -103,7 +104,7 @@ def _damage_in(path: Path) -> Iterator[None]:
         yield
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError) as error:
         said = " ".join(str(error).split()) or type(error).__name__
-        raise BadInput(f"{path}: is not a whole recording of format {FORMAT!r}: {said[:160]}") from error
+        raise BadInput(f"{path}: is not a whole recording of format {FORMAT!r}: {said[:240]}") from error
 
 
 def _write_text(file: h5py.File, name: str, content: Mapping[str, Any]) -> None:
