@@ -9,7 +9,7 @@ import h5py
 
 from rfca_rig.recording.atomic import RoughFile
 from rfca_rig.recording.cooperative import Steps
-from rfca_rig.recording.seal import PIECE, seal_of
+from rfca_rig.recording.seal import PIECE, SEALED, seal_of
 
 
 class FileBeingMade:
@@ -18,6 +18,7 @@ class FileBeingMade:
     def __init__(self, path: Path) -> None:
         self._rough = RoughFile(path)
         self.root = h5py.File(self._rough, "w", rdcc_nbytes=0)  # whole chunks are written, and never looked at again
+        self.root.attrs[SEALED] = True
 
     def check(self) -> None:
         """Raises RigError, DiskFull."""

@@ -11,6 +11,7 @@ import h5py
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.atomic import GrowingFile, refusals, remove, sync_folder
+from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.cooperative import Steps, at_once
 from rfca_rig.recording.disk_reserve import Ballast
 from rfca_rig.recording.hdf5_file import FileBeingMade, being_made
@@ -25,8 +26,7 @@ from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.store import mark_recording, opened, read_recording
 from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import copy_streams, make_strokes
-from rfca_rig.recording.summary import tally_of
-from rfca_rig.recording.sums import read_sums, write_sums
+from rfca_rig.recording.sums import write_sums
 
 
 def write_run(folder: Path, told: Watcher = unwatched) -> Steps[Path]:
@@ -181,11 +181,6 @@ def reopen(folder: Path, event: Mapping[str, object]) -> None:
 
 
 def is_whole(folder: Path) -> bool:
-    """Whether nothing is left to be brought back: `run.h5` can be read, nothing is in progress, and all is summed up."""
-    if journals(folder):
-        return False
-    try:
-        tally_of(folder / RECORDING, thorough=False)
-        return bool(read_sums(folder))
-    except BadInput:
-        return False
+    """Whether nothing is left to be brought back: nothing is in progress, `run.h5` is there, and every file is as it was written."""
+    has_all = all((folder / name).is_file() for name in (ENDING, RECORDING, SUMS))
+    return has_all and not journals(folder) and all(finding.is_sound for finding in check_run(folder))

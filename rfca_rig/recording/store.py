@@ -1,6 +1,6 @@
 """A recording as one HDF5 file, `rfca-recording/1`.
 
-    /            attributes format, title, source
+    /            attributes format, title, source, sealed
     /believed    JSON text: leg, ground, sensor, drive as believed
     /known_to    JSON text: one standard deviation of each nominal value
     /provenance  JSON text: text by name
@@ -27,7 +27,7 @@ from rfca_rig.recording.model import Recording, Source
 from rfca_rig.recording.plain_hdf5 import open_plain
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import read_raw_stages, write_raw_stages
-from rfca_rig.recording.seal import is_broken
+from rfca_rig.recording.seal import SEALED, read_seal
 from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import read_strokes, write_strokes
@@ -75,11 +75,24 @@ def read_recording(path: Path) -> Recording:
         )
 
 
+def read_texts(path: Path) -> Recording:
+    """The recording without its samples and stages. Raises BadInput as `read_recording` does."""
+    with opened(path) as (file, source):
+        nominal, known_to, provenance = (_read_text(file, name) for name in ("believed", "known_to", "provenance"))
+        return Recording(str(file.attrs["title"]), source, nominal, known_to, (), (), provenance)
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[h5py.File, Source]]:
     """The file, once its seal is found whole. Raises BadInput for one that is damaged or of another kind, here or within the block."""
-    with _damage_in(path), open_plain(path) as file:
-        yield file, _checked_source(path, file)
+    with _damage_in(path):
+        is_right = read_seal(path)
+        if is_right is False:
+            raise ValueError("its checksum does not match, so bytes were changed after it was written")
+        with open_plain(path) as file:
+            if is_right is None and file.attrs.get(SEALED, False):
+                raise ValueError("its checksum is gone from its end, so it was changed after it was written")
+            yield file, _checked_source(path, file)
 
 
 def _checked_source(path: Path, file: h5py.File) -> Source:
@@ -99,8 +112,6 @@ def _damage_in(path: Path) -> Iterator[None]:
     if not path.is_file():
         raise BadInput(f"{path}: is not there")
     try:
-        if is_broken(path):
-            raise ValueError("its checksum does not match, so bytes were changed after it was written")
         yield
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError) as error:
         said = " ".join(str(error).split()) or type(error).__name__
