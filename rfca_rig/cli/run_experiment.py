@@ -1,7 +1,9 @@
 """What all experiments share: the plan examined and printed, the rig armed, the run, the recording."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import typer
@@ -9,6 +11,7 @@ import typer
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
+from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.attach_view import attach_view, twin_clock
 from rfca_rig.cli.finalize_run import Kept, finish, keep, note_end, open_folder
 from rfca_rig.cli.paths import new_run_folder
@@ -16,6 +19,7 @@ from rfca_rig.cli.preflight import examined, print_plan, recorded_bytes
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.signals import heard
 from rfca_rig.cli.terminal import Say, marked, progress_bar
+from rfca_rig.clock import WallClock
 from rfca_rig.engine.arming import prove_stop
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import Supervision, run_plan
@@ -67,40 +71,47 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
     with (
         open_bench(config.rig, config.twin_seed, config.eye, twin_clock(config), config.faults) as bench,
         attach_view(config, bench, supervision.stop_request) as looking,
+        ExitStack() as signals,
     ):
         armed = prove_drive(config, bench) if bench.is_real else {}
         open_folder(config, folder, bench)
-        keeper = _keeper(folder, bench)
+        keeper = _keeper(folder, bench, marked(config.mark, config.quiet))
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_here):
             say = looking.begin(keeper, say_here)
 
+            ear = signals.enter_context(heard(supervision.stop_request, say))
+            lines = AcknowledgedLines(say, keeper, recorder, supervision.stop_request, WallClock())
+            run = partial(Kept, folder, keeper, recorder, bench, lines)
+
             def progress(stage: Stage) -> None:
                 advance(stage.label, stage.duration_s)
-                on_stage(stage, recorder, say)
+                on_stage(stage, recorder, lines.hold)
+                lines.release()
 
             try:
                 if config.begun is None:
                     recorder.note("run begins", title=config.plan.title, source=config.mark)
                 if armed:
                     recorder.note("armed", **armed)
-                with heard(supervision.stop_request, say):
-                    run_plan(config.plan, bench, recorder, progress, replace(supervision, observer=looking.observer))
+                run_plan(config.plan, bench, recorder, progress, replace(supervision, observer=looking.observer))
+                ear.begin_closing()
                 looking.over(None)
                 note_end(recorder, "done")
             except RigError as error:
+                ear.begin_closing()
                 looking.over(error)
                 note_end(recorder, str(error))
                 say(f"motor off: {recorder.standstill.text()}")
-                keep(config, Kept(folder, keeper, recorder, bench, Outcome.of(error)), say)
+                keep(config, run(Outcome.of(error)), say)
                 raise
             except BaseException as mistake:
                 keeper.finish(f"ended by {type(mistake).__name__}")
                 raise
-        finish(config, Kept(folder, keeper, recorder, bench, Outcome.of(None)))
+        finish(config, run(Outcome.of(None)))
     return folder, recorder
 
 
-def _keeper(folder: Path, bench: Bench) -> Keeper:
+def _keeper(folder: Path, bench: Bench, warn: Say) -> Keeper:
     """A twin's time stands still while it waits for the disk; a real rig must not wait."""
-    return ProcessKeeper(folder, patient=not bench.is_real) if can_be_started() else DirectKeeper(folder)
+    return ProcessKeeper(folder, patient=not bench.is_real, warn=warn) if can_be_started() else DirectKeeper(folder)

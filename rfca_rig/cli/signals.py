@@ -18,9 +18,17 @@ class Heard:
         self._stop_request = stop_request
         self._say = say
         self._presses = 0
+        self._is_closing = False
+
+    def begin_closing(self) -> None:
+        """The motor is off, and everything recorded is handed over."""
+        self._presses, self._is_closing = 0, True
 
     def key(self, _number: int, _frame: FrameType | None) -> None:
         """^C: once for the next safe point, twice for now, three times where a device hangs."""
+        if self._is_closing:
+            self._close_first()
+            return
         if self._stop_request.is_over:
             return
         self._presses += 1
@@ -33,22 +41,31 @@ class Heard:
             raise KeyboardInterrupt
 
     def from_outside(self, number: int, _frame: FrameType | None) -> None:
-        """The system wants the process to end: the shaft slows down, then the motor lets go."""
+        """The system wants the process to end: the shaft slows down, then the motor loses its torque."""
+        if self._is_closing:
+            self._say("the recording is being finished; then the run ends")
         if self._stop_request.is_over:
             return
         self._stop_request.ask(StopLevel.RAMP_DOWN, OUTSIDE[signal.Signals(number)])
         if not self._stop_request.is_ticking:
             raise KeyboardInterrupt
 
+    def _close_first(self) -> None:
+        """The motor is off and everything is handed over: the second ^C leaves the rest to `rfca-rig recover`."""
+        self._presses += 1
+        if self._presses > 1:
+            raise KeyboardInterrupt
+        self._say("the recording is being finished; ^C again ends here and leaves the rest to rfca-rig recover")
+
 
 @contextmanager
-def heard(stop_request: StopRequest, say: Say) -> Iterator[None]:
+def heard(stop_request: StopRequest, say: Say) -> Iterator[Heard]:
     """Within the block, signals are stop_request; afterwards they are what they were before."""
     ear = Heard(stop_request, say)
     handlers = {signal.SIGINT: ear.key, signal.SIGTERM: ear.from_outside, signal.SIGHUP: ear.from_outside}
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
-        yield
+        yield ear
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

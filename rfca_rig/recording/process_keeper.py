@@ -1,6 +1,7 @@
 """The control loop's end of the recorder process: handing over costs microseconds, and nothing is ever lost in silence."""
 
 import subprocess
+from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
@@ -17,6 +18,8 @@ QUEUE_BYTES = 16 << 20  # 20 s of a sensor at 15 kHz
 PATIENT_QUEUE_BYTES = 1 << 20  # less than the ballast: a rig faster than real time fills any queue before it hears of a full disk
 STARTED_WITHIN_S = 30.0
 FINISHED_WITHIN_S = 120.0
+SILENT_S = 2.0  # a recorder that works answers within tens of milliseconds
+PATIENT_S = 30.0  # for which a twin's time stands still before the run ends
 PAUSE_S = 0.002
 
 
@@ -27,9 +30,13 @@ class ProcessKeeper:
     meanwhile, the caller waits for it instead.
     """
 
-    def __init__(self, folder: Path, patient: bool, queue_bytes: int = 0) -> None:
-        """Returns when the process is ready. `queue_bytes` 0 leaves the size of the queue to it. Raises RigError where it cannot be."""
+    def __init__(self, folder: Path, patient: bool, queue_bytes: int = 0, warn: Callable[[str], None] = lambda _: None) -> None:
+        """Returns when the process is ready. `queue_bytes` 0 leaves the size of the queue to it. Raises RigError where it cannot be.
+
+        `warn` gets a line where the recorder is waited for longer than a disk that works would take.
+        """
         self._folder = folder
+        self._warn = warn
         self._patient = patient
         self._clock = WallClock()
         self._queue = BlockQueue.create(queue_bytes or (PATIENT_QUEUE_BYTES if patient else QUEUE_BYTES))
@@ -67,8 +74,13 @@ class ProcessKeeper:
         if self._queue.has_complained:
             self._queue.put(content)  # such as when the motor was off: kept if it can be, in the room of the ballast
             raise self._complained()
+        until_s = self._clock.now_s() + PATIENT_S
+        warned_s = self._clock.now_s() + SILENT_S
         while not self._queue.put(content):
-            if not self._patient:
+            if self._patient and self._clock.now_s() > warned_s:
+                warned_s = until_s
+                self._warn(f"the disk under {self._folder} is silent; the twin waits for it, for {PATIENT_S:g} s at most")
+            if not self._patient or self._clock.now_s() > until_s:
                 raise Tripped(
                     Trip.RECORDER_BEHIND,
                     f"the recorder is {1e-6 * self._queue.waiting:.1f} MB behind and its queue is full: the disk under {self._folder} is "
@@ -107,6 +119,12 @@ class ProcessKeeper:
             return DONE, "it ended by itself"
         return DONE, f"no word within {within_s:g} s"
 
+    def _is_silent(self) -> bool:
+        try:
+            return not self._child.poll(SILENT_S)
+        except (EOFError, OSError):
+            return False
+
     def finish(self, why: str) -> None:
         if not self._child.closed:
             self._fault = self._farewell(why)
@@ -120,6 +138,8 @@ class ProcessKeeper:
             self._child.send(why)
         except OSError:
             return "it ended by itself"
+        if self._is_silent():
+            self._warn(f"the disk under {self._folder} is silent; waiting for it, for {FINISHED_WITHIN_S:g} s at most")
         what, words = self._heard(FINISHED_WITHIN_S)
         return self._heard(FINISHED_WITHIN_S)[1] if what == COMPLAINT else words
 
