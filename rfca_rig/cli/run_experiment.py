@@ -14,7 +14,7 @@ from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.attach_view import attach_view, twin_clock
 from rfca_rig.cli.finalize_run import Kept, finish, keep, note_end, open_folder
-from rfca_rig.cli.paths import new_run_folder
+from rfca_rig.cli.paths import make_run_folder
 from rfca_rig.cli.preflight import examined, print_plan, recorded_bytes
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.signals import heard
@@ -67,13 +67,13 @@ def carry_out(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None
 
 
 def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path, Recorder]:
-    folder = config.begun.folder if config.begun else new_run_folder(config.runs, config.mark, config.plan.title)
     with (
         open_bench(config.rig, config.twin_seed, config.eye, twin_clock(config), config.faults) as bench,
         attach_view(config, bench, supervision.stop_request) as looking,
         ExitStack() as signals,
     ):
         armed = prove_drive(config, bench) if bench.is_real else {}
+        folder = config.begun.folder if config.begun else make_run_folder(config.runs, config.mark, config.plan.title)
         open_folder(config, folder, bench)
         keeper = _keeper(folder, bench, marked(config.mark, config.quiet))
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)

@@ -20,7 +20,7 @@ from rfca_rig.recording.model import Recording, Source, StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import make_raw_stages
 from rfca_rig.recording.run_lock import check_over, lock
-from rfca_rig.recording.run_text import Ending, read_ending, read_header, run_provenance, whole_lines, write_header
+from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header, run_provenance, whole_lines, write_header
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.store import mark_recording, opened, read_recording
@@ -162,14 +162,17 @@ def close_journals(folder: Path) -> int:
     return len(found)
 
 
-def reopen(folder: Path, event: Mapping[str, object]) -> None:
+def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
     """A run that is over goes on: `event` is added to its events, on disk, then what only a run has that has ended is taken away.
 
-    Raises BadInput where it is not over, RigError when the disk refuses.
+    `resumed` is how many such events there were when the run was read. Raises BadInput where it is not over, or where somebody else has
+    resumed it since; RigError when the disk refuses.
     """
     events = GrowingFile(folder / EVENTS)
     lock(events)
     try:
+        if sum(one.get("event") == event["event"] for one in events_of(folder)) != resumed:
+            raise BadInput(f"{folder}: another process has resumed the run at this moment; wait for its end")
         events.cut_to(whole_lines((folder / EVENTS).read_bytes()))
         events.append((json.dumps(event, ensure_ascii=False) + "\n").encode())
         events.force()
