@@ -1,6 +1,7 @@
 """^C and the system's signals as stop_request of a run: heard at any time, obeyed where it is safe."""
 
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -8,7 +9,9 @@ from types import FrameType
 from rfca_rig.cli.terminal import Say
 from rfca_rig.engine.stop_request import StopLevel, StopRequest
 
-OUTSIDE = {signal.SIGTERM: "ended by SIGTERM", signal.SIGHUP: "its terminal was closed (SIGHUP)"}
+OUTSIDE = {signal.SIGTERM: "ended by SIGTERM"}
+if sys.platform != "win32":  # which has no SIGHUP
+    OUTSIDE[signal.SIGHUP] = "its terminal was closed (SIGHUP)"
 
 
 class Heard:
@@ -62,7 +65,7 @@ class Heard:
 def heard(stop_request: StopRequest, say: Say) -> Iterator[Heard]:
     """Within the block, signals are stop_request; afterwards they are what they were before."""
     ear = Heard(stop_request, say)
-    handlers = {signal.SIGINT: ear.key, signal.SIGTERM: ear.from_outside, signal.SIGHUP: ear.from_outside}
+    handlers = {signal.SIGINT: ear.key, **dict.fromkeys(OUTSIDE, ear.from_outside)}
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield ear

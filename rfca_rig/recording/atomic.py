@@ -178,7 +178,10 @@ class RoughFile:
         """Sets its length; nothing of it was left unused."""
         self._size = size
         if self._refused is None:
-            os.ftruncate(self._handle, size)
+            try:
+                os.ftruncate(self._handle, size)
+            except OSError as error:
+                self._refused = error
 
     def flush(self) -> None:
         """What was written is with the system already."""
