@@ -4,6 +4,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -98,7 +99,9 @@ def run() -> None:
     use_ascii_fallback()
     logging.getLogger("can").setLevel(logging.ERROR)  # python-can warns of every frame that came in two pieces
     try:
-        sys.exit(_command()(standalone_mode=False) or 0)
+        exit_code = _command()(standalone_mode=False) or 0
+        sys.stdout.flush()  # here, where a full disk or a closed pipe can still be reported
+        sys.exit(exit_code)
     except TyperException as error:
         _leave(_usage_text(error), BadInput.exit_code)
     except Tripped as error:
@@ -110,6 +113,13 @@ def run() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
+    except OSError as error:
+        if os.environ.get(DEBUG_VARIABLE):
+            raise
+        with suppress(OSError):
+            sys.stdout.close()  # what it holds is lost; the interpreter would try it again at its end
+        where = f" ({error.filename})" if error.filename else ""
+        _leave(f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where", 1)
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise

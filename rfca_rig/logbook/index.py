@@ -50,7 +50,7 @@ def write_index(runs: Path, rows: Mapping[str, IndexRow]) -> bool:
         with closing(sqlite3.connect(made)) as base:
             _fill(base, ((path, row.stamp, json.dumps(row.said)) for path, row in rows.items()))
         made.replace(runs / NAME)
-    except (sqlite3.Error, OSError):
+    except (sqlite3.Error, OSError, UnicodeError):  # a name that is no UTF-8 is no text of SQLite
         with suppress(OSError):
             made.unlink()
         return False

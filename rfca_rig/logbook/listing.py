@@ -55,7 +55,7 @@ def verdict_in(file: Path) -> dict[str, Any]:
         sure = [effect["probability"] for effect in said["effects"] if effect["probability"] is not None]
         words = said["grade"] if said.get("grade") in GRADED else said["verdict"]
         return {"identities": named, "words": str(words), "effects": effects, "probability": max(sure, default=None)}
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return {"identities": []}
 
 
