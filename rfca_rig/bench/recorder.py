@@ -78,7 +78,7 @@ class Recorder:
 
     A stage is safe when the keeper has acknowledged it, possibly a moment after it is done. `stages` are the completed static stages;
     `strokes` has only the last stroke, because an hour of them is gigabytes. `where` says in or after which stage the run is, `refused` how
-    many of the `samples` the keeper did not take.
+    many of the `samples` the keeper did not take, `ended` how many stages were handed over to their end.
     """
 
     def __init__(self, keeper: Keeper, scale: SensorScale, clock: Clock) -> None:
@@ -87,7 +87,7 @@ class Recorder:
         self._clock = clock
         self._forms = (SHAFT_FORM, force_form(scale))
         self._paired_s = clock.now_s()
-        self.samples = self.refused = 0
+        self.samples = self.refused = self.ended = 0
         self.where = "before the first stage"
         self.cycles_done = 0
         self.worst_gap_s = 0.0
@@ -114,7 +114,7 @@ class Recorder:
         self._note_clocks()
 
     def flap(self, stage: Flap, recorded: Recorded) -> None:
-        self._keeper.give(End(stroke=StrokeCondition(stage.speed_rad_s, stage.repeat)).block())
+        self._end(End(stroke=StrokeCondition(stage.speed_rad_s, stage.repeat)))
         self.strokes.append(stroke_of(stage, recorded, self._scale))
         self.where = f"after {stage.label}"
 
@@ -122,7 +122,7 @@ class Recorder:
         # The photo before the end of its stage, which names it.
         photo = self._keeper.keep_photo(recorded.photo.image) if recorded.photo else ""
         static_stage = replace(static_stage_of(stage, recorded, self._scale), photo=photo)
-        self._keeper.give(End(static=static_stage).block())
+        self._end(End(static=static_stage))
         self.stages.append(static_stage)
         self.where = f"after {stage.label}"
 
@@ -134,9 +134,13 @@ class Recorder:
         self._note_clocks()
 
     def cycles(self, stage: Cycles) -> None:
-        self._keeper.give(End().block())
+        self._end(End())
         self.note("cycles counted", stage=stage.label, last=self.cycles_done)
         self.where = f"after {stage.label}"
+
+    def _end(self, end: End) -> None:
+        self._keeper.give(end.block())
+        self.ended += 1
 
     def _note_clocks(self) -> None:
         if self._clock.now_s() - self._paired_s > CLOCK_PAIR_EVERY_S:

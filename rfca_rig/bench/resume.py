@@ -27,7 +27,7 @@ def go_on(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, 
         **({} if seed is None else {"seed": seed}),
         **({"rig_changes": dict(rig_changes)} if rig_changes else {}),
     }
-    run_folder.reopen(begun.folder, event)
+    run_folder.reopen(begun.folder, event, begun.resumed)
 
 
 def ending_of(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns, find_rising
 from rfca_rig.campaign.table import FEWEST_SAMPLES
 from rfca_rig.errors import BadInput
+from rfca_rig.recording.plain_hdf5 import open_plain
 from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
@@ -64,7 +65,7 @@ def list_hdf5_columns(path: Path) -> ColumnList:
 def _open(path: Path) -> Iterator[h5py.File]:
     """Opens the file. Anything that h5py cannot read in it, then or later, raises BadInput."""
     try:
-        with h5py.File(path, "r") as file:
+        with open_plain(path) as file:
             yield file
     # h5py raises all of these for damaged files.
     except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:

@@ -23,6 +23,8 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 # Typical faults, each with a message of its own.
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _NOT_A_VALUE = re.compile(r"[+-]?(nan|inf|infinity|n/a|na|#.*)", re.IGNORECASE)
+# Some hours of a sensor at 7 kHz as text; more does not fit into memory as rows of numbers.
+MOST_BYTES = 4_000_000_000
 _SEPARATORS = {";": "';'", "\t": "tabs"}
 
 
@@ -42,7 +44,7 @@ class CsvTable:
 def read_table(path: Path) -> CsvTable:
     """Read the file's header and lines. Raises BadInput for a file that is missing, empty, not UTF-8 or not comma-separated."""
     # Line ends of every operating system.
-    lines = read_text(path).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    lines = read_text(path, MOST_BYTES).replace("\r\n", "\n").replace("\r", "\n").split("\n")
     while lines and not lines[-1].strip():
         lines.pop()
     if not lines:
@@ -60,7 +62,15 @@ def _names(path: Path, header: str) -> tuple[str, ...]:
             raise BadInput(
                 f"{path}:1: columns are separated by {shown}; export it again with commas between columns and a decimal point in numbers"
             )
-    return tuple(name.strip() for name in next(csv.reader([header], skipinitialspace=True)))
+    return _cells(path, 1, header)
+
+
+def _cells(path: Path, number: int, line: str) -> tuple[str, ...]:
+    """The cells of a line, as text without blanks around it; none of an empty line."""
+    try:
+        return tuple(cell.strip() for cell in next(csv.reader([line], skipinitialspace=True), ()))
+    except csv.Error as error:
+        raise BadInput(f"{path}:{number}: is no line of comma-separated numbers: {error}") from None
 
 
 def numbers(table: CsvTable) -> Floats:
@@ -106,7 +116,7 @@ def number(table: CsvTable, row: int, name: str, cell: str) -> float:
 def rows(table: CsvTable) -> Iterator[tuple[str, ...]]:
     """The cells of each data line, as text without surrounding blanks. Raises BadInput for a line with another number of cells."""
     for row, line in enumerate(table.lines):
-        cells = tuple(cell.strip() for cell in next(csv.reader([line], skipinitialspace=True), ()))
+        cells = _cells(table.path, row + 2, line)
         if len(cells) != len(table.names):
             raise table.fault(row, _wrong_count(len(cells), len(table.names)))
         yield cells

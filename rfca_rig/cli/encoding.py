@@ -4,6 +4,7 @@ import codecs
 import io
 import os
 import sys
+from pathlib import Path
 
 NAME = "rfca-ascii"
 ASCII = {
@@ -25,6 +26,9 @@ ASCII = {
 def use_ascii_fallback() -> None:
     """For standard output and the error stream of this process; streams of another kind, as in tests, stay unchanged."""
     codecs.register_error(NAME, _in_ascii)
+    # Python has no streams where the shell closed them (>&-): what is printed goes nowhere then.
+    sys.stdout = sys.stdout or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  (for the rest of the process)
+    sys.stderr = sys.stderr or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=NAME)

@@ -8,6 +8,7 @@ from rfca_rig.bench import provenance
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.bench.resume import ending_of, go_on
+from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.progress import progress
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say, marked
@@ -54,6 +55,7 @@ class Kept:
     keeper: Keeper
     recorder: Recorder
     bench: Bench
+    lines: AcknowledgedLines
     outcome: Outcome
 
 
@@ -64,7 +66,10 @@ def finish(config: RunConfig, run: Kept, quiet: bool = False) -> None:
     """
     try:
         # Order: all blocks on disk, then photos, then `run.h5`. Each needs the result of the one before.
-        run.keeper.finish(run.outcome.why)
+        try:
+            run.keeper.finish(run.outcome.why)
+        finally:
+            run.lines.close()
         with progress(config.quiet or quiet) as bars:
             _read_photos(config, run, bars.counting("reading photos"))
             _put_together(config, run, bars.counting("stages into run.h5"))

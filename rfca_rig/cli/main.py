@@ -4,6 +4,7 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -99,7 +100,10 @@ def run() -> None:
     # python-can warns of every frame that came in two pieces.
     logging.getLogger("can").setLevel(logging.ERROR)
     try:
-        sys.exit(_command()(standalone_mode=False) or 0)
+        exit_code = _command()(standalone_mode=False) or 0
+        # Here, where a full disk or a closed pipe can still be reported.
+        sys.stdout.flush()
+        sys.exit(exit_code)
     # Exit codes are a contract with scripts: each kind of error has its own.
     except TyperException as error:
         _leave(_usage_text(error), BadInput.exit_code)
@@ -113,6 +117,14 @@ def run() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)
+    except OSError as error:
+        if os.environ.get(DEBUG_VARIABLE):
+            raise
+        # What the output holds is lost; the interpreter would try it again at its end.
+        with suppress(OSError):
+            sys.stdout.close()
+        where = f" ({error.filename})" if error.filename else ""
+        _leave(f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where", 1)
     # Users see one line. The traceback is for whoever sets the variable.
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
@@ -113,11 +114,15 @@ def _folders_in(place: str, begun: str) -> Iterator[tuple[float, str]]:
     """(time of last change, path) of each."""
     try:
         with os.scandir(place) as listing:
-            inside = [one for one in listing if one.path.removeprefix("./").startswith(begun) and one.is_dir()]
+            inside = [one for one in listing if one.path.removeprefix("./").startswith(begun)]
     # The folder does not exist, or may not be read: there is nothing to offer.
     except OSError:
         return
-    yield from ((one.stat().st_mtime, one.path.removeprefix("./")) for one in inside)
+    for one in inside:
+        # A loop of links, and a folder that is removed meanwhile, are passed over.
+        with suppress(OSError):
+            if one.is_dir():
+                yield one.stat().st_mtime, one.path.removeprefix("./")
 
 
 def _stems(folders: Iterable[str | Path], pattern: str) -> list[str]:

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import refusals
 from rfca_rig.suggestions import suggestion
 
 PACKAGE = Path(__file__).parents[1]
@@ -31,12 +32,19 @@ def folders_of(kind: str) -> list[Path]:
     return [Path(kind), PACKAGE.parent / kind, PACKAGE / "shipped" / kind]
 
 
-def new_run_folder(parent: Path, mark: str, title: str) -> Path:
-    """A folder that does not exist yet: runs/SIM-title-001, -002 and so on."""
+def make_run_folder(parent: Path, mark: str, title: str) -> Path:
+    """Make the next folder that does not exist yet: runs/SIM-title-001, -002 and so on.
+
+    Making it claims it: of two runs that begin at the same moment, one gets the next number.
+    """
     # Only characters that every file system and shell takes as they are.
     slug = re.sub(r"[^a-z0-9.]+", "-", title.lower()).strip("-")
     for number in range(1, 1_000_000):
         folder = parent / f"{mark}-{slug}-{number:03d}"
-        if not folder.exists():
-            return folder
+        with refusals(folder, "cannot be made"):
+            try:
+                folder.mkdir(parents=True)
+            except FileExistsError:
+                continue
+        return folder
     raise BadInput(f"{parent}: holds a million runs called {mark}-{slug}; choose another folder with --runs")

@@ -1,7 +1,9 @@
 """The steps that all experiments share: plan checked and printed, rig armed, run, recording completed."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import typer
@@ -9,13 +11,15 @@ import typer
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
+from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.attach_view import attach_view, twin_clock
 from rfca_rig.cli.finalize_run import Kept, finish, keep, note_end, open_folder
-from rfca_rig.cli.paths import new_run_folder
+from rfca_rig.cli.paths import make_run_folder
 from rfca_rig.cli.preflight import examined, print_plan, recorded_bytes
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.signals import heard
 from rfca_rig.cli.terminal import Say, marked, progress_bar
+from rfca_rig.clock import WallClock
 from rfca_rig.engine.arming import prove_stop
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import Supervision, run_plan
@@ -77,48 +81,55 @@ def carry_out(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None
 
 
 def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path, Recorder]:
-    folder = config.begun.folder if config.begun else new_run_folder(config.runs, config.mark, config.plan.title)
     with (
         open_bench(config.rig, config.twin_seed, config.eye, twin_clock(config), config.faults) as bench,
         attach_view(config, bench, supervision.stop_request) as view,
+        ExitStack() as signals,
     ):
         # Before the folder is made: a drive that is refused leaves no empty run behind.
         armed = prove_drive(config, bench) if bench.is_real else {}
+        folder = config.begun.folder if config.begun else make_run_folder(config.runs, config.mark, config.plan.title)
         open_folder(config, folder, bench)
-        keeper = _keeper(folder, bench)
+        keeper = _keeper(folder, bench, marked(config.mark, config.quiet))
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_in_terminal):
             say = view.begin(keeper, say_in_terminal)
 
+            handlers = signals.enter_context(heard(supervision.stop_request, say))
+            lines = AcknowledgedLines(say, keeper, recorder, supervision.stop_request, WallClock())
+            run = partial(Kept, folder, keeper, recorder, bench, lines)
+
             def progress(stage: Stage) -> None:
                 advance(stage.label, stage.duration_s)
-                on_stage(stage, recorder, say)
+                on_stage(stage, recorder, lines.hold)
+                lines.release()
 
             try:
                 if config.begun is None:
                     recorder.note("run begins", title=config.plan.title, source=config.mark)
                 if armed:
                     recorder.note("armed", **armed)
-                with heard(supervision.stop_request, say):
-                    run_plan(config.plan, bench, recorder, progress, replace(supervision, observer=view.observer))
+                run_plan(config.plan, bench, recorder, progress, replace(supervision, observer=view.observer))
+                handlers.begin_closing()
                 # Only now: `run_plan` has returned, so the motor is without torque.
                 view.over(None)
                 note_end(recorder, "done")
             except RigError as error:
+                handlers.begin_closing()
                 view.over(error)
                 note_end(recorder, str(error))
                 say(f"motor off: {recorder.standstill.text()}")
                 # A trip or a stop still gives a recording, which `resume` continues.
-                keep(config, Kept(folder, keeper, recorder, bench, Outcome.of(error)), say)
+                keep(config, run(Outcome.of(error)), say)
                 raise
             # A defect of this program: the files are closed in order, and the error passes on unchanged.
             except BaseException as mistake:
                 keeper.finish(f"ended by {type(mistake).__name__}")
                 raise
-        finish(config, Kept(folder, keeper, recorder, bench, Outcome.of(None)))
+        finish(config, run(Outcome.of(None)))
     return folder, recorder
 
 
-def _keeper(folder: Path, bench: Bench) -> Keeper:
+def _keeper(folder: Path, bench: Bench, warn: Say) -> Keeper:
     """On a twin the recorder may let the loop wait, as the twin's time stands still meanwhile; a real rig must not wait."""
-    return ProcessKeeper(folder, patient=not bench.is_real) if can_be_started() else DirectKeeper(folder)
+    return ProcessKeeper(folder, patient=not bench.is_real, warn=warn) if can_be_started() else DirectKeeper(folder)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from rfca_rig.description.sections import Positive, Section
+from rfca_rig.description.sections import Positive, Section, SpeedRadS
 from rfca_rig.description.toml import read_toml
 from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages
 from rfca_rig.protocol.fatigue import Check, Fatigue
@@ -32,7 +32,7 @@ class ConditionSection(Section):
     """One height of the shaft above the ground and one speed."""
 
     height_mm: HeightMm
-    speed_rad_s: Positive
+    speed_rad_s: SpeedRadS
 
 
 class DynamicFile(Section):
@@ -42,7 +42,7 @@ class DynamicFile(Section):
     title: str
     repeats: Annotated[int, Field(ge=1, le=1_000_000)]
     sweep_deg: Annotated[float, Field(gt=0, le=330)]
-    return_speed_rad_s: Positive
+    return_speed_rad_s: SpeedRadS
     settle: SettleSection
     conditions: Annotated[tuple[ConditionSection, ...], Field(min_length=1, strict=False)]
 
@@ -76,7 +76,7 @@ class StaticFile(Section):
     experiment: Literal["static"]
     title: str
     heights_mm: Annotated[tuple[HeightMm, ...], Field(min_length=1, strict=False)]
-    move_speed_rad_s: Positive
+    move_speed_rad_s: SpeedRadS
     average_s: Annotated[float, Field(ge=0.05, le=600)]
     dwell_s: Annotated[float, Field(ge=0, le=600)] = 0.0
     photo: bool = True
@@ -115,7 +115,7 @@ class CheckSection(Section):
 
     every: Annotated[int, Field(ge=1)]
     angles_deg: Annotated[tuple[Annotated[float, Field(ge=0, le=180)], ...], Field(min_length=1, strict=False)]
-    move_speed_rad_s: Positive
+    move_speed_rad_s: SpeedRadS
     average_s: Annotated[float, Field(ge=0.05, le=600)]
     dwell_s: Annotated[float, Field(ge=0, le=600)] = 0.0
     drift_percent: Annotated[float, Field(gt=0, le=100)]
@@ -131,11 +131,11 @@ class FatigueFile(Section):
     experiment: Literal["fatigue"]
     title: str
     height_mm: HeightMm
-    speed_rad_s: Positive
+    speed_rad_s: SpeedRadS
     cycles: Annotated[int, Field(ge=1, le=1_000_000_000)]
     full_every: Annotated[int, Field(ge=1)]
     sweep_deg: Annotated[float, Field(gt=0, le=330)]
-    return_speed_rad_s: Positive
+    return_speed_rad_s: SpeedRadS
     settle: SettleSection
     check: CheckSection
 

@@ -23,6 +23,8 @@ LAW_KEYS = ("hinge_torque_Nm", "k0_Nm_per_rad", "k2_per_rad2")
 SOFTEST_K2 = -4.0 / (3.0 * math.pi**2)
 
 Positive = Annotated[float, Field(gt=0)]
+# Of the shaft: below, one stroke takes minutes and more samples than memory; above, no motor of these rigs turns.
+SpeedRadS = Annotated[float, Field(ge=0.01, le=100)]
 NotNegative = Annotated[float, Field(ge=0)]
 PositiveList = Annotated[tuple[Positive, ...], Field(strict=False, min_length=1)]
 Numbers = Annotated[tuple[float, ...], Field(strict=False)]

@@ -6,6 +6,7 @@ import tomllib
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from stat import S_ISDIR, S_ISREG
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -15,6 +16,9 @@ from rfca_rig.description.toml_lines import Key, line_of
 from rfca_rig.errors import BadInput
 
 Model = TypeVar("Model", bound=BaseModel)
+
+# Of a file that people write. The largest one in use, a laboratory's own effect with tables, has some 100 kB.
+MOST_BYTES = 16_000_000
 
 
 def read_toml(path: Path, model: type[Model]) -> Model:
@@ -65,9 +69,17 @@ def place_of(path: Path, key: Key) -> str:
     return _place(path, line_of(read_text(path), key))
 
 
-def read_text(path: Path) -> str:
-    """Read the file as UTF-8 text without a byte-order mark. Raises BadInput where there is no such file or text."""
+def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
+    """Read the file as UTF-8 text without a byte-order mark.
+
+    Raises BadInput where there is no such file or text, for devices and pipes, which may never end, and for more than `most_bytes`.
+    """
     try:
+        found = path.stat()
+        if not (S_ISREG(found.st_mode) or S_ISDIR(found.st_mode)):
+            raise BadInput(f"{path}: is a device or a pipe; give a file")
+        if found.st_size > most_bytes:
+            raise BadInput(f"{path}: has {found.st_size / 1e6:.0f} MB, where {most_bytes / 1e6:g} MB are the most")
         content = path.read_bytes()
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
@@ -82,6 +94,8 @@ def read_text(path: Path) -> str:
 def _parse(text: str, path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
+    except RecursionError:
+        raise BadInput(f"{path}: is nested too deeply; no key of these files needs more than a few levels") from None
     except tomllib.TOMLDecodeError as error:
         located = re.match(r"(.*) \(at line (\d+), column (\d+)\)$", str(error))
         if located:

@@ -40,12 +40,27 @@ def _below(runs: str, folder: str, deeper: int) -> Iterator[FoundRun]:
     if {HEADER, RECORDING, PENDULUM, EXPERIMENT} & set(files):
         telling = [files[name] for name in TELLING if name in files]
         if EXPERIMENT in files:  # any file in the folder may be a recording
-            telling += sorted((one for one in inside if one.name not in TELLING and one.is_file()), key=lambda one: one.name)
+            telling += sorted((one for one in inside if one.name not in TELLING and _is_file(one)), key=lambda one: one.name)
         yield FoundRun(folder or ".", "|".join(map(_stamp, telling)), tuple(_diagnoses(inside)))
         return
     for one in inside:
-        if deeper and not one.name.startswith(".") and one.is_dir() and not _leads_back(one):
+        if deeper and not one.name.startswith(".") and _is_folder(one) and not _leads_back(one):
             yield from _below(runs, f"{folder}/{one.name}" if folder else one.name, deeper - 1)
+
+
+def _is_folder(one: "os.DirEntry[str]") -> bool:
+    """A link that leads to itself is neither a folder nor a file."""
+    try:
+        return one.is_dir()
+    except OSError:
+        return False
+
+
+def _is_file(one: "os.DirEntry[str]") -> bool:
+    try:
+        return one.is_file()
+    except OSError:
+        return False
 
 
 def _leads_back(one: "os.DirEntry[str]") -> bool:
@@ -57,7 +72,7 @@ def _diagnoses(inside: "list[os.DirEntry[str]]") -> Iterator[str]:
     for one in inside:
         if one.name == DIAGNOSIS:
             yield one.path
-        elif one.name.startswith("diag") and one.is_dir():
+        elif one.name.startswith("diag") and _is_folder(one):
             yield f"{one.path}/{DIAGNOSIS}"
 
 

@@ -54,7 +54,8 @@ def write_index(runs: Path, rows: Mapping[str, IndexRow]) -> bool:
         with closing(sqlite3.connect(new_file)) as base:
             _fill(base, ((path, row.stamp, json.dumps(row.said)) for path, row in rows.items()))
         new_file.replace(runs / NAME)
-    except (sqlite3.Error, OSError):
+    # A name that is no UTF-8 is no text of SQLite.
+    except (sqlite3.Error, OSError, UnicodeError):
         with suppress(OSError):
             new_file.unlink()
         return False

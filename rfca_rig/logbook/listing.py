@@ -59,7 +59,7 @@ def verdict_in(file: Path) -> dict[str, Any]:
         words = content["grade"] if content.get("grade") in GRADED else content["verdict"]
         return {"identities": identities, "words": str(words), "effects": effects, "probability": max(probabilities, default=None)}
     # Any JSON file of that name may lie about; a foreign one is no error of the listing.
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return {"identities": []}
 
 

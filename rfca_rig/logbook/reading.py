@@ -29,7 +29,7 @@ def entry_in(runs: Path, folder: str, measure_s: Callable[[Path], float | None] 
             return _of_recording(path, folder)
         return _of_pendulum(path, folder) if (path / PENDULUM).is_file() else _of_experiment(path, folder, measure_s(path))
     # One damaged run must not keep the others from being listed.
-    except (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+    except (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         why = str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}"
         return Entry(folder, path.name, "", "", _modified_s(path), ended="damaged", why=why)
 

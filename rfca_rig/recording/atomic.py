@@ -191,7 +191,10 @@ class RoughFile:
         """Sets the file's length."""
         self._size = size
         if self._refused is None:
-            os.ftruncate(self._handle, size)
+            try:
+                os.ftruncate(self._handle, size)
+            except OSError as error:
+                self._refused = error
 
     def flush(self) -> None:
         """Does nothing: every write goes to the system at once."""

@@ -1,6 +1,7 @@
 """Checks a run on disk: every file by its hash, every stage by its counts."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -9,10 +10,15 @@ from typing import Any
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.journal import blocks_in, size_of
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGES, SUMS, journals, stage_files
-from rfca_rig.recording.run_text import events_of, read_ending, read_header
+from rfca_rig.recording.model import Recording
+from rfca_rig.recording.run_text import events_of, events_text, read_ending, read_header
+from rfca_rig.recording.store import read_texts
 from rfca_rig.recording.summary import RecordingSummary, tally_of, together
 from rfca_rig.recording.sums import read_sums, sha256_of
 from rfca_rig.suggestions import not_there
+
+# What `recover` makes again from the other files of a run.
+REMADE = (RECORDING, SUMS)
 
 
 @dataclass(frozen=True)
@@ -24,23 +30,44 @@ class FileFinding:
     is_sound: bool = True
 
 
+def describe_damage(folder: Path, findings: Iterable[FileFinding]) -> str | None:
+    """What is damaged and what helps, as check and recover say it; None where every file is sound."""
+    damaged = [finding.file for finding in findings if not finding.is_sound]
+    if not damaged:
+        return None
+    lost = [name for name in damaged if name not in REMADE]
+    if lost:
+        return f"{folder}: damaged: {', '.join(damaged)}; restore {', '.join(lost)} from a copy: recover cannot make {_them(lost)} again"
+    return f"{folder}: damaged: {', '.join(damaged)}; rfca-rig recover {folder} makes {_them(damaged)} again from the files of the stages"
+
+
+def _them(names: Sequence[str]) -> str:
+    return "it" if len(names) == 1 else "them"
+
+
 def check_run(folder: Path) -> Iterator[FileFinding]:
     """A finding per file, in the order in which a run writes them. Raises BadInput where `folder` holds no run."""
     if not (folder / HEADER).is_file():
         yield from _check_older(folder)
         return
     sums = _Sums(folder)
-    yield sums.finding(HEADER, partial(_title, folder))
+    texts = _recorded_texts(folder)
+    yield sums.finding(HEADER, partial(_title, folder, texts))
     # Damaged events are reported once; the stages are then checked without them.
-    events = sums.finding(EVENTS, lambda: f"{len(events_of(folder))} events")
+    events = sums.finding(EVENTS, partial(_events, folder, texts))
     yield events
     yield from _check_stages(folder, sums, events_of(folder) if events.is_sound else [])
     yield from (_check_journal(folder, journal) for journal in journals(folder))
-    if (folder / ENDING).is_file():
-        yield sums.finding(ENDING, partial(_ending, folder))
-    if (folder / RECORDING).is_file():
+    has_ending, has_recording = (folder / ENDING).is_file(), (folder / RECORDING).is_file()
+    if has_ending or has_recording or ENDING in sums:
+        yield sums.finding(ENDING, partial(_ending, folder, texts))
+    elif not journals(folder):
+        yield FileFinding(ENDING, f"is not there: the run goes on, or was not finished; then type rfca-rig recover {folder}")
+    if has_recording or RECORDING in sums:
         yield sums.finding(RECORDING, partial(_like_its_stages, folder))
-    yield from sums.rest()
+    elif has_ending:
+        yield FileFinding(RECORDING, f"is not made yet; type rfca-rig recover {folder}")
+    yield from sums.rest(is_finished=has_recording)
 
 
 def _check_older(folder: Path) -> Iterator[FileFinding]:
@@ -62,6 +89,11 @@ class _Sums:
             self._sums = read_sums(folder)
         except BadInput as error:
             self._sums, self._damage = {}, FileFinding(SUMS, str(error), False)
+        self._is_summed_up = bool(self._sums)
+        self._unlisted: list[str] = []
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._sums
 
     def finding(self, name: str, look: Callable[[], str]) -> FileFinding:
         """What `look` finds in a file, provided that its hash is right."""
@@ -70,17 +102,23 @@ class _Sums:
             self._sums.pop(name, None)
             return FileFinding(name, "is missing", False)
         expected = self._sums.pop(name, "")
+        if not expected and self._is_summed_up:
+            self._unlisted.append(name)
         if expected and expected != sha256_of(self._folder / name):
             return FileFinding(name, "is not what was written: its SHA-256 is another", False)
         return _finding_of(name, look)
 
-    def rest(self) -> Iterator[FileFinding]:
-        """Files with a hash that nothing else checks, for example photos."""
+    def rest(self, is_finished: bool) -> Iterator[FileFinding]:
+        """Files with a hash that nothing else checks, for example photos. A finished run has hashes."""
         if self._damage:
             yield self._damage
+        elif is_finished and not self._is_summed_up:
+            yield FileFinding(SUMS, "is missing or empty, though the run was finished", False)
         # A copy, because `finding` takes names out of the dictionary.
         for name in list(self._sums):
             yield self.finding(name, lambda: "as it was written")
+        if self._unlisted:
+            yield FileFinding(SUMS, f"has no line for {', '.join(self._unlisted)}", False)
 
 
 def _check_stages(folder: Path, sums: _Sums, events: Sequence[Mapping[str, Any]]) -> Iterator[FileFinding]:
@@ -114,7 +152,7 @@ def _like_its_stages(folder: Path) -> str:
     try:
         stages = _in_stages(folder).text()
     except BadInput:
-        return f"{found}; not held against its stages, of which some are damaged"
+        return f"{found}; not compared with its stages, of which some are damaged"
     if found != stages:
         raise BadInput(f"{folder / RECORDING}: holds {found}, its stages {stages}")
     return found
@@ -125,14 +163,42 @@ def _in_stages(folder: Path) -> RecordingSummary:
     return stages if ending is None or ending.static is None else replace(stages, static=len(ending.static))
 
 
-def _title(folder: Path) -> str:
+def _recorded_texts(folder: Path) -> Recording | None:
+    """What `run.h5` holds of the other files; None where it is missing or damaged itself."""
+    try:
+        return read_texts(folder / RECORDING)
+    except BadInput:
+        return None
+
+
+def _title(folder: Path, texts: Recording | None) -> str:
     header = read_header(folder)
+    if texts is not None:
+        for name in ("title", "source", "nominal", "known_to"):
+            _compare(folder / HEADER, name, getattr(header, name), getattr(texts, name))
+        _compare(folder / HEADER, "provenance", header.provenance, {name: texts.provenance.get(name) for name in header.provenance})
     return f"{header.source} {header.title}"
 
 
-def _ending(folder: Path) -> str:
+def _events(folder: Path, texts: Recording | None) -> str:
+    if texts is not None:
+        _compare(folder / EVENTS, "text", events_text(folder), texts.provenance.get("events"))
+    return f"{len(events_of(folder))} events"
+
+
+def _ending(folder: Path, texts: Recording | None) -> str:
     ending = read_ending(folder)
-    return "" if ending is None else ending.provenance.get("ended", "recovered")
+    if ending is None:
+        return ""
+    if texts is not None:
+        _compare(folder / ENDING, "provenance", ending.provenance, {name: texts.provenance.get(name) for name in ending.provenance})
+    return ending.provenance.get("ended", "recovered")
+
+
+def _compare(path: Path, name: str, here: object, recorded: object) -> None:
+    """Raises BadInput where a file and `run.h5`, which was made of it and has a checksum, differ."""
+    if json.dumps(here, sort_keys=True) != json.dumps(recorded, sort_keys=True):
+        raise BadInput(f"{path}: its {name} is not what {RECORDING} was made of: it was edited since")
 
 
 def _describe(file: Path) -> str:

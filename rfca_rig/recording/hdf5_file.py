@@ -9,7 +9,7 @@ import h5py
 
 from rfca_rig.recording.atomic import RoughFile
 from rfca_rig.recording.cooperative import Steps
-from rfca_rig.recording.seal import PIECE, seal_of
+from rfca_rig.recording.seal import PIECE, SEALED, seal_of
 
 
 class FileBeingMade:
@@ -19,6 +19,7 @@ class FileBeingMade:
         self._rough = RoughFile(path)
         # No chunk cache: whole chunks are written, and never read again.
         self.root = h5py.File(self._rough, "w", rdcc_nbytes=0)
+        self.root.attrs[SEALED] = True
 
     def check(self) -> None:
         """Raises RigError, DiskFull."""

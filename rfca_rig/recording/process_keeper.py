@@ -1,6 +1,7 @@
 """The control loop's end of the recorder process: handing over takes microseconds, and every loss is reported."""
 
 import subprocess
+from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
@@ -19,6 +20,8 @@ QUEUE_BYTES = 16 << 20
 PATIENT_QUEUE_BYTES = 1 << 20
 STARTED_WITHIN_S = 30.0
 FINISHED_WITHIN_S = 120.0
+SILENT_S = 2.0  # a recorder that works answers within tens of milliseconds
+PATIENT_S = 30.0  # for which a twin's time stands still before the run ends
 PAUSE_S = 0.002
 
 
@@ -29,9 +32,13 @@ class ProcessKeeper:
     waits instead.
     """
 
-    def __init__(self, folder: Path, patient: bool, queue_bytes: int = 0) -> None:
-        """Returns when the process is ready. `queue_bytes` 0 means the default size. Raises RigError where it cannot start."""
+    def __init__(self, folder: Path, patient: bool, queue_bytes: int = 0, warn: Callable[[str], None] = lambda _: None) -> None:
+        """Returns when the process is ready. `queue_bytes` 0 means the default size. Raises RigError where it cannot start.
+
+        `warn` gets a line where the recorder takes longer than a disk that works would.
+        """
         self._folder = folder
+        self._warn = warn
         self._patient = patient
         self._clock = WallClock()
         self._queue = BlockQueue.create(queue_bytes or (PATIENT_QUEUE_BYTES if patient else QUEUE_BYTES))
@@ -70,9 +77,14 @@ class ProcessKeeper:
             # Events after the stop, for example `motor off`, are kept if possible, in the room of the reserve.
             self._queue.put(content)
             raise self._complaint_error()
+        until_s = self._clock.now_s() + PATIENT_S
+        warned_s = self._clock.now_s() + SILENT_S
         while not self._queue.put(content):
+            if self._patient and self._clock.now_s() > warned_s:
+                warned_s = until_s
+                self._warn(f"the disk under {self._folder} is silent; the twin waits for it, for {PATIENT_S:g} s at most")
             # A real rig must not wait for a disk: it stops, and the drive's watchdog never has to.
-            if not self._patient:
+            if not self._patient or self._clock.now_s() > until_s:
                 raise Tripped(
                     Trip.RECORDER_BEHIND,
                     f"the recorder is {1e-6 * self._queue.waiting:.1f} MB behind and its queue is full: the disk under {self._folder} is "
@@ -113,6 +125,12 @@ class ProcessKeeper:
             return DONE, "it ended by itself"
         return DONE, f"no word within {within_s:g} s"
 
+    def _is_silent(self) -> bool:
+        try:
+            return not self._child.poll(SILENT_S)
+        except (EOFError, OSError):
+            return False
+
     def finish(self, why: str) -> None:
         if not self._child.closed:
             self._fault = self._end_recorder(why)
@@ -127,6 +145,8 @@ class ProcessKeeper:
             self._child.send(why)
         except OSError:
             return "it ended by itself"
+        if self._is_silent():
+            self._warn(f"the disk under {self._folder} is silent; waiting for it, for {FINISHED_WITHIN_S:g} s at most")
         kind, message = self._receive(FINISHED_WITHIN_S)
         # A complaint may still be on its way; the answer to the end follows it.
         return self._receive(FINISHED_WITHIN_S)[1] if kind == COMPLAINT else message

@@ -11,6 +11,7 @@ import h5py
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import Watcher, counted, unwatched
 from rfca_rig.recording.atomic import GrowingFile, refusals, remove, sync_folder
+from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.cooperative import Steps, at_once
 from rfca_rig.recording.disk_reserve import Ballast
 from rfca_rig.recording.hdf5_file import FileBeingMade, being_made
@@ -19,14 +20,13 @@ from rfca_rig.recording.model import Recording, Source, StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import make_raw_stages
 from rfca_rig.recording.run_lock import check_over, lock
-from rfca_rig.recording.run_text import Ending, read_ending, read_header, run_provenance, whole_lines, write_header
+from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header, run_provenance, whole_lines, write_header
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.store import mark_recording, opened, read_recording
 from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import copy_streams, make_strokes
-from rfca_rig.recording.summary import tally_of
-from rfca_rig.recording.sums import read_sums, write_sums
+from rfca_rig.recording.sums import write_sums
 
 
 def write_run(folder: Path, told: Watcher = unwatched) -> Steps[Path]:
@@ -171,14 +171,17 @@ def close_journals(folder: Path) -> int:
     return len(found)
 
 
-def reopen(folder: Path, event: Mapping[str, object]) -> None:
+def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
     """Continues a finished run: adds `event` to its events, on disk, then removes the files that only a finished run has.
 
-    Raises BadInput where the run is still going on, RigError when the disk refuses.
+    `resumed` is how many such events there were when the run was read. Raises BadInput where the run is still going on, or where somebody
+    else has resumed it since; RigError when the disk refuses.
     """
     events = GrowingFile(folder / EVENTS)
     lock(events)
     try:
+        if sum(one.get("event") == event["event"] for one in events_of(folder)) != resumed:
+            raise BadInput(f"{folder}: another process has resumed the run at this moment; wait for its end")
         # A crash may have left part of a line, to which the new event would be joined.
         events.cut_to(whole_lines((folder / EVENTS).read_bytes()))
         events.append((json.dumps(event, ensure_ascii=False) + "\n").encode())
@@ -193,11 +196,6 @@ def reopen(folder: Path, event: Mapping[str, object]) -> None:
 
 
 def is_whole(folder: Path) -> bool:
-    """Whether nothing needs recovery: `run.h5` is readable, no stage is unfinished, and the checksums exist."""
-    if journals(folder):
-        return False
-    try:
-        tally_of(folder / RECORDING, thorough=False)
-        return bool(read_sums(folder))
-    except BadInput:
-        return False
+    """Whether nothing needs recovery: no stage is unfinished, `run.h5` exists, and every file is as it was written."""
+    has_all = all((folder / name).is_file() for name in (ENDING, RECORDING, SUMS))
+    return has_all and not journals(folder) and all(finding.is_sound for finding in check_run(folder))

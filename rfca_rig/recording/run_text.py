@@ -89,7 +89,7 @@ def events_of(folder: Path) -> list[dict[str, Any]]:
     for number, line in enumerate(events_text(folder).splitlines(), start=1):
         try:
             events.append(dict(json.loads(line)))
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, RecursionError) as error:
             raise BadInput(f"{folder / EVENTS}:{number}: is no event: {error}") from None
     return events
 
@@ -103,5 +103,5 @@ def _read(path: Path) -> dict[str, Any]:
         return dict(json.loads(path.read_bytes()))
     except FileNotFoundError:
         raise BadInput(f"{path}: is not there, so this is no run's folder") from None
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         raise BadInput(f"{path}: cannot be read: {error}") from None

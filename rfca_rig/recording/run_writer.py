@@ -80,6 +80,10 @@ class RunWriter:
         except DiskFull as full:
             self._making = None
             self._use_ballast(full)
+        except BaseException:
+            # A generator that has raised is exhausted: its next step would look like a stage without samples, and cost its journal.
+            self._making = None
+            raise
         return True
 
     def work_off(self) -> None:

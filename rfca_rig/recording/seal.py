@@ -1,7 +1,8 @@
 """A checksum behind the end of an HDF5 file, where HDF5 readers ignore it.
 
-HDF5 takes flipped bits for data, and may search a damaged index for ever. Opening the file for writing cuts the seal off; such a file
-counts as edited, not as damaged.
+HDF5 takes flipped bits for data, and may search a damaged index for ever. A file states in its attribute `SEALED` that it has a checksum.
+HDF5 cuts the checksum off when it opens a file for writing, and bytes behind it hide it: such a file was changed after it was written.
+Files without the attribute, from versions before it, may lack a checksum.
 """
 
 import hashlib
@@ -19,22 +20,25 @@ def seal_of(content_sha256: bytes) -> bytes:
     return _MARK + content_sha256
 
 
-def is_broken(path: Path) -> bool:
-    """Whether there is a seal that does not match the content. Raises OSError."""
+SEALED = "sealed"
+
+
+def read_seal(path: Path) -> bool | None:
+    """Whether the content is what was sealed; None where the file does not end in a seal. Raises OSError."""
     with path.open("rb") as file:
         length = file.seek(0, 2) - _LENGTH
         if length < 0:
-            return False
+            return None
         file.seek(length)
         seal = file.read()
         # No seal: an edited file, or one of another program, neither of which is damage.
         if not seal.startswith(_MARK):
-            return False
+            return None
         file.seek(0)
         digest = hashlib.sha256()
         for piece in _pieces(file, length):
             digest.update(piece)
-        return seal_of(digest.digest()) != seal
+        return seal_of(digest.digest()) == seal
 
 
 def _pieces(file: BinaryIO, length: int) -> Iterator[bytes]:

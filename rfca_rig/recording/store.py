@@ -1,6 +1,6 @@
 """A recording as one HDF5 file, `rfca-recording/1`.
 
-    /            attributes format, title, source
+    /            attributes format, title, source, sealed
     /believed    JSON text: leg, ground, sensor, drive of the nominal model
     /known_to    JSON text: one standard deviation of each nominal value
     /provenance  JSON text: text by name
@@ -24,9 +24,10 @@ from rfca_rig.recording import nexus
 from rfca_rig.recording.cooperative import at_once
 from rfca_rig.recording.hdf5_file import being_made
 from rfca_rig.recording.model import Recording, Source
+from rfca_rig.recording.plain_hdf5 import open_plain
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import read_raw_stages, write_raw_stages
-from rfca_rig.recording.seal import is_broken
+from rfca_rig.recording.seal import SEALED, read_seal
 from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import read_strokes, write_strokes
@@ -74,11 +75,25 @@ def read_recording(path: Path) -> Recording:
         )
 
 
+def read_texts(path: Path) -> Recording:
+    """The recording without its samples and stages. Raises BadInput as `read_recording` does."""
+    with opened(path) as (file, source):
+        nominal, known_to, provenance = (_read_text(file, name) for name in ("believed", "known_to", "provenance"))
+        return Recording(str(file.attrs["title"]), source, nominal, known_to, (), (), provenance)
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[h5py.File, Source]]:
     """Yields the open file and its source, after its seal was checked. Raises BadInput for a damaged file or another format."""
-    with _report_damage(path), h5py.File(path, "r") as file:
-        yield file, _read_source(path, file)
+    with _report_damage(path):
+        # Before HDF5 opens it: a damaged index can make the library search for ever.
+        is_right = read_seal(path)
+        if is_right is False:
+            raise ValueError("its checksum does not match, so bytes were changed after it was written")
+        with open_plain(path) as file:
+            if is_right is None and file.attrs.get(SEALED, False):
+                raise ValueError("its checksum is gone from its end, so it was changed after it was written")
+            yield file, _read_source(path, file)
 
 
 def _read_source(path: Path, file: h5py.File) -> Source:
@@ -98,14 +113,11 @@ def _report_damage(path: Path) -> Iterator[None]:
     if not path.is_file():
         raise BadInput(f"{path}: is not there")
     try:
-        # Before HDF5 opens it: a damaged index can make the library search for ever.
-        if is_broken(path):
-            raise ValueError("its checksum does not match, so bytes were changed after it was written")
         yield
     # h5py raises nearly any of these for damaged bytes, depending on where they are.
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError) as error:
         message = " ".join(str(error).split()) or type(error).__name__
-        raise BadInput(f"{path}: is not a whole recording of format {FORMAT!r}: {message[:160]}") from error
+        raise BadInput(f"{path}: is not a whole recording of format {FORMAT!r}: {message[:240]}") from error
 
 
 def _write_text(file: h5py.File, name: str, content: Mapping[str, Any]) -> None:

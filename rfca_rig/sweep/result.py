@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +13,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.cooperative import at_once
 from rfca_rig.recording.hdf5_file import being_made
+from rfca_rig.recording.plain_hdf5 import open_plain
 from rfca_rig.sweep.cases import MISTAKE
 from rfca_rig.sweep.identity import FORMAT, as_text, digest
 from rfca_rig.sweep.plan import SweepPlan
@@ -101,13 +101,13 @@ def read_result(plan: SweepPlan, folder: Path) -> SweepResult | None:
     if not path.exists():
         return None
     try:
-        with h5py.File(path) as file:
+        with open_plain(path) as file:
             # The digest covers the model and the code, too.
             if digest(file.attrs["plan"]) != digest(as_text(plan)):
                 raise BadInput(f"{path}: is of another sweep; give a new folder with --out")
             values = np.stack([file[asked.header][()] for asked in plan.outputs], axis=1)
             remarks = tuple(remark.decode() for remark in file[REMARK][()])
-    except (OSError, KeyError) as error:
+    except (OSError, KeyError, ValueError) as error:
         raise BadInput(f"{path}: cannot be read ({' '.join(str(error).split())}); remove it, and the same command makes it again") from None
     return SweepResult(plan, values, remarks)
 

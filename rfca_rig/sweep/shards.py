@@ -13,6 +13,7 @@ import numpy as np
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import GrowingFile, refusals, remove, write_atomically
+from rfca_rig.recording.plain_hdf5 import open_plain
 from rfca_rig.recording.run_lock import lock
 from rfca_rig.sweep.cases import LONGEST_REMARK, CaseRange, Rows
 
@@ -58,10 +59,10 @@ class Shards:
         """Read the rows of a range. Raises BadInput where the file is damaged, or of another plan."""
         path = self._path(span)
         try:
-            with h5py.File(path) as file:
+            with open_plain(path) as file:
                 digest, values = file.attrs["plan"], np.asarray(file["values"][()], dtype=np.float64)
                 remarks = tuple(remark.decode() for remark in file["remarks"][()])
-        except (OSError, KeyError, UnicodeDecodeError) as error:
+        except (OSError, KeyError, ValueError) as error:
             raise BadInput(f"{path}: cannot be read ({' '.join(str(error).split())}); remove it, and its cases are computed anew") from None
         if digest != self._digest or len(values) != len(span) != len(remarks):
             raise BadInput(f"{path}: is of another sweep; remove it, and its cases are computed anew")

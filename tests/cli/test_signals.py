@@ -46,6 +46,17 @@ def test_the_stop_itself_is_not_interrupted():
     assert sent(StopRequest(is_over=True), *[signal.SIGINT] * 5, signal.SIGTERM).level is StopLevel.GO_ON
 
 
+def test_while_the_recording_is_finished_only_a_second_key_ends_the_run():
+    said = []
+    with heard(StopRequest(is_over=True), said.append) as ear:
+        ear.begin_closing()
+        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), signal.SIGINT)
+        assert [line[:30] for line in said] == ["the recording is being finishe"] * 2
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
 def test_a_terminal_that_is_gone_keeps_nobody_from_stopping(monkeypatch):
     class Gone:
         def write(self, _text):

@@ -87,6 +87,18 @@ def killed_at(call: int, work: Work) -> Promised:
     return Promised(told.count(TICK), told.count(STAGE))
 
 
+class BrokenStageFile:
+    """The module `os` on a disk that cannot write the file of a stage: any error but a full disk."""
+
+    def __getattr__(self, name: str):
+        return getattr(os, name)
+
+    def open(self, path: Path, *words) -> int:
+        if path.name.endswith(".h5.writing"):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return os.open(path, *words)
+
+
 class FullDisk:
     """The module `os` on a disk that holds so many bytes in `folder`, and not one more."""
 

@@ -1,7 +1,9 @@
 """rfca-rig check: sound runs are found sound; any damage is found, and in the file in which it is."""
 
+import shutil
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.run_text import Ending, write_ending
 from rfca_rig.recording.store import write_recording
+from rfca_rig.recording.sums import write_sums
 from tests.cli.typed import typed
 from tests.recording.growing import begun, grown
 from tests.recording.samples import recording
@@ -106,3 +109,91 @@ def test_the_command_ends_with_code_2_and_the_name_of_the_file(whole: Path, monk
     assert "DAMAGED stages/0001.h5: is not what was written" in said.out
     assert said.err.startswith(f"rfca-rig: {whole}: damaged: stages/0001.h5;")
     assert len(said.err.splitlines()) == 1
+
+
+def edit_height(folder: Path) -> None:
+    """An edit of the nominal model that leaves the file valid."""
+    file = folder / "run.json"
+    file.write_text(file.read_text().replace("54.0", "64.0"))
+
+
+def sum_up_anew(folder: Path) -> None:
+    """What `sha256sum` makes of the files as they are."""
+    lines = [line.partition("  ")[2] for line in (folder / "SHA256SUMS").read_text().splitlines()]
+    write_sums(folder)
+    assert [line.partition("  ")[2] for line in (folder / "SHA256SUMS").read_text().splitlines()] == lines
+
+
+def drop_line(name: str):
+    def drop(folder: Path) -> None:
+        file = folder / "SHA256SUMS"
+        file.write_text("".join(line for line in file.read_text().splitlines(keepends=True) if not line.strip().endswith(name)))
+
+    return drop
+
+
+def append_byte(folder: Path) -> None:
+    with (folder / "run.h5").open("ab") as file:
+        file.write(b"\0")
+
+
+def edit_hdf5(folder: Path) -> None:
+    with h5py.File(folder / "run.h5", "r+") as file:
+        file["strokes/001"].attrs["height_mm"] = 430.0
+
+
+def edit_event(folder: Path) -> None:
+    file = folder / "events.jsonl"
+    file.write_text(file.read_text().replace("stage begins", "stage begun", 1))
+
+
+def edit_ending(folder: Path) -> None:
+    file = folder / "end.json"
+    file.write_text(file.read_text().replace('"done"', '"gone"'))
+
+
+def remove_sums(folder: Path) -> None:
+    (folder / "SHA256SUMS").unlink()
+
+
+def empty_sums(folder: Path) -> None:
+    (folder / "SHA256SUMS").write_text("")
+
+
+@pytest.mark.parametrize(
+    ("edits", "damaged"),
+    [
+        ((edit_height, remove_sums), ["run.json", "SHA256SUMS"]),
+        ((edit_height, empty_sums), ["run.json", "SHA256SUMS"]),
+        ((edit_height, drop_line("run.json")), ["run.json", "SHA256SUMS"]),
+        ((edit_height, sum_up_anew), ["run.json"]),
+        ((edit_event, sum_up_anew), ["events.jsonl"]),
+        ((edit_ending, sum_up_anew), ["end.json"]),
+        ((append_byte,), ["run.h5"]),
+        ((append_byte, sum_up_anew), ["run.h5"]),
+        ((edit_hdf5, sum_up_anew), ["run.h5"]),
+        ((edit_hdf5, append_byte, remove_sums), ["run.h5", "SHA256SUMS"]),
+        ((remove_sums,), ["SHA256SUMS"]),
+        ((empty_sums,), ["SHA256SUMS"]),
+        ((drop_line("0001.h5"),), ["SHA256SUMS"]),
+    ],
+)
+def test_an_edit_is_found_whatever_became_of_the_hashes(whole: Path, tmp_path: Path, monkeypatch, capsys, edits, damaged):
+    """And check and recover agree: recover makes again what check says that it can, and refuses with the same words otherwise."""
+    folder = tmp_path / "run"
+    shutil.copytree(whole, folder)
+    for edit in edits:
+        edit(folder)
+    assert damaged_files(folder) == damaged
+    said = typed(monkeypatch, capsys, "check", folder)
+    assert said.exit_code == 2
+    again = typed(monkeypatch, capsys, "recover", folder)
+    if set(damaged) <= {"run.h5", "SHA256SUMS"}:
+        assert "rfca-rig recover" in said.err
+        assert again.exit_code == 0
+        assert damaged_files(folder) == []
+        assert typed(monkeypatch, capsys, "recover", folder).err.strip().endswith("is whole; there is nothing to recover")
+    else:
+        assert again.exit_code == 2
+        assert "recover cannot make it again" in said.err
+        assert "recover cannot make it again" in again.err

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.errors import BadInput, DiskFull
+from rfca_rig.errors import BadInput, DiskFull, RigError
 from rfca_rig.recording import disk_reserve, run_folder
 from rfca_rig.recording.atomic import RoughFile
 from rfca_rig.recording.blocks import event_block
@@ -17,7 +17,7 @@ from rfca_rig.recording.keeper import DirectKeeper
 from rfca_rig.recording.layout import journals
 from rfca_rig.recording.process_keeper import ProcessKeeper
 from rfca_rig.recording.run_text import events_of
-from tests.recording.dying import FullDisk, instead
+from tests.recording.dying import BrokenStageFile, FullDisk, instead
 from tests.recording.growing import begun, grown, header, run_blocks, stroke_blocks, wait_until_acknowledged
 
 ROOT = Path(__file__).parents[2]
@@ -93,7 +93,7 @@ def test_hdf5_on_a_disk_that_fills_up_at_any_of_its_writes_is_one_line_and_takes
         import numpy as np
         from rfca_rig.errors import DiskFull
         from rfca_rig.recording.store import read_recording, write_recording
-        from tests.recording.dying import FullDisk, instead
+        from tests.recording.dying import BrokenStageFile, FullDisk, instead
         from tests.recording.samples import recording
         folder = Path({str(tmp_path)!r})
         whole = recording(2)
@@ -172,3 +172,18 @@ def test_a_disk_filled_by_others_stops_the_run_and_the_recorder_ends_in_good_ord
     found = run_folder.read_stages(folder)
     assert (safe, len(found.strokes)) == (1, 1)
     assert found.raw[0].cut_short == "stopped: disk full"
+
+
+def test_a_stage_whose_file_cannot_be_made_keeps_its_journal_for_recovery(tmp_path: Path):
+    folder = tmp_path / "run"
+    keeper = grown(folder, 1)
+    with instead(BrokenStageFile()):
+        with pytest.raises(RigError, match="Input/output error"):
+            for block in stroke_blocks(2):
+                keeper.give(block)
+        with pytest.raises(RigError, match="Input/output error"):
+            keeper.finish("the disk failed")
+    assert keeper.acknowledged == 1
+    assert len(journals(folder)) == 1
+    run_folder.close_journals(folder)
+    assert [stroke.repeat for stroke in run_folder.read_stages(folder).strokes] == [1, 2]

@@ -3,12 +3,13 @@
 import fcntl
 import os
 import pty
+import select
 import signal
 import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,10 +80,10 @@ def is_over(folder: Path) -> bool:
 
 
 @contextmanager
-def running(folder: Path, *before: str) -> Iterator[Running]:
+def running(folder: Path, *before: str, words: Sequence[str] = WORDS) -> Iterator[Running]:
     """A run on the twin in a session and on a terminal of its own, as soon as it has kept two strokes."""
     here, there = pty.openpty()
-    words = [*before, sys.executable, "-c", RUN, *WORDS, "--runs", str(folder / "runs")]
+    words = [*before, sys.executable, "-c", RUN, *words, "--runs", str(folder / "runs")]
     ends = {"stdin": there, "stdout": there, "stderr": there}
     with subprocess.Popen(words, **ends, start_new_session=True, preexec_fn=_take_terminal, cwd=folder) as process:  # noqa: PLW1509
         os.close(there)
@@ -158,6 +159,29 @@ def test_a_recorder_that_is_killed_ends_it(tmp_path: Path) -> None:
         os.kill(recorder_of(run.process.pid), signal.SIGKILL)
         assert run.ended() == 1
         assert len(run.kept().strokes) >= acknowledged
+
+
+@pytest.mark.slow
+def test_a_stage_is_announced_when_it_is_on_disk_and_a_recorder_that_hangs_is_reported(tmp_path: Path) -> None:
+    """Then the power goes."""
+    with running(tmp_path, words=WORDS[:-1]) as run:
+        recorder = recorder_of(run.process.pid)
+        os.kill(recorder, signal.SIGSTOP)
+        printed = read_until(run.terminal, b"is silent")
+        os.killpg(run.process.pid, signal.SIGKILL)
+        os.kill(recorder, signal.SIGKILL)
+        run.ended()
+        assert 1 <= printed.count(b"valley (") <= run.acknowledged()
+
+
+def read_until(terminal: int, words: bytes) -> bytes:
+    """What a terminal shows, until it shows `words`."""
+    shown, until_s = b"", time.monotonic() + PATIENCE_S
+    while words not in shown:
+        assert time.monotonic() < until_s, shown[-500:]
+        if select.select([terminal], [], [], 1.0)[0]:
+            shown += os.read(terminal, 1 << 16)
+    return shown
 
 
 def recorder_of(process_id: int) -> int:

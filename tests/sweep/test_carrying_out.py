@@ -18,7 +18,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.executors.base import InProcessExecutor, TaskExecutor, WorkerLost
 from rfca_rig.executors.local import process_executor
 from rfca_rig.progress import silent
-from rfca_rig.recording.seal import is_broken
+from rfca_rig.recording.seal import read_seal
 from rfca_rig.sweep import outputs
 from rfca_rig.sweep.carrying_out import carry_out
 from rfca_rig.sweep.cases import CaseRange, compute
@@ -193,7 +193,7 @@ def span_of(shard: Path) -> CaseRange:
 
 def test_sweep_h5_says_what_it_holds(unbroken):
     result, folder = unbroken
-    assert not is_broken(folder / "sweep.h5")
+    assert read_seal(folder / "sweep.h5")
     with h5py.File(folder / "sweep.h5") as file:
         assert file.attrs["title"] == result.plan.title and json.loads(file.attrs["plan"])["format"] == "rfca-sweep/1"
         np.testing.assert_array_equal(file["height_mm"][()], np.repeat([215.0, 235.0, 400.0], 4))

@@ -32,7 +32,7 @@ def _check_run(run: Path, as_json: bool) -> None:
     """Checks every file of a run."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
-    from rfca_rig.recording.checking import check_run
+    from rfca_rig.recording.checking import check_run, describe_damage
 
     findings = []
     with progress(as_json) as bars:
@@ -47,9 +47,9 @@ def _check_run(run: Path, as_json: bool) -> None:
     if as_json:
         rows = [{"file": finding.file, "sound": finding.is_sound, "found": finding.words} for finding in findings]
         typer.echo(json.dumps({"run": str(run), "files": rows}, indent=1))
-    damaged = [finding.file for finding in findings if not finding.is_sound]
-    if damaged:
-        raise BadInput(f"{run}: damaged: {', '.join(damaged)}; stage files that are sound can still make a run.h5: rfca-rig recover {run}")
+    damage = describe_damage(run, findings)
+    if damage is not None:
+        raise BadInput(damage)
 
 
 def _check_experiment(folder: Path, as_json: bool) -> None:

@@ -47,10 +47,14 @@ def _recover_run(folder: Path, watcher: "Watcher") -> "Recording":
     from rfca_rig.bench.stage_photos import with_photos_read
     from rfca_rig.errors import BadInput
     from rfca_rig.recording import run_folder
+    from rfca_rig.recording.checking import REMADE, check_run, describe_damage
     from rfca_rig.recording.run_text import INTERRUPTED, Ending, read_ending, write_ending
 
     if run_folder.is_whole(folder):
         raise BadInput(f"{folder}: is whole; there is nothing to recover")
+    lost = [finding for finding in check_run(folder) if not finding.is_sound and finding.file not in REMADE]
+    if lost:
+        raise BadInput(str(describe_damage(folder, lost)))
     # First the stage in progress: it belongs into run.h5 like the others.
     run_folder.close_journals(folder)
     # A run that ended normally, and only lost run.h5, keeps what its end says.

@@ -33,7 +33,7 @@ def photos(
 
     from rfca_rig.bench.hand_photos import eye_for, with_hand_photos
     from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
-    from rfca_rig.cli.paths import new_run_folder
+    from rfca_rig.cli.paths import make_run_folder
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.toml import read_text
     from rfca_rig.drivers.photo_folder import photos_in
@@ -41,7 +41,7 @@ def photos(
 
     (recording,) = open_recordings([run])
     files, eye = photos_in(folder), eye_for(recording, camera, mark_diameter)
-    target = new_run_folder(runs, recording.source, recording.title)
+    target = make_run_folder(runs, recording.source, recording.title)
     try:
         with progress(quiet=False) as bars:
             with_angles = with_hand_photos(recording, files, eye, target, bars.counting("reading photos"))
