@@ -81,7 +81,7 @@ class TwinClock:
 
 
 # Lag in s that a delayed simulation makes up by running faster; a larger one stays.
-HURRIES_S = 0.1
+MAX_CATCH_UP_S = 0.1
 
 
 class WatchedTwinClock(TwinClock):
@@ -97,5 +97,5 @@ class WatchedTwinClock(TwinClock):
         """Advances, then waits for real time. A delayed simulation makes up at most 0.1 s, and stays late by the rest."""
         super().wait_until(t_s)
         due_s = t_s / self._pace
-        self._behind_s = max(self._behind_s, self._wall.now_s() - due_s - HURRIES_S)
+        self._behind_s = max(self._behind_s, self._wall.now_s() - due_s - MAX_CATCH_UP_S)
         self._wall.wait_until(due_s + self._behind_s)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.model.contact import normal_force
 from rfca_rig.model.elastica import Bent, Holds, bend, even_mesh, mesh_through
-from rfca_rig.model.equivalent_stiffness import EncasedStrip, centred_lay
+from rfca_rig.model.equivalent_stiffness import EncasedStrip, centre_lay
 from rfca_rig.model.mixed_dynamics import solve_exchanged
 from rfca_rig.model.newton_euler import (
     EndLoads,
@@ -52,7 +52,7 @@ __all__ = [
     "absolute_angles",
     "bend_held_strip",
     "bending_energy_J",
-    "centred_lay",
+    "centre_lay",
     "contact_pressure_Pa",
     "contact_radius_m",
     "contact_stiffness_N_per_m1p5",

@@ -6,21 +6,21 @@ from typing import TypeVar
 T = TypeVar("T")
 
 # Called with the number of items done, and their total.
-Watcher = Callable[[int, int], None]
+ProgressCount = Callable[[int, int], None]
 # Called with the name of the work, the number of items done, and their total.
-Told = Callable[[str, int, int], None]
+ProgressReport = Callable[[str, int, int], None]
 """Is told what is being done, how many of it are done, and of how many."""
 
 
-def silent(what: str, done: int, of: int) -> None:
+def ignore_named_progress(what: str, done: int, of: int) -> None:
     """Callback that ignores progress, with the name of the work."""
 
 
-def unwatched(_done: int, _of: int) -> None:
+def ignore_progress(_done: int, _of: int) -> None:
     """Callback that ignores progress."""
 
 
-def counted(items: Sequence[T], told: Watcher) -> Iterator[T]:
+def iterate_with_progress(items: Sequence[T], told: ProgressCount) -> Iterator[T]:
     """Yields the items. Before each, and after the last, `told` is called with the number done and the total."""
     for number, item in enumerate(items):
         told(number, len(items))

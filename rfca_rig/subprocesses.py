@@ -15,7 +15,7 @@ def can_be_started() -> bool:
     return sys.platform != "win32"
 
 
-def started(module: str, assignment: object) -> tuple[subprocess.Popen[bytes], Connection]:
+def spawn(module: str, assignment: object) -> tuple[subprocess.Popen[bytes], Connection]:
     """Starts a helper process; returns the process and a connection to it.
 
     The process has its own session, so that neither ^C nor a closed terminal reaches it. `module` runs as a program; its argument is

@@ -11,7 +11,7 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach
 from rfca_rig.recording.blocks import event_block
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.recording.run_folder import create
 from rfca_rig.trip_codes import Trip
 from tests.cli.typed import typed
@@ -52,7 +52,7 @@ def said_of_full_speed(tmp_path):
 
 def said_of_a_slow_disk(tmp_path):
     create(tmp_path / "run", Recording("a run", "SIM", twin_rig().nominal(), {}, (), ()))
-    keeper = ProcessKeeper(tmp_path / "run", patient=False, queue_bytes=4096)
+    keeper = RecorderClient(tmp_path / "run", patient=False, queue_bytes=4096)
     try:
         for _ in range(10_000):
             keeper.give(event_block({"event": "x" * 1000}))

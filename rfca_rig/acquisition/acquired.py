@@ -5,9 +5,9 @@ from contextlib import suppress
 
 from rfca_rig.acquisition.process import AcquisitionAssignment, RecordSource
 from rfca_rig.acquisition.ring import Ring, RingReader
-from rfca_rig.acquisition.starting import started
+from rfca_rig.acquisition.starting import start_acquisition
 from rfca_rig.clock import WallClock
-from rfca_rig.codecs.rdt import MOST_RECORDS, PORT, RECORD_BYTES
+from rfca_rig.codecs.rdt import MAX_RECORDS, PORT, RECORD_BYTES
 from rfca_rig.errors import DeviceError
 
 # 17 s of records at 15 kHz, 12 MB.
@@ -16,7 +16,7 @@ RING_RECORDS = 1 << 18
 STARTED_WITHIN_S = 30.0
 ENDED_WITHIN_S = 2.0
 # Cap per call, so that a flood of invalid datagrams cannot fill the memory.
-MOST_REFUSED = 100
+MAX_REFUSED_PER_READ = 100
 
 
 class AcquiredDatagrams:
@@ -35,9 +35,9 @@ class AcquiredDatagrams:
         self._reader = RingReader(self._ring)
         self._refused = 0
         self.ring_name = self._ring.name
-        source = RecordSource(host, port, RECORD_BYTES, MOST_RECORDS)
+        source = RecordSource(host, port, RECORD_BYTES, MAX_RECORDS)
         try:
-            self._process, self._child = started(AcquisitionAssignment(source, self.ring_name, clock))
+            self._process, self._child = start_acquisition(AcquisitionAssignment(source, self.ring_name, clock))
         except OSError as error:
             self._ring.remove()
             raise DeviceError(f"acquisition of {self._peer}: no process can be started: {error}") from error
@@ -73,14 +73,14 @@ class AcquiredDatagrams:
     def receive_all(self) -> list[bytes]:
         self._check()
         records = self._reader.read().records
-        in_one = [records[at : at + MOST_RECORDS].tobytes() for at in range(0, len(records), MOST_RECORDS)]
+        in_one = [records[at : at + MAX_RECORDS].tobytes() for at in range(0, len(records), MAX_RECORDS)]
         return in_one + self._newly_refused()
 
     def _newly_refused(self) -> list[bytes]:
         refused, size = self._ring.refused
         new, self._refused = refused - self._refused, refused
         # The driver's decoder refuses the zeros, and so counts the datagram as malformed.
-        return [bytes(size)] * min(new, MOST_REFUSED)
+        return [bytes(size)] * min(new, MAX_REFUSED_PER_READ)
 
     def _check(self) -> None:
         """Raises DeviceError for an error that the process reported, or if it has ended."""

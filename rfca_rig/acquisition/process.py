@@ -36,7 +36,7 @@ class AcquisitionAssignment:
     clock: WallClock
 
 
-def acquire(parent: Connection) -> None:
+def run_acquisition(parent: Connection) -> None:
     """Receives its assignment from the parent, and runs until the parent sends None, or has ended.
 
     Its first message is the granted receive buffer in bytes, or a text on why the sensor cannot be reached. Afterwards it forwards
@@ -52,13 +52,13 @@ def acquire(parent: Connection) -> None:
         return
     try:
         parent.send(datagrams.receive_buffer_bytes)
-        Carrier(assignment.source, datagrams, ring, assignment.clock, parent).run()
+        RecordCopier(assignment.source, datagrams, ring, assignment.clock, parent).run()
     finally:
         datagrams.close()
         ring.close()
 
 
-class Carrier:
+class RecordCopier:
     """Copies records from the socket to the ring, and commands of the parent to the socket."""
 
     def __init__(self, source: RecordSource, datagrams: UdpDatagrams, ring: Ring, clock: WallClock, parent: Connection) -> None:

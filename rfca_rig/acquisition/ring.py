@@ -6,7 +6,7 @@ from multiprocessing.shared_memory import SharedMemory
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.acquisition.shared import attached
+from rfca_rig.acquisition.shared import attach_shared_memory
 from rfca_rig.errors import DeviceError
 
 Bytes = NDArray[np.uint8]
@@ -66,7 +66,7 @@ class Ring:
     @staticmethod
     def attach(name: str) -> "Ring":
         """Opens the ring of another process. Raises DeviceError if there is none of that name."""
-        return Ring(attached(name))
+        return Ring(attach_shared_memory(name))
 
     @property
     def published(self) -> int:
@@ -101,7 +101,7 @@ class Ring:
         self._header[_REFUSED_BYTES] = size
         self._header[_REFUSED] += 1
 
-    def copied(self, first: int, end: int) -> tuple[Floats, Bytes, int]:
+    def copy_records(self, first: int, end: int) -> tuple[Floats, Bytes, int]:
         """Copies the records `first`..`end` - 1.
 
         Returns
@@ -151,7 +151,7 @@ class RingReader:
         """All records published since the last call; never waits."""
         published = self._ring.published
         first = max(self._next, published - self._ring.capacity)
-        t_s, records, gone = self._ring.copied(first, published)
+        t_s, records, gone = self._ring.copy_records(first, published)
         overrun = first - self._next + gone
         self._next = published
         self.overrun += overrun

@@ -8,7 +8,7 @@ from multiprocessing.shared_memory import SharedMemory
 from rfca_rig.errors import DeviceError
 
 
-def attached(name: str) -> SharedMemory:
+def attach_shared_memory(name: str) -> SharedMemory:
     """Opens the shared memory `name` of another process, which stays its owner.
 
     Before Python 3.13 an attaching process is registered as an owner too: when it ends, its resource tracker removes the memory

@@ -5,16 +5,16 @@ import sys
 from multiprocessing.connection import Connection
 
 from rfca_rig import subprocesses
-from rfca_rig.acquisition.process import AcquisitionAssignment, acquire
+from rfca_rig.acquisition.process import AcquisitionAssignment, run_acquisition
 
 MODULE = "rfca_rig.acquisition.starting"
 
 
-def started(assignment: AcquisitionAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
+def start_acquisition(assignment: AcquisitionAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """Starts the acquisition process; returns it and a connection to it."""
-    return subprocesses.started(MODULE, assignment)
+    return subprocesses.spawn(MODULE, assignment)
 
 
 if __name__ == "__main__":
     with Connection(int(sys.argv[1])) as parent:
-        acquire(parent)
+        run_acquisition(parent)

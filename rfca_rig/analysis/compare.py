@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.matched_simulation import Counterpart, Shaft, counterparts
-from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases, simulated_phases
+from rfca_rig.analysis.matched_simulation import MatchedSimulation, Shaft, simulate_matching
+from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, phases_of_simulation
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.valley import Valley, valley_and_phases
 from rfca_rig.model.parameters import RigModel
@@ -27,7 +27,7 @@ class ComparedRepeat:
     t_s: Floats
     fz_N: Floats
     residual_N: Floats
-    valley: Valley | Refused
+    valley: Valley | Undetermined
     phases: StrokePhases
 
 
@@ -37,7 +37,7 @@ class ComparedCondition:
 
     condition: Condition
     repeats: tuple[ComparedRepeat, ...]
-    simulated: tuple[Counterpart, ...]
+    simulated: tuple[MatchedSimulation, ...]
 
     @property
     def contact_is_measured(self) -> bool:
@@ -79,25 +79,25 @@ def compare_condition(rig: RigModel, condition: Condition, shaft: Shaft = "avera
     SimulationFailed
         Where the model cannot be computed.
     """
-    simulated = counterparts(rig, condition, shaft)
+    simulated = simulate_matching(rig, condition, shaft)
     # One simulated stroke serves all repeats, unless each repeat has its own.
     of_each = simulated if len(simulated) == len(condition.strokes) else simulated * len(condition.strokes)
     repeats = tuple(_compare_stroke(stroke, model) for stroke, model in zip(condition.strokes, of_each, strict=True))
     return ComparedCondition(condition, repeats, simulated)
 
 
-def _compare_stroke(stroke: Stroke, model: Counterpart) -> ComparedRepeat:
+def _compare_stroke(stroke: Stroke, model: MatchedSimulation) -> ComparedRepeat:
     trace = stroke.channel("fz_N")
     if trace is None:
         nothing = np.empty(0)
-        return ComparedRepeat(stroke.repeat, nothing, nothing, nothing, Refused("fz was not recorded"), StrokePhases())
+        return ComparedRepeat(stroke.repeat, nothing, nothing, nothing, Undetermined("fz was not recorded"), StrokePhases())
     t_s, fz_N = trace
     valley, phases = valley_and_phases(t_s, fz_N)
     return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - _interpolate_fz(model, t_s), valley, phases)
 
 
-def _phases_of(model: Counterpart) -> StrokePhases:
-    return simulated_phases(model.stroke, model.valley.time_s if isinstance(model.valley, Valley) else np.inf)
+def _phases_of(model: MatchedSimulation) -> StrokePhases:
+    return phases_of_simulation(model.stroke, model.valley.time_s if isinstance(model.valley, Valley) else np.inf)
 
 
 def _mean_phases(each: Sequence[StrokePhases]) -> StrokePhases:
@@ -113,6 +113,6 @@ def _mean_of_finite(times_s: Sequence[float]) -> float:
     return float(np.mean(finite)) if finite else np.inf
 
 
-def _interpolate_fz(model: Counterpart, t_s: Floats) -> Floats:
+def _interpolate_fz(model: MatchedSimulation, t_s: Floats) -> Floats:
     """Simulated fz at the measured times (m,). Before its grid the model is at rest; after it the force is unknown, NaN."""
     return np.interp(t_s, model.stroke.t_s, model.stroke.fz_N, right=np.nan)

@@ -13,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.mujoco_stroke import MujocoStroke, stroke_in_mujoco, stroke_on_springs
-from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, Refused, StrokePhases, simulated_phases
+from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, StrokePhases, Undetermined, phases_of_simulation
 from rfca_rig.analysis.prediction import SAMPLE_S
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
 from rfca_rig.protocol.experiments import PlannedCondition
 
 Floats = NDArray[np.float64]
 
 PAPER_PCT = 4.91  # section IV: theoretical model against RecurDyn
 # Factor on the contact stiffness in the comparison with MuJoCo's own contact.
-STIFFER = 100.0
+STIFFENING_FACTOR = 100.0
 # The stiff ground is compared at a tight tolerance, so that the integrator's error does not count as a difference of laws.
-TIGHT = Tolerance(angle_rad=1e-7, speed_rad_s=3e-4)
+TIGHT_TOLERANCE = Tolerance(angle_rad=1e-7, speed_rad_s=3e-4)
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class CheckedCondition:
     def phases(self) -> StrokePhases:
         """Those of the model's stroke."""
         valley = find_valley(self.ours.t_s, self.ours.fz_N)
-        return simulated_phases(self.ours, valley.time_s if isinstance(valley, Valley) else np.inf)
+        return phases_of_simulation(self.ours, valley.time_s if isinstance(valley, Valley) else np.inf)
 
     @property
     def stroke_pct(self) -> float:
@@ -93,7 +93,7 @@ def difference_pct(ours: Floats, theirs: Floats) -> float:
 def check_condition(rig: RigModel, condition: PlannedCondition, sweep_deg: float) -> CheckedCondition:
     """Compare the model at its usual tolerance with MuJoCo under the nominal ground, sampled at 1 kHz."""
     t_s = _times(rig, condition, sweep_deg)
-    ours = stroke_at_speed(rig, condition.height_m, condition.speed_rad_s, t_s)
+    ours = simulate_stroke_at_speed(rig, condition.height_m, condition.speed_rad_s, t_s)
     _must_touch(ours, condition)
     return CheckedCondition(condition, ours, stroke_in_mujoco(rig, condition.height_m, condition.speed_rad_s, t_s))
 
@@ -104,7 +104,7 @@ def check_own_contact(rig: RigModel, condition: PlannedCondition, sweep_deg: flo
     MuJoCo's springs have the secant stiffness of Hertz at the valley, force over indentation.
     """
     stiff, t_s = stiff_ground(rig), _times(rig, condition, sweep_deg)
-    ours = stroke_at_speed(stiff, condition.height_m, condition.speed_rad_s, t_s, TIGHT)
+    ours = simulate_stroke_at_speed(stiff, condition.height_m, condition.speed_rad_s, t_s, TIGHT_TOLERANCE)
     _must_touch(ours, condition)
     spring = _secant_N_per_m(stiff, ours)
     return CheckedCondition(condition, ours, stroke_on_springs(stiff, condition.height_m, condition.speed_rad_s, t_s, spring))
@@ -112,7 +112,7 @@ def check_own_contact(rig: RigModel, condition: PlannedCondition, sweep_deg: flo
 
 def stiff_ground(rig: RigModel) -> RigModel:
     """`rig` over a ground a hundred times as stiff, without the damping and viscous drag that MuJoCo's contact lacks."""
-    stiffness = STIFFER * rig.ground.stiffness_N_per_m1p5
+    stiffness = STIFFENING_FACTOR * rig.ground.stiffness_N_per_m1p5
     return replace(rig, ground=replace(rig.ground, stiffness_N_per_m1p5=stiffness, damping_s_per_m=0.0, drag_N_s_per_m=0.0))
 
 
@@ -144,7 +144,7 @@ def _secant_N_per_m(rig: RigModel, stroke: SimulatedStroke) -> float:
 
 def _valley(t_s: Floats, fz_N: Floats) -> tuple[float, float] | None:
     valley = find_valley(t_s, fz_N)
-    return None if isinstance(valley, Refused) else (round(valley.time_s, 5), round(valley.fz_N, 4))
+    return None if isinstance(valley, Undetermined) else (round(valley.time_s, 5), round(valley.fz_N, 4))
 
 
 def _round_or_none(value: float | None) -> float | None:

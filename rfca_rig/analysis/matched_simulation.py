@@ -6,13 +6,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.shaft_speed import average_speed
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed, stroke_following
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
 from rfca_rig.recording.model import Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
@@ -22,20 +22,20 @@ Shaft = Literal["commanded", "average", "recorded"]
 GRID_S = 5e-4
 REST_BEFORE_S = 0.1
 # Simulated over measured duration: a model that reaches its valley later than the leg did needs the time to.
-LONGER = 1.3
+DURATION_FACTOR = 1.3
 
 
 @dataclass(frozen=True)
-class Counterpart:
+class MatchedSimulation:
     """One simulated stroke and its valley, with its shaft speed (the mean where a recorded turn was followed) and where that came from."""
 
     shaft_speed_rad_s: float
     shaft_taken_from: str
     stroke: SimulatedStroke
-    valley: Valley | Refused
+    valley: Valley | Undetermined
 
 
-def counterparts(rig: RigModel, condition: Condition, shaft: Shaft) -> tuple[Counterpart, ...]:
+def simulate_matching(rig: RigModel, condition: Condition, shaft: Shaft) -> tuple[MatchedSimulation, ...]:
     """Simulate one stroke for all repeats; with `shaft` "recorded" one for each repeat, in their order.
 
     Parameters
@@ -60,17 +60,17 @@ def counterparts(rig: RigModel, condition: Condition, shaft: Shaft) -> tuple[Cou
         averages = [average_speed(stroke, rig.drive.ramp_s) for stroke in condition.strokes]
         speed_rad_s = float(np.mean([a.speed_rad_s for a in averages]))
         taken_from = " and ".join(sorted({a.taken_from for a in averages}))
-    end_s = LONGER * max(_last_moment_s(stroke) for stroke in condition.strokes)
-    simulated = stroke_at_speed(rig, condition.height_m, speed_rad_s, _grid(end_s), strokes_before=condition.strokes_before)
+    end_s = DURATION_FACTOR * max(_last_moment_s(stroke) for stroke in condition.strokes)
+    simulated = simulate_stroke_at_speed(rig, condition.height_m, speed_rad_s, _grid(end_s), strokes_before=condition.strokes_before)
     return (_counterpart(speed_rad_s, taken_from, simulated),)
 
 
-def _following(rig: RigModel, condition: Condition, stroke: Stroke) -> Counterpart:
+def _following(rig: RigModel, condition: Condition, stroke: Stroke) -> MatchedSimulation:
     average = average_speed(stroke, rig.drive.ramp_s)
     motion = _motion_from_recording(rig, stroke)
     # The motion is unknown after the last recorded shaft angle.
     end_s = min(float(motion.breaks_s[-1]), _last_moment_s(stroke))
-    simulated = stroke_following(rig, condition.height_m, motion, _grid(end_s), strokes_before=collect_strokes_before((stroke,)))
+    simulated = simulate_stroke(rig, condition.height_m, motion, _grid(end_s), strokes_before=collect_strokes_before((stroke,)))
     return _counterpart(average.speed_rad_s, average.taken_from, simulated)
 
 
@@ -88,8 +88,8 @@ def _motion_from_recording(rig: RigModel, stroke: Stroke) -> ShaftMotion:
     return follow(t_s, start_rad + turned - float(np.interp(0.0, t_s, turned)))
 
 
-def _counterpart(speed_rad_s: float, taken_from: str, simulated: SimulatedStroke) -> Counterpart:
-    return Counterpart(speed_rad_s, taken_from, simulated, find_valley(simulated.t_s, simulated.fz_N))
+def _counterpart(speed_rad_s: float, taken_from: str, simulated: SimulatedStroke) -> MatchedSimulation:
+    return MatchedSimulation(speed_rad_s, taken_from, simulated, find_valley(simulated.t_s, simulated.fz_N))
 
 
 def _last_moment_s(stroke: Stroke) -> float:

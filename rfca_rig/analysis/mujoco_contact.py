@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import jit
 from rfca_rig.model.parameters import RigModel
 
 Floats = NDArray[np.float64]
@@ -58,7 +58,7 @@ def ground_law(rig: RigModel, height_m: float) -> GroundLaw:
     )
 
 
-@compiled
+@jit
 def push(law: GroundLaw, ends: Ends, ties: Floats, step_begins: bool, contact: Floats) -> None:
     """Write the ground's force into `ends.wrench` (force, torque about the centre of mass) and `contact` (2, n) = N, F.
 

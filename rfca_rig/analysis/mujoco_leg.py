@@ -49,7 +49,7 @@ def mujoco_leg(rig: RigModel, height_m: float, floor: bool, integrator: str) -> 
     return MujocoLeg(mujoco, model, mujoco.MjData(model))
 
 
-def hang(leg: MujocoLeg, start_angle_rad: float) -> None:
+def settle_at_rest(leg: MujocoLeg, start_angle_rad: float) -> None:
     """Put the leg at rest under its weight with the shaft held, at MuJoCo's own equilibrium of forces."""
 
     def residual_Nm(hinges_rad: Floats) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.mujoco_contact import Ends, ground_law, push
-from rfca_rig.analysis.mujoco_leg import FLYWHEEL_KG_M2, MujocoLeg, hang, mujoco_leg
+from rfca_rig.analysis.mujoco_leg import FLYWHEEL_KG_M2, MujocoLeg, mujoco_leg, settle_at_rest
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.parameters import RigModel
 
@@ -50,7 +50,7 @@ def stroke_in_mujoco(
     `t_s` (m,) is ascending, in s. At times up to 0 the leg is at rest and must hang clear of the ground. Raises SimulationFailed, BadInput.
     """
     leg = mujoco_leg(rig, height_m, floor=False, integrator=integrator)
-    hang(leg, rig.leg.start_angle_rad)
+    settle_at_rest(leg, rig.leg.start_angle_rad)
     contact = np.zeros((2, leg.model.nq))
     with _apply_ground_law(rig, height_m, leg, contact) as begin_step:
 
@@ -71,7 +71,7 @@ def stroke_on_springs(
     Of the nominal ground only the friction coefficient counts. Raises SimulationFailed, BadInput.
     """
     leg = leg_on_springs(rig, height_m, stiffness_N_per_m)
-    hang(leg, rig.leg.start_angle_rad)
+    settle_at_rest(leg, rig.leg.start_angle_rad)
     one = np.zeros(6)
 
     def contact() -> Floats:

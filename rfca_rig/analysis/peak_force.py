@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.compare import ComparedCondition
-from rfca_rig.analysis.matched_simulation import Counterpart
-from rfca_rig.analysis.phases import Refused
-from rfca_rig.analysis.repeats import Spread, spread_of
+from rfca_rig.analysis.matched_simulation import MatchedSimulation
+from rfca_rig.analysis.phases import Undetermined
+from rfca_rig.analysis.repeats import Spread, compute_spread
 from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
@@ -59,7 +59,7 @@ class PeakForceRow:
         return self.measured.force_N.count
 
 
-def find_peak(t_s: Floats, fy_N: Floats, fz_N: Floats) -> PeakForce | Refused:
+def find_peak(t_s: Floats, fy_N: Floats, fz_N: Floats) -> PeakForce | Undetermined:
     """The sample with the largest force after the commanded start, or why there is none.
 
     Parameters
@@ -74,22 +74,22 @@ def find_peak(t_s: Floats, fy_N: Floats, fz_N: Floats) -> PeakForce | Refused:
     # Samples before the start show the load at rest, and missing ones are NaN.
     moving = np.flatnonzero((t_s >= 0.0) & np.isfinite(fy_N) & np.isfinite(fz_N))
     if not len(moving):
-        return Refused("no sample of fy and fz after the start")
+        return Undetermined("no sample of fy and fz after the start")
     at = int(moving[np.hypot(fy_N[moving], fz_N[moving]).argmax()])
     return PeakForce(float(t_s[at]), float(np.hypot(fy_N[at], fz_N[at])), float(fy_N[at]), float(fz_N[at]))
 
 
-def stroke_peak(stroke: Stroke) -> PeakForce | Refused:
+def stroke_peak(stroke: Stroke) -> PeakForce | Undetermined:
     """The peak of a recorded stroke. Needs fy and fz on one time base."""
     for stream in stroke.streams.values():
         if "fy_N" in stream.columns and "fz_N" in stream.columns:
             return find_peak(stream.t_s, stream.columns["fy_N"].values, stream.columns["fz_N"].values)
     # fy and fz must be of one instant, so they are not interpolated between time bases.
     missing = [name for name in ("fy", "fz") if stroke.channel(f"{name}_N") is None]
-    return Refused(f"{' and '.join(missing)} not recorded" if missing else "fy and fz have different time bases")
+    return Undetermined(f"{' and '.join(missing)} not recorded" if missing else "fy and fz have different time bases")
 
 
-def peak_row_of(compared: ComparedCondition, source: str) -> PeakForceRow:
+def make_peak_row(compared: ComparedCondition, source: str) -> PeakForceRow:
     """The row of one condition; `source` names the recording.
 
     The simulation lasts longer than the recording, so its peak is searched up to the end of the longest recorded stroke.
@@ -109,25 +109,27 @@ def peak_row_of(compared: ComparedCondition, source: str) -> PeakForceRow:
         simulated=_spread_of_peaks([peak for _, peak in found]),
         simulated_touching=_touching(found[0][0], found[0][1].time_s) if found else None,
         refused=tuple(
-            f"repeat {stroke.repeat}: {peak.reason}" for stroke, peak in zip(strokes, measured, strict=True) if isinstance(peak, Refused)
+            f"repeat {stroke.repeat}: {peak.reason}"
+            for stroke, peak in zip(strokes, measured, strict=True)
+            if isinstance(peak, Undetermined)
         ),
     )
 
 
-def _find_simulated_peak(model: Counterpart, end_s: float) -> PeakForce | Refused:
+def _find_simulated_peak(model: MatchedSimulation, end_s: float) -> PeakForce | Undetermined:
     stroke = model.stroke
     shown = stroke.t_s <= end_s
     return find_peak(stroke.t_s[shown], stroke.fy_N[shown], stroke.fz_N[shown])
 
 
-def _touching(model: Counterpart, time_s: float) -> bool:
+def _touching(model: MatchedSimulation, time_s: float) -> bool:
     return bool(model.stroke.normal_N[int(np.searchsorted(model.stroke.t_s, time_s))].any())
 
 
 def _spread_of_peaks(peaks: list[PeakForce]) -> PeakSpread:
     return PeakSpread(
-        time_s=spread_of([peak.time_s for peak in peaks]),
-        force_N=spread_of([peak.force_N for peak in peaks]),
-        fy_N=spread_of([peak.fy_N for peak in peaks]),
-        fz_N=spread_of([peak.fz_N for peak in peaks]),
+        time_s=compute_spread([peak.time_s for peak in peaks]),
+        force_N=compute_spread([peak.force_N for peak in peaks]),
+        fy_N=compute_spread([peak.fy_N for peak in peaks]),
+        fz_N=compute_spread([peak.fz_N for peak in peaks]),
     )

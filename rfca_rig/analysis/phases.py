@@ -49,7 +49,7 @@ class StrokeRegion:
 
 
 @dataclass(frozen=True)
-class Refused:
+class Undetermined:
     """A value that could not be determined, and why, in words for the reader of a report."""
 
     reason: str
@@ -90,14 +90,14 @@ class StrokePhases:
         return tuple(StrokeRegion(name, begin_s, min(to_s, end_s)) for name, begin_s, to_s in pairs if begin_s < min(to_s, end_s))
 
 
-def smoothed(t_s: Floats, fz_N: Floats) -> LocalFit:
+def smooth_trace(t_s: Floats, fz_N: Floats) -> LocalFit:
     """Smooth the trace (m,) by local parabolas over 20 ms, on a 1 ms grid that ends where half a window still fits."""
     start, end = float(t_s[0]) + 0.5 * SMOOTHING_S, float(t_s[-1]) - 0.5 * SMOOTHING_S
     grid = GRID_S * np.arange(np.ceil(start / GRID_S), np.floor(end / GRID_S) + 1)
     return local_quadratic(t_s, fz_N, grid, SMOOTHING_S)
 
 
-def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Refused:
+def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Undetermined:
     """Find the contact of a measured stroke from its fz alone, or why there is none.
 
     Parameters
@@ -107,11 +107,13 @@ def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Refus
     """
     if not np.isfinite(smooth.value).all():
         where = float(smooth.t_s[~np.isfinite(smooth.value)][0])
-        return Refused(f"fz has fewer than 5 samples within {1e3 * SMOOTHING_S:.0f} ms at {where:.3f} s: a gap, or a rate under 250 Hz")
+        return Undetermined(
+            f"fz has fewer than 5 samples within {1e3 * SMOOTHING_S:.0f} ms at {where:.3f} s: a gap, or a rate under 250 Hz"
+        )
     rest_N = _rest_level(t_s, fz_N)
     pressing = _pressing(smooth, rest_N)
     if pressing is None:
-        return Refused(f"no contact: fz never presses below its level at rest, {rest_N:.1f} N, with more than {FREE_IMPULSE_NS:g} N s")
+        return Undetermined(f"no contact: fz never presses below its level at rest, {rest_N:.1f} N, with more than {FREE_IMPULSE_NS:g} N s")
     start_s = float(smooth.t_s[pressing.start])
     # A recording that ends under load has no lift-off; infinity keeps all later comparisons valid.
     reaches_end = pressing.stop == len(smooth.t_s)
@@ -119,7 +121,7 @@ def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Refus
     return Contact(_touchdown(t_s, fz_N, smooth, start_s), lift_off_s, rest_N)
 
 
-def simulated_phases(stroke: SimulatedStroke, valley_s: float) -> StrokePhases:
+def phases_of_simulation(stroke: SimulatedStroke, valley_s: float) -> StrokePhases:
     """Phases of a simulated stroke from its contact forces; `valley_s` from `valley.find_valley`, infinite where refused."""
     touching = (stroke.normal_N > 0.0).any(axis=1)
     moments = stroke.t_s[touching & (stroke.t_s >= 0.0)]

@@ -8,7 +8,7 @@ import numpy as np
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
 
 # Samples of the prediction, and how much of the rest before the start is shown.
 SAMPLE_S = 1e-3
@@ -67,7 +67,7 @@ def predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg
     # The ramp covers half the angle of a turn at full speed, so the sweep takes half a ramp longer.
     end_s = float(np.radians(sweep_deg)) / speed_rad_s + 0.5 * rig.drive.ramp_s
     t_s = np.arange(-round(BEFORE_S / SAMPLE_S), max(int(end_s / SAMPLE_S), 1) + 1, dtype=np.float64) * SAMPLE_S
-    return Prediction(height_m, speed_rad_s, stroke_at_speed(rig, height_m, speed_rad_s, t_s))
+    return Prediction(height_m, speed_rad_s, simulate_stroke_at_speed(rig, height_m, speed_rad_s, t_s))
 
 
 def write_csv(stroke: SimulatedStroke, path: Path) -> None:

@@ -36,7 +36,7 @@ class Spread:
     count: int
 
 
-def conditions_of(strokes: Iterable[Stroke]) -> tuple[Condition, ...]:
+def group_by_condition(strokes: Iterable[Stroke]) -> tuple[Condition, ...]:
     """Group strokes by height and commanded speed, sorted by both.
 
     Heights that agree after rounding to 0.1 mm, and speeds to 0.001 rad/s, form one condition.
@@ -51,7 +51,7 @@ def conditions_of(strokes: Iterable[Stroke]) -> tuple[Condition, ...]:
     )
 
 
-def spread_of(values: Sequence[float]) -> Spread:
+def compute_spread(values: Sequence[float]) -> Spread:
     """Mean and sample standard deviation of repeats."""
     mean = float(np.mean(values)) if values else None
     std = float(np.std(values, ddof=1)) if len(values) > 1 else None

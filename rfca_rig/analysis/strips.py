@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.prediction import predict_stroke
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.equivalent_stiffness import EncasedStrip, by_its_middle, centred_lay
+from rfca_rig.model.equivalent_stiffness import EncasedStrip, by_its_middle, centre_lay
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.parameters import Leg, RigModel
 from rfca_rig.model.strip import Material, Strip, paper_strips, table_1_materials
-from rfca_rig.progress import Watcher, counted, unwatched
+from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 
 Floats = NDArray[np.float64]
 
@@ -138,7 +138,7 @@ class StripComparison:
         ]
 
 
-def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, told: Watcher = unwatched) -> StripComparison:
+def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, told: ProgressCount = ignore_progress) -> StripComparison:
     """Predict one stroke with the four materials of Table I at 0.8 and 0.3 mm.
 
     Parameters
@@ -162,7 +162,7 @@ def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, told: Wat
     materials = {material.name: material for material in table_1_materials()}
     fitted = paper_strips(materials[FITTED_STRIP[0]], FITTED_STRIP[1])
     every = list(product(THICKNESSES_M, materials.values()))
-    rows = tuple(_row(rig, paper_strips(m, t), fitted, height_m, speed_rad_s) for t, m in counted(every, told))
+    rows = tuple(_row(rig, paper_strips(m, t), fitted, height_m, speed_rad_s) for t, m in iterate_with_progress(every, told))
     return StripComparison(height_m, speed_rad_s, _pitch_m(rig.leg), fitted.bending_stiffness_Nm2 / rig.leg.k0_Nm_per_rad, rows)
 
 
@@ -204,10 +204,10 @@ def _pitch_m(leg: Leg) -> float:
 
 
 def _hinge_stiffness(leg: Leg, strip: Strip) -> Floats:
-    lay = centred_lay(leg.link_lengths_m, strip.length_m)
+    lay = centre_lay(leg.link_lengths_m, strip.length_m)
     # Stiffness of the unbent strip, equation (8) at phi = 0.
     encased = EncasedStrip(strip.bending_stiffness_Nm2, lay, by_its_middle(lay))
-    return encased.perturbed_stiffness(np.zeros(lay.pins_m.size))
+    return encased.difference_stiffness(np.zeros(lay.pins_m.size))
 
 
 def _stroke(rig: RigModel, height_m: float, speed_rad_s: float) -> StrokeWith:

@@ -16,13 +16,13 @@ from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun
 from rfca_rig.errors import BadInput
 from rfca_rig.model.joint_drive import TorqueTrace, torque_trace
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, PendulumLink, driven
+from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, PendulumLink, make_driven_pendulum
 
 Floats = NDArray[np.float64]
-Places = NDArray[np.intp]
+Indices = NDArray[np.intp]
 
 # Half width of the stretch around a window's start from which its state is estimated.
-SMOOTHED_S = 0.06
+SMOOTHING_HALF_WIDTH_S = 0.06
 # A cubic is too stiff for the second link of a double pendulum.
 POLYNOMIAL_DEGREE = 5
 BIN_S = 0.02
@@ -57,7 +57,7 @@ class SwingWindow:
     angle_rad: Floats
     speed_rad_s: Floats
     t_s: Floats
-    bins: Places
+    bins: Indices
     measured: Floats
     sensor_std: Floats
     start_effect: Floats
@@ -106,11 +106,11 @@ class SwingProblem:
         return self._all([window.noise_std for window in self.windows])
 
     @property
-    def groups(self) -> Places:
+    def groups(self) -> Indices:
         return np.repeat([window.run for window in self.windows], self._rows)
 
     @property
-    def windows_of_row(self) -> Places:
+    def windows_of_row(self) -> Indices:
         return np.repeat(np.arange(len(self.windows)), self._rows)
 
     @property
@@ -119,7 +119,7 @@ class SwingProblem:
         return tuple(name for unit in ("angle{}_rad", "speed{}_rad_s") for name in (unit.format(joint) for joint in joints))
 
     @property
-    def signal_of_row(self) -> Places:
+    def signal_of_row(self) -> Indices:
         """Index of each row's signal in `signals`, (m,)."""
         return np.concatenate([np.repeat(np.arange(w.measured[:, :, 0].size), w.measured.shape[2]) for w in self.windows])
 
@@ -141,7 +141,7 @@ class SwingProblem:
         BadInput : for an unknown name, or values that no pendulum can have
         SimulationFailed : where the model cannot be computed
         """
-        ready = driven(shifted(self.pendulum, nuisances), effects)
+        ready = make_driven_pendulum(apply_nuisances(self.pendulum, nuisances), effects)
         return self._all([window.predicted(ready) for window in self.windows])
 
     def _all(self, parts: Sequence[Floats]) -> Floats:
@@ -152,7 +152,7 @@ class SwingProblem:
         return [window.measured.size for window in self.windows]
 
 
-def swings_of(campaign: PendulumCampaign, window_s: float = 0.5, bin_s: float = BIN_S) -> SwingProblem:
+def make_swing_problem(campaign: PendulumCampaign, window_s: float = 0.5, bin_s: float = BIN_S) -> SwingProblem:
     """Cut all runs of a campaign into windows and bins. Raises BadInput where no run is long enough for one window."""
     powered = any(run.powered for run in campaign.runs)
     nuisances = tuple(
@@ -162,17 +162,19 @@ def swings_of(campaign: PendulumCampaign, window_s: float = 0.5, bin_s: float = 
         # The torque error belongs to the whole problem, not to one link. Drive values change nothing without a driven run.
         if key != "torque_error_relative" and (key not in DRIVE_NUISANCES or (link.driven and powered))
     )
-    ready = driven(campaign.pendulum)
+    ready = make_driven_pendulum(campaign.pendulum)
     windows = tuple(
         w for place, run in enumerate(campaign.runs) for w in _windows(place, run, campaign.noise_std, (window_s, bin_s), ready)
     )
     if not windows:
-        raise BadInput(f"no run of {campaign.title} is longer than {window_s + 2 * SMOOTHED_S:g} s, which a window of {window_s:g} s needs")
+        raise BadInput(
+            f"no run of {campaign.title} is longer than {window_s + 2 * SMOOTHING_HALF_WIDTH_S:g} s, which a window of {window_s:g} s needs"
+        )
     torque_error = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
     return SwingProblem(campaign.pendulum, nuisances, tuple(run.label for run in campaign.runs), windows, torque_error)
 
 
-def shifted(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendulum:
+def apply_nuisances(pendulum: Pendulum, nuisances: Mapping[str, float]) -> Pendulum:
     """The pendulum with shifted nominal values; keys are `link1.mass_relative` and so on, as in [known_to].
 
     Damping, friction and rotor inertia are cut off at 0. Raises BadInput for an unknown key, and for values that no pendulum can have.
@@ -228,7 +230,7 @@ def _windows(
     window_s, _ = cut_s
     noise = sample_noise(run, noise_std)
     # The first window begins late enough that its start state can be smoothed from both sides.
-    starts = np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - window_s, window_s)
+    starts = np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - window_s, window_s)
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
     return [_window(place, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts]
 
@@ -291,7 +293,7 @@ def local_polynomial(t_s: Floats, position: Floats, at_s: float) -> LocalPolynom
 
     The window is widened where fewer samples lie in it than the polynomial needs.
     """
-    half_s = max(SMOOTHED_S, 0.5 * (POLYNOMIAL_DEGREE + 2) * float(np.median(np.diff(t_s))))
+    half_s = max(SMOOTHING_HALF_WIDTH_S, 0.5 * (POLYNOMIAL_DEGREE + 2) * float(np.median(np.diff(t_s))))
     # The tolerance keeps samples at the border in, whatever the rounding of their times.
     near = np.abs(t_s - at_s) <= half_s * (1.0 + 1e-9)
     design = np.vander((t_s[near] - at_s) / half_s, POLYNOMIAL_DEGREE + 1, increasing=True)
@@ -335,13 +337,13 @@ def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats,
     return np.stack(effects)
 
 
-def bin_starts(t_s: Floats, bin_s: float) -> Places:
+def bin_starts(t_s: Floats, bin_s: float) -> Indices:
     """Index of the first sample of each bin, (b,), for sample times (k,) above zero; a sample on an edge ends its bin."""
     # The small offset puts a sample on a bin's edge into the bin that ends there, in spite of rounding.
     return np.flatnonzero(np.diff(np.ceil(t_s / bin_s - 1e-6), prepend=0.0))
 
 
-def bin_means(values: Floats, bins: Places) -> Floats:
+def bin_means(values: Floats, bins: Indices) -> Floats:
     """Means (b, n) of samples (k, n) over bins that begin at indices `bins` (b,)."""
     counts = np.diff(np.append(bins, len(values)))
     return np.asarray(np.add.reduceat(values, bins) / counts[:, None])

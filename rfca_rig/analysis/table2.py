@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rfca_rig.analysis.compare import ComparedCondition
-from rfca_rig.analysis.repeats import Spread, spread_of
+from rfca_rig.analysis.repeats import Spread, compute_spread
 from rfca_rig.analysis.valley import Valley
 
 # Time and force, from the paper's section IV.B.
@@ -70,7 +70,7 @@ class Table2:
         return _mean([row.force_error_pct for row in self.rows])
 
 
-def row_of(compared: ComparedCondition, source: str) -> Table2Row:
+def make_table2_row(compared: ComparedCondition, source: str) -> Table2Row:
     """The row of one condition; `source` names the recording it came from."""
     measured = [r.valley for r in compared.repeats if isinstance(r.valley, Valley)]
     simulated = [s.valley for s in compared.simulated if isinstance(s.valley, Valley)]
@@ -81,10 +81,10 @@ def row_of(compared: ComparedCondition, source: str) -> Table2Row:
         speed_rad_s=compared.condition.speed_rad_s,
         # With recorded motions each repeat has its own simulated speed.
         shaft_speed_rad_s=sum(speeds) / len(speeds),
-        time=spread_of([v.time_s for v in measured]),
-        fz=spread_of([v.fz_N for v in measured]),
-        simulated_time_s=spread_of([v.time_s for v in simulated]).mean,
-        simulated_fz_N=spread_of([v.fz_N for v in simulated]).mean,
+        time=compute_spread([v.time_s for v in measured]),
+        fz=compute_spread([v.fz_N for v in measured]),
+        simulated_time_s=compute_spread([v.time_s for v in simulated]).mean,
+        simulated_fz_N=compute_spread([v.fz_N for v in simulated]).mean,
         refused=_refusals(compared),
     )
 
@@ -107,4 +107,4 @@ def _magnitude(error: float | None) -> float | None:
 
 
 def _mean(errors: Sequence[float | None]) -> float | None:
-    return spread_of([error for error in errors if error is not None]).mean
+    return compute_spread([error for error in errors if error is not None]).mean

@@ -9,8 +9,8 @@ import numpy as np
 
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.protocol.remaining import Done
-from rfca_rig.protocol.written_plan import plan_of
+from rfca_rig.protocol.remaining import PlanProgress
+from rfca_rig.protocol.written_plan import parse_plan
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.layout import stage_files
 from rfca_rig.recording.model import Recording, StaticStage
@@ -20,8 +20,18 @@ from rfca_rig.suggestions import not_there
 
 RESUMED = "run resumed"
 # What the end of an earlier part says that no later part repeats.
-ENDING_KEPT = ("ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms", "sensor_records", "standstill", "interrupted")
-WITHOUT_A_WORD = "it ended without a word: a crash, or a power cut"
+CARRIED_ENDING_KEYS = (
+    "ended",
+    "exit_status",
+    "reason",
+    "ended_at",
+    "lasted_s",
+    "worst_loop_gap_ms",
+    "sensor_records",
+    "standstill",
+    "interrupted",
+)
+NO_REASON_RECORDED = "it ended without a word: a crash, or a power cut"
 
 
 @dataclass(frozen=True)
@@ -35,7 +45,7 @@ class InterruptedRun:
     folder: Path
     header: Recording
     plan: Plan
-    done: Done
+    done: PlanProgress
     static: tuple[StaticStage, ...]
     why: str
     last_seen: Mapping[str, str | float]
@@ -54,7 +64,7 @@ class InterruptedRun:
         return None if first is None else int(np.random.SeedSequence([int(first), self.resumed + 1]).generate_state(1)[0])
 
 
-def read_begun(folder: Path) -> InterruptedRun:
+def read_interrupted_run(folder: Path) -> InterruptedRun:
     """Reads an interrupted run; its journals are made into stage files first, as `recover` does.
 
     Raises BadInput where there is no run, where it still goes on or is done, where a file is damaged, or where its stages are not those of
@@ -75,14 +85,14 @@ def read_begun(folder: Path) -> InterruptedRun:
     plan = _plan(folder, header)
     strokes = [stroke for part in outlines for stroke in part.strokes]
     ending = read_ending(folder)
-    static = run_folder.as_seen(tuple(stage for part in outlines for stage in part.static), ending)
+    static = run_folder.with_photo_angles(tuple(stage for part in outlines for stage in part.static), ending)
     _check_stages(folder, plan, strokes, static)
     return InterruptedRun(
         folder=folder,
         header=header,
         plan=plan,
         # Cycles are numbered over the whole run, so the largest number counts, not the number of rows.
-        done=Done(len(strokes), len(static), max((part.last_cycle for part in outlines), default=0)),
+        done=PlanProgress(len(strokes), len(static), max((part.last_cycle for part in outlines), default=0)),
         static=static,
         why=why,
         last_seen=_last_clocks(events),
@@ -93,7 +103,7 @@ def read_begun(folder: Path) -> InterruptedRun:
 
 def _plan(folder: Path, header: Recording) -> Plan:
     try:
-        return plan_of(header.title, header.provenance)
+        return parse_plan(header.title, header.provenance)
     except BadInput as error:
         raise BadInput(f"{folder}: cannot go on: {error}") from None
 
@@ -104,12 +114,12 @@ def _why(events: list[dict[str, Any]]) -> str:
     reasons = [str(event["why"]) for event in events[since:] if event["event"] in ("motor off", "run ends") and "why" in event]
     # A trip takes precedence: it is the cause of whatever ended the run after it.
     tripped = [why for why in reasons if why.startswith(TRIP)]
-    return (tripped or reasons or [WITHOUT_A_WORD])[-1]
+    return (tripped or reasons or [NO_REASON_RECORDED])[-1]
 
 
 def _ending_texts(ending: Ending | None) -> dict[str, str]:
     """What the end said of the part before, without its photos, which are listed again."""
-    return {} if ending is None else {name: text for name, text in ending.provenance.items() if name in ENDING_KEPT}
+    return {} if ending is None else {name: text for name, text in ending.provenance.items() if name in CARRIED_ENDING_KEYS}
 
 
 def _last_clocks(events: list[dict[str, Any]]) -> dict[str, str | float]:

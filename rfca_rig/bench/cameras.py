@@ -14,7 +14,7 @@ from rfca_rig.drivers.camera import OpenCvCamera
 from rfca_rig.drivers.camera_thread import CameraThread
 from rfca_rig.drivers.roles import Camera, Photo, Photographer
 from rfca_rig.twins.camera import CameraTwin, StandingLeg
-from rfca_rig.vision.leg_photo import Eye
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 # Exposure and transfer to the host.
 TWIN_PHOTO_S = 0.2
@@ -85,7 +85,7 @@ class AnnouncingCamera:
         return self._camera.identity()
 
 
-def make_camera(section: CameraSection, eye: Eye, clock: Clock, stack: ExitStack) -> Photographer:
+def make_camera(section: CameraSection, eye: PhotoSetup, clock: Clock, stack: ExitStack) -> Photographer:
     """The camera that [camera] names, closed with the stack. Raises DeviceError or BadInput where it cannot be opened."""
     camera: Camera
     match section:
@@ -100,7 +100,7 @@ def make_camera(section: CameraSection, eye: Eye, clock: Clock, stack: ExitStack
     return threaded
 
 
-def make_twin_camera(eye: Eye, leg: StandingLeg, twin: TwinCameraSection, random: np.random.Generator, clock: Clock) -> Photographer:
+def make_twin_camera(eye: PhotoSetup, leg: StandingLeg, twin: TwinCameraSection, random: np.random.Generator, clock: Clock) -> Photographer:
     """The twin of any camera: renders `leg` as it stands when a photo is requested."""
     rendered = CameraTwin(leg, eye.plan, eye.camera, twin.disturbance(), random)
     return DelayedCamera(TwinCamera(rendered, clock), clock, TWIN_PHOTO_S)

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from rfca_rig.bench.predicted_loads import turn_loads
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed, stroke_following
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, way_to
+from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, signed_turn
 
 Floats = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ SLOW_SAMPLE_S = 1e-2
 HOLD_S = 0.5
 
 
-def expected_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
+def predict_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
     """The predicted load of each stroke, of each hold of a static sequence, and of its other moves.
 
     A static sequence is simulated height by height, as the plan moves the shaft, so that a leg which wedges when it is pushed back is found
@@ -44,7 +44,7 @@ def _flaps(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
         condition = (flap.height_m, flap.speed_rad_s)
         if condition not in by_condition:
             t_s = np.arange(0.0, flap.stroke_s, SAMPLE_S)
-            stroke = stroke_at_speed(rig, flap.height_m, flap.speed_rad_s, t_s)
+            stroke = simulate_stroke_at_speed(rig, flap.height_m, flap.speed_rad_s, t_s)
             by_condition[condition] = _load(stroke, slice(None))
     return {flap: by_condition[flap.height_m, flap.speed_rad_s] for flap in strokes}
 
@@ -58,7 +58,7 @@ def _holds(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
         if motion not in known:
             known[motion] = _along(height_m, stages, rig)
         for place, load in known[motion]:
-            expected[stages[place]] = load.with_more(expected.get(stages[place], load))
+            expected[stages[place]] = load.max_with(expected.get(stages[place], load))
     return expected
 
 
@@ -77,12 +77,12 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Lo
     """Simulates moves at their speeds and short holds; returns the load of each hold, its way included, and of other moves."""
     angles, times = [rig.leg.start_angle_rad], [0.0]
     for stage in stages:
-        way_rad = way_to(stage.angle_rad, angles[-1], stage.forwards) if isinstance(stage, MoveShaft) else 0.0
+        way_rad = signed_turn(stage.angle_rad, angles[-1], stage.forwards) if isinstance(stage, MoveShaft) else 0.0
         # A move of no length still takes one sample: a piece of zero duration has no speed.
         times.append(times[-1] + (max(abs(way_rad) / stage.speed_rad_s, SLOW_SAMPLE_S) if isinstance(stage, MoveShaft) else HOLD_S))
         angles.append(angles[-1] + way_rad)
     t_s = np.arange(0.0, times[-1], SLOW_SAMPLE_S)
-    simulated = stroke_following(rig, height_m, _polyline(np.array(times), np.array(angles)), t_s)
+    simulated = simulate_stroke(rig, height_m, _polyline(np.array(times), np.array(angles)), t_s)
     parts = enumerate(pairwise(times))
     return [(_stage_that_counts(place, stages), _load(simulated, (t_s >= begin_s) & (t_s <= end_s))) for place, (begin_s, end_s) in parts]
 

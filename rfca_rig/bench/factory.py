@@ -17,12 +17,12 @@ from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.engine.bench import Bench
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twin_server.fault_schedule import Switching
+from rfca_rig.twin_server.fault_schedule import FaultEvent
 from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.sensor import SensorTwin
 from rfca_rig.twins.world import TwinWorld
-from rfca_rig.vision.leg_photo import Eye
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 # Height of the twin's rack until a plan sets it.
 FIRST_HEIGHT_M = 0.25
@@ -30,7 +30,7 @@ FIRST_HEIGHT_M = 0.25
 
 @contextmanager
 def open_bench(
-    rig: RigFile, seed: int | None, eye: Eye | None = None, twin_clock: TwinClock | None = None, faults: Sequence[Switching] = ()
+    rig: RigFile, seed: int | None, eye: PhotoSetup | None = None, twin_clock: TwinClock | None = None, faults: Sequence[FaultEvent] = ()
 ) -> Iterator[Bench]:
     """Opens the devices for the length of the block.
 
@@ -63,7 +63,7 @@ def open_bench(
             raise BadInput(f"{rig.rig.title}: a twin needs a [twin] section and a seed")
 
 
-def _real_bench(rig: RigFile, eye: Eye | None, stack: ExitStack) -> Bench:
+def _real_bench(rig: RigFile, eye: PhotoSetup | None, stack: ExitStack) -> Bench:
     clock, motor = WallClock(), rig.motor
     try:
         bus = stack.enter_context(open_commanding_bus(rig, clock))
@@ -78,14 +78,14 @@ def _real_bench(rig: RigFile, eye: Eye | None, stack: ExitStack) -> Bench:
 
 
 def _twin_bench(
-    rig: RigFile, twin: TwinSection, seed: int, eye: Eye | None, clock: TwinClock, faults: FaultInjection, stack: ExitStack
+    rig: RigFile, twin: TwinSection, seed: int, eye: PhotoSetup | None, clock: TwinClock, faults: FaultInjection, stack: ExitStack
 ) -> Bench:
     drivers_end, twins_end = stack.enter_context(can_wire())
     # Separate generators: a different number of sensor records then changes nothing in the friction of a touchdown.
     noise, chance = _randomness(seed)
     pair = make_sensor_pair(rig, twin, noise, faults.on_link)
     twins = _put_together(rig, twin, chance, faults.on_bus(twins_end), pair.twin)
-    clock.carry(faults.befalling(twins.world.process, twins.motor))
+    clock.carry(faults.with_faults(twins.world.process, twins.motor))
     # A third generator, so that photos change neither the sensor's noise nor the scatter.
     camera = make_twin_camera(eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock) if eye else None
     return Bench(make_motor(rig, drivers_end, clock), pair.driver(clock), TwinRack(twins.plant), clock, False, camera)

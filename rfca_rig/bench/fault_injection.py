@@ -8,7 +8,7 @@ from rfca_rig.description.force_sensor_sections import NetFtSection
 from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.twin_server.cubemars_faults import CUBEMARS_FAULTS, cubemars_events
-from rfca_rig.twin_server.fault_schedule import Agenda, Switching
+from rfca_rig.twin_server.fault_schedule import FaultEvent, FaultSchedule
 from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultPanel
 from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
@@ -29,7 +29,7 @@ def faults_of(rig: RigFile) -> tuple[Fault, ...]:
     return (*force, *CAN_FAULTS, *_motor_faults(rig))
 
 
-def served_faults_of(rig: RigFile) -> tuple[Fault, ...]:
+def faults_of_served_rig(rig: RigFile) -> tuple[Fault, ...]:
     """The same for a rig whose sensor box has pages that clients read."""
     return (*faults_of(rig), *(BOX_FAULTS if isinstance(rig.force_sensor, NetFtSection) else ()))
 
@@ -72,13 +72,13 @@ def events_of(motor: MotorTwin) -> Mapping[str, Callable[[], None]]:
 class FaultInjection:
     """Faults of a twin in this process, switched by the rig's own clock. Without orders it changes nothing."""
 
-    def __init__(self, rig: RigFile, orders: Sequence[Switching]) -> None:
+    def __init__(self, rig: RigFile, orders: Sequence[FaultEvent]) -> None:
         """Raises BadInput for an order that names no fault of this rig."""
         self._rig = rig
         self._is_idle = not orders
         self._panel = FaultPanel(faults_of(rig))
         # Refuses orders of unknown faults.
-        self._agenda = Agenda(orders, self._panel)
+        self._agenda = FaultSchedule(orders, self._panel)
 
     def on_bus(self, end: can.BusABC) -> can.BusABC:
         """The drive's end of the wire."""
@@ -88,7 +88,7 @@ class FaultInjection:
         """The sensor's end of the network."""
         return link if self._is_idle else TamperedLink(link, self._panel)
 
-    def befalling(self, process: Callable[[float], None], motor: MotorTwin) -> Callable[[float], None]:
+    def with_faults(self, process: Callable[[float], None], motor: MotorTwin) -> Callable[[float], None]:
         """`process`, which advances the twins to a time, preceded by the faults that are due until then."""
         if self._is_idle:
             return process
@@ -97,7 +97,7 @@ class FaultInjection:
         def process_with_faults(to_s: float) -> None:
             # Switched before the step, so that a fault acts from its time on and not one step later.
             self._agenda.pass_to(to_s)
-            self._panel.let_happen(events)
+            self._panel.run_pending(events)
             process(to_s)
 
         return process_with_faults

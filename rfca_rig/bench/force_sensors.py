@@ -10,7 +10,7 @@ import numpy as np
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.codecs.ati_calibration import TransducerCalibration, parse_calibration
-from rfca_rig.codecs.ati_serial import LARGEST_COUNT
+from rfca_rig.codecs.ati_serial import MAX_COUNT
 from rfca_rig.description.force_sensor_sections import (
     AtiDaqSection,
     AtiSerialSection,
@@ -22,9 +22,9 @@ from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.drivers.ati_serial import AtiSerialSensor
 from rfca_rig.drivers.daq_ft import DaqFtSensor, DaqFtSettings
-from rfca_rig.drivers.datagrams import UdpDatagrams, receive_buffer_advice
+from rfca_rig.drivers.datagrams import UdpDatagrams, advise_receive_buffer
 from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.netft_box import Box, CommandBox, HttpBox
+from rfca_rig.drivers.netft_box import CommandBox, HttpBox, NetFtBox
 from rfca_rig.drivers.nidaqmx_gages import NidaqmxGages
 from rfca_rig.drivers.roles import ForceSensor
 from rfca_rig.drivers.serial_port import open_port
@@ -47,7 +47,7 @@ def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> Force
             # A process of its own empties the socket, so that a busy loop loses no records.
             datagrams = AcquiredDatagrams(sensor.host, clock, sensor.port) if can_be_started() else UdpDatagrams(sensor.host, sensor.port)
             stack.callback(datagrams.close)
-            return NetFtSensor(datagrams, clock, _netft(sensor), _box(sensor), receive_buffer_advice(datagrams.receive_buffer_bytes))
+            return NetFtSensor(datagrams, clock, _netft(sensor), _box(sensor), advise_receive_buffer(datagrams.receive_buffer_bytes))
         case AtiSerialSection():
             port = open_port(sensor.port, sensor.bits_per_s)
             stack.callback(port.close)
@@ -144,7 +144,7 @@ def _netft(sensor: NetFtSection) -> NetFtSettings:
     )
 
 
-def _box(sensor: NetFtSection) -> Box | None:
+def _box(sensor: NetFtSection) -> NetFtBox | None:
     if sensor.configuration == "http":
         return HttpBox(sensor.host, sensor.http_port)
     return CommandBox(sensor.host, sensor.command_port) if sensor.configuration == "commands" else None
@@ -167,7 +167,7 @@ def _serial_twin(sensor: AtiSerialSection, twin: TwinSection) -> AtiSerialTwinSe
         sampling_Hz=sensor.rate_Hz,
         bits_per_s=sensor.bits_per_s,
         noise_std=_noise_std(twin),
-        full_scale=(LARGEST_COUNT / sensor.counts_per_N,) * 3 + (LARGEST_COUNT / sensor.counts_per_Nm,) * 3,
+        full_scale=(MAX_COUNT / sensor.counts_per_N,) * 3 + (MAX_COUNT / sensor.counts_per_Nm,) * 3,
     )
 
 

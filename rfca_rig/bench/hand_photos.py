@@ -11,13 +11,13 @@ from rfca_rig.description.camera_sections import MarksSection
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import BadInput
-from rfca_rig.progress import Watcher, unwatched
+from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.picture import FOLDER
-from rfca_rig.vision.leg_photo import Eye
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 
-def eye_for(recording: Recording, camera_path: Path, mark_diameter_mm: float | None) -> Eye:
+def eye_for(recording: Recording, camera_path: Path, mark_diameter_mm: float | None) -> PhotoSetup:
     """Camera and marks for photos of the recording's leg: marks as its rig file had them, else at every hinge axis and the tip.
 
     Raises BadInput where the camera file cannot be used, or the recording does not state the lengths of the links.
@@ -29,7 +29,7 @@ def eye_for(recording: Recording, camera_path: Path, mark_diameter_mm: float | N
     marks = _marks(recording)
     if mark_diameter_mm is not None:
         marks = marks.model_copy(update={"diameter_mm": mark_diameter_mm})
-    return Eye(model_of(read_text(camera_path), CameraFile, camera_path).model(), marks.plan(lengths_m), lengths_m)
+    return PhotoSetup(model_of(read_text(camera_path), CameraFile, camera_path).model(), marks.plan(lengths_m), lengths_m)
 
 
 def _marks(recording: Recording) -> MarksSection:
@@ -39,7 +39,9 @@ def _marks(recording: Recording) -> MarksSection:
     return rig.camera.marks if rig.camera else MarksSection()
 
 
-def with_hand_photos(recording: Recording, photos: Sequence[Path], eye: Eye, run_folder: Path, told: Watcher = unwatched) -> Recording:
+def with_hand_photos(
+    recording: Recording, photos: Sequence[Path], eye: PhotoSetup, run_folder: Path, told: ProgressCount = ignore_progress
+) -> Recording:
     """The recording with hinge angles from the photos, in the stages' order; copies and overlays go into `run_folder`.
 
     Raises BadInput where there is not exactly one photo for each stage.

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.chain import HELD, Tolerance, advance, at_rest, room_for
+from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import resolved, set_up
+from rfca_rig.model.setup import resolve_effect, set_up
 from rfca_rig.model.state import Chain, Laws, Shaft, State
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
 
@@ -59,12 +59,12 @@ class LegPlant:
         # The twins simulate drive and sensor themselves, so effects that act there have no place in this model.
         if setup.drive is not None or setup.sensor_changes or setup.motion is not still:
             raise BadInput("the twin has a drive and a sensor of its own; leave effects that act there out of its rig file")
-        for effect, _ in map(resolved, self.rig.effects):
+        for effect, _ in map(resolve_effect, self.rig.effects):
             if effect.needs_order:
                 raise BadInput(f"effect {effect.id}: the twin does not count its strokes; leave it out of its rig file")
         self._chain = setup.chain()
-        self._laws = setup.compiled_laws(self._chain)
-        self._state = at_rest(self._chain, shaft_angle_rad, self._laws)
+        self._laws = setup.compile_laws(self._chain)
+        self._state = find_rest_state(self._chain, shaft_angle_rad, self._laws)
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
         """Moves on to `to_s` and returns the wrench at the sensor.
@@ -83,7 +83,7 @@ class LegPlant:
         ndarray, shape (m, 6)
             Force in N and moment in N m at `force_times_s`; out-of-plane components are zero.
         """
-        samples = room_for(force_times_s, self._state.q.size, self._state.anchor.size)
+        samples = allocate_samples(force_times_s, self._state.q.size, self._state.anchor.size)
         span_s = (self._now_s, to_s)
         cost = advance(self._chain, self._shaft(drive), self._state, span_s, self._step_s, Tolerance(), samples, self._laws)
         # The integrator's last step width is the best guess for the next call.
@@ -95,7 +95,7 @@ class LegPlant:
         return self._wrench(samples.force)
 
     def _shaft(self, drive: ShaftDrive) -> Shaft:
-        return HELD._replace(
+        return HELD_SHAFT._replace(
             free=True,
             rotor=self.rotor_inertia_kg_m2,
             feed=drive.feed_Nm,

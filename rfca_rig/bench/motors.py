@@ -16,10 +16,10 @@ from rfca_rig.description.motor_sections import (
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinDriveSection
 from rfca_rig.drivers.can_bus import CanBusSettings
-from rfca_rig.drivers.cubemars_last_word import MitLastWord, ServoLastWord
+from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames, ServoTorqueOffFrames
 from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
-from rfca_rig.drivers.guard import Guard, LastWord
+from rfca_rig.drivers.guard import Guard, TorqueOffFrames
 from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import ShaftMotor
@@ -62,13 +62,13 @@ def open_commanding_bus(rig: RigFile, clock: WallClock) -> can.BusABC:
     return GuardedBus(_bus(rig.motor), last_word, rig.motor.guardian_silence_ms / 1e3, clock)
 
 
-def _last_word(rig: RigFile) -> LastWord | None:
+def _last_word(rig: RigFile) -> TorqueOffFrames | None:
     motor, timeout_s = rig.motor, rig.limits.drive_silent_ms / 1e3
     match motor:
         case CubemarsMitSection():
-            return MitLastWord(_mit(motor, timeout_s))
+            return MitTorqueOffFrames(_mit(motor, timeout_s))
         case CubemarsServoSection():
-            return ServoLastWord(_servo(motor, timeout_s))
+            return ServoTorqueOffFrames(_servo(motor, timeout_s))
         case _:
             return None
 

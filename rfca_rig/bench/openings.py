@@ -20,7 +20,7 @@ class Openings:
     height_m: float = 0.25
 
 
-class Reached:
+class OpenPorts:
     """The opened ones: `ports` to be polled, `addresses` for people, `names` for programs."""
 
     def __init__(self) -> None:

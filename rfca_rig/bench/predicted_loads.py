@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import TURN_RAD, MoveShaft, Plan, SetHeight, Stage
@@ -27,7 +27,7 @@ class Bending:
         return f"{bending_deg:.1f} deg between first and last link, with the shaft at {shaft_deg:.0f} deg"
 
 
-def expected_bending(rig: RigModel, height_m: float, speed_rad_s: float) -> Bending:
+def predict_bending(rig: RigModel, height_m: float, speed_rad_s: float) -> Bending:
     """Bending over one turn on the ground, which bends the leg backwards; swinging in the air is not counted."""
     turn = _turn(rig, height_m, speed_rad_s)
     # Positive where the tip lags behind the first link, which is how the ground bends the leg.
@@ -59,7 +59,7 @@ def _turns(plan: Plan) -> Iterator[tuple[Stage, tuple[float, float]]]:
 
 
 def _turn(rig: RigModel, height_m: float, speed_rad_s: float) -> SimulatedStroke:
-    return stroke_at_speed(rig, height_m, speed_rad_s, np.arange(0.0, TURN_RAD / speed_rad_s, SAMPLE_S))
+    return simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(0.0, TURN_RAD / speed_rad_s, SAMPLE_S))
 
 
 def _load(turn: SimulatedStroke) -> Load:

@@ -17,10 +17,10 @@ from rfca_rig.bench.checkout import UNKNOWN, source_state
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.engine.bench import Bench
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.protocol.written_plan import plan_texts
+from rfca_rig.protocol.written_plan import serialize_plan
 
 
-def made_by(bench: Bench) -> dict[str, str]:
+def software_and_host(bench: Bench) -> dict[str, str]:
     """Software and machine, and when the run's clock began."""
     return {
         "rfca_rig_version": __version__,
@@ -35,7 +35,7 @@ def made_by(bench: Bench) -> dict[str, str]:
     }
 
 
-def people(name: str, sample: str) -> dict[str, str]:
+def operator_and_sample(name: str, sample: str) -> dict[str, str]:
     """Operator and specimen; "" for a specimen without a name."""
     return {"operator": operator(name), "sample": sample}
 
@@ -55,9 +55,9 @@ def files(texts: Mapping[str, str]) -> dict[str, str]:
     return {**texts, **hashes}
 
 
-def planned(plan: Plan) -> dict[str, str]:
+def plan_fields(plan: Plan) -> dict[str, str]:
     """The whole resolved plan: `written_plan.plan_of` restores it."""
-    return plan_texts(plan)
+    return serialize_plan(plan)
 
 
 def devices(bench: Bench) -> dict[str, str]:
@@ -78,7 +78,7 @@ def streams(bench: Bench) -> dict[str, str]:
     return {"sensor_records": f"{counted}, {bad}"}
 
 
-def ended(bench: Bench, outcome: Outcome, worst_gap_s: float) -> dict[str, str]:
+def ending_fields(bench: Bench, outcome: Outcome, worst_gap_s: float) -> dict[str, str]:
     """How the run ended, what the clocks showed then, and how regular the control loop was."""
     return {
         "ended": outcome.why,

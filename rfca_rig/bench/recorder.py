@@ -12,18 +12,18 @@ from rfca_rig.bench.stage_photos import read_stage_photos
 from rfca_rig.channels import HINGES, SHAFT, UNITS, WRENCH
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
-from rfca_rig.engine.sink import Cycle, Recorded
-from rfca_rig.engine.stopping import UNSEEN, Standstill
-from rfca_rig.progress import Watcher, unwatched
+from rfca_rig.engine.sink import Cycle, StageSamples
+from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Standstill
+from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Approach, Flap, Hold
 from rfca_rig.recording.blocks import Begin, End, StrokeCondition, event_block, samples_block, start_block
 from rfca_rig.recording.cycle_table import CYCLE_FORM, cycle_row
-from rfca_rig.recording.keeper import Keeper
+from rfca_rig.recording.keeper import RunBackend
 from rfca_rig.recording.model import StaticStage, Stroke
-from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, ColumnForm, CommandedStart, Rows, StreamForm, stream_of
-from rfca_rig.vision.leg_photo import Eye
+from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def force_rows(samples: ForceSamples) -> Rows:
     return rows
 
 
-def commanded_start(start_s: float, turns_rad: float) -> CommandedStart:
+def make_commanded_start(start_s: float, turns_rad: float) -> CommandedStart:
     """Offsets that make the host's time zero at the start, and bring the shaft angle within one turn of the stage's own."""
     return CommandedStart(start_s, {"shaft_angle_rad": -turns_rad, HOST_TIME: -start_s})
 
@@ -81,7 +81,7 @@ class Recorder:
     many of the `samples` the keeper did not take, `ended` how many stages were handed over to their end.
     """
 
-    def __init__(self, keeper: Keeper, scale: SensorScale, clock: Clock) -> None:
+    def __init__(self, keeper: RunBackend, scale: SensorScale, clock: Clock) -> None:
         self._keeper = keeper
         self._scale = scale
         self._clock = clock
@@ -91,7 +91,7 @@ class Recorder:
         self.where = "before the first stage"
         self.cycles_done = 0
         self.worst_gap_s = 0.0
-        self.standstill = UNSEEN
+        self.standstill = UNKNOWN_STANDSTILL
         self.tares: list[Floats] = []
         self.strokes: deque[Stroke] = deque(maxlen=1)
         self.stages: list[StaticStage] = []
@@ -103,7 +103,7 @@ class Recorder:
         self._keeper.give(Begin(stage.label, stage.height_m, forms).block())
 
     def start(self, start_s: float, turns_rad: float) -> None:
-        self._keeper.give(start_block(commanded_start(start_s, turns_rad)))
+        self._keeper.give(start_block(make_commanded_start(start_s, turns_rad)))
 
     def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
         count = len(shaft.host_s) + len(force.host_s)
@@ -113,12 +113,12 @@ class Recorder:
         self.refused -= count
         self._note_clocks()
 
-    def flap(self, stage: Flap, recorded: Recorded) -> None:
+    def flap(self, stage: Flap, recorded: StageSamples) -> None:
         self._end(End(stroke=StrokeCondition(stage.speed_rad_s, stage.repeat)))
         self.strokes.append(stroke_of(stage, recorded, self._scale))
         self.where = f"after {stage.label}"
 
-    def hold(self, stage: Hold, recorded: Recorded) -> None:
+    def hold(self, stage: Hold, recorded: StageSamples) -> None:
         # The photo before the end of its stage, which names it.
         photo = self._keeper.keep_photo(recorded.photo.image) if recorded.photo else ""
         static_stage = replace(static_stage_of(stage, recorded, self._scale), photo=photo)
@@ -146,7 +146,7 @@ class Recorder:
         if self._clock.now_s() - self._paired_s > CLOCK_PAIR_EVERY_S:
             self.note("clocks")
 
-    def rested(self, wrench: Floats) -> None:
+    def take_tare(self, wrench: Floats) -> None:
         """Records the sensor's zero: `wrench` (6,) in N and N m of a leg that hangs still. Its drift shows over a run."""
         self.tares.append(wrench)
         self.note("tare", **{name: round(float(value), 5) for name, value in zip(WRENCH, wrench, strict=True)})
@@ -158,7 +158,7 @@ class Recorder:
         drift = self.tares[-1] - self.tares[0]
         return f"{np.linalg.norm(drift[:3]):.3f} N, {np.linalg.norm(drift[3:]):.4f} N m from the first rest in the air to the last"
 
-    def approached(self, stage: Approach, peak: Load) -> None:
+    def take_first_stroke(self, stage: Approach, peak: Load) -> None:
         self.note("first stroke", stage=stage.label, force_N=round(peak.force_N, 3), torque_Nm=round(peak.torque_Nm, 4))
 
     def off(self, worst_gap_s: float, standstill: Standstill) -> None:
@@ -172,22 +172,22 @@ class Recorder:
     def _clocks(self) -> Mapping[str, str | float]:
         return {"t_s": round(self._paired_s, 6), "utc": self._clock.wall_time().isoformat()}
 
-    def read_photos(self, run_folder: Path, eye: Eye, told: Watcher = unwatched) -> None:
+    def read_photos(self, run_folder: Path, eye: PhotoSetup, told: ProgressCount = ignore_progress) -> None:
         """Adds the angles from the photos to `stages`. To be called when nothing moves and the keeper has finished."""
         self.stages = list(read_stage_photos(self.stages, run_folder, eye, told))
 
 
-def stroke_of(stage: Flap, recorded: Recorded, scale: SensorScale) -> Stroke:
+def stroke_of(stage: Flap, recorded: StageSamples, scale: SensorScale) -> Stroke:
     """The stroke with raw counts, scale and both clocks of each device."""
-    start = commanded_start(recorded.start_s, recorded.turns_rad)
+    start = make_commanded_start(recorded.start_s, recorded.turns_rad)
     streams = {
-        "shaft": stream_of(SHAFT_FORM, shaft_rows(recorded.shaft), start),
-        "force": stream_of(force_form(scale), force_rows(recorded.force), start),
+        "shaft": make_stream_from_rows(SHAFT_FORM, shaft_rows(recorded.shaft), start),
+        "force": make_stream_from_rows(force_form(scale), force_rows(recorded.force), start),
     }
     return Stroke(stage.height_m, stage.speed_rad_s, stage.repeat, streams)
 
 
-def static_stage_of(stage: Hold, recorded: Recorded, scale: SensorScale) -> StaticStage:
+def static_stage_of(stage: Hold, recorded: StageSamples, scale: SensorScale) -> StaticStage:
     """Means over the averaging time, with the standard deviation of a single sample. Hinge angles follow from the photo later."""
     counts = recorded.force.counts.astype(np.float64)
     wrench = dict(zip(WRENCH, (counts / _counts_per_unit(scale)).T, strict=True))

@@ -10,10 +10,10 @@ from rfca_rig.clock import Clock
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import StaticStage
 from rfca_rig.recording.run_text import Ending, events_of
-from rfca_rig.vision.leg_photo import Eye
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 
-def go_on(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, rig_changes: Mapping[str, str]) -> None:
+def reopen_run(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, rig_changes: Mapping[str, str]) -> None:
     """Reopens the run's folder; records when and why it had stopped, who continues it, and what has changed."""
     event = {
         "event": RESUMED,
@@ -31,7 +31,7 @@ def go_on(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, 
 
 
 def ending_of(
-    folder: Path, known: Mapping[str, str], stages: Sequence[StaticStage], begun: InterruptedRun | None, eye: Eye | None
+    folder: Path, known: Mapping[str, str], stages: Sequence[StaticStage], begun: InterruptedRun | None, eye: PhotoSetup | None
 ) -> Ending:
     """The run's end with the static stages of all its parts; photos of earlier parts that were not read are read now."""
     earlier = () if begun is None else tuple(_with_photo_read(stage, folder, eye) for stage in begun.static)
@@ -39,7 +39,7 @@ def ending_of(
     return Ending({**known, **resumed_text, **photo_hashes(folder)}, (*earlier, *stages))
 
 
-def _with_photo_read(stage: StaticStage, folder: Path, eye: Eye | None) -> StaticStage:
+def _with_photo_read(stage: StaticStage, folder: Path, eye: PhotoSetup | None) -> StaticStage:
     # A stage with an overlay has been read already.
     if eye is None or not stage.photo or stage.overlay:
         return stage

@@ -11,13 +11,13 @@ from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import BadInput
 
-BELIEVED = ("leg", "ground", "sensor", "drive", "effects", "known_to")
+NOMINAL_SECTIONS = ("leg", "ground", "sensor", "drive", "effects", "known_to")
 # All analyses use one nominal model per recording, so these values may not change within a run.
-FIXED = (*(f"{section}." for section in BELIEVED), "rig.kind")
+FIXED = (*(f"{section}." for section in NOMINAL_SECTIONS), "rig.kind")
 
 
 @dataclass(frozen=True)
-class RigNow:
+class PresentRig:
     """The present rig file, and its changes since the run began: the new value by key, as text."""
 
     rig: RigFile
@@ -25,7 +25,7 @@ class RigNow:
     changes: Mapping[str, str] = field(default_factory=dict)
 
 
-def rig_to_go_on(begun: InterruptedRun, path: Path, deliberately: bool) -> RigNow:
+def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -> PresentRig:
     """The rig file in `path`. Raises BadInput, naming the keys, where it differs from the run's and `deliberately` is False.
 
     The nominal model of leg and surroundings may never change within a run: one recording has one nominal model.
@@ -39,7 +39,7 @@ def rig_to_go_on(begun: InterruptedRun, path: Path, deliberately: bool) -> RigNo
         raise BadInput(f"{path}: {_list_keys(fixed)} not as the run began with; one run has one belief, so begin a new one")
     if changes and not deliberately:
         raise BadInput(f"{path}: {_list_keys(list(changes))} not as the run began with; to go on with it as it stands, say --rig {path}")
-    return RigNow(now, text, changes)
+    return PresentRig(now, text, changes)
 
 
 def _list_keys(keys: list[str]) -> str:

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.bench.factory import Twins, make_twins
-from rfca_rig.bench.fault_injection import dialect_of, events_of, served_faults_of
+from rfca_rig.bench.fault_injection import dialect_of, events_of, faults_of_served_rig
 from rfca_rig.bench.force_sensors import make_netft_twins, make_own_twin, make_serial_twin
-from rfca_rig.bench.openings import Openings, Reached
+from rfca_rig.bench.openings import Openings, OpenPorts
 from rfca_rig.clock import Clock
 from rfca_rig.description.force_sensor_sections import AtiSerialSection, ForceSensorKeys, NetFtSection
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.command_port import CommandPort
 from rfca_rig.twin_server.control_port import ControlPort
-from rfca_rig.twin_server.fault_schedule import Agenda, Switching
+from rfca_rig.twin_server.fault_schedule import FaultEvent, FaultSchedule
 from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.fdcanusb_port import FdcanusbPort
 from rfca_rig.twin_server.http_port import HttpPort
@@ -37,7 +37,7 @@ WARM_UP_S = 2e-3
 class ServedSensor:
     """Opens the force sensor's ports at once, so that an occupied port is found before anything is computed."""
 
-    def __init__(self, rig: RigFile, openings: Openings, panel: FaultPanel, reached: Reached, stack: ExitStack) -> None:
+    def __init__(self, rig: RigFile, openings: Openings, panel: FaultPanel, reached: OpenPorts, stack: ExitStack) -> None:
         """Raises BadInput for a sensor without a wire of its own, and for ports that cannot be opened."""
         self._openings, self._panel, self._reached, self._stack = openings, panel, reached, stack
         sensor = rig.force_sensor
@@ -75,23 +75,23 @@ class ServedSensor:
 class ServedRig:
     """A twin rig, open to clients while `serve` runs; `reached` has its addresses."""
 
-    def __init__(self, events: Mapping[str, Callable[[], None]], panel: FaultPanel, loop: RealTimeLoop, reached: Reached) -> None:
+    def __init__(self, events: Mapping[str, Callable[[], None]], panel: FaultPanel, loop: RealTimeLoop, reached: OpenPorts) -> None:
         self._events = events
         self._panel = panel
         self._loop = loop
         self.reached = reached
 
-    def serve(self, orders: Sequence[Switching], seconds: float, switched: Callable[[Switching], None]) -> None:
+    def serve(self, orders: Sequence[FaultEvent], seconds: float, switched: Callable[[FaultEvent], None]) -> None:
         """Runs for that long; `switched` is called with every order of the schedule as it is carried out.
 
         Raises BadInput at once for an order that names no fault.
         """
-        agenda = Agenda(orders, self._panel)
+        agenda = FaultSchedule(orders, self._panel)
 
         def step(running_s: float) -> None:
             for order in agenda.pass_to(running_s):
                 switched(order)
-            self._panel.let_happen(self._events)
+            self._panel.run_pending(self._events)
 
         self._loop.run(self.reached.ports, step, seconds)
 
@@ -107,7 +107,7 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
     """
     if rig.twin is None or rig.is_real:
         raise BadInput(f"{rig.rig.title}: only a rig of kind 'twin' with a [twin] section can be served")
-    panel, wire, reached = FaultPanel(served_faults_of(rig)), SharedWire("twin CAN wire"), Reached()
+    panel, wire, reached = FaultPanel(faults_of_served_rig(rig)), SharedWire("twin CAN wire"), OpenPorts()
     with ExitStack() as stack:
         # Ports first: an occupied one must be found before anything is computed.
         sensor = ServedSensor(rig, openings, panel, reached, stack)
@@ -126,7 +126,7 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
         yield ServedRig(events_of(twins.motor), panel, loop, reached)
 
 
-def _open_can(wire: SharedWire, openings: Openings, clock: Clock, reached: Reached, stack: ExitStack) -> None:
+def _open_can(wire: SharedWire, openings: Openings, clock: Clock, reached: OpenPorts, stack: ExitStack) -> None:
     socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.started_at().timestamp())
     stack.callback(socketcand.close)
     reached.add(socketcand, can_port=socketcand.port)
@@ -136,7 +136,7 @@ def _open_can(wire: SharedWire, openings: Openings, clock: Clock, reached: Reach
         reached.add(slcan, slcan=slcan.path)
 
 
-def _open_can_fd(wire: SharedWire, reached: Reached, stack: ExitStack) -> None:
+def _open_can_fd(wire: SharedWire, reached: OpenPorts, stack: ExitStack) -> None:
     """A port for CAN FD frames, which the other ports cannot carry."""
     fdcanusb = FdcanusbPort(wire)
     stack.callback(fdcanusb.close)

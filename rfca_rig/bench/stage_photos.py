@@ -11,13 +11,13 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.description.toml import model_of
 from rfca_rig.drivers.picture_file import read_picture
 from rfca_rig.errors import BadInput
-from rfca_rig.progress import Watcher, counted, unwatched
+from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.picture import FOLDER
 from rfca_rig.recording.sums import sum_line
-from rfca_rig.vision.hinge_angles import TELLABLE_STD_RAD, HingeAngles
-from rfca_rig.vision.leg_photo import Eye, LegPhoto, read_leg_photo
+from rfca_rig.vision.hinge_angles import MAX_REPORTED_STD_RAD, HingeAngles
+from rfca_rig.vision.leg_photo import LegPhoto, PhotoSetup, read_leg_photo
 from rfca_rig.vision.red_mask import Pixels
 
 OVERLAYS = "overlays"
@@ -26,15 +26,17 @@ OVERLAY_QUALITY = 90
 SHAFT_APART_DEG = 2.0
 
 
-def read_stage_photos(stages: Sequence[StaticStage], run_folder: Path, eye: Eye, told: Watcher = unwatched) -> tuple[StaticStage, ...]:
+def read_stage_photos(
+    stages: Sequence[StaticStage], run_folder: Path, eye: PhotoSetup, told: ProgressCount = ignore_progress
+) -> tuple[StaticStage, ...]:
     """The stages with the angles from their photos; `told` is called with the progress.
 
     A photo that cannot be read leaves its stage without angles, with the reason. Stages without a photo stay unchanged.
     """
-    return tuple(_with_photo_read(stage, run_folder, eye) if stage.photo else stage for stage in counted(stages, told))
+    return tuple(_with_photo_read(stage, run_folder, eye) if stage.photo else stage for stage in iterate_with_progress(stages, told))
 
 
-def _with_photo_read(stage: StaticStage, run_folder: Path, eye: Eye) -> StaticStage:
+def _with_photo_read(stage: StaticStage, run_folder: Path, eye: PhotoSetup) -> StaticStage:
     # A photo may be lost, for example where the disk refused it; its stage is then kept but not acknowledged.
     if not (run_folder / stage.photo).is_file():
         return replace(stage, photo="", photo_doubts=f"the photo was lost: {stage.photo} did not reach the disk")
@@ -71,7 +73,7 @@ def _hinges_without_angle(leg_photo: LegPhoto) -> list[str]:
     numbers = [str(number) for number, angle in enumerate(leg_photo.angles.hinge_rad, start=1) if angle is None and number > 1]
     if not numbers:
         return []
-    why = f", known to worse than {np.degrees(TELLABLE_STD_RAD):.1f} deg" if leg_photo.identified.complete else ""
+    why = f", known to worse than {np.degrees(MAX_REPORTED_STD_RAD):.1f} deg" if leg_photo.identified.is_complete else ""
     return [f"hinge {', '.join(numbers)} left out{why}"]
 
 
@@ -94,7 +96,7 @@ def _another_shaft_angle(stage: StaticStage, angles: HingeAngles) -> str:
     )
 
 
-def with_photos_read(recording: Recording, run_folder: Path) -> Recording:
+def read_missing_photos(recording: Recording, run_folder: Path) -> Recording:
     """The recording of a run that ended before its photos were read, with their angles; any other recording unchanged.
 
     Raises BadInput where the rig and camera files that the run stored cannot be used.

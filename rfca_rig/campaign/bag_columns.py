@@ -16,8 +16,8 @@ from rfca_rig.campaign.bags import Bag, open_bag
 from rfca_rig.campaign.experiment_layout import TIME_UNITS
 from rfca_rig.campaign.message_fields import (
     NS_PER_S,
+    JointNotNamed,
     MessageField,
-    NotNamed,
     has_stamp,
     list_numbers,
     parse_field,
@@ -170,7 +170,7 @@ def _append(column: _Column, message: object, at_ns: int, times_ns: Mapping[str,
     """Appends a column's number from a message; a message that names other joints holds none."""
     try:
         value = read_number(message, column.field)
-    except NotNamed:
+    except JointNotNamed:
         return
     times_ns[column.name].append(at_ns)
     values[column.name].append(value)
@@ -182,7 +182,7 @@ def _suggest_name(bag: Bag, column: _Column) -> str:
     for _, _, message in bag.messages([column.topic]):
         try:
             read_number(message, column.field)
-        except NotNamed as error:
+        except JointNotNamed as error:
             names |= dict.fromkeys(error.args)
     asked = next(key for _, keys in column.field.parts for key in keys if not key.isdecimal())
     return suggestion(asked, names) if names else "the list of names is empty"

@@ -53,14 +53,14 @@ class Bag:
     path: Path
     types: Mapping[str, str]
     unreadable: Mapping[str, str]
-    logged: Callable[[Collection[str]], Iterator[LoggedMessage]]
+    open_log: Callable[[Collection[str]], Iterator[LoggedMessage]]
 
     def messages(self, topics: Collection[str]) -> Iterator[LoggedMessage]:
         """Iterate over the messages of these topics. Raises BadInput where a topic cannot be decoded, or the file is damaged."""
         for topic in topics:
             if topic in self.unreadable:
                 raise BadInput(f"{self.path}: topic {topic}: {self.unreadable[topic]}")
-        logged = self.logged(topics)
+        logged = self.open_log(topics)
         # Errors of the reader are translated, those of the caller that consumes the messages are not; a plain for loop would cover both.
         while True:
             with _refuse_damage(self.path):

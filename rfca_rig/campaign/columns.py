@@ -30,7 +30,7 @@ def unit_of(name: str) -> str:
     return _SUFFIXES[max(ends, key=len)] if ends else ""
 
 
-def fault_in_names(names: Sequence[str], known: Sequence[str], needed: Sequence[str]) -> str | None:
+def find_name_fault(names: Sequence[str], known: Sequence[str], needed: Sequence[str]) -> str | None:
     """The fault in a table's column names, or None.
 
     `known` names may be present, `needed` must be. Other names are extra columns and allowed. Exception: an extra column that is a known

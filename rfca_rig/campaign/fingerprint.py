@@ -7,7 +7,7 @@ from pathlib import Path
 from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
 from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
-from rfca_rig.recording.identity import described_files
+from rfca_rig.recording.identity import list_described_files
 from rfca_rig.recording.layout import ENDING, HEADER, RECORDING, stage_files
 from rfca_rig.recording.sums import sha256_of, sum_line
 
@@ -35,6 +35,6 @@ def fingerprint(path: Path) -> Fingerprint:
 def _files(folder: Path) -> list[Path]:
     """For a campaign its description and tables; for an unmerged run its header, its stages and its end."""
     if any((folder / name).is_file() for name in (FILE_NAME, PENDULUM, EXPERIMENT)):
-        return described_files(folder)
+        return list_described_files(folder)
     named = [file for file in (folder / HEADER, folder / ENDING) if file.is_file()]
     return sorted([*named, *stage_files(folder), *folder.glob(f"{RECORDING}.partial/*.h5")])

@@ -9,12 +9,12 @@ from rfca_rig.campaign.pendulum import PendulumCampaign, read_pendulum_campaign,
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.progress import Watcher, unwatched
+from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording.atomic import make_folder_atomically
 from rfca_rig.recording.store import write_recording
 
 
-def import_campaign(folder: Path, out_folder: Path, told: Watcher = unwatched) -> Path:
+def import_campaign(folder: Path, out_folder: Path, told: ProgressCount = ignore_progress) -> Path:
     """Read the campaign in `folder` and write `out_folder`/run.h5, all or nothing. Returns the file's path.
 
     `told` receives how many of its files have been read. Raises BadInput, one line, where the campaign cannot be used or `out_folder`

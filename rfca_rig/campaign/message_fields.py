@@ -25,7 +25,7 @@ _NAMES = "name"
 _NANOSECONDS = ("nanosec", "nsec")
 
 
-class NotNamed(LookupError):
+class JointNotNamed(LookupError):
     """A message names other joints than the requested one. Its argument is their names."""
 
 
@@ -122,7 +122,7 @@ def _entry(holder: Any, array: Any, place: str, key: str) -> Any:
         if names is None:
             raise ValueError(f"{place} has {len(array)} entries without names; write {place}[0] for the first")
         if key not in names:
-            raise NotNamed(*names)
+            raise JointNotNamed(*names)
         index = names.index(key)
     if index >= len(array):
         raise ValueError(f"{place}[{key}] is out of range: {place} has {len(array)} entries, the first is {place}[0]")

@@ -47,7 +47,7 @@ def open_recordings(paths: Sequence[Path]) -> list[Recording]:
     return [_open(path).with_order() for path in paths]
 
 
-def open_with_belief(paths: Sequence[Path]) -> list[Recording]:
+def open_with_nominal_model(paths: Sequence[Path]) -> list[Recording]:
     """The same where the nominal model is needed: raises BadInput, naming the path, where its values form no valid model.
 
     Recordings with static stages alone need no nominal model.

@@ -84,7 +84,7 @@ def read_pendulum_campaign(folder: Path) -> PendulumCampaign:
     _check_runs(folder, path, described)
     return PendulumCampaign(
         title=described.title,
-        pendulum=pendulum_of(*described.links),
+        pendulum=make_pendulum(*described.links),
         known_to=described.known_to.model_dump(exclude_none=True),
         noise_std=described.noise_std.model_dump(exclude_none=True),
         runs=tuple(_run(folder, described, run) for run in described.runs),
@@ -96,7 +96,7 @@ def run_files(folder: Path) -> tuple[str, ...]:
     return tuple(run.file for run in read_toml(folder / FILE_NAME, PendulumFile).runs)
 
 
-def pendulum_of(*links: LinkSection | None) -> Pendulum:
+def make_pendulum(*links: LinkSection | None) -> Pendulum:
     """The pendulum of these sections, from the fixed joint outwards; None stands for an absent link."""
     return Pendulum(tuple(PendulumLink(**link.model_dump()) for link in links if link is not None))
 

@@ -12,15 +12,15 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.columns import DYNAMIC, STATIC, STATIC_NEEDED, fault_in_names, unit_of
+from rfca_rig.campaign.columns import DYNAMIC, STATIC, STATIC_NEEDED, find_name_fault, unit_of
 from rfca_rig.campaign.layout import FILE_NAME, FORMAT, CampaignFile, DynamicRun
 from rfca_rig.campaign.table import CsvTable, number, numbers, read_table, rows
 from rfca_rig.channels import HINGES
 from rfca_rig.description.sections import RigSections
 from rfca_rig.description.toml import place_of, read_text, read_toml
-from rfca_rig.description.torque_rotation import with_curve_read
+from rfca_rig.description.torque_rotation import read_named_curve
 from rfca_rig.errors import BadInput
-from rfca_rig.progress import Watcher, counted, unwatched
+from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, Stream, Stroke
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ def read_stages(path: Path, strokes_before: int | None = None, held_s: float | N
     line and column, for the first fault.
     """
     table = read_table(path)
-    if fault := fault_in_names(table.names, known=STATIC, needed=STATIC_NEEDED):
+    if fault := find_name_fault(table.names, known=STATIC, needed=STATIC_NEEDED):
         raise BadInput(f"{table.path}:1: {fault}")
     lines = [dict(zip(table.names, cells, strict=True)) for cells in rows(table)]
     extra = {name: [cells[name] for cells in lines] for name in table.names if name not in STATIC}
@@ -99,7 +99,7 @@ def read_stroke(path: Path, run: DynamicRun) -> Stroke:
 
 
 def _check_names(table: CsvTable) -> None:
-    fault = fault_in_names(table.names, known=DYNAMIC, needed=("t_s",))
+    fault = find_name_fault(table.names, known=DYNAMIC, needed=("t_s",))
     if fault is None and len(table.names) == 1:
         fault = f"only t_s, and nothing that was measured; known channels are {', '.join(DYNAMIC[1:])}"
     if fault:
@@ -120,7 +120,7 @@ def _check_time(table: CsvTable, t_s: Floats) -> None:
         raise table.fault(len(t_s) - 1, f"column t_s: ends at {t_s[-1]:g} s, before the motion starts at 0")
 
 
-def read_campaign(folder: Path, told: Watcher = unwatched) -> Recording:
+def read_campaign(folder: Path, told: ProgressCount = ignore_progress) -> Recording:
     """Read the campaign in `folder`, with strokes and stages in the order of campaign.toml. Nothing is written.
 
     Raises BadInput, one line with file, line and column, for the first fault.
@@ -128,7 +128,7 @@ def read_campaign(folder: Path, told: Watcher = unwatched) -> Recording:
     path = folder / FILE_NAME
     if not path.is_file():
         raise BadInput(f"{path}: is not there; a campaign is a folder with {FILE_NAME} and CSV files")
-    campaign = with_curve_read(read_toml(path, CampaignFile), folder)
+    campaign = read_named_curve(read_toml(path, CampaignFile), folder)
     _check_files(folder, campaign)
     _check_conditions(path, campaign)
     static, extra = _stages(folder, campaign)
@@ -143,8 +143,8 @@ def read_campaign(folder: Path, told: Watcher = unwatched) -> Recording:
     )
 
 
-def _strokes(folder: Path, campaign: CampaignFile, told: Watcher) -> tuple[Stroke, ...]:
-    return tuple(read_stroke(folder / run.file, run) for _, run in counted(list(campaign.dynamic()), told))
+def _strokes(folder: Path, campaign: CampaignFile, told: ProgressCount) -> tuple[Stroke, ...]:
+    return tuple(read_stroke(folder / run.file, run) for _, run in iterate_with_progress(list(campaign.dynamic()), told))
 
 
 def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 
 from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
-from rfca_rig.campaign.stored_samples import InFile, InMemory, StoredSamples
+from rfca_rig.campaign.stored_samples import SamplesInFile, SamplesInMemory, StoredSamples
 from rfca_rig.protocol.plan import flap_label
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.cycle_table import CYCLES
@@ -17,7 +17,7 @@ from rfca_rig.recording.layout import stage_files
 from rfca_rig.recording.model import Recording, Source, StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
-from rfca_rig.recording.store import opened
+from rfca_rig.recording.store import open_sealed
 from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import height_mm
 
@@ -40,7 +40,7 @@ class StoredStage:
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredRecording:
     """A recording whose samples are still in their files. The paths of its photos are relative to `folder`."""
 
     folder: Path
@@ -53,7 +53,7 @@ class Stored:
     raw: tuple[StoredStage, ...]
 
 
-def stored_at(path: Path) -> Stored:
+def open_stored(path: Path) -> StoredRecording:
     """Open the recording at `path`: a run's folder, also of a running or interrupted run, a recording file, or a campaign.
 
     Raises BadInput for anything else, and for damaged files.
@@ -65,31 +65,31 @@ def stored_at(path: Path) -> Stored:
         return _in_one_file(folder, file)
     if path.is_dir() and run_folder.is_run(path):
         return _in_stage_files(path)
-    return in_memory(folder, open_recordings([path])[0])
+    return store_in_memory(folder, open_recordings([path])[0])
 
 
-def in_memory(folder: Path, recording: Recording) -> Stored:
+def store_in_memory(folder: Path, recording: Recording) -> StoredRecording:
     """A recording that is read already."""
-    strokes = tuple(_stroke(InMemory(one.streams), one.height_m, one.speed_rad_s, one.repeat) for one in recording.strokes)
-    raw = tuple(_raw(InMemory(one.streams), one.label, one.height_m, one.cut_short) for one in recording.raw)
+    strokes = tuple(_stroke(SamplesInMemory(one.streams), one.height_m, one.speed_rad_s, one.repeat) for one in recording.strokes)
+    raw = tuple(_raw(SamplesInMemory(one.streams), one.label, one.height_m, one.cut_short) for one in recording.raw)
     return _make_stored(folder, recording, recording.static, strokes, raw)
 
 
-def _in_one_file(folder: Path, path: Path) -> Stored:
-    with opened(path) as (file, source):
+def _in_one_file(folder: Path, path: Path) -> StoredRecording:
+    with open_sealed(path) as (file, source):
         texts = {name: json.loads(file[name][()]) for name in ("believed", "provenance")}
         title, static = str(file.attrs["title"]), read_static(file)
         strokes, raw = tuple(_strokes_in(file, path)), tuple(_raw_in(file, path))
-        return Stored(folder, title, source, texts["believed"], texts["provenance"], static, strokes, raw)
+        return StoredRecording(folder, title, source, texts["believed"], texts["provenance"], static, strokes, raw)
 
 
-def _in_stage_files(folder: Path) -> Stored:
+def _in_stage_files(folder: Path) -> StoredRecording:
     """Of a run that was not put together yet."""
     known = run_folder.read_without_samples(folder)
     strokes: list[StoredStage] = []
     raw: list[StoredStage] = []
     for path in stage_files(folder):
-        with opened(path) as (file, _):
+        with open_sealed(path) as (file, _):
             strokes += _strokes_in(file, path)
             raw += _raw_in(file, path)
     return _make_stored(folder, known, known.static, tuple(strokes), tuple(raw))
@@ -97,8 +97,8 @@ def _in_stage_files(folder: Path) -> Stored:
 
 def _make_stored(
     folder: Path, known: Recording, static: tuple[StaticStage, ...], strokes: tuple[StoredStage, ...], raw: tuple[StoredStage, ...]
-) -> Stored:
-    return Stored(folder, known.title, known.source, known.nominal, known.provenance, static, strokes, raw)
+) -> StoredRecording:
+    return StoredRecording(folder, known.title, known.source, known.nominal, known.provenance, static, strokes, raw)
 
 
 def _strokes_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
@@ -106,7 +106,7 @@ def _strokes_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
     for name in sorted(file[STROKES], key=int):
         about = file[STROKES][name].attrs
         condition = float(about["height_mm"]) / 1e3, float(about["speed_rad_s"]), int(about["repeat"])
-        yield _stroke(InFile.of(path, file, f"{STROKES}/{name}"), *condition)
+        yield _stroke(SamplesInFile.of(path, file, f"{STROKES}/{name}"), *condition)
 
 
 def _raw_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
@@ -114,7 +114,7 @@ def _raw_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
     for name in sorted(groups, key=int):
         about = groups[name].attrs
         height_m = float(about["height_mm"]) / 1e3
-        yield _raw(InFile.of(path, file, f"{RAW}/{name}"), str(about["label"]), height_m, str(about["cut_short"]))
+        yield _raw(SamplesInFile.of(path, file, f"{RAW}/{name}"), str(about["label"]), height_m, str(about["cut_short"]))
 
 
 def _stroke(samples: StoredSamples, height_m: float, speed_rad_s: float, repeat: int) -> StoredStage:

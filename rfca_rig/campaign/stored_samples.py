@@ -34,7 +34,7 @@ class StoredSamples(Protocol):
 
 
 @dataclass(frozen=True)
-class InMemory:
+class SamplesInMemory:
     """Implements StoredSamples for a stage that was read already."""
 
     streams: Streams
@@ -55,7 +55,7 @@ class InMemory:
 
 
 @dataclass(frozen=True)
-class InFile:
+class SamplesInFile:
     """Implements StoredSamples for a group of a file, whose seal was verified when the file was first opened."""
 
     path: Path
@@ -64,7 +64,7 @@ class InFile:
     span_s: tuple[float, float]
 
     @classmethod
-    def of(cls, path: Path, file: h5py.File, group: str) -> "InFile":
+    def of(cls, path: Path, file: h5py.File, group: str) -> "SamplesInFile":
         """The samples of a group. Raises ValueError where one of its streams is not of the recording's source."""
         streams = dict(streams_in(file[group], file.attrs["source"]))
         # Only the first and last time are read, not the samples between them.

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name
 from rfca_rig.recording.model import Source, Stream
 from rfca_rig.recording.strokes import TIME, streams_in
 
@@ -66,7 +66,7 @@ class StoredStream:
 def streams_in_file(stage: h5py.Group, source: Source) -> tuple[StoredStream, ...]:
     """Streams of a stage's group, valid while the file is open. Raises ValueError where one is not of the recording's source."""
     return tuple(
-        StoredStream(name, group[TIME], {column: _column_in(group[link(column)]) for column in json.loads(group.attrs["order"])})
+        StoredStream(name, group[TIME], {column: _column_in(group[link_name(column)]) for column in json.loads(group.attrs["order"])})
         for name, group in streams_in(stage, source)
     )
 

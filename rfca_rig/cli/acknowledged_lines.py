@@ -6,7 +6,7 @@ from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import Clock
 from rfca_rig.engine.stop_request import StopLevel, StopRequest
-from rfca_rig.recording.keeper import Keeper
+from rfca_rig.recording.keeper import RunBackend
 
 # An acknowledgement takes some tens of milliseconds on a disk that works.
 SILENT_S = 2.0
@@ -21,7 +21,7 @@ class AcknowledgedLines:
     between stages, because printing may block and the control loop must not.
     """
 
-    def __init__(self, say: Say, keeper: Keeper, recorder: Recorder, stop_request: StopRequest, clock: Clock) -> None:
+    def __init__(self, say: Say, keeper: RunBackend, recorder: Recorder, stop_request: StopRequest, clock: Clock) -> None:
         self._say, self._keeper, self._recorder = say, keeper, recorder
         self._stop_request, self._clock = stop_request, clock
         self._waiting: deque[tuple[int, float, str]] = deque()

@@ -14,12 +14,12 @@ from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver
 from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.errors import RigError, Tripped
-from rfca_rig.recording.keeper import Keeper
+from rfca_rig.recording.keeper import RunBackend
 from rfca_rig.view.live_view import LiveView
 from rfca_rig.view.run_facts import run_facts
 
 
-def viewing_of(is_asked: bool, port: int | None, pace: float) -> Viewing | None:
+def parse_viewing(is_asked: bool, port: int | None, pace: float) -> Viewing | None:
     """The view that the options ask for; a port implies the view."""
     return Viewing(port or 0, pace) if is_asked or port is not None else None
 
@@ -36,11 +36,11 @@ class ViewSession:
         """Raises BadInput for an occupied port, RigError where the view cannot be started."""
         self._bench = bench
         self._mark = config.mark
-        self._keeper: Keeper | None = None
+        self._keeper: RunBackend | None = None
         self._say: Say | None = None
         self._view: LiveView | None = None
         if config.viewing is not None:
-            facts = run_facts(config.plan, config.mark, bench.sensor.scale(), config.believes.nominal())
+            facts = run_facts(config.plan, config.mark, bench.sensor.scale(), config.nominal_source.nominal())
             self._view = LiveView(facts, config.plan, stop_request, self._vitals, self._tell, config.viewing.port)
             typer.echo(f"{config.mark} watch the run, and stop it, at {self._view.url}", err=True)
 
@@ -56,7 +56,7 @@ class ViewSession:
         if self._say is not None:
             self._say(line)
 
-    def begin(self, keeper: Keeper, say: Say) -> Say:
+    def begin(self, keeper: RunBackend, say: Say) -> Say:
         """Connects the recorder. Lines said through the returned function are also shown on the page."""
         self._keeper, self._say = keeper, self._aloud(say)
         return self._say

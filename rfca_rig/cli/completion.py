@@ -70,9 +70,9 @@ def _verdicts(_begun: str) -> Iterable[str]:
 
 
 _BY_METAVAR: dict[str, Offer] = {
-    "RUN": names.recorded_folders,
-    "PATH...": names.recorded_folders,
-    "FOLDER": names.recorded_folders,
+    "RUN": names.list_recorded_folders,
+    "PATH...": names.list_recorded_folders,
+    "FOLDER": names.list_recorded_folders,
     "RIG": lambda _begun: names.rig_names(),
     "PROTOCOL": lambda _begun: names.file_names("protocols"),
     "[CODE]": _each_of(names.TRIP_CODES),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.progress import Told
+from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
     from rfca_rig.executors.base import TaskExecutor
@@ -26,7 +26,7 @@ SLURM, ADDRESSES = "slurm:", ("tcp://", "tls://")
 
 
 @contextmanager
-def open_executor(workers: int | None, cluster: str | None, told: Told, results: Path | None = None) -> "Iterator[TaskExecutor]":
+def open_executor(workers: int | None, cluster: str | None, told: ProgressReport, results: Path | None = None) -> "Iterator[TaskExecutor]":
     """The executor that `--workers` and `--cluster` ask for.
 
     Parameters
@@ -64,18 +64,18 @@ def open_executor(workers: int | None, cluster: str | None, told: Told, results:
         raise BadInput(f"--cluster {cluster}: should be tcp://HOST:PORT or slurm:FILE")
 
 
-def _slurm_executor(file: Path, told: Told, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
+def _slurm_executor(file: Path, told: ProgressReport, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
     from rfca_rig.description.cluster_file import read_cluster_file
     from rfca_rig.executors.slurm import slurm_workers
 
     shared = _shared_folder(results)
-    return slurm_workers(read_cluster_file(file), shared or Path(), shared, facts, told, _notice)
+    return slurm_workers(read_cluster_file(file), shared or Path(), shared, collect_facts, told, _notice)
 
 
-def _dask_executor(address: str, told: Told, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
-    from rfca_rig.executors.cluster import connected
+def _dask_executor(address: str, told: ProgressReport, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
+    from rfca_rig.executors.cluster import connect_to_scheduler
 
-    return connected(address, _shared_folder(results), facts, told, _notice)
+    return connect_to_scheduler(address, _shared_folder(results), collect_facts, told, _notice)
 
 
 def _shared_folder(results: Path | None) -> Path | None:
@@ -87,10 +87,10 @@ def _notice(line: str) -> None:
     typer.echo(line, err=True)
 
 
-def facts() -> "Facts":
+def collect_facts() -> "Facts":
     """Facts that workers must share with this process, a lab's own effects among them."""
-    from rfca_rig.executors.environment import facts_here, source_hash
+    from rfca_rig.executors.environment import collect_facts, hash_source
     from rfca_rig.model.catalogue import FOLDER_VARIABLE
 
     own = os.environ.get(FOLDER_VARIABLE)
-    return {**facts_here(), "own effects": source_hash(Path(own)) if own else "none"}
+    return {**collect_facts(), "own effects": hash_source(Path(own)) if own else "none"}

@@ -7,31 +7,31 @@ from pathlib import Path
 from rfca_rig.bench import provenance
 from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
-from rfca_rig.bench.resume import ending_of, go_on
+from rfca_rig.bench.resume import ending_of, reopen_run
 from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.progress import progress
 from rfca_rig.cli.run_config import RunConfig
-from rfca_rig.cli.terminal import Say, marked
+from rfca_rig.cli.terminal import Say, make_marked_say
 from rfca_rig.description.own_devices import texts_of
 from rfca_rig.engine.bench import Bench
 from rfca_rig.errors import DiskFull, RigError, Tripped
 from rfca_rig.model.catalogue import lab_texts
-from rfca_rig.progress import Watcher, unwatched
+from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.cycle_table import CYCLES
-from rfca_rig.recording.keeper import Keeper
+from rfca_rig.recording.keeper import RunBackend
 from rfca_rig.recording.layout import RECORDING
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import write_ending
-from rfca_rig.recording.summary import tally_of
-from rfca_rig.twin_server.fault_schedule import Switching
+from rfca_rig.recording.summary import summarize
+from rfca_rig.twin_server.fault_schedule import FaultEvent
 
 
 def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:
     if config.begun is None:
         run_folder.create(folder, _header(config, bench))
     else:
-        go_on(config.begun, bench.clock, provenance.operator(config.operator), config.twin_seed, config.rig_changes)
+        reopen_run(config.begun, bench.clock, provenance.operator(config.operator), config.twin_seed, config.rig_changes)
 
 
 def note_end(recorder: Recorder, why: str) -> None:
@@ -48,18 +48,18 @@ def note_end(recorder: Recorder, why: str) -> None:
 
 
 @dataclass(frozen=True)
-class Kept:
+class FinishedRun:
     """Results and devices of a run when the motor is off."""
 
     folder: Path
-    keeper: Keeper
+    keeper: RunBackend
     recorder: Recorder
     bench: Bench
     lines: AcknowledgedLines
     outcome: Outcome
 
 
-def finish(config: RunConfig, run: Kept, quiet: bool = False) -> None:
+def finish(config: RunConfig, run: FinishedRun, quiet: bool = False) -> None:
     """Completes the recording, with the angles from the photos. Raises RigError with the remedy where the disk has no room for it.
 
     Shows its progress unless `quiet`, for example below another progress bar.
@@ -79,10 +79,10 @@ def finish(config: RunConfig, run: Kept, quiet: bool = False) -> None:
         raise kind(f"{error}; {safe}, type rfca-rig recover {run.folder} (where the disk is full, make room first)") from error
 
 
-def _put_together(config: RunConfig, run: Kept, told: Watcher) -> None:
+def _put_together(config: RunConfig, run: FinishedRun, told: ProgressCount) -> None:
     recorder = run.recorder
     known = {
-        **provenance.ended(run.bench, run.outcome, recorder.worst_gap_s),
+        **provenance.ending_fields(run.bench, run.outcome, recorder.worst_gap_s),
         "ended_in_stage": recorder.where,
         "standstill": recorder.standstill.text(),
         "tare_drift": recorder.tare_drift(),
@@ -91,42 +91,44 @@ def _put_together(config: RunConfig, run: Kept, told: Watcher) -> None:
         "recorder_samples": f"{recorder.samples} handed over, {recorder.refused} refused",
     }
     write_ending(run.folder, ending_of(run.folder, known, run.recorder.stages, config.begun, config.eye))
-    run_folder.build(run.folder, told)
+    run_folder.build_recording(run.folder, told)
 
 
-def _read_photos(config: RunConfig, run: Kept, told: Watcher) -> None:
+def _read_photos(config: RunConfig, run: FinishedRun, told: ProgressCount) -> None:
     if config.eye is not None:
-        marked(config.mark, config.quiet)(f"motor off; reading {sum(bool(stage.photo) for stage in run.recorder.stages)} photos ...")
+        make_marked_say(config.mark, config.quiet)(
+            f"motor off; reading {sum(bool(stage.photo) for stage in run.recorder.stages)} photos ..."
+        )
         run.recorder.read_photos(run.folder, config.eye, told)
 
 
-def keep(config: RunConfig, run: Kept, say: Say) -> None:
+def finish_cut_short(config: RunConfig, run: FinishedRun, say: Say) -> None:
     """Completes a run that was cut short; one that recorded nothing leaves no folder."""
     try:
         # The folder of a continued run has earlier stages, so it is never discarded.
         if run.recorder.samples or config.begun:
             finish(config, run, quiet=True)
             after = " --after-trip" if run.outcome.exit_status == Tripped.exit_code else ""
-            say(f"kept {counted(run.folder)} in {run.folder}; rfca-rig resume {run.folder}{after} goes on")
+            say(f"kept {describe_contents(run.folder)} in {run.folder}; rfca-rig resume {run.folder}{after} goes on")
         else:
             run.keeper.finish(run.outcome.why)
-            _read_photos(config, run, unwatched)
+            _read_photos(config, run, ignore_progress)
             run_folder.discard(run.folder)
     # Said, not raised: the error that ended the run is the one to be reported.
     except RigError as also:
         say(str(also))
 
 
-def counted(folder: Path) -> str:
+def describe_contents(folder: Path) -> str:
     """What a run has recorded, in words."""
-    summary = tally_of(folder / RECORDING, thorough=False)
+    summary = summarize(folder / RECORDING, thorough=False)
     cut_short = "".join(f", and {label} until it was cut short," for label in summary.cut_short)
     cycles = f"{summary.samples[CYCLES]} cycles, " if summary.samples.get(CYCLES) else ""
     return f"{cycles}{summary.strokes} strokes and {summary.static} static stages{cut_short}"
 
 
 def _header(config: RunConfig, bench: Bench) -> Recording:
-    known_to = config.believes.known_to.model_dump(exclude_none=True) if config.believes.known_to else {}
+    known_to = config.nominal_source.known_to.model_dump(exclude_none=True) if config.nominal_source.known_to else {}
     seed = {} if config.twin_seed is None else {"seed": str(config.twin_seed)}
     named = {"rig": config.rig_name} if config.rig_name else {}
     named |= {"twin_faults": ", ".join(_describe_fault(fault) for fault in config.faults)} if config.faults else {}
@@ -134,19 +136,19 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     texts |= ({"model_file": config.model_text} if config.model else {}) | ({"camera_file": config.camera_text} if config.eye else {})
     # A lab's own drivers and effects are part of the rig: without their text the recording could not be explained.
     texts |= texts_of(config.rig.motor, config.rig.force_sensor)
-    texts |= {f"effect_{name}_file": text for name, text in lab_texts([one.id for one in config.believes.effects]).items()}
+    texts |= {f"effect_{name}_file": text for name, text in lab_texts([one.id for one in config.nominal_source.effects]).items()}
     return Recording(
         title=config.plan.title,
         source="REAL" if config.rig.is_real else "SIM",
-        nominal=config.believes.nominal(),
+        nominal=config.nominal_source.nominal(),
         known_to=known_to,
         strokes=(),
         static=(),
         provenance={
-            **provenance.made_by(bench),
-            **provenance.people(config.operator, config.sample),
+            **provenance.software_and_host(bench),
+            **provenance.operator_and_sample(config.operator, config.sample),
             **provenance.files(texts),
-            **provenance.planned(config.plan),
+            **provenance.plan_fields(config.plan),
             **provenance.devices(bench),
             **seed,
             **named,
@@ -154,5 +156,5 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     )
 
 
-def _describe_fault(fault: Switching) -> str:
+def _describe_fault(fault: FaultEvent) -> str:
     return f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s"

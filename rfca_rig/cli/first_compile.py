@@ -4,18 +4,18 @@ from pathlib import Path
 
 import typer
 
-from rfca_rig.cli.progress import Bars
+from rfca_rig.cli.progress import ProgressLines
 from rfca_rig.cli.terminal import Say
 from rfca_rig.model.compiled import CACHE_FOLDER, is_warm
 
-SAID = "compiling the model, once on this machine, ten seconds to a minute ..."
+COMPILE_NOTICE = "compiling the model, once on this machine, ten seconds to a minute ..."
 
 
-def tell_first_compile(bars: Bars, quiet: bool, say: Say = lambda line: typer.echo(line, err=True)) -> None:
+def announce_first_compile(bars: ProgressLines, quiet: bool, say: Say = lambda line: typer.echo(line, err=True)) -> None:
     """To be called before the first computation of a command; prints nothing where the model is compiled already."""
     if not is_warm() and not quiet:
-        say(SAID)
-        bars.going_on("compiling", _so_far)
+        say(COMPILE_NOTICE)
+        bars.show_unbounded("compiling", _so_far)
 
 
 def _so_far() -> str:

@@ -16,11 +16,11 @@ def print_lines(lines: Iterable[str], indent: str = "  ") -> None:
     """
     width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDEST)
     for line in lines:
-        for piece in fitted(line, width, indent):
+        for piece in wrap_line(line, width, indent):
             typer.echo(piece)
 
 
-def fitted(line: str, width: int = WIDTH, indent: str = "  ") -> list[str]:
+def wrap_line(line: str, width: int = WIDTH, indent: str = "  ") -> list[str]:
     """The line in pieces of at most that many columns; a path or a command too long for one stays whole."""
     if len(line) <= width:
         return [line]

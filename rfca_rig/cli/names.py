@@ -82,7 +82,7 @@ RUN_ENDINGS = tuple(word.replace(" ", "-") for word in entry.ENDINGS)
 VERDICTS = tuple(word.replace(" ", "-") for word in ANY_VERDICT)
 TRIP_CODES = tuple(code.value for code in Trip)
 RECORDED = ("run.json", "run.h5", "campaign.toml", "pendulum.toml", "experiment.toml")
-MOST_FOLDERS = 50
+MAX_FOLDERS = 50
 
 
 def effect_names() -> list[str]:
@@ -101,13 +101,13 @@ def rig_names() -> list[str]:
     return sorted(name for name, file in files.items() if "\n[rig]" in file.read_text(encoding="utf-8", errors="replace"))
 
 
-def recorded_folders(begun: str) -> list[str]:
+def list_recorded_folders(begun: str) -> list[str]:
     """Folders of runs and campaigns whose path begins with `begun`, newest first; those in runs/ where nothing is typed yet."""
     parent, slash, _ = begun.rpartition("/")
     places = [parent or "/"] if slash else [".", "runs"]
     newest = sorted((one for place in places for one in _folders_in(place, begun)), reverse=True)
     recorded = (path for _, path in newest if any(Path(path, name).exists() for name in RECORDED))
-    return list(islice(recorded, MOST_FOLDERS))
+    return list(islice(recorded, MAX_FOLDERS))
 
 
 def _folders_in(place: str, begun: str) -> Iterator[tuple[float, str]]:

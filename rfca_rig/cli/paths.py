@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.atomic import refusals
+from rfca_rig.recording.atomic import translate_os_errors
 from rfca_rig.suggestions import suggestion
 
 PACKAGE = Path(__file__).parents[1]
@@ -41,7 +41,7 @@ def make_run_folder(parent: Path, mark: str, title: str) -> Path:
     slug = re.sub(r"[^a-z0-9.]+", "-", title.lower()).strip("-")
     for number in range(1, 1_000_000):
         folder = parent / f"{mark}-{slug}-{number:03d}"
-        with refusals(folder, "cannot be made"):
+        with translate_os_errors(folder, "cannot be made"):
             try:
                 folder.mkdir(parents=True)
             except FileExistsError:

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from math import degrees
 
-from rfca_rig.bench.expectation import expected_loads
-from rfca_rig.cli.first_compile import tell_first_compile
+from rfca_rig.bench.expectation import predict_loads
+from rfca_rig.cli.first_compile import announce_first_compile
 from rfca_rig.cli.progress import progress
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say
@@ -38,11 +38,11 @@ def condition_lines(plan: Plan, expected: Mapping[Stage, Load]) -> list[str]:
     return [f"{line}, {count} times" if count > 1 else line for line, count in lines.items()]
 
 
-def examined(config: RunConfig, say: Say) -> Mapping[Stage, Load]:
+def check_before_run(config: RunConfig, say: Say) -> Mapping[Stage, Load]:
     """Predicted load of each stage. Raises BadInput where a load, or the plan itself, passes a limit."""
     with progress(config.quiet) as bars:
-        tell_first_compile(bars, config.quiet, say)
-        expected = expected_loads(config.plan, config.believes.model())
+        announce_first_compile(bars, config.quiet, say)
+        expected = predict_loads(config.plan, config.nominal_source.model())
     check_plan(config.plan, expected)
     _check_on_rougher_floor(config)
     return expected
@@ -50,13 +50,13 @@ def examined(config: RunConfig, say: Say) -> Mapping[Stage, Load]:
 
 def _check_on_rougher_floor(config: RunConfig) -> None:
     """Whether a leg that is turned back slides or wedges depends on little friction: the plan must pass with more of it, too."""
-    known_to, rig = config.believes.known_to, config.believes.model()
+    known_to, rig = config.nominal_source.known_to, config.nominal_source.model()
     if not config.plan.holds or known_to is None or not known_to.friction_coefficient:
         return
     friction = rig.ground.friction_coefficient + ROUGHER_STDS * known_to.friction_coefficient
     rougher = replace(rig, ground=replace(rig.ground, friction_coefficient=friction))
     supposing = f" with a friction of {friction:.2f}, which is {ROUGHER_STDS:g} standard deviations above the believed"
-    check_plan(config.plan, expected_loads(config.plan, rougher), supposing)
+    check_plan(config.plan, predict_loads(config.plan, rougher), supposing)
 
 
 def print_plan(config: RunConfig, expected: Mapping[Stage, Load], say: Say) -> None:
@@ -67,11 +67,11 @@ def print_plan(config: RunConfig, expected: Mapping[Stage, Load], say: Say) -> N
         say(f"  {line}")
     say(
         f"  limits {limits.force_N:g} N, {limits.torque_Nm:g} N m, {limits.speed_rad_s:g} rad/s; "
-        f"at most {plan.duration_s / 60:.1f} min on the rig, {recorded_bytes(config) / 1e6:.1f} MB before compression"
+        f"at most {plan.duration_s / 60:.1f} min on the rig, {recording_size(config) / 1e6:.1f} MB before compression"
     )
 
 
-def recorded_bytes(config: RunConfig) -> int:
+def recording_size(config: RunConfig) -> int:
     """Size of the recording in bytes, before compression."""
     width, height = config.eye.camera.image_size_px if config.eye else (0, 0)
     return config.plan.recorded_bytes + cycle_bytes(config.plan) + 3 * width * height * config.plan.photos

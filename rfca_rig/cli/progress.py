@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn
 from rich.text import Text
 
-from rfca_rig.progress import Watcher
+from rfca_rig.progress import ProgressCount
 
 # Parts differ in length, so the remaining time is estimated from all of them and not from the last half minute.
 LONG_S = 1e4
@@ -43,7 +43,7 @@ def _clock(seconds: float) -> str:
     return str(timedelta(seconds=round(seconds))).removeprefix("0:")
 
 
-class Bars:
+class ProgressLines:
     """Lines of progress; `told` may be called from any thread."""
 
     def __init__(self, bars: Progress) -> None:
@@ -59,11 +59,11 @@ class Bars:
         while done and self._without_end:
             self._bars.remove_task(self._without_end.pop())
 
-    def counting(self, what: str) -> Watcher:
+    def counting(self, what: str) -> ProgressCount:
         """A callback for work that counts its items."""
         return lambda done, of: self.told(what, done, of)
 
-    def going_on(self, what: str, note: Callable[[], str]) -> None:
+    def show_unbounded(self, what: str, note: Callable[[], str]) -> None:
         """A line for work of unknown amount; `note` is called again and again for the text to show."""
         self._without_end.append(self._bars.add_task(_short(what), total=None, note=note))
 
@@ -75,7 +75,7 @@ class Bars:
 
 
 @contextmanager
-def progress(quiet: bool) -> Iterator[Bars]:
+def progress(quiet: bool) -> Iterator[ProgressLines]:
     """Lines that disappear when the work is done."""
     console = Console(stderr=True, quiet=quiet, highlight=False)
     columns = (SpinnerColumn("line"), TextColumn("{task.description}"), BarColumn(BAR_WIDTH), _Done(), _Left())
@@ -89,7 +89,7 @@ def progress(quiet: bool) -> Iterator[Bars]:
         speed_estimate_period=LONG_S,
     )
     with bars:
-        yield Bars(bars)
+        yield ProgressLines(bars)
 
 
 def _short(what: str) -> str:

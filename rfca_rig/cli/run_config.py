@@ -8,8 +8,8 @@ from rfca_rig.bench.begun import InterruptedRun
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.twin_server.fault_schedule import Switching
-from rfca_rig.vision.leg_photo import Eye
+from rfca_rig.twin_server.fault_schedule import FaultEvent
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class RunConfig:
     dry: bool
     model: ModelFile | None = None
     model_text: str = ""
-    eye: Eye | None = None
+    eye: PhotoSetup | None = None
     camera_text: str = ""
     rig_name: str = ""
     begun: InterruptedRun | None = None
@@ -51,10 +51,10 @@ class RunConfig:
     operator: str = ""
     sample: str = ""
     viewing: Viewing | None = None
-    faults: tuple[Switching, ...] = ()
+    faults: tuple[FaultEvent, ...] = ()
 
     @property
-    def believes(self) -> RigFile | ModelFile:
+    def nominal_source(self) -> RigFile | ModelFile:
         """The file whose nominal model the run is expected to follow."""
         return self.model or self.rig
 

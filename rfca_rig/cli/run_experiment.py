@@ -13,12 +13,12 @@ from rfca_rig.bench.outcome import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.attach_view import attach_view, twin_clock
-from rfca_rig.cli.finalize_run import Kept, finish, keep, note_end, open_folder
+from rfca_rig.cli.finalize_run import FinishedRun, finish, finish_cut_short, note_end, open_folder
 from rfca_rig.cli.paths import make_run_folder
-from rfca_rig.cli.preflight import examined, print_plan, recorded_bytes
+from rfca_rig.cli.preflight import check_before_run, print_plan, recording_size
 from rfca_rig.cli.run_config import RunConfig
-from rfca_rig.cli.signals import heard
-from rfca_rig.cli.terminal import Say, marked, progress_bar
+from rfca_rig.cli.signals import handle_signals
+from rfca_rig.cli.terminal import Say, make_marked_say, progress_bar
 from rfca_rig.clock import WallClock
 from rfca_rig.engine.arming import prove_stop
 from rfca_rig.engine.bench import Bench
@@ -26,8 +26,8 @@ from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.disk_reserve import check_room
-from rfca_rig.recording.keeper import DirectKeeper, Keeper
-from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.recording.keeper import InProcessRecorder, RunBackend
+from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.view.live_view import check_live_view
 
@@ -47,11 +47,11 @@ def prove_drive(config: RunConfig, bench: Bench) -> dict[str, str | float]:
     watchdog_s = prove_stop(bench)
     is_guarded = bench.motor.identity().get("guardian", "none") != "none"
     who = "the guardian lets go of the motor" if is_guarded else "the drive's watchdog stops the motor"
-    marked(config.mark, config.quiet)(f"{who} after {watchdog_s:.2f} s of silence")
+    make_marked_say(config.mark, config.quiet)(f"{who} after {watchdog_s:.2f} s of silence")
     return {"confirmed": CHECKLIST, "by_typing_N": config.plan.limits.force_N, "watchdog_s": round(watchdog_s, 3)}
 
 
-def carry_out(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path | None, Recorder | None]:
+def run_and_record(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path | None, Recorder | None]:
     """From the printed plan to the finished recording; (None, None) after a dry run.
 
     Parameters
@@ -68,11 +68,11 @@ def carry_out(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say], None
     """
     if config.viewing is not None:
         check_live_view()
-    say = marked(config.mark, config.quiet)
-    expected = examined(config, say)
+    say = make_marked_say(config.mark, config.quiet)
+    expected = check_before_run(config, say)
     print_plan(config, expected, say)
     # All checks come before the operator is asked to arm the rig.
-    check_room(config.runs, recorded_bytes(config))
+    check_room(config.runs, recording_size(config))
     if config.dry:
         return None, None
     if config.rig.is_real:
@@ -90,14 +90,14 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
         armed = prove_drive(config, bench) if bench.is_real else {}
         folder = config.begun.folder if config.begun else make_run_folder(config.runs, config.mark, config.plan.title)
         open_folder(config, folder, bench)
-        keeper = _keeper(folder, bench, marked(config.mark, config.quiet))
+        keeper = _keeper(folder, bench, make_marked_say(config.mark, config.quiet))
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_in_terminal):
             say = view.begin(keeper, say_in_terminal)
 
-            handlers = signals.enter_context(heard(supervision.stop_request, say))
+            handlers = signals.enter_context(handle_signals(supervision.stop_request, say))
             lines = AcknowledgedLines(say, keeper, recorder, supervision.stop_request, WallClock())
-            run = partial(Kept, folder, keeper, recorder, bench, lines)
+            run = partial(FinishedRun, folder, keeper, recorder, bench, lines)
 
             def progress(stage: Stage) -> None:
                 advance(stage.label, stage.duration_s)
@@ -120,7 +120,7 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
                 note_end(recorder, str(error))
                 say(f"motor off: {recorder.standstill.text()}")
                 # A trip or a stop still gives a recording, which `resume` continues.
-                keep(config, run(Outcome.of(error)), say)
+                finish_cut_short(config, run(Outcome.of(error)), say)
                 raise
             # A defect of this program: the files are closed in order, and the error passes on unchanged.
             except BaseException as mistake:
@@ -130,6 +130,6 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
     return folder, recorder
 
 
-def _keeper(folder: Path, bench: Bench, warn: Say) -> Keeper:
+def _keeper(folder: Path, bench: Bench, warn: Say) -> RunBackend:
     """On a twin the recorder may let the loop wait, as the twin's time stands still meanwhile; a real rig must not wait."""
-    return ProcessKeeper(folder, patient=not bench.is_real, warn=warn) if can_be_started() else DirectKeeper(folder)
+    return RecorderClient(folder, patient=not bench.is_real, warn=warn) if can_be_started() else InProcessRecorder(folder)

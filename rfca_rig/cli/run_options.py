@@ -13,8 +13,8 @@ from rfca_rig.description.toml import read_text
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.twin_server.fault_schedule import Switching, switchings
-from rfca_rig.vision.leg_photo import Eye
+from rfca_rig.twin_server.fault_schedule import FaultEvent, parse_fault_events
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class RunOptions:
     faults: Sequence[str] = ()
 
 
-def order_of(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]) -> RunConfig:
+def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]) -> RunConfig:
     """The configuration; `plan_of` reads a protocol's file into a plan of the rig. Raises BadInput for anything unusable."""
     rig_path, protocol_path = find_file("calibration", asked.rig), find_file("protocols", asked.protocol)
     rig = read_rig(rig_path)
@@ -61,7 +61,7 @@ def order_of(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]) -> Ru
     )
 
 
-def _eye(rig: RigFile, plan: Plan) -> tuple[Eye | None, str]:
+def _eye(rig: RigFile, plan: Plan) -> tuple[PhotoSetup | None, str]:
     """The camera's calibration, and its text, where photos are to be taken."""
     # The calibration file need not exist where no photo is to be taken.
     if rig.camera is None or not plan.photos:
@@ -69,11 +69,11 @@ def _eye(rig: RigFile, plan: Plan) -> tuple[Eye | None, str]:
     return rig.eye(), read_text(Path(rig.camera.calibration_file))
 
 
-def _faults(rig: RigFile, words: Sequence[str]) -> tuple[Switching, ...]:
+def _faults(rig: RigFile, words: Sequence[str]) -> tuple[FaultEvent, ...]:
     """The faults to be injected into a twin. Raises BadInput for faults that this rig cannot have."""
     if words and rig.is_real:
         raise BadInput(f"{rig.rig.title}: --fault is for twins; nothing is broken on purpose on a real rig")
-    orders = switchings(words)
+    orders = parse_fault_events(words)
     # Made only for its check: an unknown fault must be refused before the run begins.
     FaultInjection(rig, orders)
     return orders

@@ -14,7 +14,7 @@ if sys.platform != "win32":  # which has no SIGHUP
     OUTSIDE[signal.SIGHUP] = "its terminal was closed (SIGHUP)"
 
 
-class Heard:
+class SignalHandler:
     """Turns a signal into a stop request.
 
     Where the loop does not tick, the run waits for a person with its motor off; it is then interrupted at once.
@@ -67,9 +67,9 @@ class Heard:
 
 
 @contextmanager
-def heard(stop_request: StopRequest, say: Say) -> Iterator[Heard]:
+def handle_signals(stop_request: StopRequest, say: Say) -> Iterator[SignalHandler]:
     """Within the block, signals become stop requests; afterwards the earlier handlers are restored."""
-    handler_of_run = Heard(stop_request, say)
+    handler_of_run = SignalHandler(stop_request, say)
     handlers = {signal.SIGINT: handler_of_run.key, **dict.fromkeys(OUTSIDE, handler_of_run.from_outside)}
     # Installed only around the run: elsewhere ^C keeps its usual meaning.
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}

@@ -36,7 +36,7 @@ def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Calla
         yield advance, say
 
 
-def marked(mark: str, quiet: bool) -> Say:
+def make_marked_say(mark: str, quiet: bool) -> Say:
     """A function that prints lines with the mark in front, on the error stream, because --json owns the output."""
     console = Console(file=sys.stderr, quiet=quiet, highlight=False)
     return lambda line: _print(console, mark, line)

@@ -34,7 +34,7 @@ class TemperatureCompensation:
     gain_slopes: Floats
     reference_V: float
 
-    def compensated(self, volts: Floats, thermistor_V: Floats) -> Floats:
+    def compensate(self, volts: Floats, thermistor_V: Floats) -> Floats:
         """Voltages (m, 6) at the reference temperature, from `volts` (m, 6) and `thermistor_V` (m,)."""
         warmth = (thermistor_V - self.reference_V)[:, None]
         corrected: Floats = (volts + self.bias_slopes * warmth) / (1.0 - self.gain_slopes * warmth)
@@ -81,7 +81,7 @@ class TransducerCalibration:
 
     def _at_reference(self, volts: Floats) -> Floats:
         assert self.temperature is not None
-        return self.temperature.compensated(volts[:, :GAGES], volts[:, GAGES])
+        return self.temperature.compensate(volts[:, :GAGES], volts[:, GAGES])
 
     def volts(self, wrench: Floats, unloaded_V: Floats) -> Floats:
         """Gage voltages (m, 6) of a `wrench` (m, 6), its inverse at the reference temperature; `unloaded_V` is (channels,)."""

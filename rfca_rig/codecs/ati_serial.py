@@ -17,7 +17,7 @@ END = b"\r"
 PROMPT = b">"
 LINE_END = b"\r\n"
 ASCII_BYTES = 45
-LARGEST_COUNT = 2**15 - 1
+MAX_COUNT = 2**15 - 1
 
 Counts = tuple[int, int, int, int, int, int]
 
@@ -100,7 +100,7 @@ def _decode_ascii(line: bytes) -> AtiRecord:
     if found is None:
         raise MalformedFrame(f"line {line[:60]!r} is no record of an error flag and six counts")
     counts = [int(word) for word in found[2].split(b",")[1:]]
-    if not all(-LARGEST_COUNT - 1 <= count <= LARGEST_COUNT for count in counts):
+    if not all(-MAX_COUNT - 1 <= count <= MAX_COUNT for count in counts):
         raise MalformedFrame(f"line {line[:60]!r} holds a count beyond 16 bits")
     return AtiRecord(int(found[1]), (counts[0], counts[1], counts[2], counts[3], counts[4], counts[5]))
 

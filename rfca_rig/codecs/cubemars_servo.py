@@ -17,7 +17,7 @@ from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 
 Frame = tuple[int, bytes]
 
-MOST_ERPM = 100_000
+MAX_ERPM = 100_000
 MAX_DEG = 36_000.0
 MAX_A = 60.0
 STATUS_COUNTS = 1 << 16
@@ -153,7 +153,7 @@ def set_current_brake(drive: int, current_A: float) -> Frame:
 
 
 def set_speed(drive: int, speed_erpm: float) -> Frame:
-    return _frame(drive, Packet.SPEED, _LONG, _steps(speed_erpm, 1.0, MOST_ERPM, "speed in ERPM"))
+    return _frame(drive, Packet.SPEED, _LONG, _steps(speed_erpm, 1.0, MAX_ERPM, "speed in ERPM"))
 
 
 def set_position(drive: int, position_deg: float) -> Frame:

@@ -25,7 +25,7 @@ _MOMENT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d):(\d\d):(\d\d)")
 _OFFSET = re.compile(r"([+-])(\d\d):(\d\d)")
 
 
-def taken_at(content: bytes) -> datetime | None:
+def read_time_taken(content: bytes) -> datetime | None:
     """Time at which a JPEG, PNG or TIFF file was taken, or None where it states none. The beginning up to the picture data is enough.
 
     Exif had no time zones before 2016. A time without offset is taken as UTC; differences between such times are still right.

@@ -42,7 +42,7 @@ def crc8(data: bytes) -> int:
     return crc
 
 
-def line(text: str) -> bytes:
+def encode_line(text: str) -> bytes:
     """A line with its checksum and end."""
     guarded = f"{text} ".encode("ascii", "replace")
     return guarded + f"*{crc8(guarded):02X}".encode("ascii") + _END
@@ -57,7 +57,7 @@ def split(received: bytes) -> tuple[list[bytes], bytes]:
     return [one for one in whole if one], rest
 
 
-def checked(said: bytes) -> tuple[str, bool]:
+def parse_line(said: bytes) -> tuple[str, bool]:
     """The text of a line, and whether it carried a checksum. Raises MalformedFrame for a wrong checksum."""
     guarded, star, digits = said.rpartition(b"*")
     # Two hexadecimal digits after the star; any other star is part of the text.
@@ -69,7 +69,7 @@ def checked(said: bytes) -> tuple[str, bool]:
 
 def encode_send(frame: FdFrame) -> bytes:
     """The line with which a client sends a frame."""
-    return line(f"can send {frame.can_id:04x} {frame.data.hex().upper()} {_flags(frame)}")
+    return encode_line(f"can send {frame.can_id:04x} {frame.data.hex().upper()} {_flags(frame)}")
 
 
 def decode_send(text: str) -> FdFrame:
@@ -82,7 +82,7 @@ def decode_send(text: str) -> FdFrame:
 
 def encode_received(frame: FdFrame) -> bytes:
     """The line with which a client receives a frame from the bus."""
-    return line(f"rcv {frame.can_id:04x} {frame.data.hex().upper()} {_flags(frame)}")
+    return encode_line(f"rcv {frame.can_id:04x} {frame.data.hex().upper()} {_flags(frame)}")
 
 
 def decode_received(text: str) -> FdFrame:

@@ -15,7 +15,7 @@ from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.codecs.moteus_registers import Width, name_of, units_per_count
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
-LONGEST = FD_LENGTHS[-1]
+MAX_FRAME_BYTES = FD_LENGTHS[-1]
 LARGEST_ID = 0x7F
 LARGEST_PREFIX = 0x1FFF
 
@@ -91,8 +91,8 @@ def route_of(identifier: int) -> Route:
 def encode(subframes: Sequence[Subframe]) -> bytes:
     """The data of a frame. Consecutive registers of one kind and width share a header. Raises NotEncodable where they do not fit."""
     data = b"".join(_run(run) for run in _runs(subframes))
-    if len(data) > LONGEST:
-        raise NotEncodable(f"moteus frame of {len(data)} bytes; CAN-FD carries {LONGEST}, ask for fewer registers at once")
+    if len(data) > MAX_FRAME_BYTES:
+        raise NotEncodable(f"moteus frame of {len(data)} bytes; CAN-FD carries {MAX_FRAME_BYTES}, ask for fewer registers at once")
     length = next(length for length in FD_LENGTHS if length >= len(data))
     return data.ljust(length, bytes([_NOP]))
 
@@ -143,7 +143,7 @@ def _count(register: int, width: Width, value: float) -> int:
     return count
 
 
-def nearest(register: int, width: Width, value: float) -> float:
+def clip_to_register(register: int, width: Width, value: float) -> float:
     """The value that the register can carry, limited as in the firmware: NaN for values that are not finite, else clipped to the range."""
     unit = units_per_count(register, width)
     if width == Width.FLOAT or (unit is not None and not isfinite(value)):
@@ -188,7 +188,7 @@ def _subframes(reader: "_Reader") -> list[Subframe]:
 def _registers(reader: "_Reader", base: int, width: Width, count: int) -> list[Subframe]:
     first = reader.varuint() if count else 0
     # Before the loop: a damaged count could otherwise ask for billions of registers.
-    if count > LONGEST:
+    if count > MAX_FRAME_BYTES:
         raise MalformedFrame(f"moteus subframe speaks of {count} registers; no frame can carry them")
     if base == _READ:
         return [Read(register, width) for register in range(first, first + count)]

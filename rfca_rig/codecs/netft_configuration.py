@@ -14,7 +14,7 @@ from rfca_rig.codecs.malformed import MalformedFrame
 
 PATH = "/netftapi2.xml"
 # A larger page is not parsed.
-LARGEST_BYTES = 1 << 16
+MAX_PAGE_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _elements(configuration: NetFtConfiguration) -> dict[str, str]:
 
 def _values(page: bytes) -> dict[str, str]:
     # A document type could define entities that expand without limit.
-    if len(page) > LARGEST_BYTES or b"<!DOCTYPE" in page:
+    if len(page) > MAX_PAGE_BYTES or b"<!DOCTYPE" in page:
         raise MalformedFrame(f"page of {len(page)} bytes is no configuration page of a Net F/T")
     try:
         root = Xml.fromstring(page)

@@ -14,7 +14,7 @@ from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 
 PORT = 49152
 RECORD_BYTES = 36
-MOST_RECORDS = 40
+MAX_RECORDS = 40
 HEADER = 0x1234
 
 _REQUEST = struct.Struct(">HHI")
@@ -69,8 +69,8 @@ def decode_request(datagram: bytes) -> Request:
 def decode_records(datagram: bytes) -> Records:
     """All records of one datagram. Raises MalformedFrame unless it holds 1..40 whole ones."""
     count, rest = divmod(len(datagram), RECORD_BYTES)
-    if rest or not 1 <= count <= MOST_RECORDS:
-        raise MalformedFrame(f"RDT datagram of {len(datagram)} bytes, expected 1..{MOST_RECORDS} records of {RECORD_BYTES} bytes")
+    if rest or not 1 <= count <= MAX_RECORDS:
+        raise MalformedFrame(f"RDT datagram of {len(datagram)} bytes, expected 1..{MAX_RECORDS} records of {RECORD_BYTES} bytes")
     # Read as unsigned words; the last six are signed, and the view keeps their bits.
     words = np.frombuffer(datagram, ">u4").reshape(count, 9).astype(np.uint32)
     return Records(words[:, 0], words[:, 1], words[:, 2], words[:, 3:].view(np.int32))
@@ -79,8 +79,8 @@ def decode_records(datagram: bytes) -> Records:
 def encode_records(records: Records) -> bytes:
     """One datagram. Raises NotEncodable unless there are 1..40 records."""
     count = len(records.rdt_sequence)
-    if not 1 <= count <= MOST_RECORDS:
-        raise NotEncodable(f"{count} records do not fit one RDT datagram, limit 1..{MOST_RECORDS}")
+    if not 1 <= count <= MAX_RECORDS:
+        raise NotEncodable(f"{count} records do not fit one RDT datagram, limit 1..{MAX_RECORDS}")
     words = np.empty((count, 9), ">u4")
     words[:, 0] = records.rdt_sequence
     words[:, 1] = records.ft_sequence

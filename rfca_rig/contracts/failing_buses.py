@@ -3,7 +3,7 @@
 import can
 
 
-class Failing(can.BusABC):
+class UnpluggedBus(can.BusABC):
     """A bus whose adapter was unplugged."""
 
     channel_info = "pulled"
@@ -18,7 +18,7 @@ class Failing(can.BusABC):
         raise can.CanOperationError("no such device")
 
 
-class FullFor(can.BusABC):
+class BusFullFor(can.BusABC):
     """A bus whose transmit queue is full for the first `frames` frames."""
 
     channel_info = "full"

@@ -10,7 +10,7 @@ from rfca_rig.drivers.roles import ForceSamples, StreamHealth
 ERROR, SATURATED = np.uint32(1 << 31), np.uint32(1 << 17)
 
 # Values of both signs, different on every axis, so that swapped axes show.
-KNOWN = (3.0, -7.5, 12.25, 0.5, -0.75, 1.125)
+KNOWN_WRENCH = (3.0, -7.5, 12.25, 0.5, -0.75, 1.125)
 
 
 class ForceSensorContract:
@@ -47,11 +47,11 @@ class ForceSensorContract:
             assert samples.sequence.dtype == np.int64
 
     def test_a_known_wrench_comes_out_as_that_wrench_to_a_step_of_the_device(self, rig: ForceSensorRig) -> None:
-        rig.wrench = constant(*KNOWN)
+        rig.wrench = constant(*KNOWN_WRENCH)
         rig.sensor.start()
         measured = rig.in_units(rig.run(0.5))
         assert len(measured) > 10
-        assert np.all(np.abs(measured - np.array(KNOWN)) <= rig.resolution)
+        assert np.all(np.abs(measured - np.array(KNOWN_WRENCH)) <= rig.resolution)
 
     def test_a_clean_stream_has_nothing_to_report(self, rig: ForceSensorRig) -> None:
         rig.sensor.start()
@@ -77,12 +77,12 @@ class ForceSensorContract:
     def test_a_new_start_counts_anew_and_brings_nothing_old(self, rig: ForceSensorRig) -> None:
         rig.sensor.start()
         rig.run(0.3)
-        rig.wrench = constant(*KNOWN)
+        rig.wrench = constant(*KNOWN_WRENCH)
         rig.sensor.start()
         samples = rig.run(0.3)
         assert samples.sequence[0] == 1
         assert samples.device_s[0] == 0.0
-        assert np.all(np.abs(rig.in_units(samples) - np.array(KNOWN)) <= rig.resolution)
+        assert np.all(np.abs(rig.in_units(samples) - np.array(KNOWN_WRENCH)) <= rig.resolution)
         assert rig.sensor.health().lost == rig.sensor.health().duplicate == 0
 
     def test_a_saturated_sensor_says_so_in_every_record(self, rig: ForceSensorRig) -> None:

@@ -79,7 +79,7 @@ class ForceSensorRig:
             self.clock.wait_until(self.clock.now_s() + TICK_S)
             read.append(self.sensor.read())
         self.blocks += read
-        return joined(read)
+        return concatenate_samples(read)
 
     def in_units(self, samples: ForceSamples) -> Floats:
         """Wrench (m, 6) in N and N m from counts (m, 6)."""
@@ -88,6 +88,6 @@ class ForceSensorRig:
         return in_units
 
 
-def joined(blocks: list[ForceSamples]) -> ForceSamples:
+def concatenate_samples(blocks: list[ForceSamples]) -> ForceSamples:
     """Concatenates blocks of records along the first axis, columns (m,) and (m, 6)."""
     return ForceSamples(*(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0])))

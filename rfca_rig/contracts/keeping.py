@@ -13,7 +13,7 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.errors import BadInput
 
 
-def contracts_of(rig: RigFile) -> list[str]:
+def find_conformance_tests(rig: RigFile) -> list[str]:
     """Test files for the plug-in devices of a rig. Raises BadInput for a rig without any, and for a device without a twin."""
     pairs = ((rig.motor, MotorKeys, own_motor), (rig.force_sensor, ForceSensorKeys, own_force_sensor))
     own = [(keys, module) for keys, kind, module in pairs if isinstance(keys, kind)]
@@ -24,8 +24,8 @@ def contracts_of(rig: RigFile) -> list[str]:
     return [str(module.__file__) for _, module in own]
 
 
-def kept(rig: RigFile, path: Path) -> bool:
+def run_conformance_tests(rig: RigFile, path: Path) -> bool:
     """Runs the tests; returns whether all passed. pytest prints the results."""
     # Neither a configuration nor a cache of the folder where the command is called must have an influence.
     options = ["-q", "--tb=short", "--no-header", "-p", "no:cacheprovider", "-c", os.devnull, "-o", "python_files=*.py"]
-    return int(pytest.main([*options, "--rig", str(path), *contracts_of(rig)], plugins=[plugin])) == 0
+    return int(pytest.main([*options, "--rig", str(path), *find_conformance_tests(rig)], plugins=[plugin])) == 0

@@ -5,13 +5,13 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_hooks import MotorHooks
-from rfca_rig.contracts.motor_rig import drained
+from rfca_rig.contracts.motor_rig import drain
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.can_wire import can_wire
 
-NUMBERS_THAT_ARE_NONE = [float("nan"), float("inf"), -float("inf")]
+NOT_FINITE = [float("nan"), float("inf"), -float("inf")]
 
 
 class MotorMoves(MotorHooks):
@@ -127,15 +127,15 @@ class MotorMoves(MotorHooks):
             rig.run(1.5, speed_rad_s=3.0)
             assert rig.rotor.speed_rad_s == pytest.approx(3.0, abs=self.SPEED_TOLERANCE_RAD_S)
 
-    @pytest.mark.parametrize("value", NUMBERS_THAT_ARE_NONE)
+    @pytest.mark.parametrize("value", NOT_FINITE)
     def test_a_command_that_is_no_number_is_refused_and_not_sent(self, value: float) -> None:
         with self.rig() as rig:
             rig.motor.enable()
-            drained(rig.observer)
+            drain(rig.observer)
             for act in (rig.motor.command_speed, rig.motor.command_angle):
                 with pytest.raises(DeviceError, match="nothing was sent"):
                     act(value)
-            assert drained(rig.observer) == []
+            assert drain(rig.observer) == []
 
     # -- reading -------------------------------------------------------------------------------------------------------------
 

@@ -46,22 +46,22 @@ class MotorRig:
                 self.motor.command_angle(angle_rad)
             self.tick(deaf, tick_s)
             read.append(self.motor.read())
-        return joined(read)
+        return concatenate_samples(read)
 
     def tick(self, deaf: bool = False, tick_s: float = TICK_S) -> None:
         """Advances time by one tick and notes the true motion."""
         self.clock.wait_until(self.clock.now_s() + tick_s)
         if deaf:
-            drained(self.wire)
+            drain(self.wire)
         self.turned.append((self.clock.now_s(), self.rotor.angle_rad, self.rotor.torque_Nm))
 
 
-def joined(blocks: list[ShaftSamples]) -> ShaftSamples:
+def concatenate_samples(blocks: list[ShaftSamples]) -> ShaftSamples:
     """Concatenates blocks of samples, columns (m,)."""
     return ShaftSamples(*(np.concatenate([vars(block)[name] for block in blocks]) for name in vars(blocks[0])))
 
 
-def drained(bus: can.BusABC) -> list[can.Message]:
+def drain(bus: can.BusABC) -> list[can.Message]:
     """Receives all frames that the bus holds."""
     return list(iter(lambda: bus.recv(timeout=0), None))
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.contracts.failing_buses import Failing, FullFor
+from rfca_rig.contracts.failing_buses import BusFullFor, UnpluggedBus
 from rfca_rig.contracts.motor_hooks import MotorHooks
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.can_wire import can_wire
@@ -126,19 +126,19 @@ class MotorStops(MotorHooks):
 
     @pytest.mark.parametrize("act", ["enable", "disable"])
     def test_a_frame_that_cannot_be_sent_is_an_error(self, act: str) -> None:
-        with Failing() as bus, pytest.raises(DeviceError, match="not sent: transmit buffer full"):
+        with UnpluggedBus() as bus, pytest.raises(DeviceError, match="not sent: transmit buffer full"):
             getattr(self.driver(bus, TwinClock()), act)()
 
     def test_disabling_tries_again_while_the_transmit_queue_is_full(self) -> None:
         clock = TwinClock()
-        with FullFor(5) as bus:
+        with BusFullFor(5) as bus:
             self.driver(bus, clock).disable()
             assert bus.sent
             assert clock.now_s() < 0.02
 
     def test_disabling_gives_up_after_20_ms(self) -> None:
         clock = TwinClock()
-        with Failing() as bus, pytest.raises(DeviceError, match="not sent"):
+        with UnpluggedBus() as bus, pytest.raises(DeviceError, match="not sent"):
             self.driver(bus, clock).disable()
         assert clock.now_s() <= 0.02
 
@@ -154,7 +154,7 @@ class MotorStops(MotorHooks):
             assert rig.motor.identity()["can_error_frames"] == "2"
 
     def test_a_failing_bus_is_an_error_when_reading(self) -> None:
-        with Failing() as bus, pytest.raises(DeviceError, match="no such device"):
+        with UnpluggedBus() as bus, pytest.raises(DeviceError, match="no such device"):
             self.driver(bus, TwinClock()).read()
 
     def test_a_bus_that_went_off_is_an_error_when_reading(self) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from rfca_rig.twins.serial_line import HostEnd
 
 # Bits to flip in a changed byte.
-SPOILT = 0x5A
+FLIPPED_BITS = 0x5A
 
 
 @dataclass
@@ -36,7 +36,7 @@ class NoisyPort:
         self.drop -= len(lost)
         spoilt, data = data[: self.spoil], data[self.spoil :]
         self.spoil -= len(spoilt)
-        self.held += bytes(number ^ SPOILT for number in spoilt) + data
+        self.held += bytes(number ^ FLIPPED_BITS for number in spoilt) + data
 
     def read(self, size: int = 1) -> bytes:
         data, self.held = self.held[:size], self.held[size:]

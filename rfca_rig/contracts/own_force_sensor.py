@@ -17,7 +17,7 @@ LATENCY_S = 0.02
 # Duration of the lost piece of the stream in s.
 LOST_S = 0.05
 # Relative resolution of a single-precision value, as share of the range.
-OF_RANGE = 2e-7
+SINGLE_PRECISION_RESOLUTION = 2e-7
 
 
 class TestOurForceSensor(ForceSensorContract):
@@ -37,7 +37,8 @@ class TestOurForceSensor(ForceSensorContract):
             twin=twin,
             rate_Hz=keys.rate_Hz,
             latency_s=LATENCY_S,
-            resolution=0.5001 / np.repeat([keys.counts_per_N, keys.counts_per_Nm], 3) + OF_RANGE * np.array(twin.full_scale),
+            resolution=0.5001 / np.repeat([keys.counts_per_N, keys.counts_per_Nm], 3)
+            + SINGLE_PRECISION_RESOLUTION * np.array(twin.full_scale),
             saturating=(0.0, 0.0, 1.5 * twin.full_scale[2], 0.0, 0.0, 0.0),
             silence=lambda: setattr(port, "silent", True),
             lose=lambda: setattr(port, "drop", max(20, round(LOST_S * keys.rate_Hz)) * record_bytes),

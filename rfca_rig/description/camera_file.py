@@ -10,7 +10,7 @@ from pydantic import Field, field_validator
 
 from rfca_rig.description.sections import NotNegative, Positive, Section
 from rfca_rig.description.toml import read_toml
-from rfca_rig.description.toml_writing import comment, table, written
+from rfca_rig.description.toml_writing import comment, format_value, table
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.vision.camera_calibration import CameraCalibration
@@ -182,4 +182,4 @@ def write_camera_file(path: Path, file: CameraFile, comments: Sequence[str]) -> 
 
 
 def _entry(name: str, keys: dict[str, object]) -> str:
-    return f"[[{name}]]\n" + "".join(f"{key} = {written(value)}\n" for key, value in keys.items())
+    return f"[[{name}]]\n" + "".join(f"{key} = {format_value(value)}\n" for key, value in keys.items())

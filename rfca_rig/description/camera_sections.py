@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rfca_rig.description.sections import NotNegative, Positive, Section
-from rfca_rig.twins.image_noise import Disturbance
+from rfca_rig.twins.image_noise import ImageDisturbance
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark
 
 Waiting = Annotated[float, Field(gt=0, le=3600)]
@@ -79,5 +79,5 @@ class TwinCameraSection(Section):
     hidden_share: Share = 0.5
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None = None
 
-    def disturbance(self) -> Disturbance:
-        return Disturbance(**self.model_dump())
+    def disturbance(self) -> ImageDisturbance:
+        return ImageDisturbance(**self.model_dump())

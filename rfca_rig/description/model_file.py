@@ -8,8 +8,8 @@ from typing import Any
 from rfca_rig.description.nominal_model import model_of
 from rfca_rig.description.sections import KnownToSection, RigSections
 from rfca_rig.description.toml import read_toml
-from rfca_rig.description.toml_writing import comment, table, written
-from rfca_rig.description.torque_rotation import with_curve_read
+from rfca_rig.description.toml_writing import comment, format_value, table
+from rfca_rig.description.torque_rotation import read_named_curve
 from rfca_rig.model.parameters import LawTable, RigModel
 from rfca_rig.recording.atomic import write_atomically
 
@@ -43,7 +43,7 @@ class FoundEffect:
 
 def read_model_file(path: Path) -> ModelFile:
     """Read the model in `path`. Raises BadInput, with file and line, where it cannot be used."""
-    return with_curve_read(read_toml(path, ModelFile), path.parent)
+    return read_named_curve(read_toml(path, ModelFile), path.parent)
 
 
 def write_model(
@@ -89,5 +89,5 @@ def _nominal(effect: Mapping[str, Any]) -> FoundEffect:
 
 def _effect(effect: FoundEffect) -> str:
     keys = {"parameters": effect.parameters} if effect.table is None else asdict(effect.table)
-    lines = ["[[effects]]\n", *(f"{key} = {written(value)}\n" for key, value in {"id": effect.id, **keys}.items())]
+    lines = ["[[effects]]\n", *(f"{key} = {format_value(value)}\n" for key, value in {"id": effect.id, **keys}.items())]
     return "".join(lines + [comment(f"{name} is known to {std:.3g}") for name, std in effect.std.items()])

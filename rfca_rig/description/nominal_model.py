@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rfca_rig.description.sections import DriveSection, GroundSection, LegSection, RigSections, SensorSection
-from rfca_rig.description.toml import checked
+from rfca_rig.description.toml import validate
 from rfca_rig.description.torque_rotation import splines_of
 from rfca_rig.model.parameters import Drive, Ground, Leg, RigModel, SensorMount, TorqueSpline
 
@@ -16,7 +16,7 @@ def nominal_model(sections: Mapping[str, Any]) -> RigModel:
     `sections` is plain data in the file's own units, as in `Recording.nominal`. Raises BadInput, naming the key, where something is
     missing, unknown or out of range.
     """
-    return model_of(checked(sections, RigSections, "the nominal model"))
+    return model_of(validate(sections, RigSections, "the nominal model"))
 
 
 def model_of(sections: RigSections) -> RigModel:

@@ -25,7 +25,7 @@ Keys = TypeVar("Keys", MotorKeys, ForceSensorKeys)
 SOURCE_ATTRIBUTE = "__source__"
 
 
-def named_in(path: Path, name: str, page: str) -> type:
+def find_class(path: Path, name: str, page: str) -> type:
     """The class that the file defines under `name`; `page` of docs explains how. Raises BadInput where there is none.
 
     A class from another file is refused, because the recording keeps this file, and it must contain the code that ran.
@@ -38,7 +38,7 @@ def named_in(path: Path, name: str, page: str) -> type:
 
 
 def source_of(found: type) -> str:
-    """Text of the file that defines a class from `named_in`, as it was when it was loaded."""
+    """Text of the file that defines a class from `find_class`, as it was when it was loaded."""
     return str(getattr(sys.modules[found.__module__], SOURCE_ATTRIBUTE))
 
 
@@ -91,7 +91,7 @@ def own_force_sensor(section: OwnForceSensorSection, rig_text: str, rig_path: Pa
 def _validate(file: str, name: str, base: type[Keys], page: str, where: tuple[str, str, Path]) -> Keys:
     table, rig_text, rig_path = where
     path = _beside(rig_path, file)
-    found = named_in(path, name, page)
+    found = find_class(path, name, page)
     if not issubclass(found, base):
         raise BadInput(f"{path}: {name} does not inherit {base.__name__}; see docs/{page}")
     keys = section_of(rig_text, table, found, rig_path)
@@ -111,7 +111,7 @@ def twin_of(keys: OwnMotorSection | OwnForceSensorSection) -> type:
             f"[{table}] {Path(keys.file).name} has no twin: name one in twin_file (docs/{page}), or take another device for runs without "
             "the rig"
         )
-    return named_in(Path(keys.twin_file), "TWIN", page)
+    return find_class(Path(keys.twin_file), "TWIN", page)
 
 
 def texts_of(motor: object, force_sensor: object) -> Mapping[str, str]:

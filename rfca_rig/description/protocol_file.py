@@ -9,7 +9,7 @@ from pydantic import Field
 from rfca_rig.description.sections import Positive, Section, SpeedRadS
 from rfca_rig.description.toml import read_toml
 from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages
-from rfca_rig.protocol.fatigue import Check, Fatigue
+from rfca_rig.protocol.fatigue import CheckSettings, Fatigue
 from rfca_rig.protocol.plan import Direction, SettleCriterion
 
 HeightMm = Annotated[float, Field(gt=0, le=1000)]
@@ -120,9 +120,9 @@ class CheckSection(Section):
     dwell_s: Annotated[float, Field(ge=0, le=600)] = 0.0
     drift_percent: Annotated[float, Field(gt=0, le=100)]
 
-    def check(self) -> Check:
+    def check(self) -> CheckSettings:
         angles_rad = tuple(float(np.radians(angle_deg)) for angle_deg in self.angles_deg)
-        return Check(self.every, angles_rad, self.move_speed_rad_s, self.dwell_s, self.average_s, self.drift_percent / 100.0)
+        return CheckSettings(self.every, angles_rad, self.move_speed_rad_s, self.dwell_s, self.average_s, self.drift_percent / 100.0)
 
 
 class FatigueFile(Section):

@@ -24,13 +24,13 @@ from rfca_rig.description.sections import (
     SensorSection,
 )
 from rfca_rig.description.toml import model_of, read_text
-from rfca_rig.description.torque_rotation import with_curve_read
+from rfca_rig.description.torque_rotation import read_named_curve
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Limits, Rates
 from rfca_rig.vision.camera_model import CameraModel
-from rfca_rig.vision.leg_photo import Eye
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 
 class RigSection(Section):
@@ -155,7 +155,7 @@ class RigFile(Section):
         # Ascending, so that each stroke is the next small step towards full speed.
         return default if self.limits.first_strokes is None else tuple(sorted(self.limits.first_strokes))
 
-    def eye(self) -> Eye | None:
+    def eye(self) -> PhotoSetup | None:
         """Evaluates the camera's photos; None without [camera]. Raises BadInput where its calibration cannot be used."""
         if self.camera is None:
             return None
@@ -164,12 +164,12 @@ class RigFile(Section):
             raise BadInput(f"{path}: not there; [camera] of the rig file names it as calibration_file; rfca-rig calibrate camera makes it")
         return self.eye_behind(read_text(path), path)
 
-    def eye_behind(self, camera_text: str, path: Path) -> Eye | None:
+    def eye_behind(self, camera_text: str, path: Path) -> PhotoSetup | None:
         """The same with the text of a calibration that was at `path`."""
         if self.camera is None:
             return None
         lengths_m = tuple(length_mm / 1e3 for length_mm in self.leg.link_lengths_mm)
-        return Eye(_camera_before_the_plane(camera_text, path), self.camera.marks.plan(lengths_m), lengths_m)
+        return PhotoSetup(_camera_before_the_plane(camera_text, path), self.camera.marks.plan(lengths_m), lengths_m)
 
     def _limits(self) -> Limits:
         limits = self.limits
@@ -192,7 +192,7 @@ class RigFile(Section):
 def read_rig(path: Path) -> RigFile:
     """Read the rig in `path`. Raises BadInput, with file and line, where it cannot be used."""
     text = read_text(path)
-    rig = with_curve_read(model_of(text, RigFile, path), path.parent)
+    rig = read_named_curve(model_of(text, RigFile, path), path.parent)
     return _with_files_beside(path.parent, _with_own_devices(text, path, rig))
 
 

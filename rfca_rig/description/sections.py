@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import LawTable, PresentEffect
-from rfca_rig.model.setup import resolved
+from rfca_rig.model.setup import resolve_effect
 from rfca_rig.model.tabulated_law import TABULATED_LAW
 from rfca_rig.model.torque_spline import knots_from
 
@@ -20,7 +20,7 @@ HINGE_LAW = "k0*phi + k0*k2*phi**3"
 # Keys of [leg] that a measured curve replaces.
 LAW_KEYS = ("hinge_torque_Nm", "k0_Nm_per_rad", "k2_per_rad2")
 # The torque's slope 1 + 3 k2 phi^2 is 0 at 90 degrees.
-SOFTEST_K2 = -4.0 / (3.0 * math.pi**2)
+MIN_K2_PER_RAD2 = -4.0 / (3.0 * math.pi**2)
 
 Positive = Annotated[float, Field(gt=0)]
 # Of the shaft: below, one stroke takes minutes and more samples than memory; above, no motor of these rigs turns.
@@ -138,8 +138,8 @@ class LegSection(Section):
     @field_validator("k2_per_rad2")
     @classmethod
     def _grows(cls, k2: float | None) -> float | None:
-        if k2 is not None and k2 < SOFTEST_K2:
-            raise ValueError(f"below {SOFTEST_K2:.3f} the torque falls before 90 degrees; give a curve in [leg.torque_rotation]")
+        if k2 is not None and k2 < MIN_K2_PER_RAD2:
+            raise ValueError(f"below {MIN_K2_PER_RAD2:.3f} the torque falls before 90 degrees; give a curve in [leg.torque_rotation]")
         return k2
 
     @model_validator(mode="after")
@@ -282,7 +282,7 @@ class EffectSection(Section):
     @model_validator(mode="after")
     def _can_be(self) -> "EffectSection":
         try:
-            effect, values = resolved(self.present())
+            effect, values = resolve_effect(self.present())
         except BadInput as error:
             raise ValueError(str(error)) from None
         for parameter in (*effect.parameters, *effect.shape):

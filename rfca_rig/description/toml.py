@@ -55,7 +55,7 @@ def section_of(text: str, name: str, model: type[Model], path: Path) -> Model:
         raise BadInput(f"{_place(path, line_of(text, (name, *fault.key)))}: {shown}{more}") from None
 
 
-def checked(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
+def validate(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
     """Validate `data` as `model`; raises BadInput `WHERE: key: what is wrong`."""
     try:
         return model.model_validate(dict(data))

@@ -16,15 +16,15 @@ def comment(line: str) -> str:
 
 def table(name: str, keys: Mapping[str, Any]) -> str:
     """[name] with its keys; keys with the value None are omitted."""
-    return f"[{name}]\n" + "".join(f"{key} = {written(value)}\n" for key, value in keys.items() if value is not None)
+    return f"[{name}]\n" + "".join(f"{key} = {format_value(value)}\n" for key, value in keys.items() if value is not None)
 
 
-def written(value: Any) -> str:
+def format_value(value: Any) -> str:
     """A value in TOML syntax; mappings become inline tables."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {written(inner)}" for key, inner in value.items() if inner is not None) + " }"
+        return "{ " + ", ".join(f"{key} = {format_value(inner)}" for key, inner in value.items() if inner is not None) + " }"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(written(inner) for inner in value) + "]"
+        return "[" + ", ".join(format_value(inner) for inner in value) + "]"
     # Before int: a bool is an int in Python.
     if isinstance(value, bool):
         return "true" if value else "false"

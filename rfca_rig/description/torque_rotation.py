@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rfca_rig.description.sections import HINGE_LAW, LAW_KEYS, KnownToSection, LegSection, Section, TorqueRotationSection
-from rfca_rig.description.toml import checked, read_text
+from rfca_rig.description.toml import read_text, validate
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import TorqueSpline
 from rfca_rig.model.torque_spline import slope_at_rest
@@ -37,21 +37,21 @@ def splines_of(section: TorqueRotationSection) -> tuple[float, tuple[TorqueSplin
     return k0, tuple(spline.scaled(1.0, 1.0 / k0) for spline in plain)
 
 
-def scaled_keys(keys: Mapping[str, Any], k0_Nm_per_rad: float) -> dict[str, Any]:
+def scale_keys(keys: Mapping[str, Any], k0_Nm_per_rad: float) -> dict[str, Any]:
     """The keys of a section, with torques and their errors scaled to the given stiffness at rest."""
-    factor = k0_Nm_per_rad / splines_of(checked(keys, TorqueRotationSection, "leg.torque_rotation"))[0]
+    factor = k0_Nm_per_rad / splines_of(validate(keys, TorqueRotationSection, "leg.torque_rotation"))[0]
     # A covariance scales with the square.
     powers = {"torques_Nm": 1, "torques_by_hinge_Nm": 1, "standard_deviations_Nm": 1, "covariance_Nm2": 2}
     return {key: _times(factor ** powers.get(key, 0), value) for key, value in keys.items() if value is not None}
 
 
-def with_law(leg: Mapping[str, Any], k0_Nm_per_rad: float, k2_per_rad2: float) -> dict[str, Any]:
+def replace_by_law(leg: Mapping[str, Any], k0_Nm_per_rad: float, k2_per_rad2: float) -> dict[str, Any]:
     """The keys of [leg] with the law k0 phi + k0 k2 phi^3, without a curve."""
     others = {key: value for key, value in leg.items() if key != "torque_rotation"}
     return {**others, **dict(zip(LAW_KEYS, (HINGE_LAW, k0_Nm_per_rad, k2_per_rad2), strict=True))}
 
 
-def with_curve(leg: Mapping[str, Any], curve: Mapping[str, Any]) -> dict[str, Any]:
+def replace_by_curve(leg: Mapping[str, Any], curve: Mapping[str, Any]) -> dict[str, Any]:
     """The keys of [leg] with the curve, without a law."""
     return {**{key: value for key, value in leg.items() if key not in LAW_KEYS}, "torque_rotation": dict(curve)}
 
@@ -60,7 +60,7 @@ def _times(factor: float, value: Any) -> Any:
     return [_times(factor, each) for each in value] if isinstance(value, list | tuple) else factor * value
 
 
-def with_curve_read(file: File, folder: Path) -> File:
+def read_named_curve(file: File, folder: Path) -> File:
     """The sections of a file with the curve that they name read from `folder`.
 
     Where [known_to] states no `k0_relative`, it becomes the curve's own band. Raises BadInput, naming file and line, for an invalid curve.
@@ -103,7 +103,7 @@ def read_curve(path: Path) -> TorqueRotationSection:
     # A curve that was bent to the negative side is written from rest on, with falling angles.
     if columns["angles_deg"] and columns["angles_deg"][0] > columns["angles_deg"][-1]:
         columns = {key: values[::-1] for key, values in columns.items()}
-    return checked(columns, TorqueRotationSection, str(path))
+    return validate(columns, TorqueRotationSection, str(path))
 
 
 def _number(path: Path, line: int, row: list[str], place: int) -> float:

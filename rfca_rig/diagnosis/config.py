@@ -14,41 +14,43 @@ NAMED_ERRORS = (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03)  # share of the signal; 
 UNKNOWN_ERRORS = (0.03, 0.045, 0.07, 0.12, 0.2, 0.35, 0.6)  # share of the signal, log-uniform: something unlisted
 GOOD_FIT = 0.011  # share of the signal: a model error that leaves next to nothing to be explained
 STRAINED, IMPLAUSIBLE = 2.5, 3.5  # prior deviations of a nuisance parameter: an effect may do its work; no credible value
-SHARED = 0.5  # correlation of the discrepancy between conditions
-FLOOR = 1e-3  # share of the discrepancy's variance that is not smooth
+CONDITION_CORRELATION = 0.5  # correlation of the discrepancy between conditions
+ROUGH_VARIANCE_SHARE = 1e-3  # share of the discrepancy's variance that is not smooth
 # Of a set of that size. Within a size the prior is spread evenly over all sets, see `hypotheses.log_prior_of_set`.
 PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO, PRIOR_THREE = 0.5, 0.1, 0.3, 0.1, 0.02  # probabilities
 
 # Parameters
 
-FARTHEST = 4.0  # prior deviations: the optimiser goes no farther
+MAX_COORDINATE = 4.0  # prior deviations: the optimiser goes no farther
 OCTAVE = 2.0  # high over low: wider positive ranges are log-uniform
 
 # Optimiser
 
 STEP = 0.1  # prior deviations: the first difference, where no slope is known
 WIDE_STEP = 0.3  # the same of a single Jacobian that no step corrects: it averages over the roughness of contact
-WELL_SEEN = 4.0  # deviations of all rows together by which a difference should move them: touchdown, stick and slip make the model rough
-NARROWEST, WIDEST = 0.03, 0.7  # prior deviations: limits of a difference
-SLOPES_ERR = 0.3  # share of its size by which a slope errs after some steps
-ROUGH = 1.0  # deviations of all rows together by which the model jumps from one place to the next
-ROUNDS, LEVELS, POLISHED = 8, 5, 4  # steps at one discrepancy scale, scales, and rounds with fresh Jacobians, at most
-SHORTER = 0.4  # share of the way after a step that did not help
-CONVERGED = 0.5  # log posterior density, about how rough the model is
-GOOD_ENOUGH = 0.02  # log posterior density: a step that gains less is the last
-ALIKE = 0.995  # cosine, in units of noise, from which two columns of the Jacobian are the same
+DIFFERENCE_SIZE = (
+    4.0  # deviations of all rows together by which a difference should move them: touchdown, stick and slip make the model rough
+)
+NARROWEST_STEP, WIDEST_STEP = 0.03, 0.7  # prior deviations: limits of a difference
+JACOBIAN_ERROR = 0.3  # share of its size by which a slope errs after some steps
+MODEL_ROUGHNESS = 1.0  # deviations of all rows together by which the model jumps from one place to the next
+ROUNDS, LEVELS, CONVERGENCE_ROUNDS = 8, 5, 4  # steps at one discrepancy scale, scales, and rounds with fresh Jacobians, at most
+STEP_REDUCTION = 0.4  # share of the way after a step that did not help
+CONVERGED_GAIN = 0.5  # log posterior density, about how rough the model is
+LEAST_GAIN = 0.02  # log posterior density: a step that gains less is the last
+SAME_COLUMN_COSINE = 0.995  # cosine, in units of noise, from which two columns of the Jacobian are the same
 
 # Screening
 
 GRID_POINTS = 4  # of an effect with one size, equally probable a priori; each further size takes one point from every axis
-RESCALED = 3.0  # a signature may be this much too small and still be a start: its shape decides
+MAX_RESCALING = 3.0  # a signature may be this much too small and still be a start: its shape decides
 
 # Search
 
 LARGEST_SET = 3  # effects of one hypothesis
 # Log evidence: more than convergence with fresh Jacobians brings (20 to 60), and more than four conditions rank otherwise than all do
-NEAR = 100.0
-RIVALS = 3  # sets of a size that are fitted on all conditions however far behind: the best without an effect measures its support
+CLOSE_LOG_EVIDENCE = 100.0
+ALWAYS_FITTED = 3  # sets of a size that are fitted on all conditions however far behind: the best without an effect measures its support
 
 
 @dataclass(frozen=True)
@@ -108,23 +110,25 @@ DEFAULT_SEARCH = SearchConfig()
 # Decision
 
 FEWEST_CONDITIONS = 3  # for a verdict: with two, one is held out and one is left
-SURE, STATED = 0.9, 0.8  # calibrated probabilities of an effect that is identified, and of one that is stated
-DOMINANT = 0.5  # share of the removable held-out misfit that an omission which is "most of it" explains: more than all others together
+IDENTIFIED_PROBABILITY, STATED_PROBABILITY = 0.9, 0.8  # calibrated probabilities of an effect that is identified, and of one that is stated
+DOMINANT_SHARE = (
+    0.5  # share of the removable held-out misfit that an omission which is "most of it" explains: more than all others together
+)
 # Held-out rms in units of noise and usual model error, up to which a law holds. It carries the uncertainty of the parameters, too: exact
 # laws reach 1.06 with four conditions, and what a wrong law leaves of an unlisted cause begins at 1.24 in 196 benchmark cases.
-AS_USUAL = 1.2
-AS_GOOD = 3.0  # log posterior odds within which the data do not tell two effects apart
+USUAL_MISFIT = 1.2
+AS_GOOD_LOG_ODDS = 3.0  # log posterior odds within which the data do not tell two effects apart
 WORTH_ADDING = 0.1  # share of the held-out mean square that an effect must remove to be part of the explanation
-VARIES_BY = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next
-INFORMATIVE = 0.5  # share of VARIES_BY: a group whose own size stays less certain says nothing about the variation
+CONDITION_SIZE_STD = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next
+INFORMATIVE_SHARE = 0.5  # share of VARIES_BY: a group whose own size stays less certain says nothing about the variation
 # Share of what it explains that the law of a right effect may leave: friction laws of real gears are right to 20 to 40 % of themselves, so
 # a second law of the same family that leaves less could be the true one.
 LAW_ERROR = 0.2
 # Least standard deviation by which a real cause departs from its law in the catalogue, of its size and of what shapes it, as a share: with
 # them 90 % intervals of 58 parameters hold 54 truths, where a simulator with other laws concealed the effects
-LAWS_SIZE, LAWS_SHAPE = 0.01, 0.05
-LAW_SHARE = 0.6  # of the remaining misfit over the removed one that counts as error of the size
+LAW_SIZE_ERROR, LAW_SHAPE_ERROR = 0.01, 0.05
+LAW_MISFIT_SHARE = 0.6  # of the remaining misfit over the removed one that counts as error of the size
 OCCAM = 1.5  # log evidence that one more parameter costs
-UNSEEN = 1e-6  # share of the power that is needed: a stop that no hinge reaches
-MOVED = 2.0  # prior standard deviations beyond which a nuisance parameter is reported: one in twenty moves so by chance
+NEGLIGIBLE_POWER = 1e-6  # share of the power that is needed: a stop that no hinge reaches
+MOVED_PRIOR_STD = 2.0  # prior standard deviations beyond which a nuisance parameter is reported: one in twenty moves so by chance
 MOST_RIVALS = 12  # hypotheses that are listed

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.fitting.space import Space
-from rfca_rig.analysis.phases import Refused
-from rfca_rig.analysis.repeats import Condition, conditions_of
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.fitting.space import Prior
+from rfca_rig.analysis.phases import Undetermined
+from rfca_rig.analysis.repeats import Condition, group_by_condition
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
 from rfca_rig.diagnosis.decision.decide import Decision, decide
@@ -17,17 +17,17 @@ from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.leg.drive_tracking import excluded_by_tracking
+from rfca_rig.diagnosis.leg.drive_tracking import find_excluded_sizes
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.leg.result import build_leg_result
-from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, late_s, shaft_condition, tracks_command
-from rfca_rig.diagnosis.leg.simulator import infer_approach, leg_dataset
-from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, stage_tables
-from rfca_rig.diagnosis.leg.strokes import FlapCondition, flap_condition, turn_of
+from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, estimate_delay_s, make_shaft_condition, tracks_command
+from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset
+from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
+from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, join_not_seen
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.cores import algebra_on_one_thread
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS, Effect
 from rfca_rig.model.families import members_of
@@ -75,7 +75,7 @@ class PreparedData:
     rig: RigModel
     known_to: Mapping[str, float]
     noise_std: Mapping[str, float | None]
-    flaps: tuple[FlapCondition, ...]
+    flaps: tuple[DynamicCondition, ...]
     shafts: tuple[ShaftCondition, ...]
     as_commanded: bool
     coordinates: Parameterization
@@ -98,7 +98,7 @@ class Findings:
     drive_decision: Decision | None
 
 
-@algebra_on_one_thread()
+@single_threaded_blas()
 def diagnose(
     recordings: Sequence[Recording], progress: Progress, limits: Limits | None = None, without: Collection[str] = (), law_at: str = ""
 ) -> Diagnosis:
@@ -131,7 +131,7 @@ def diagnose(
     progress("summing up", 0.97)
     found = build_leg_result(body, findings, limits)
     if findings.drive is None and body.shafts:
-        tracked = excluded_by_tracking(body.shafts, body.rig, findings.drive_effects)
+        tracked = find_excluded_sizes(body.shafts, body.rig, findings.drive_effects)
         found = replace(found, not_seen=join_not_seen(found.not_seen, tracked))
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
@@ -142,23 +142,23 @@ def diagnose(
 def find_omissions(recordings: Sequence[Recording], progress: Progress, without: Collection[str] = ()) -> tuple[PreparedData, Findings]:
     """The searches and their decisions, before wording, localisation and the next experiment. Parameters and errors as in `diagnose`."""
     body, tables = prepare_data(recordings)
-    dataset = leg_dataset([*body.flaps, *tables], body.as_commanded)
+    dataset = make_leg_dataset([*body.flaps, *tables], body.as_commanded)
     effects = select_candidates(_candidates(body), without)
     of_drive = select_candidates(map(catalogue().__getitem__, DRIVE_EFFECTS), without)
     leg = search_models(dataset, body.coordinates, effects, progress)
     # Where the shaft follows its command, the drive needs no search of its own.
-    drive = drive_found(body, leg, of_drive, progress) if not body.as_commanded else None
+    drive = search_drive(body, leg, of_drive, progress) if not body.as_commanded else None
     return body, Findings(effects, of_drive, leg, decide(leg), drive, None if drive is None else decide(drive))
 
 
-@algebra_on_one_thread()
+@single_threaded_blas()
 def search_base(recordings: Sequence[Recording], progress: Progress) -> ModelSelectionResult:
     """The fit without effects alone, as the base of a measured law; no effect of the catalogue is looked for.
 
     Raises BadInput where the recordings cannot be used together or at all, SimulationFailed where the model cannot be simulated.
     """
     body, tables = prepare_data(recordings)
-    return search_models(leg_dataset([*body.flaps, *tables], body.as_commanded), body.coordinates, [], progress)
+    return search_models(make_leg_dataset([*body.flaps, *tables], body.as_commanded), body.coordinates, [], progress)
 
 
 def _identify(recording: Recording) -> Diagnosed:
@@ -176,21 +176,21 @@ def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[S
             raise BadInput(f"{other.title!r} believes other values of the rig than {first.title!r}; diagnose them one by one")
     rig = nominal_model(first.nominal)
     noise_std = first.nominal["sensor"].get("noise_std") or {}
-    conditions = conditions_of(stroke for recording in recordings for stroke in recording.strokes)
+    conditions = group_by_condition(stroke for recording in recordings for stroke in recording.strokes)
     # Two passes: whether the shaft follows its command must be known before the final turn of each condition is chosen.
-    probed = [flap_condition(condition, noise_std, turn_of(condition, False)) for condition in conditions]
-    remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Refused))
-    usable = [(c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Refused)]
-    shafts = tuple(s for c, f in usable if (s := shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None)
+    probed = [make_dynamic_condition(condition, noise_std, make_turn(condition, False)) for condition in conditions]
+    remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Undetermined))
+    usable = [(c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Undetermined)]
+    shafts = tuple(s for c, f in usable if (s := make_shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None)
     as_commanded = all(tracks_command(shaft, rig.drive.ramp_s) for shaft in shafts)
     # A drive cannot be early: a negative delay is noise.
-    late = {shaft.label: max(late_s(shaft, rig.drive.ramp_s), 0.0) for shaft in shafts}
-    flaps = tuple(replace(flap, turn=turn_of(condition, not as_commanded, late.get(flap.label, 0.0))) for condition, flap in usable)
+    late = {shaft.label: max(estimate_delay_s(shaft, rig.drive.ramp_s), 0.0) for shaft in shafts}
+    flaps = tuple(replace(flap, turn=make_turn(condition, not as_commanded, late.get(flap.label, 0.0))) for condition, flap in usable)
     known_to = {key: float(value) for key, value in first.known_to.items() if value is not None}
     before_s = _before_start_s(condition for condition, _ in usable)
     coordinates = Parameterization(nuisances_of(rig, known_to, before_s))
     stages = [stage for recording in recordings for stage in recording.static]
-    tables = stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
+    tables = make_stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
     if tables:
         # The approach of static stages is not recorded. The first guess is made at the prior means; the search improves it.
         moves = infer_approach(tables, coordinates.supposed, np.zeros(coordinates.size))
@@ -234,7 +234,7 @@ def _candidates(body: PreparedData) -> list[Effect]:
     return [e for e in candidates if body.strokes_made is not None or not e.needs_order]
 
 
-def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> ModelSelectionResult:
+def search_drive(body: PreparedData, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress) -> ModelSelectionResult:
     """Search for effects of the drive in the motion of the shaft, with the leg as the best hypothesis has it.
 
     A hypothesis with a compliant drive is no such leg: the model has room for one drive only. A compliant drive may start in two ways. The
@@ -243,7 +243,7 @@ def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence
     stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
-    dataset = leg_dataset(body.shafts)
+    dataset = make_leg_dataset(body.shafts)
 
     def search(holds_start: bool) -> ModelSelectionResult:
         return search_models(
@@ -264,6 +264,6 @@ def drive_found(body: PreparedData, leg: ModelSelectionResult, effects: Sequence
     return search(True) if suits else found
 
 
-def _space_of_drive(supposed: Supposed, holds_start: bool, known_to: Mapping[str, float]) -> Space[Supposed]:
+def _space_of_drive(supposed: ModelPoint, holds_start: bool, known_to: Mapping[str, float]) -> Prior[ModelPoint]:
     rig = replace(supposed.rig, drive=replace(supposed.rig.drive, holds_start=holds_start))
     return nuisances_of_drive(rig, replace(supposed, rig=rig, turn_offset_rad=0.0), known_to)

@@ -13,13 +13,13 @@ from rfca_rig.diagnosis.result import BeforeAfter, SignalOverlay
 Floats = NDArray[np.float64]
 
 
-def before_and_after(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
+def compare_residuals(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
     """Rms residuals of the nominal and of the accepted model, per signal, with the part that noise and scatter explain."""
     measured = found.dataset.rows.measured
     return _by_signal(found, "rms", measured - found.nominal.predicted, measured - accepted.rows, experiment)
 
 
-def held_out(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
+def compare_held_out(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> Mapping[str, BeforeAfter]:
     """The same on held-out conditions, all unknowns fitted to the others; each hypothesis has its own most probable discrepancy scale."""
     rows = found.dataset.rows
     conditions = sorted({int(c) for c in rows.condition[rows.experiment == experiment]})
@@ -38,7 +38,7 @@ def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Fl
     return {f"{name}_{s}": BeforeAfter(rms(before[h]), rms(after[h]), rms(floor[h])) for s, h in of_signal.items() if h.any()}
 
 
-def overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> tuple[SignalOverlay, ...]:
+def make_overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> tuple[SignalOverlay, ...]:
     """Measured means (m,) with both models, condition by condition and signal by signal."""
     rows, columns = found.dataset.rows, (found.dataset.rows.measured, found.nominal.predicted, accepted.rows)
     return tuple(

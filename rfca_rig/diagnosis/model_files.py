@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from rfca_rig.analysis.fitting.model_file import HEIGHT_OFFSET, fitted_sections
+from rfca_rig.analysis.fitting.model_file import HEIGHT_OFFSET, make_fitted_sections
 from rfca_rig.analysis.fitting.parameters import PARAMETERS
 from rfca_rig.description.model_file import FoundEffect, write_model
 from rfca_rig.diagnosis.residual_force.law import MeasuredLaw
@@ -41,11 +41,11 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
         return False
     rig = diagnosis.found_rig
     # The effects found are the last of the rig. They have entries of their own in the file.
-    sections = fitted_sections(recording.nominal, replace(rig, effects=rig.effects[: len(rig.effects) - len(diagnosis.found_effects)]))
+    sections = make_fitted_sections(recording.nominal, replace(rig, effects=rig.effects[: len(rig.effects) - len(diagnosis.found_effects)]))
     if rig.drive.holds_start:
         sections["drive"] = {**sections["drive"], "holds_start": True}
     # A height offset beyond its uncertainty means that the rack stood elsewhere, which the model file states as an effect.
-    found, height = [_found(effect) for effect in diagnosis.effects], diagnosis.believed_values.get("height")
+    found, height = [_to_found_effect(effect) for effect in diagnosis.effects], diagnosis.believed_values.get("height")
     if height and abs(height.value) >= height.std and all(effect.id != HEIGHT_OFFSET for effect in found):
         found.append(FoundEffect(HEIGHT_OFFSET, {"offset_mm": height.value}, {"offset_mm": height.std}))  # the rack stood elsewhere
     comments = [f"Diagnosed from {diagnosis.title}", diagnosis.sentence]
@@ -79,11 +79,11 @@ def write_measured_model(path: Path, law: MeasuredLaw, recording: Recording) -> 
         f"It takes away {100.0 * law.explained:.0f} % of the misfit on held-out conditions",
     ]
     known_to = _refine_known_to(nuisance_values(law.hypothesis), recording)
-    sections = fitted_sections(recording.nominal, base, supposed.height_offset_m)
+    sections = make_fitted_sections(recording.nominal, base, supposed.height_offset_m)
     write_model(path, sections, known_to, comments, [FoundEffect(TABULATED_LAW, {}, std, law.present.table)])
 
 
-def _found(effect: NamedEffect) -> FoundEffect:
+def _to_found_effect(effect: NamedEffect) -> FoundEffect:
     found = {**effect.parameters, **effect.shape}
     values = {name: value.value for name, value in found.items()}
     return FoundEffect(effect.id, values, {name: value.std for name, value in found.items() if value.std})

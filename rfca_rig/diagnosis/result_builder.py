@@ -5,13 +5,13 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from rfca_rig.diagnosis.config import MOST_RIVALS, MOVED, PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN
+from rfca_rig.diagnosis.config import MOST_RIVALS, MOVED_PRIOR_STD, PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.decision.wording import describe, describe_refusal
-from rfca_rig.diagnosis.figures import before_and_after, held_out, overlays
+from rfca_rig.diagnosis.figures import compare_held_out, compare_residuals, make_overlays
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
-from rfca_rig.diagnosis.inference.screening import projection_of
+from rfca_rig.diagnosis.inference.screening import make_projection
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
 from rfca_rig.diagnosis.result import Criterion, Diagnosis, Located, MovedPrior, NotSeen, Value
 from rfca_rig.model.effect import Effect
@@ -48,15 +48,15 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         criteria=decision.criteria,
         rivals=decision.rivals[:MOST_RIVALS],
         not_seen=_find_not_seen(found, explanation, decision.suspects, effects),
-        fit=before_and_after(found, explanation, experiment),
-        held_out=held_out(found, explanation, experiment),
+        fit=compare_residuals(found, explanation, experiment),
+        held_out=compare_held_out(found, explanation, experiment),
         valley={},
         unexplained=describe_refusal(decision),
         remarks=(),
         next_experiment=None,
         believed_values=nuisance_values(explanation),
         priors=nuisance_priors(explanation),
-        overlays=overlays(found, explanation, experiment),
+        overlays=make_overlays(found, explanation, experiment),
         settings=_settings(found, effects),
         found_effects=present_effects(used),
         found_rig=used.fitted.coordinates.supposed(used.marginal.posterior.mean).rig,
@@ -64,9 +64,9 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         probability=None if decision.grade == "not enough data" else decision.probability,
         family=decision.family,
         # what takes the place of an implausible value removes no more misfit than that did
-        explained_share=decision.explained_share if is_stated and not decision.relieved else None,
+        explained_share=decision.explained_share if is_stated and not decision.relieved_strain else None,
         remaining=_remaining(found, explanation) if is_open else (),
-        moved_priors=moved_priors(explanation),
+        moved_priors=list_moved_priors(explanation),
         support=tuple(asdict(one) for one in decision.supported),
     )
 
@@ -97,12 +97,12 @@ def _find_not_seen(
     fit, rows = explanation.fitted, found.in_coarse
     fitted, measured = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]), found.dataset.rows.measured[rows]
     # The probes were simulated on the subset only.
-    projection = projection_of(fitted, measured, found.coarse.level(fitted.linear(measured)))
+    projection = make_projection(fitted, measured, found.coarse.level(fitted.linear(measured)))
     others = [effect for effect in effects if effect.id not in suspects]
     return find_detection_limits(others, found.probes, projection, found.nominal.coordinates.space.centre.rig)
 
 
-def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
+def list_moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
     """Nuisance parameters beyond MOVED prior standard deviations, farthest first."""
     space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
     priors, values = nuisance_priors(hypothesis), nuisance_values(hypothesis)
@@ -110,7 +110,7 @@ def moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
         # In the posterior the effects follow the nuisance parameters, so the zip is not strict.
         MovedPrior(p.name, p.unit, priors[p.name], values[p.name], float(z))
         for p, z in zip(space.parameters, posterior.mean, strict=False)
-        if abs(z) > MOVED
+        if abs(z) > MOVED_PRIOR_STD
     ]
     return tuple(sorted(found, key=lambda one: -abs(one.deviations)))
 

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.result import correlated_pairs, describe_pair
+from rfca_rig.analysis.fitting.result import describe_pair, list_correlated_pairs
 from rfca_rig.diagnosis.data.observations import rms
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.inference.parameterization import std_of, value_of
-from rfca_rig.diagnosis.inference.screening import grid_points, probe_effects, projection_of, terms_of
+from rfca_rig.diagnosis.inference.screening import grid_points, make_projection, probe_effects, terms_of
 from rfca_rig.diagnosis.likelihood.cross_validation import jackknife_std, loo_residuals
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.errors import SimulationFailed
@@ -167,7 +167,7 @@ def fit_effects(found: ModelSelectionResult, effects: Sequence[Effect], progress
 def _add(optimizer: GaussNewton, here: MapFit, effect: Effect) -> MapFit:
     """The best fit with one effect more."""
     measured = optimizer.dataset.rows.measured
-    projection = projection_of(here, measured, optimizer.likelihood.level(here.linear(measured)))
+    projection = make_projection(here, measured, optimizer.likelihood.level(here.linear(measured)))
     probes = probe_effects(optimizer.dataset, here, grid_points(terms_of(effect)))
     # Several starts, because an effect may have more than one optimum.
     ranked = sorted(probes, key=lambda probe: -projection.gain(probe.signature)[0])[:STARTS]
@@ -209,7 +209,7 @@ def summarize(found: ModelSelectionResult, fitted: Hypothesis, conditions: Seque
     return WindowFit(
         shifts=tuple(_list_shifts(fitted, std_x)),
         sizes=tuple(_list_sizes(fitted, std_x)),
-        correlated=tuple(correlated_pairs(names, fitted.marginal.posterior.covariance)),
+        correlated=tuple(list_correlated_pairs(names, fitted.marginal.posterior.covariance)),
         errors=errors,
         totals=totals,
         overlays=overlays,

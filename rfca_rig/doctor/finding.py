@@ -35,6 +35,6 @@ def red(subject: str, seen: str, fix: str, *commands: str) -> Finding:
     return Finding(subject, Colour.RED, seen, fix, commands)
 
 
-def listed(numbers: tuple[int, ...]) -> str:
+def join_ids(numbers: tuple[int, ...]) -> str:
     """Ids as a comma-separated text."""
     return ", ".join(map(str, numbers))

@@ -18,14 +18,14 @@ from rfca_rig.description.motor_sections import (
     OwnMotorSection,
 )
 from rfca_rig.doctor.finding import Colour, Finding
-from rfca_rig.doctor.judging.can_bus import CanBusSeen, judge_can_bus
+from rfca_rig.doctor.judging.can_bus import CanBusObservation, judge_can_bus
 from rfca_rig.doctor.judging.can_interface import judge_can_interface
 from rfca_rig.doctor.judging.cubemars_mit import judge_mit
 from rfca_rig.doctor.judging.cubemars_servo import judge_servo
 from rfca_rig.doctor.judging.moteus import judge_moteus
 from rfca_rig.doctor.judging.odrive import OdriveWanted, judge_odrive
 from rfca_rig.doctor.judging.serial_port import judge_serial_port
-from rfca_rig.doctor.looking.can_bus import Listener, one_line
+from rfca_rig.doctor.looking.can_bus import Listener, shorten_error
 from rfca_rig.doctor.looking.can_interface import look_at_can_interface
 from rfca_rig.doctor.looking.cubemars_mit import look_for_mit
 from rfca_rig.doctor.looking.cubemars_servo import look_for_servo
@@ -47,7 +47,7 @@ def check_motor(motor: Motor, clock: Clock) -> Iterator[Finding]:
         bus = open_bus(motor)
     # Interfaces of python-can raise exceptions of many types, even NameError and ImportError if a vendor library is missing.
     except Exception as error:
-        yield _bus(motor, CanBusSeen(f"{type(error).__name__}: {one_line(error)}"))
+        yield _bus(motor, CanBusObservation(f"{type(error).__name__}: {shorten_error(error)}"))
         return
     with bus:
         yield from check_drive(motor, Listener(bus, clock))
@@ -72,7 +72,7 @@ def check_drive(motor: Motor, listener: Listener) -> Iterator[Finding]:
         yield from findings
 
 
-def _bus(motor: MotorSection, seen: CanBusSeen) -> Finding:
+def _bus(motor: MotorSection, seen: CanBusObservation) -> Finding:
     return judge_can_bus(seen, motor.interface, motor.channel, KNOWN)
 
 

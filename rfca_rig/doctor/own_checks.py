@@ -11,7 +11,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.description.force_sensor_sections import ForceSensorKeys
 from rfca_rig.description.motor_sections import MotorKeys
 from rfca_rig.doctor.finding import Finding, green, red, yellow
-from rfca_rig.doctor.looking.can_bus import one_line
+from rfca_rig.doctor.looking.can_bus import shorten_error
 from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
 from rfca_rig.drivers.serial_port import SerialPort
 from rfca_rig.errors import RigError
@@ -98,7 +98,7 @@ def _open(opener: Callable[[], Way], name: str, table: str) -> Way | Finding:
         return opener()
     # The plug-in's `open` and the interfaces of python-can raise exceptions of many types.
     except Exception as error:
-        return red("wire", f"{name} cannot be opened: {type(error).__name__}: {one_line(error)}", f"check {table} in the rig file")
+        return red("wire", f"{name} cannot be opened: {type(error).__name__}: {shorten_error(error)}", f"check {table} in the rig file")
 
 
 def _poll(clock: Clock) -> Iterator[None]:

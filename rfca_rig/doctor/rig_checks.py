@@ -32,16 +32,16 @@ from rfca_rig.doctor.judging.serial_port import judge_serial_port
 from rfca_rig.doctor.looking.ati_daq import look_at_calibration, look_for_cards
 from rfca_rig.doctor.looking.ati_serial import look_at_controller
 from rfca_rig.doctor.looking.camera import look_at_camera
-from rfca_rig.doctor.looking.can_bus import one_line
-from rfca_rig.doctor.looking.computer import granted_receive_buffer
+from rfca_rig.doctor.looking.can_bus import shorten_error
+from rfca_rig.doctor.looking.computer import probe_receive_buffer
 from rfca_rig.doctor.looking.netft import look_at_box, look_at_stream
 from rfca_rig.doctor.looking.serial_port import look_at_serial_port
 from rfca_rig.doctor.motor_checks import check_motor
 from rfca_rig.doctor.own_checks import check_own_motor, check_own_sensor
 from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES
 from rfca_rig.drivers.netft import NetFtSettings
-from rfca_rig.drivers.netft_box import Box, CommandBox, HttpBox
-from rfca_rig.drivers.photo_folder import pictures_in
+from rfca_rig.drivers.netft_box import CommandBox, HttpBox, NetFtBox
+from rfca_rig.drivers.photo_folder import list_pictures
 from rfca_rig.errors import BadInput, RigError
 
 # Watchdog timeout assumed for drives whose timeout is not in the rig file.
@@ -73,7 +73,7 @@ def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:
 
 def _folder(folder: str) -> Finding:
     try:
-        pictures_in(Path(folder))
+        list_pictures(Path(folder))
     except BadInput as error:
         return judge_photo_folder(folder, str(error))
     return judge_photo_folder(folder, None)
@@ -102,10 +102,10 @@ def _netft(sensor: NetFtSection, clock: Clock) -> Iterator[Finding]:
         answers = seen.says is not None
         yield judge_box(seen, settings)
     yield from judge_stream(look_at_stream(sensor.host, sensor.port, sensor.buffered, clock), settings, answers)
-    yield judge_receive_buffer(granted_receive_buffer(), RECEIVE_BUFFER_BYTES, sensor.rate_Hz)
+    yield judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, sensor.rate_Hz)
 
 
-def _box(sensor: NetFtSection) -> Box | None:
+def _box(sensor: NetFtSection) -> NetFtBox | None:
     if sensor.configuration == "http":
         return HttpBox(sensor.host, sensor.http_port)
     return CommandBox(sensor.host, sensor.command_port) if sensor.configuration == "commands" else None
@@ -133,7 +133,7 @@ def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
             angles_rad = _read_angles(rig, bus, clock)
     # The bus was fine a moment ago; a failure now is reported, and the other checks go on.
     except (RigError, can.CanError, OSError, ValueError) as error:
-        yield yellow(SHAFT, f"not read: {one_line(error)}", "mend what is red first")
+        yield yellow(SHAFT, f"not read: {shorten_error(error)}", "mend what is red first")
         return
     if angles_rad:
         yield green(

@@ -11,7 +11,7 @@ from rfca_rig.doctor.judging.receive_buffer import judge_receive_buffer
 from rfca_rig.doctor.judging.serial_port import judge_found_port
 from rfca_rig.doctor.looking.adapters import look_for_adapters
 from rfca_rig.doctor.looking.can_interface import can_interfaces, look_at_can_interface
-from rfca_rig.doctor.looking.computer import granted_receive_buffer
+from rfca_rig.doctor.looking.computer import probe_receive_buffer
 from rfca_rig.doctor.looking.netft import look_at_box
 from rfca_rig.doctor.looking.serial_port import look_for_serial_ports
 from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES
@@ -30,5 +30,5 @@ def scan(runs: Path, clock: Clock) -> Iterator[Finding]:
     ports = look_for_serial_ports()
     yield from [judge_found_port(port) for port in ports] or [judge_no_ports()]
     yield judge_found_sensor(look_at_box(NETFT_AS_DELIVERED, HttpBox(NETFT_AS_DELIVERED, timeout_s=NETFT_WITHIN_S)))
-    yield judge_receive_buffer(granted_receive_buffer(), RECEIVE_BUFFER_BYTES, NETFT_RATE_Hz)
+    yield judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, NETFT_RATE_Hz)
     yield from check_computer(runs, clock, None)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from rfca_rig.clock import Clock
-from rfca_rig.drivers.photo_folder import pictures_in
+from rfca_rig.drivers.photo_folder import list_pictures
 from rfca_rig.drivers.picture_file import read_picture
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import BadInput, DeviceError
@@ -22,15 +22,15 @@ class ArrivingPhotos:
         self._folder = folder
         self._clock = clock
         self._limit_s = limit_s
-        pictures_in(folder)
+        list_pictures(folder)
 
     def photo(self) -> Photo:
         """A photo (rows, columns, 3) in BGR order. Raises DeviceError if no complete one appears within the limit."""
-        before = {file.name for file in pictures_in(self._folder)}
+        before = {file.name for file in list_pictures(self._folder)}
         began_s = self._clock.now_s()
         why = ""
         while self._clock.now_s() - began_s < self._limit_s:
-            for file in pictures_in(self._folder):
+            for file in list_pictures(self._folder):
                 if file.name not in before:
                     try:
                         return Photo(read_picture(file), self._clock.now_s(), file.name)

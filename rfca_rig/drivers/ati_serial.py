@@ -10,7 +10,7 @@ from rfca_rig.codecs.ati_serial_stream import FoundRecord, record_stream, withou
 from rfca_rig.codecs.netbox_status import SATURATED
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
-from rfca_rig.drivers.sensor_health import FrozenCount, StatusCount
+from rfca_rig.drivers.sensor_health import FrozenRecordCounter, StatusCounter
 from rfca_rig.drivers.serial_port import SerialPort
 from rfca_rig.errors import BadInput, DeviceError
 
@@ -70,7 +70,7 @@ class AtiSerialSensor:
     def _reset(self) -> None:
         self._stream = record_stream(self._settings.form)
         self._count = FrameCount(1.0 / self._settings.rate_Hz)
-        self._status, self._frozen = StatusCount(), FrozenCount()
+        self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
         self._head: bytes | None = b""
         self._received = self._garbled = 0
         self._first_s: float | None = None

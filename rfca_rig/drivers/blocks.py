@@ -12,7 +12,7 @@ from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
 Block = TypeVar("Block", ShaftSamples, ForceSamples, Records)
 
 
-def join(blocks: Sequence[Block]) -> Block:
+def concatenate_blocks(blocks: Sequence[Block]) -> Block:
     """Concatenates blocks of columns (m, ...) along the first axis, column by column; needs at least one block."""
     kind = type(blocks[0])
     return kind(*(np.concatenate([getattr(block, column.name) for block in blocks]) for column in fields(kind)))

@@ -43,7 +43,7 @@ class BusHealth:
             self.overflows += bool(data[1] & OVERFLOW)
             self._passive = bool(data[1] & PASSIVE) or (self._passive and not data[1] & ACTIVE)
 
-    def look_at(self, bus: can.BusABC) -> None:
+    def check_state(self, bus: can.BusABC) -> None:
         """Checks the bus state, for adapters that report bus-off without an error frame. Raises DeviceError if it is off."""
         if bus.state is can.BusState.ERROR:
             raise DeviceError(_OFF)

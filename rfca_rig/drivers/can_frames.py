@@ -6,18 +6,18 @@ import can
 
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.bus_health import BusHealth
-from rfca_rig.drivers.guard import LetGo
+from rfca_rig.drivers.guard import GuardianTorqueOff
 from rfca_rig.errors import DeviceError
 
-UNGUARDED = "press the emergency stop if it turns"
+EMERGENCY_STOP_REMEDY = "press the emergency stop if it turns"
 # Time in s for all torque-off frames together, and between two attempts. Drivers promise torque off within 20 ms.
 STOPPING_S = 0.02
 RETRY_S = 1e-3
 # After a longer pause between two reads the receive buffer may have overflowed, with frames missing anywhere.
-DAMMED_UP_S = 0.1
+MAX_READ_PAUSE_S = 0.1
 
 
-def arrived(bus: can.BusABC, health: BusHealth, remedy: str = UNGUARDED) -> Iterator[can.Message]:
+def receive_frames(bus: can.BusABC, health: BusHealth, remedy: str = EMERGENCY_STOP_REMEDY) -> Iterator[can.Message]:
     """Every data frame that the bus holds, oldest first; never waits.
 
     Error frames go to `health`. Raises DeviceError, with the remedy, if the bus fails or went bus-off.
@@ -29,26 +29,26 @@ def arrived(bus: can.BusABC, health: BusHealth, remedy: str = UNGUARDED) -> Iter
             elif not message.is_remote_frame:
                 yield message
         # Not every adapter reports bus-off by an error frame.
-        health.look_at(bus)
+        health.check_state(bus)
     # A torque-off by the guardian is reported with its own text, not as a bus failure.
-    except LetGo as error:
+    except GuardianTorqueOff as error:
         raise DeviceError(str(error)) from error
     except (can.CanError, OSError) as error:
         raise DeviceError(f"CAN bus failed while reading the drive: {error}; {remedy}") from error
 
 
-def send(bus: can.BusABC, message: can.Message, remedy: str = UNGUARDED) -> None:
+def send(bus: can.BusABC, message: can.Message, remedy: str = EMERGENCY_STOP_REMEDY) -> None:
     """Sends one frame without waiting. Raises DeviceError, with the remedy, if the bus does not accept it."""
     try:
         bus.send(message, timeout=0.0)
-    except LetGo as error:
+    except GuardianTorqueOff as error:
         raise DeviceError(str(error)) from error
     except (can.CanError, OSError) as error:
         identifier = f"{message.arbitration_id:08x}" if message.is_extended_id else f"{message.arbitration_id:03x}"
         raise DeviceError(f"CAN frame 0x{identifier} to the drive not sent: {error}; {remedy}") from error
 
 
-def send_stop(bus: can.BusABC, clock: Clock, messages: Sequence[can.Message], remedy: str = UNGUARDED) -> None:
+def send_stop(bus: can.BusABC, clock: Clock, messages: Sequence[can.Message], remedy: str = EMERGENCY_STOP_REMEDY) -> None:
     """Sends torque-off frames. A frame that is not accepted is tried again, as the transmit queue may be full for a moment.
 
     Every frame is tried at least once, even if the one before failed; all of it takes 20 ms at most. Raises DeviceError if one was

@@ -11,21 +11,21 @@ from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.drivers.cubemars_settings import MitSettings, ServoSettings
 
 # In steps of the reported torque or current: below ten steps a torque is not distinguished from zero.
-LEAST_LOAD_COUNTS = 10
+MIN_LOAD_COUNTS = 10
 
 
 @dataclass(frozen=True)
-class MitLastWord:
+class MitTorqueOffFrames:
     """Torque off in MIT mode: a command with zero gains, as the drive remembers the last one, then EXIT. The drive answers both."""
 
     settings: MitSettings
 
-    def limp(self) -> can.Message:
+    def zero_gain_command(self) -> can.Message:
         """Command with zero gains. Zero torque has no code; the nearest one is under 0.001 of the range, and acts only while enabled."""
         return self._to_drive(encode_command(self.settings.ranges, MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)))
 
     def frames(self) -> tuple[can.Message, ...]:
-        return self.limp(), self._to_drive(encode_special(Special.EXIT))
+        return self.zero_gain_command(), self._to_drive(encode_special(Special.EXIT))
 
     def _to_drive(self, data: bytes) -> can.Message:
         return can.Message(arbitration_id=self.settings.drive_id, data=data, is_extended_id=False)
@@ -40,13 +40,13 @@ class MitLastWord:
         except MalformedFrame:
             return None
 
-    def least_Nm(self) -> float:
+    def min_visible_torque_Nm(self) -> float:
         # The torque field has 12 bits over the range -torque_Nm..torque_Nm: 4095 steps.
-        return LEAST_LOAD_COUNTS * 2.0 * self.settings.ranges.torque_Nm / 4095
+        return MIN_LOAD_COUNTS * 2.0 * self.settings.ranges.torque_Nm / 4095
 
 
 @dataclass(frozen=True)
-class ServoLastWord:
+class ServoTorqueOffFrames:
     """Torque off in servo mode: a current of zero. The drive reports its current cyclically."""
 
     settings: ServoSettings
@@ -64,5 +64,5 @@ class ServoLastWord:
             return None
         return report.current_A * self.settings.shaft_torque_per_A if isinstance(report, Status) else None
 
-    def least_Nm(self) -> float:
-        return LEAST_LOAD_COUNTS * STATUS_A * abs(self.settings.shaft_torque_per_A)
+    def min_visible_torque_Nm(self) -> float:
+        return MIN_LOAD_COUNTS * STATUS_A * abs(self.settings.shaft_torque_per_A)

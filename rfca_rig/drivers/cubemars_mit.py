@@ -8,20 +8,20 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.cubemars_meanings import error_text
 from rfca_rig.codecs.cubemars_mit import MitCommand, Special, encode_command, encode_special, nearest_speed
 from rfca_rig.drivers.can_frames import send, send_stop
-from rfca_rig.drivers.cubemars_last_word import MitLastWord
+from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames
 from rfca_rig.drivers.cubemars_mit_replies import MitReplies
 from rfca_rig.drivers.cubemars_settings import MitSettings
-from rfca_rig.drivers.guard import LET_GO, Guard, arm, prove_guard
+from rfca_rig.drivers.guard import TORQUE_OFF_SHARE, Guard, arm, prove_guard
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
-from rfca_rig.drivers.standstill import await_standing
+from rfca_rig.drivers.standstill import await_standstill
 from rfca_rig.errors import DeviceError
 
 __all__ = ["CubemarsMitMotor", "MitSettings"]
 
 POLL_S = 2e-3
 # Watch time after energising, and the motion in that time from which the scale or sign must be wrong.
-HELD_S = 0.05
-MOST_MOVED_RAD = 0.1
+WATCH_S = 0.05
+MAX_MOTION_RAD = 0.1
 
 
 class MovingTarget:
@@ -29,7 +29,7 @@ class MovingTarget:
 
     Under a commanded speed the target moves at that speed, so the lag that a load causes is made up later. Together with a drive
     whose torque is proportional to the speed error, this is a speed loop with an integrator. The target stays within
-    `most_behind_rad` of the shaft, where the drive gives its largest torque; this is the anti-windup.
+    `max_lag_rad` of the shaft, where the drive gives its largest torque; this is the anti-windup.
     """
 
     def __init__(self, gain_per_s: float, most_behind_rad: float, angle_rad: float, now_s: float) -> None:
@@ -69,7 +69,7 @@ class CubemarsMitMotor:
         self._settings = settings
         self._guard = guard
         self._proof = "none"
-        self._last_word = MitLastWord(settings)
+        self._last_word = MitTorqueOffFrames(settings)
         self._replies = MitReplies(bus, clock, settings)
         self._target: MovingTarget | None = None
 
@@ -86,9 +86,9 @@ class CubemarsMitMotor:
         if self._replies.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start anew")
         self._await_replies()
-        await_standing(self._clock, self._limp_speed_rad_s)
+        await_standstill(self._clock, self._limp_speed_rad_s)
         self._target = self._target_at(self._replies.angle_rad)
-        began_rad, until_s = self._replies.angle_rad, self._clock.now_s() + HELD_S
+        began_rad, until_s = self._replies.angle_rad, self._clock.now_s() + WATCH_S
         # The guardian is armed before the frame that energises, so that no gap is left unguarded.
         self._arm()
         # ENTER puts the last command into force; the commands without gains sent before make it harmless.
@@ -104,13 +104,13 @@ class CubemarsMitMotor:
             arm(self._guard)
 
     def _target_at(self, angle_rad: float) -> MovingTarget:
-        return MovingTarget(self._settings.angle_gain_per_s, self._settings.most_behind_rad, angle_rad, self._clock.now_s())
+        return MovingTarget(self._settings.angle_gain_per_s, self._settings.max_lag_rad, angle_rad, self._clock.now_s())
 
     def _await_replies(self) -> None:
         self._replies.drain()
         # Replies from before a pause could be assigned to requests made now, so they are discarded.
         self._replies.samples()
-        self._replies.recount()
+        self._replies.reset_counters()
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         while self._replies.missing() is not None:
             if self._clock.now_s() > deadline_s:
@@ -118,7 +118,7 @@ class CubemarsMitMotor:
             self._ask_limp()
 
     def _ask_limp(self) -> None:
-        self._send(self._last_word.limp().data)
+        self._send(self._last_word.zero_gain_command().data)
         self._wait_and_drain()
 
     def _limp_speed_rad_s(self) -> float:
@@ -127,7 +127,7 @@ class CubemarsMitMotor:
 
     def _refuse_if_moved(self, began_rad: float) -> None:
         moved_rad = self._replies.angle_rad - began_rad
-        if abs(moved_rad) > MOST_MOVED_RAD:
+        if abs(moved_rad) > MAX_MOTION_RAD:
             self.disable()
             raise DeviceError(f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when energised; check direction and model")
 
@@ -195,7 +195,7 @@ class CubemarsMitMotor:
         self._clock.wait_until(started_s + limit_s)
         has_answered = self._ask_once()
         elapsed_s = self._clock.now_s() - started_s
-        is_off = not has_answered or abs(self._replies.torque_Nm) < LET_GO * abs(held_Nm)
+        is_off = not has_answered or abs(self._replies.torque_Nm) < TORQUE_OFF_SHARE * abs(held_Nm)
         self.disable()
         if has_answered:
             self._refuse_proof(held_Nm, is_off, limit_s)
@@ -203,7 +203,7 @@ class CubemarsMitMotor:
 
     def _prove_guard(self, guard: Guard, held_Nm: float, limit_s: float) -> float:
         try:
-            proof = prove_guard(guard, held_Nm, self._last_word.least_Nm(), limit_s, answers=True)
+            proof = prove_guard(guard, held_Nm, self._last_word.min_visible_torque_Nm(), limit_s, answers=True)
         finally:
             self.disable()
         self._proof = proof.seen
@@ -212,7 +212,7 @@ class CubemarsMitMotor:
     def _ask_once(self) -> bool:
         """Requests one reply by ENTER, which changes neither set-points nor the watchdog count; returns whether it came."""
         self._replies.drain()
-        self._replies.recount()
+        self._replies.reset_counters()
         self._send(encode_special(Special.ENTER))
         # Ten polls of 2 ms: an answer comes at once, plus the delays of adapter and bus.
         for _ in range(10):
@@ -220,7 +220,7 @@ class CubemarsMitMotor:
         return self._replies.heard > 0
 
     def _refuse_proof(self, held_Nm: float, is_off: bool, limit_s: float) -> None:
-        least_Nm = self._last_word.least_Nm()
+        least_Nm = self._last_word.min_visible_torque_Nm()
         remedy = "let a guardian hold its bus (guardian = true), or put a relay into its supply that opens when this computer falls silent"
         if abs(held_Nm) < least_Nm:
             raise DeviceError(

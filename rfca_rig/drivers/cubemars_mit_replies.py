@@ -10,7 +10,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_mit import MitReply, decode_reply, position_of
 from rfca_rig.drivers.bus_health import BusHealth
-from rfca_rig.drivers.can_frames import arrived
+from rfca_rig.drivers.can_frames import receive_frames
 from rfca_rig.drivers.cubemars_settings import MitSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.drivers.speed_check import SpeedCheck
@@ -19,9 +19,9 @@ from rfca_rig.drivers.wrapped_position import CODES, WrappedPosition
 # A request open for longer than this counts as lost: a drive answers each frame at once.
 RESYNC_S = 0.02
 # Number of open requests that are kept, so that a silent drive costs no memory.
-REMEMBERED = 64
+MAX_OPEN_REQUESTS = 64
 # Margin in rad at the shaft, on top of the fastest possible motion, before a step counts as a jump.
-LEAP_RAD = 0.3
+JUMP_MARGIN_RAD = 0.3
 
 
 class MitReplies:
@@ -37,9 +37,9 @@ class MitReplies:
         # 16 bits over the range -position_rad..position_rad.
         counts_per_rad = (CODES - 1) / (2.0 * settings.ranges.position_rad)
         fastest = settings.ranges.speed_rad_s * counts_per_rad
-        self._position = WrappedPosition(frozenset({0, CODES - 1}), fastest, LEAP_RAD * counts_per_rad)
+        self._position = WrappedPosition(frozenset({0, CODES - 1}), fastest, JUMP_MARGIN_RAD * counts_per_rad)
         self._speed = SpeedCheck("model: it decides the scale of the speed")
-        self._asked_s: deque[float] = deque(maxlen=REMEMBERED)
+        self._asked_s: deque[float] = deque(maxlen=MAX_OPEN_REQUESTS)
         self._unanswered_s: float | None = None
         # Last time at which no request was open.
         self._whole_s = clock.now_s()
@@ -51,9 +51,9 @@ class MitReplies:
         self.angle_rad = self.speed_rad_s = self.torque_Nm = np.nan
         self.lost = 0
         self.health = BusHealth()
-        self.recount()
+        self.reset_counters()
 
-    def recount(self) -> None:
+    def reset_counters(self) -> None:
         """Restarts the counters behind `missing`, and clears motion faults."""
         self._position.forgive()
         self._speed.forgive()
@@ -78,7 +78,7 @@ class MitReplies:
         self.drained_s = self._clock.now_s()
         replies: list[MitReply] = []
         try:
-            for message in arrived(self._bus, self.health):
+            for message in receive_frames(self._bus, self.health):
                 self._take(message, replies)
         finally:
             self._stamp(replies)
@@ -115,7 +115,7 @@ class MitReplies:
         answered_s, open_s = (requests_s[-count:], []) if is_lost else (requests_s[:count], requests_s[count:])
         self.lost += len(requests_s) - count if is_lost else 0
         if count:
-            self._asked_s = deque(open_s, REMEMBERED)
+            self._asked_s = deque(open_s, MAX_OPEN_REQUESTS)
             self._unanswered_s = open_s[0] if open_s else None
         if not self._asked_s:
             self._whole_s = self.drained_s
@@ -154,7 +154,7 @@ class MitReplies:
 
     @property
     def motion_fault(self) -> str | None:
-        """An error of the reported motion since `recount`, or None."""
+        """An error of the reported motion since `reset_counters`, or None."""
         return self._position.fault or self._speed.fault
 
     @property
@@ -164,13 +164,13 @@ class MitReplies:
 
     @property
     def form_fault(self) -> str | None:
-        """Set if replies have lost the error byte that they carried since `recount`: an error would stay hidden."""
+        """Set if replies have lost the error byte that they carried since `reset_counters`: an error would stay hidden."""
         return (
             "replies lost their bytes for temperature and error; check the CAN wiring and what else talks on it" if self._is_cut else None
         )
 
     def missing(self) -> str | None:
-        """Why there is no reply since `recount`, and the remedy; None if there is one."""
+        """Why there is no reply since `reset_counters`, and the remedy; None if there is one."""
         drive = self._settings.drive_id
         if self.heard:
             return None

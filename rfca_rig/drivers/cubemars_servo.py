@@ -8,13 +8,13 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_meanings import error_text
 from rfca_rig.drivers.can_frames import send, send_stop
-from rfca_rig.drivers.cubemars_last_word import ServoLastWord
+from rfca_rig.drivers.cubemars_last_word import ServoTorqueOffFrames
 from rfca_rig.drivers.cubemars_servo_reports import ServoReports
 from rfca_rig.drivers.cubemars_settings import ServoSettings
-from rfca_rig.drivers.guard import LET_GO, Guard, arm, prove_guard
-from rfca_rig.drivers.report_period import LOOK_REPORTS, period_fault
+from rfca_rig.drivers.guard import TORQUE_OFF_SHARE, Guard, arm, prove_guard
+from rfca_rig.drivers.report_period import PERIODS_PER_ATTEMPT, find_wrong_period
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
-from rfca_rig.drivers.standstill import await_standing
+from rfca_rig.drivers.standstill import await_standstill
 from rfca_rig.errors import DeviceError
 
 __all__ = ["CubemarsServoMotor", "ServoSettings"]
@@ -22,13 +22,13 @@ __all__ = ["CubemarsServoMotor", "ServoSettings"]
 # Poll interval in s while waiting.
 POLL_S = 2e-3
 # Speed and acceleration limits while the drive is energised. A wrong turn counter then shows as slow motion.
-GENTLY_RAD_S = 0.3
-GENTLY_RAD_S2 = 10.0
+HOLD_SPEED_RAD_S = 0.3
+HOLD_ACCELERATION_RAD_S2 = 10.0
 # Watch time and allowed motion: 0.3 rad/s over 0.4 s is 0.12 rad, more than the limit of 0.08 rad.
-HELD_S = 0.4
-MOST_MOVED_RAD = 0.08
+WATCH_S = 0.4
+MAX_MOTION_RAD = 0.08
 # Time for which torque or status must be gone before the motor counts as off.
-LET_GO_S = 0.05
+TORQUE_OFF_S = 0.05
 
 
 class CubemarsServoMotor:
@@ -46,7 +46,7 @@ class CubemarsServoMotor:
         self._settings = settings
         self._guard = guard
         self._proof = "none"
-        self._last_word = ServoLastWord(settings)
+        self._last_word = ServoTorqueOffFrames(settings)
         self._reports = ServoReports(bus, clock, settings)
         self._armed = False
 
@@ -65,7 +65,7 @@ class CubemarsServoMotor:
             raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
         self._await_status()
         # Motion while energising is the sign of a wrong turn counter, so the shaft must be at rest before.
-        await_standing(self._clock, self._limp_speed_rad_s)
+        await_standstill(self._clock, self._limp_speed_rad_s)
         if self._guard is not None:
             # Before the first frame that energises: from here on a silence must disable the motor.
             arm(self._guard)
@@ -77,7 +77,7 @@ class CubemarsServoMotor:
         # Frames that piled up during a pause may have gaps, so they are discarded.
         self._reports.samples()
         configured_s = self._settings.status_period_s
-        measured_s = period_fault(self._measure_period_s, configured_s)
+        measured_s = find_wrong_period(self._measure_period_s, configured_s)
         if measured_s is not None:
             raise DeviceError(
                 f"drive not enabled: status frames come every {1e3 * measured_s:.2g} ms, the settings say "
@@ -85,9 +85,9 @@ class CubemarsServoMotor:
             )
 
     def _measure_period_s(self) -> float:
-        self._reports.recount()
+        self._reports.reset_counters()
         started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
-        look_s = LOOK_REPORTS * self._settings.status_period_s
+        look_s = PERIODS_PER_ATTEMPT * self._settings.status_period_s
         while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
             if self._clock.now_s() - started_s > max(timeout_s, look_s):
                 raise DeviceError(f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}")
@@ -100,8 +100,10 @@ class CubemarsServoMotor:
 
     def _hold_gently(self, position_deg: float, angle_rad: float) -> None:
         erpm = abs(self._settings.erpm_s_per_rad)
-        order = cubemars_servo.set_position_speed(self._settings.drive_id, position_deg, GENTLY_RAD_S * erpm, GENTLY_RAD_S2 * erpm)
-        until_s = self._clock.now_s() + HELD_S
+        order = cubemars_servo.set_position_speed(
+            self._settings.drive_id, position_deg, HOLD_SPEED_RAD_S * erpm, HOLD_ACCELERATION_RAD_S2 * erpm
+        )
+        until_s = self._clock.now_s() + WATCH_S
         while self._clock.now_s() < until_s:
             self._send(order)
             self._wait_and_drain()
@@ -112,7 +114,7 @@ class CubemarsServoMotor:
 
     def _refuse_if_moved(self, began_rad: float) -> None:
         moved_rad = self._reports.angle_rad - began_rad
-        if abs(moved_rad) > MOST_MOVED_RAD:
+        if abs(moved_rad) > MAX_MOTION_RAD:
             self.disable()
             raise DeviceError(
                 f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when told to stay; the drive counts its turns otherwise "
@@ -168,10 +170,10 @@ class CubemarsServoMotor:
         holding_s = started_s
         while self._clock.now_s() - started_s <= limit_s:
             self._wait_and_drain()
-            if abs(self._reports.torque_Nm) >= LET_GO * abs(held_Nm) and self._reports.silent_s < LET_GO_S:
+            if abs(self._reports.torque_Nm) >= TORQUE_OFF_SHARE * abs(held_Nm) and self._reports.silent_s < TORQUE_OFF_S:
                 # Still holding: a good share of the torque, reported recently.
                 holding_s = self._clock.now_s()
-            if self._clock.now_s() - holding_s > LET_GO_S and (self._is_loaded(held_Nm) or self._reports.silent_s > LET_GO_S):
+            if self._clock.now_s() - holding_s > TORQUE_OFF_S and (self._is_loaded(held_Nm) or self._reports.silent_s > TORQUE_OFF_S):
                 self.disable()
                 # The torque disappeared within one poll after the last time that it was seen.
                 return holding_s - started_s + POLL_S
@@ -180,14 +182,14 @@ class CubemarsServoMotor:
 
     def _prove_guard(self, guard: Guard, held_Nm: float, limit_s: float) -> float:
         try:
-            proof = prove_guard(guard, held_Nm, self._last_word.least_Nm(), limit_s, answers=False)
+            proof = prove_guard(guard, held_Nm, self._last_word.min_visible_torque_Nm(), limit_s, answers=False)
         finally:
             self.disable()
         self._proof = proof.seen
         return proof.took_s
 
     def _is_loaded(self, held_Nm: float) -> bool:
-        return abs(held_Nm) >= self._last_word.least_Nm()
+        return abs(held_Nm) >= self._last_word.min_visible_torque_Nm()
 
     def _refusal(self, held_Nm: float, limit_s: float) -> str:
         remedy = "let a guardian hold its bus (guardian = true), or put a relay into its supply that opens when this computer falls silent"
@@ -195,7 +197,7 @@ class CubemarsServoMotor:
             return f"drive has no watchdog that stopped it within {limit_s:g} s of silence; set its CAN timeout if it has one, or {remedy}"
         return (
             f"drive's watchdog not proven: the motor held {abs(held_Nm):.3f} N m, too little to see it let go (at least "
-            f"{self._last_word.least_Nm():.3f}); park the leg off the vertical, or {remedy}"
+            f"{self._last_word.min_visible_torque_Nm():.3f}); park the leg off the vertical, or {remedy}"
         )
 
     def read(self) -> ShaftSamples:

@@ -5,9 +5,9 @@ import numpy as np
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cubemars_servo
-from rfca_rig.codecs.cubemars_servo import MOST_ERPM, STATUS_DEG, Packet, Status
+from rfca_rig.codecs.cubemars_servo import MAX_ERPM, STATUS_DEG, Packet, Status
 from rfca_rig.drivers.bus_health import BusHealth
-from rfca_rig.drivers.can_frames import DAMMED_UP_S, arrived
+from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, receive_frames
 from rfca_rig.drivers.cubemars_settings import ServoSettings
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.roles import ShaftSamples
@@ -15,9 +15,9 @@ from rfca_rig.drivers.speed_check import SpeedCheck
 from rfca_rig.drivers.wrapped_position import WrappedPosition
 
 # Ends of the 16 bit field, and of the range to which the manual says the position is limited.
-ENDS = frozenset({-32768, -32000, 32000, 32767})
+RANGE_ENDS = frozenset({-32768, -32000, 32000, 32767})
 # Margin in rad at the shaft, on top of the fastest possible motion, before a step counts as a jump.
-LEAP_RAD = 0.3
+JUMP_MARGIN_RAD = 0.3
 
 
 class ServoReports:
@@ -33,17 +33,17 @@ class ServoReports:
         # The status frame carries no time and no number, so device time comes from counting frames.
         self._count = FrameCount(settings.status_period_s)
         rad_per_count = abs(settings.angle_rad(1) - settings.angle_rad(0))
-        fastest_rad_s = MOST_ERPM / abs(settings.erpm_s_per_rad)
-        self._position = WrappedPosition(ENDS, fastest_rad_s / rad_per_count, LEAP_RAD / rad_per_count)
+        fastest_rad_s = MAX_ERPM / abs(settings.erpm_s_per_rad)
+        self._position = WrappedPosition(RANGE_ENDS, fastest_rad_s / rad_per_count, JUMP_MARGIN_RAD / rad_per_count)
         self._speed = SpeedCheck("gear_ratio and pole_pairs")
         self._rows: list[tuple[float, ...]] = []
         self.health = BusHealth()
         self.status: Status | None = None
         self.drained_s = self.heard_s = clock.now_s()
         self.position_deg = self.angle_rad = self.speed_rad_s = self.torque_Nm = np.nan
-        self.recount()
+        self.reset_counters()
 
-    def recount(self) -> None:
+    def reset_counters(self) -> None:
         """Restarts the counters behind `missing`, and clears motion faults."""
         self._position.forgive()
         self._speed.forgive()
@@ -56,12 +56,12 @@ class ServoReports:
         before_s, self.drained_s = self.drained_s, self._clock.now_s()
         reports: list[Status] = []
         try:
-            for message in arrived(self._bus, self.health):
+            for message in receive_frames(self._bus, self.health):
                 self._take(message, reports)
         # Frames decoded before a failure are still stamped and handed out.
         finally:
             for report, device_s in zip(reports, self._count.stamp(len(reports), self.drained_s).tolist(), strict=True):
-                self._follow(report, device_s, is_whole=self.drained_s - before_s < DAMMED_UP_S)
+                self._follow(report, device_s, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
 
     def _take(self, message: can.Message, reports: list[Status]) -> None:
         if not message.is_extended_id:
@@ -104,7 +104,7 @@ class ServoReports:
 
     @property
     def motion_fault(self) -> str | None:
-        """An error of the reported motion since `recount`, or None."""
+        """An error of the reported motion since `reset_counters`, or None."""
         return self._position.fault or self._speed.fault or self._count.fault
 
     @property
@@ -113,7 +113,7 @@ class ServoReports:
         return self._position.leap
 
     def missing(self) -> str | None:
-        """Why there is no status since `recount`, and the remedy; None if there is one."""
+        """Why there is no status since `reset_counters`, and the remedy; None if there is one."""
         drive = self._settings.drive_id
         if self.heard:
             return None

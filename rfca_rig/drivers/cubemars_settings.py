@@ -8,7 +8,7 @@ from rfca_rig.codecs.cubemars_servo import STATUS_DEG
 from rfca_rig.errors import BadInput
 
 # From 127 on the drive id could equal the first byte of a command, and an echoed command would pass for a reply.
-MOST_MIT_ID = 126
+MAX_MIT_ID = 126
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class MitSettings:
 
     def __post_init__(self) -> None:
         mit_ranges(self.model)
-        if not 1 <= self.drive_id <= MOST_MIT_ID:
-            raise BadInput(f"drive: drive_id is {self.drive_id}, must be 1..{MOST_MIT_ID}")
+        if not 1 <= self.drive_id <= MAX_MIT_ID:
+            raise BadInput(f"drive: drive_id is {self.drive_id}, must be 1..{MAX_MIT_ID}")
         _check_direction(self.direction)
         _check_finite("zero_rad", self.zero_rad)
         for name in ("speed_gain_Nm_s_per_rad", "angle_gain_per_s", "reply_timeout_s", "enable_timeout_s"):
@@ -46,7 +46,7 @@ class MitSettings:
         return mit_ranges(self.model)
 
     @property
-    def most_behind_rad(self) -> float:
+    def max_lag_rad(self) -> float:
         """Angle error in rad at which the drive reaches its largest torque."""
         # The torque is kd times the demanded speed, which is the angle error times the angle gain.
         return self.ranges.torque_Nm / (self.speed_gain_Nm_s_per_rad * self.angle_gain_per_s)

@@ -12,14 +12,14 @@ from rfca_rig.codecs.gage_block import GageBlock
 from rfca_rig.codecs.netbox_status import SATURATED
 from rfca_rig.drivers.record_sequence import RecordSequence
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
-from rfca_rig.drivers.sensor_health import FrozenCount, StatusCount
+from rfca_rig.drivers.sensor_health import FrozenRecordCounter, StatusCounter
 from rfca_rig.errors import BadInput, DeviceError
 
 Floats = NDArray[np.float64]
 
 # Per N and N m: a thousandth of the resolution of a 16 bit card, so the voltages can be recovered from the counts.
 COUNTS_PER_UNIT = 1e6
-LARGEST_COUNT = 2**31 - 1
+MAX_COUNT = 2**31 - 1
 # The card's clock cannot give every rate exactly; a difference of 1 % from the settings is accepted.
 RATE_TOLERANCE = 1e-2
 # Share of the span that counts as the rail: one code of a 16 bit converter at each end.
@@ -87,7 +87,7 @@ class DaqFtSensor:
 
     def _reset(self) -> None:
         self._sequence = RecordSequence(first=1)
-        self._status, self._frozen = StatusCount(), FrozenCount()
+        self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
         self._malformed = 0
         self._heard_s = self._read_s = self._clock.now_s()
 
@@ -163,7 +163,7 @@ class DaqFtSensor:
             device_s=(numbers - 1) / self._rate_Hz,
             sequence=numbers,
             status=status,
-            counts=np.clip(counts, -LARGEST_COUNT, LARGEST_COUNT).astype(np.int32),
+            counts=np.clip(counts, -MAX_COUNT, MAX_COUNT).astype(np.int32),
         )
 
     def _at_a_rail(self, volts: Floats) -> NDArray[np.bool_]:

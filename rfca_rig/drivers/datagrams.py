@@ -8,7 +8,7 @@ from rfca_rig.errors import DeviceError
 
 # The usual default holds only 17 ms of single records at 15 kHz.
 RECEIVE_BUFFER_BYTES = 4 << 20
-LONGEST_DATAGRAM = 2048
+MAX_DATAGRAM_BYTES = 2048
 
 
 class Datagrams(Protocol):
@@ -55,7 +55,7 @@ class UdpDatagrams:
         datagrams: list[bytes] = []
         try:
             while True:
-                datagrams.append(self._socket.recv(LONGEST_DATAGRAM))
+                datagrams.append(self._socket.recv(MAX_DATAGRAM_BYTES))
         except BlockingIOError:
             return datagrams
         except OSError as error:
@@ -69,7 +69,7 @@ class UdpDatagrams:
         self._socket.close()
 
 
-def receive_buffer_advice(granted_bytes: int) -> str:
+def advise_receive_buffer(granted_bytes: int) -> str:
     """Advice in one line if the kernel granted a smaller receive buffer than requested, else empty."""
     if granted_bytes >= RECEIVE_BUFFER_BYTES:
         return ""

@@ -8,17 +8,17 @@ import can
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.drivers.blocks import join
+from rfca_rig.drivers.blocks import concatenate_blocks
 from rfca_rig.drivers.bus_health import BusHealth
-from rfca_rig.drivers.can_frames import DAMMED_UP_S, arrived
-from rfca_rig.drivers.encoder_jump import LeapWatch
+from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, receive_frames
+from rfca_rig.drivers.encoder_jump import EncoderJumpMonitor
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.drivers.shaft_gear import ShaftGear
 from rfca_rig.errors import DeviceError
 
-GUARDED = "the drive's watchdog stops the motor"
-NOTHING = ShaftSamples(*(np.empty(0) for _ in range(5)))
+WATCHDOG_REMEDY = "the drive's watchdog stops the motor"
+NO_SAMPLES = ShaftSamples(*(np.empty(0) for _ in range(5)))
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class DriveReports:
         self._gear = gear
         self._understand = understand
         self._count = None if period_s is None else FrameCount(period_s)
-        self._leap = LeapWatch()
+        self._leap = EncoderJumpMonitor()
         self._asked_s = self._stamped_s = self._open_s = self._first_s = np.nan
         self._samples: list[ShaftSamples] = []
         self.health = BusHealth()
@@ -61,9 +61,9 @@ class DriveReports:
         self.restarted: str | None = None
         self.angle_rad = self.speed_rad_s = np.nan
         self.drained_s = self.heard_s = clock.now_s()
-        self.recount()
+        self.reset_counters()
 
-    def recount(self) -> None:
+    def reset_counters(self) -> None:
         """Restarts the counters behind `heard` and `missing`."""
         self.heard = 0
         self._foreign: set[int] = set()
@@ -80,19 +80,21 @@ class DriveReports:
         before_s, self.drained_s = self.drained_s, self._clock.now_s()
         reports: list[Report] = []
         try:
-            for message in arrived(self._bus, self.health, GUARDED):
+            for message in receive_frames(self._bus, self.health, WATCHDOG_REMEDY):
                 self._take(message, reports)
         # Reports decoded before a bad frame are still stamped and handed out.
         finally:
             # A long pause may have overflowed the receive buffer: frames are then missing, and no jump can be inferred.
-            self._stamp(reports, is_whole=self.drained_s - before_s < DAMMED_UP_S)
+            self._stamp(reports, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
 
     def _take(self, message: can.Message, reports: list[Report]) -> None:
         try:
             report = self._understand(message)
         # A plug-in decoder raises these on a frame of the wrong length or content; other exceptions are its bugs and propagate.
         except (struct.error, IndexError, ValueError) as error:
-            raise DeviceError(f"CAN frame 0x{message.arbitration_id:x} {message.data.hex()} cannot be read: {error}; {GUARDED}") from error
+            raise DeviceError(
+                f"CAN frame 0x{message.arbitration_id:x} {message.data.hex()} cannot be read: {error}; {WATCHDOG_REMEDY}"
+            ) from error
         if report is None:
             self._foreign.add(message.arbitration_id)
         else:
@@ -137,7 +139,7 @@ class DriveReports:
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
         blocks, self._samples = self._samples, []
-        return join([NOTHING, *blocks])
+        return concatenate_blocks([NO_SAMPLES, *blocks])
 
     @property
     def silent_s(self) -> float:

@@ -4,16 +4,16 @@ Causes are a restart of the drive, a new zero, or a slipped encoder.
 """
 
 # Margin in rad on top of any possible motion.
-LEAP_RAD = 0.1
+JUMP_MARGIN_RAD = 0.1
 # Factor on the faster of the two reported speeds, as the speed between two reports may be higher.
 SPEED_FACTOR = 1.5
 # Largest acceleration: 40 N m on a bare rotor of 0.008 kg m2.
-MOST_RAD_S2 = 5000.0
+MAX_ACCELERATION_RAD_S2 = 5000.0
 # Cap on the assumed speed, so that a long gap does not allow any step.
-MOST_RAD_S = 60.0
+MAX_SPEED_RAD_S = 60.0
 
 
-class LeapWatch:
+class EncoderJumpMonitor:
     """Checks each step of the shaft's position. `fault` stays set after a jump, as the zero is lost with it.
 
     The allowed speed between two reports is 1.5 times the faster of their speeds, plus half of what the largest acceleration adds.
@@ -31,9 +31,9 @@ class LeapWatch:
         if last is None or self.fault is not None or not judged:
             return
         elapsed_s = max(host_s - last[0], device_s - last[1])
-        fastest_rad_s = max(last[3], abs(speed_rad_s)) * SPEED_FACTOR + 0.5 * MOST_RAD_S2 * elapsed_s
+        fastest_rad_s = max(last[3], abs(speed_rad_s)) * SPEED_FACTOR + 0.5 * MAX_ACCELERATION_RAD_S2 * elapsed_s
         by_rad = angle_rad - last[2]
-        if abs(by_rad) > LEAP_RAD + min(fastest_rad_s, MOST_RAD_S) * elapsed_s:
+        if abs(by_rad) > JUMP_MARGIN_RAD + min(fastest_rad_s, MAX_SPEED_RAD_S) * elapsed_s:
             self.fault = (
                 f"position leapt by {by_rad:.2f} rad within {1e3 * elapsed_s:.1f} ms, more than the shaft can turn; "
                 "the drive restarted, was zeroed, or its encoder slipped: find its zero again"

@@ -9,10 +9,10 @@ import can
 from rfca_rig.errors import DeviceError
 
 # Share of the torque held before the silence. Below it the motor counts as off.
-LET_GO = 0.25
+TORQUE_OFF_SHARE = 0.25
 
 
-class LastWord(Protocol):
+class TorqueOffFrames(Protocol):
     """Torque-off frames of one drive, for a sender that knows nothing else about it. Pure and picklable, so the guardian can have it."""
 
     def frames(self) -> tuple[can.Message, ...]:
@@ -23,17 +23,17 @@ class LastWord(Protocol):
         """Torque in N m that a report of this drive shows, in the sign of the drive; None for every other frame."""
         ...
 
-    def least_Nm(self) -> float:
+    def min_visible_torque_Nm(self) -> float:
         """Smallest torque in N m that can be distinguished from zero."""
         ...
 
 
-class LetGo(can.CanError):
+class GuardianTorqueOff(can.CanError):
     """The guardian disabled the motor. No frame that could move the drive is sent until it is enabled again."""
 
 
 @dataclass(frozen=True)
-class Silenced:
+class TorqueOffResult:
     """Result of a torque-off by the guardian: it began after `silent_s` without a command and was finished `took_s` later.
 
     `reports` counts the drive's reports since then. The last one showed `torque_Nm` at the shaft, NaN if there was none.
@@ -46,7 +46,7 @@ class Silenced:
 
 
 @dataclass(frozen=True)
-class Proof:
+class GuardianProof:
     """Result of a guardian test: the drive was without torque after `took_s`. `seen` names the evidence."""
 
     took_s: float
@@ -60,7 +60,7 @@ class Guard(Protocol):
         """From now on a gap in the commands disables the motor. Call it before the frame that energises the drive."""
         ...
 
-    def await_let_go(self, limit_s: float) -> Silenced | None:
+    def await_let_go(self, limit_s: float) -> TorqueOffResult | None:
         """Sends nothing until the guardian has disabled the motor; returns what it did, None if it did nothing within `limit_s`."""
         ...
 
@@ -73,13 +73,13 @@ def arm(guard: Guard) -> None:
     """Arms the guardian. Raises DeviceError if it has ended, or if a bus error has not been reported yet."""
     try:
         guard.arm()
-    except LetGo as error:
+    except GuardianTorqueOff as error:
         raise DeviceError(str(error)) from error
     except can.CanError as error:
         raise DeviceError(f"drive not enabled: {error}") from error
 
 
-def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, answers: bool) -> Proof:
+def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, answers: bool) -> GuardianProof:
     """Tests the guardian: stops the commands to an enabled drive and checks that its torque disappears.
 
     Parameters
@@ -110,11 +110,11 @@ def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, a
             "check its power and the CAN wiring"
         )
     # A light load makes a quarter of it too small to be measured; the reports' resolution is then the limit.
-    if abs(silenced.torque_Nm) > max(LET_GO * abs(held_Nm), least_Nm):
+    if abs(silenced.torque_Nm) > max(TORQUE_OFF_SHARE * abs(held_Nm), least_Nm):
         raise DeviceError(
             f"drive told to let go by the guardian, but it still shows {silenced.torque_Nm:.2f} N m; press the emergency stop"
         )
-    return Proof(silenced.silent_s + silenced.took_s, _evidence(held_Nm, least_Nm, answers))
+    return GuardianProof(silenced.silent_s + silenced.took_s, _evidence(held_Nm, least_Nm, answers))
 
 
 def _evidence(held_Nm: float, least_Nm: float, answers: bool) -> str:
@@ -125,7 +125,7 @@ def _evidence(held_Nm: float, least_Nm: float, answers: bool) -> str:
     return f"{reached}; the motor held nothing that could be seen to go"
 
 
-def _await_torque_off(guard: Guard, limit_s: float) -> Silenced | None:
+def _await_torque_off(guard: Guard, limit_s: float) -> TorqueOffResult | None:
     try:
         return guard.await_let_go(limit_s)
     except can.CanError as error:

@@ -23,7 +23,7 @@ NO_LIMIT = -1.0
 # Modes that a drive passes through between the first command and position mode.
 STARTING = frozenset({Mode.STOPPED, Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBRATED})
 # Fault codes from 96 on (limits 96-103) name what limits the output of a running drive; they are no faults.
-LEAST_LIMIT_CODE = 96
+MIN_LIMIT_CODE = 96
 
 
 class MoteusMotor:
@@ -57,7 +57,7 @@ class MoteusMotor:
         if self._replies.zero_lost is not None:
             raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start anew")
         self._replies.drain()
-        self._replies.recount()
+        self._replies.reset_counters()
         self._send(IDENTITY_QUERY, wants_reply=True)
         self._await_stopped()
         self._await_position_mode()
@@ -240,7 +240,7 @@ class MoteusMotor:
 
 def _state_text(state: MoteusState) -> str:
     """Mode as text. Fault codes of a running drive name what limits its output at the moment."""
-    limited = state.mode != Mode.FAULT and state.fault >= LEAST_LIMIT_CODE
+    limited = state.mode != Mode.FAULT and state.fault >= MIN_LIMIT_CODE
     return f"{mode_text(state.mode)}, {fault_text(state.fault)}" if limited else mode_text(state.mode)
 
 

@@ -13,9 +13,9 @@ from rfca_rig.codecs.moteus import Read, Refusal, Reply, Subframe
 from rfca_rig.codecs.moteus_meanings import mode_text, register_error_text
 from rfca_rig.codecs.moteus_registers import Register, Width, name_of
 from rfca_rig.drivers.bus_health import BusHealth
-from rfca_rig.drivers.can_frames import arrived
+from rfca_rig.drivers.can_frames import receive_frames
 from rfca_rig.drivers.counter_clock import CounterClock
-from rfca_rig.drivers.encoder_jump import LeapWatch
+from rfca_rig.drivers.encoder_jump import EncoderJumpMonitor
 from rfca_rig.drivers.moteus_scale import MoteusSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import DeviceError
@@ -84,15 +84,15 @@ class MoteusReplies:
         self._asked_s: deque[float] = deque()
         self._rows: list[tuple[float, float, float, float, float]] = []
         self._stamped_s = -1.0
-        self._leap = LeapWatch()
+        self._leap = EncoderJumpMonitor()
         self.health = BusHealth()
         self.state: MoteusState | None = None
         self.facts: dict[int, float] = {}
         self.drained_s = clock.now_s()
         self.lost = 0
-        self.recount()
+        self.reset_counters()
 
-    def recount(self) -> None:
+    def reset_counters(self) -> None:
         """Restarts the counters behind `missing`; open queries are forgotten."""
         self._asked_s.clear()
         self._foreign_ids: set[int] = set()
@@ -109,7 +109,7 @@ class MoteusReplies:
         Raises DeviceError if the bus fails, if a frame cannot be decoded, and if the drive reports no position.
         """
         self.drained_s = self._clock.now_s()
-        for message in arrived(self._bus, self.health):
+        for message in receive_frames(self._bus, self.health):
             self._take(message)
 
     def samples(self) -> ShaftSamples:
@@ -141,7 +141,7 @@ class MoteusReplies:
         return self._leap.fault
 
     def missing(self) -> str | None:
-        """Why there is no usable answer since `recount`, with the remedy; None if there is one."""
+        """Why there is no usable answer since `reset_counters`, with the remedy; None if there is one."""
         drive = self._settings.drive_id
         if self._refusals:
             refused = ", ".join(f"{name_of(register)}: {register_error_text(code)}" for register, code in self._refusals.items())

@@ -10,12 +10,12 @@ from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netbox_status import status_text
 from rfca_rig.codecs.netft_configuration import NetFtConfiguration
 from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request
-from rfca_rig.drivers.blocks import join
+from rfca_rig.drivers.blocks import concatenate_blocks
 from rfca_rig.drivers.datagrams import Datagrams
-from rfca_rig.drivers.netft_box import Box, refuse_difference
+from rfca_rig.drivers.netft_box import NetFtBox, refuse_difference
 from rfca_rig.drivers.record_sequence import RecordSequence
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
-from rfca_rig.drivers.sensor_health import StatusCount
+from rfca_rig.drivers.sensor_health import StatusCounter
 from rfca_rig.errors import BadInput, DeviceError
 
 # Time in s in which records of an earlier stream may still arrive after a stop.
@@ -65,7 +65,7 @@ class NetFtSensor:
     checked before each start. `advice` is a note on the connection for the health report, see `receive_buffer_advice`.
     """
 
-    def __init__(self, datagrams: Datagrams, clock: Clock, settings: NetFtSettings, box: Box | None = None, advice: str = "") -> None:
+    def __init__(self, datagrams: Datagrams, clock: Clock, settings: NetFtSettings, box: NetFtBox | None = None, advice: str = "") -> None:
         self._datagrams = datagrams
         self._clock = clock
         self._settings = settings
@@ -77,7 +77,7 @@ class NetFtSensor:
 
     def _reset(self) -> None:
         self._sequence = RecordSequence()
-        self._status = StatusCount()
+        self._status = StatusCounter()
         self._last_ft: int | None = None
         self._malformed = self._stalled = 0
         self._last_malformed = ""
@@ -126,8 +126,8 @@ class NetFtSensor:
         self._read_s = self._clock.now_s()
         blocks = [block for datagram in self._datagrams.receive_all() if (block := self._decode(datagram)) is not None]
         if not blocks or not self._running:
-            return NOTHING
-        records = blocks[0] if len(blocks) == 1 else join(blocks)
+            return NO_SAMPLES
+        records = blocks[0] if len(blocks) == 1 else concatenate_blocks(blocks)
         picked, numbers = self._sequence.take(records.rdt_sequence)
         # One block without loss is the usual case and needs no copy.
         if len(picked) < len(records.status) or len(blocks) > 1:
@@ -214,7 +214,7 @@ class NetFtSensor:
         }
 
 
-NOTHING = ForceSamples(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0, np.uint32), np.empty((0, 6), np.int32))
+NO_SAMPLES = ForceSamples(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0, np.uint32), np.empty((0, 6), np.int32))
 
 
 def _select(records: Records, rows: NDArray[np.int64]) -> Records:

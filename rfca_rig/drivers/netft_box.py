@@ -20,15 +20,15 @@ from rfca_rig.codecs.netft_commands import (
     decode_reading,
     encode_command,
 )
-from rfca_rig.codecs.netft_configuration import LARGEST_BYTES, PATH, NetFtConfiguration, decode_configuration
+from rfca_rig.codecs.netft_configuration import MAX_PAGE_BYTES, PATH, NetFtConfiguration, decode_configuration
 from rfca_rig.errors import BadInput, DeviceError
 
 TIMEOUT_S = 2.0
 # Relative tolerance: counts per unit are converted between units, which leaves rounding errors.
-SAME = 1e-6
+RELATIVE_TOLERANCE = 1e-6
 
 
-class Box(Protocol):
+class NetFtBox(Protocol):
     """Source of the box's configuration. It is read before a stream starts and may wait for the network."""
 
     def says(self) -> NetFtConfiguration | CalibrationInfo:
@@ -36,7 +36,7 @@ class Box(Protocol):
         ...
 
 
-class Expected(Protocol):
+class NetFtExpectation(Protocol):
     """The settings of a driver that must agree with the box."""
 
     @property
@@ -63,7 +63,7 @@ class HttpBox:
         try:
             with build_opener(ProxyHandler({})).open(self._url, timeout=self._timeout_s) as answer:
                 # One byte more than allowed is read, so that the decoder can refuse a page that is too long.
-                page = answer.read(LARGEST_BYTES + 1)
+                page = answer.read(MAX_PAGE_BYTES + 1)
             return decode_configuration(page)
         except (OSError, HTTPException) as error:
             raise DeviceError(
@@ -117,7 +117,7 @@ def _receive(connection: socket.socket, length: int) -> bytes:
     return data
 
 
-def refuse_difference(says: NetFtConfiguration | CalibrationInfo, expected: Expected, where: str) -> None:
+def refuse_difference(says: NetFtConfiguration | CalibrationInfo, expected: NetFtExpectation, where: str) -> None:
     """Compares the box's configuration with the settings.
 
     Raises BadInput if counts or rate differ, DeviceError if the box will not stream. `where` names the box in the message.
@@ -130,13 +130,13 @@ def refuse_difference(says: NetFtConfiguration | CalibrationInfo, expected: Expe
 
 
 def _refuse_counts(name: str, configured: float, expected: float, how: str, where: str) -> None:
-    if abs(configured / expected - 1.0) > SAME:
+    if abs(configured / expected - 1.0) > RELATIVE_TOLERANCE:
         raise BadInput(
             f"force sensor: {name} is {expected:.10g}, {where} is set to {configured:.10g} ({how}); correct the one that is wrong"
         )
 
 
-def _refuse_rate(says: NetFtConfiguration, expected: Expected, where: str) -> None:
+def _refuse_rate(says: NetFtConfiguration, expected: NetFtExpectation, where: str) -> None:
     if says.rdt_enabled is False:
         raise DeviceError(f"RDT is disabled on {where}; enable it (comrdte) on its communications page")
     internal_Hz = says.internal_rate_Hz or expected.internal_rate_Hz
@@ -144,7 +144,7 @@ def _refuse_rate(says: NetFtConfiguration, expected: Expected, where: str) -> No
     decimation = says.decimation(internal_Hz)
     box_Hz = None if decimation is None else internal_Hz / decimation
     expected_Hz = expected.internal_rate_Hz / expected.decimation
-    if box_Hz is not None and abs(box_Hz / expected_Hz - 1.0) > SAME:
+    if box_Hz is not None and abs(box_Hz / expected_Hz - 1.0) > RELATIVE_TOLERANCE:
         raise BadInput(
             f"force sensor: rate_Hz is {expected_Hz:.6g}, {where} is set to {box_Hz:.6g} records/s (comrdtrate {says.rdt_rate_Hz:g}); "
             "correct the one that is wrong"

@@ -9,9 +9,9 @@ from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
 from rfca_rig.codecs.odrive_meanings import result_text, state_text
 from rfca_rig.codecs.odrive_messages import AxisState, ControlMode, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart
 from rfca_rig.drivers.can_frames import send, send_stop
-from rfca_rig.drivers.odrive_reports import GUARDED, OdriveReports
+from rfca_rig.drivers.odrive_reports import WATCHDOG_REMEDY, OdriveReports
 from rfca_rig.drivers.odrive_scale import OdriveSettings
-from rfca_rig.drivers.report_period import LOOK_REPORTS, period_fault
+from rfca_rig.drivers.report_period import PERIODS_PER_ATTEMPT, find_wrong_period
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
 
@@ -78,7 +78,7 @@ class OdriveMotor:
         # Frames that piled up during a pause may have gaps, so they are discarded.
         self._reports.samples()
         configured_s = self._settings.encoder_period_s
-        measured_s = period_fault(self._measure_period_s, configured_s)
+        measured_s = find_wrong_period(self._measure_period_s, configured_s)
         if measured_s is not None:
             raise DeviceError(
                 f"drive not enabled: encoder estimates come every {1e3 * measured_s:.2g} ms, the settings say "
@@ -87,9 +87,9 @@ class OdriveMotor:
 
     def _measure_period_s(self) -> float:
         """Measures the mean period of the encoder frames in s, and waits until all required messages have arrived."""
-        self._reports.recount()
+        self._reports.reset_counters()
         started_s, timeout_s = self._clock.now_s(), self._settings.enable_timeout_s
-        look_s = LOOK_REPORTS * self._settings.encoder_period_s
+        look_s = PERIODS_PER_ATTEMPT * self._settings.encoder_period_s
         while self._reports.missing() is not None or self._clock.now_s() - started_s < look_s:
             if self._clock.now_s() - started_s > max(timeout_s, look_s):
                 raise DeviceError(f"drive not enabled: within {timeout_s:g} s {self._reports.missing()}")
@@ -112,7 +112,7 @@ class OdriveMotor:
             self._asked_parts.add(part)
 
     def _await_closed_loop(self, hold: cansimple.Frame) -> None:
-        self._reports.recount()
+        self._reports.reset_counters()
         deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
         # A new heartbeat is required, as the last one was sent before the request.
         while self._reports.heartbeats == 0 or self._beat().state != AxisState.CLOSED_LOOP:
@@ -176,7 +176,7 @@ class OdriveMotor:
         self._armed = False
         self._mode = None
         idle = _message(cansimple.set_axis_state(self._settings.node_id, AxisState.IDLE))
-        send_stop(self._bus, self._clock, [idle], GUARDED)
+        send_stop(self._bus, self._clock, [idle], WATCHDOG_REMEDY)
 
     def prove_watchdog(self, limit_s: float) -> float:
         """Sends nothing until the heartbeat shows an expired watchdog and an idle motor; returns the time in s that this took.
@@ -241,7 +241,7 @@ class OdriveMotor:
         }
 
     def _send(self, frame: cansimple.Frame, remote: bool = False) -> None:
-        send(self._bus, _message(frame, remote), GUARDED)
+        send(self._bus, _message(frame, remote), WATCHDOG_REMEDY)
 
     def _wait_and_drain(self) -> None:
         self._clock.wait_until(self._clock.now_s() + POLL_S)

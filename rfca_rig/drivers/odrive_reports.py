@@ -16,16 +16,16 @@ from rfca_rig.codecs.odrive_messages import (
     Torques,
     Version,
 )
-from rfca_rig.drivers.blocks import join
+from rfca_rig.drivers.blocks import concatenate_blocks
 from rfca_rig.drivers.bus_health import BusHealth
-from rfca_rig.drivers.can_frames import DAMMED_UP_S, arrived
-from rfca_rig.drivers.encoder_jump import LeapWatch
+from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, receive_frames
+from rfca_rig.drivers.encoder_jump import EncoderJumpMonitor
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.odrive_scale import OdriveSettings
 from rfca_rig.drivers.roles import ShaftSamples
-from rfca_rig.drivers.temperature import ToldTemperature
+from rfca_rig.drivers.temperature import TemperatureTelemetry
 
-GUARDED = "the drive's watchdog stops the motor"
+WATCHDOG_REMEDY = "the drive's watchdog stops the motor"
 
 
 class OdriveReports:
@@ -43,17 +43,17 @@ class OdriveReports:
         self._rows: list[tuple[float, float, float]] = []
         self._samples: list[ShaftSamples] = []
         self._torque_Nm = np.nan
-        self._leap = LeapWatch()
+        self._leap = EncoderJumpMonitor()
         self.health = BusHealth()
-        self.temperature = ToldTemperature()
+        self.temperature = TemperatureTelemetry()
         self.beat: Heartbeat | None = None
         self.drained_s = self.beat_s = clock.now_s()
         self.turns = np.nan
         self.firmware = "unknown"
         self.part_errors: dict[OdrivePart, int] = {}
-        self.recount()
+        self.reset_counters()
 
-    def recount(self) -> None:
+    def reset_counters(self) -> None:
         """Restarts the counters behind `missing`."""
         self._foreign_nodes: set[int] = set()
         self._own_frames = self._torque_frames = 0
@@ -64,16 +64,16 @@ class OdriveReports:
         # The time is read before the first frame, so that no frame gets a time later than its arrival.
         before_s, self.drained_s = self.drained_s, self._clock.now_s()
         try:
-            for message in arrived(self._bus, self.health, GUARDED):
+            for message in receive_frames(self._bus, self.health, WATCHDOG_REMEDY):
                 self._take(message)
         # Rows received before a failure are still stamped and handed out.
         finally:
-            self._stamp_rows(is_whole=self.drained_s - before_s < DAMMED_UP_S)
+            self._stamp_rows(is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
 
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
         blocks, self._samples = self._samples, []
-        return join([NOTHING, *blocks])
+        return concatenate_blocks([NO_SAMPLES, *blocks])
 
     @property
     def lost_frames(self) -> int:
@@ -94,7 +94,7 @@ class OdriveReports:
         return "torques (0x1C)" if self._settings.torque_constant_Nm_per_A is None else "motor currents (0x14)"
 
     def missing(self) -> str | None:
-        """The first required message that has not arrived since `recount`, with the remedy; None if all have."""
+        """The first required message that has not arrived since `reset_counters`, with the remedy; None if all have."""
         node = self._settings.node_id
         if self._own_frames == 0 and self._foreign_nodes:
             others = ", ".join(map(str, sorted(self._foreign_nodes)))
@@ -177,4 +177,4 @@ class OdriveReports:
         self._samples.append(samples)
 
 
-NOTHING = ShaftSamples(*(np.empty(0) for _ in range(5)))
+NO_SAMPLES = ShaftSamples(*(np.empty(0) for _ in range(5)))

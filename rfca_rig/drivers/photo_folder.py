@@ -3,24 +3,24 @@
 import re
 from pathlib import Path
 
-from rfca_rig.drivers.picture_file import ENDINGS, moment_of, read_picture
+from rfca_rig.drivers.picture_file import ENDINGS, read_picture, read_picture_time
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import BadInput, DeviceError
 
 
-def photos_in(folder: Path) -> list[Path]:
+def list_photos(folder: Path) -> list[Path]:
     """The pictures in a folder in natural sort order: 9 before 10.
 
     Raises BadInput if the folder does not exist, or holds no picture.
     """
-    found = pictures_in(folder)
+    found = list_pictures(folder)
     if not found:
         raise BadInput(f"{folder}: holds no picture; expected are files that end in {', '.join(ENDINGS)}")
     return found
 
 
-def pictures_in(folder: Path) -> list[Path]:
-    """Like `photos_in`, for a folder that may still be empty. Raises BadInput if the folder does not exist."""
+def list_pictures(folder: Path) -> list[Path]:
+    """Like `list_photos`, for a folder that may still be empty. Raises BadInput if the folder does not exist."""
     try:
         found = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
     except OSError as error:
@@ -42,9 +42,9 @@ class PhotoFolder:
     def __init__(self, folder: Path) -> None:
         """Raises BadInput if the folder holds no photo."""
         self._folder = folder
-        self._files = photos_in(folder)
+        self._files = list_photos(folder)
         self._next = 0
-        moments = [moment_of(file) for file in self._files]
+        moments = [read_picture_time(file) for file in self._files]
         self._by_exif = all(moment.from_exif for moment in moments)
         times_s = [
             moment.at.timestamp() if self._by_exif else file.stat().st_mtime for moment, file in zip(moments, self._files, strict=True)

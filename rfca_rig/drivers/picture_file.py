@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.exif_time import taken_at
+from rfca_rig.codecs.exif_time import read_time_taken
 from rfca_rig.errors import BadInput
 
 Image = NDArray[np.uint8]
@@ -74,7 +74,7 @@ def _fault(content: bytes) -> str | None:
     return None if content.startswith(_TIFF) else "neither JPEG, PNG nor TIFF"
 
 
-def moment_of(path: Path) -> PictureTime:
+def read_picture_time(path: Path) -> PictureTime:
     """Time at which a picture was taken. Raises BadInput if the file cannot be read."""
     try:
         with path.open("rb") as file:
@@ -83,5 +83,5 @@ def moment_of(path: Path) -> PictureTime:
         changed_s = path.stat().st_mtime
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
-    taken = taken_at(head)
+    taken = read_time_taken(head)
     return PictureTime(taken, True) if taken else PictureTime(datetime.fromtimestamp(changed_s, UTC), False)

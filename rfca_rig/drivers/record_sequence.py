@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 Ints = NDArray[np.int64]
 
 # Number of missing records that are remembered, to recognise them if they come late.
-REMEMBERED = 100_000
+MAX_MISSING_RECORDS = 100_000
 
 
 class RecordSequence:
@@ -76,9 +76,9 @@ class RecordSequence:
             return
         lost = int(fresh[-1]) + 1 - len(fresh)
         self.lost += lost
-        if len(self._missing) + lost > REMEMBERED:
+        if len(self._missing) + lost > MAX_MISSING_RECORDS:
             # After such a gap late records are not worth the memory; they then count as duplicates.
             self._missing.clear()
-        if 0 < lost <= REMEMBERED:
+        if 0 < lost <= MAX_MISSING_RECORDS:
             gaps = np.setdiff1d(np.arange(int(fresh[-1])), fresh, assume_unique=True)
             self._missing.update((self._next + gaps).tolist())

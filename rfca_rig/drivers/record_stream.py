@@ -14,7 +14,7 @@ from rfca_rig.codecs.netbox_status import ERROR, SATURATED
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.record_sequence import RecordSequence
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
-from rfca_rig.drivers.sensor_health import FrozenCount, StatusCount
+from rfca_rig.drivers.sensor_health import FrozenRecordCounter, StatusCounter
 from rfca_rig.drivers.serial_port import SerialPort
 from rfca_rig.errors import DeviceError
 
@@ -30,10 +30,10 @@ POLL_S = 1e-3
 RATE_CHECK_S = 1.0
 RATE_TOLERANCE = 0.03
 # A generic error: bit 15 has no meaning on a Net F/T.
-BROKEN = ERROR | 1 << 15
+GENERIC_ERROR = ERROR | 1 << 15
 MOST_BUFFERED = 1 << 20
 # Counts are stored as int32.
-MOST_COUNT = 2**31 - 1
+MAX_COUNT = 2**31 - 1
 
 
 class StreamKeys(Protocol):
@@ -106,7 +106,7 @@ class RecordStream(ABC, Generic[Keys]):
         self._sequence, self._count = RecordSequence(), FrameCount(1.0 / self.keys.rate_Hz)
         self._number, self._elapsed_s = 0, 0.0
         self._last_s: float | None = None
-        self._status, self._frozen = StatusCount(), FrozenCount()
+        self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
         self._malformed, self._received = 0, 0
         self._rate_from: tuple[float, int] | None = None
         self._rate_checked = False
@@ -194,8 +194,8 @@ class RecordStream(ABC, Generic[Keys]):
 
     def _samples(self, records: list[Record]) -> ForceSamples:
         accepted, numbers, device_s = self._stamp_records(records)
-        status = np.array([SATURATED if one.is_saturated else BROKEN if one.is_wrong else 0 for one in accepted], np.uint32)
-        counts = np.clip(np.rint(np.array([one.counts for one in accepted]).reshape(-1, 6)), -MOST_COUNT, MOST_COUNT).astype(np.int32)
+        status = np.array([SATURATED if one.is_saturated else GENERIC_ERROR if one.is_wrong else 0 for one in accepted], np.uint32)
+        counts = np.clip(np.rint(np.array([one.counts for one in accepted]).reshape(-1, 6)), -MAX_COUNT, MAX_COUNT).astype(np.int32)
         self._status.take(status)
         self._frozen.take(counts)
         self._received += len(accepted)

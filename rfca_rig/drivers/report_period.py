@@ -2,21 +2,21 @@
 
 from collections.abc import Callable
 
-LOOK_REPORTS = 20
+PERIODS_PER_ATTEMPT = 20
 # One measurement may be wrong, if reports or this program were delayed. A wrong setting is wrong every time.
-LOOKS = 3
+MAX_ATTEMPTS = 3
 # Factor between measured and configured period from which the setting is refused.
-MOST_APART = 2.0
+MAX_PERIOD_RATIO = 2.0
 
 
-def period_fault(look_s: Callable[[], float], set_s: float) -> float | None:
+def find_wrong_period(look_s: Callable[[], float], set_s: float) -> float | None:
     """The measured report period in s if it differs from `set_s` by a factor of two, None if it agrees.
 
-    `look_s` watches `LOOK_REPORTS` periods and returns the mean one. The period is wrong only if every measurement says so.
+    `look_s` watches `PERIODS_PER_ATTEMPT` periods and returns the mean one. The period is wrong only if every measurement says so.
     """
     measured_s = set_s
-    for _ in range(LOOKS):
+    for _ in range(MAX_ATTEMPTS):
         measured_s = look_s()
-        if set_s / MOST_APART < measured_s < set_s * MOST_APART:
+        if set_s / MAX_PERIOD_RATIO < measured_s < set_s * MAX_PERIOD_RATIO:
             return None
     return measured_s

@@ -7,10 +7,10 @@ from rfca_rig.codecs.netbox_status import SATURATED, WARNINGS
 
 # Bit 31, the summary error, is set for every error, so it does not identify saturation.
 SATURATED_BIT = np.uint32(SATURATED & 0x7FFFFFFF)
-FROZEN_RUN = 50
+MIN_FROZEN_RECORDS = 50
 
 
-class StatusCount:
+class StatusCounter:
     """Counts records with a bad status, and the saturated ones among them. All sensors use the status words of the Net F/T."""
 
     def __init__(self) -> None:
@@ -27,7 +27,7 @@ class StatusCount:
         self.seen |= int(np.bitwise_or.reduce(faulty, initial=0))
 
 
-class FrozenCount:
+class FrozenRecordCounter:
     """Counts records that only repeat the one before, for sensors that number records but not measurements.
 
     A working converter is never constant for long in all six axes, so 50 equal records in a row count as frozen.
@@ -52,6 +52,6 @@ class FrozenCount:
             return
         for repeats in same.tolist():
             self._run = self._run + 1 if repeats else 0
-            if self._run >= FROZEN_RUN:
+            if self._run >= MIN_FROZEN_RECORDS:
                 # The whole run counts once it has reached the limit, then each further record.
-                self.frozen += FROZEN_RUN if self._run == FROZEN_RUN else 1
+                self.frozen += MIN_FROZEN_RECORDS if self._run == MIN_FROZEN_RECORDS else 1

@@ -2,11 +2,11 @@
 
 # Length of a window, and the longest gap between two reports over which the trapezoidal rule is used, in s.
 WINDOW_S = 0.2
-LONGEST_GAP_S = 0.02
+MAX_GAP_S = 0.02
 # Least rotation in a window. With less, the resolution of the speed field dominates.
-LEAST_RAD = 0.1
+MIN_ROTATION_RAD = 0.1
 # Relative difference, and the number of windows in a row that must show it.
-MOST_APART = 0.25
+MAX_RELATIVE_DIFFERENCE = 0.25
 WINDOWS = 3
 
 
@@ -35,7 +35,7 @@ class SpeedCheck:
     def follow(self, t_s: float, angle_rad: float, speed_rad_s: float) -> None:
         """Takes in one report, later than the last."""
         before, self._last = self._last, (t_s, angle_rad, speed_rad_s)
-        if before is None or t_s - before[0] > LONGEST_GAP_S:
+        if before is None or t_s - before[0] > MAX_GAP_S:
             self._open()
             return
         elapsed_s = t_s - before[0]
@@ -48,9 +48,9 @@ class SpeedCheck:
 
     def _judge(self) -> None:
         most_rad = max(abs(self._turned_rad), abs(self._integral_rad))
-        if most_rad < LEAST_RAD:
+        if most_rad < MIN_ROTATION_RAD:
             return
-        self._apart = self._apart + 1 if abs(self._turned_rad - self._integral_rad) > MOST_APART * most_rad else 0
+        self._apart = self._apart + 1 if abs(self._turned_rad - self._integral_rad) > MAX_RELATIVE_DIFFERENCE * most_rad else 0
         if self._apart >= WINDOWS:
             factor = self._integral_rad / self._turned_rad if self._turned_rad else float("inf")
             self.fault = f"the speed that the drive reports is {factor:.2g} times that of its angle; check {self._scales}"

@@ -10,8 +10,8 @@ import can
 
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.can_frames import send, send_stop
-from rfca_rig.drivers.drive_report import GUARDED, DriveReports, Report
-from rfca_rig.drivers.report_period import LOOK_REPORTS, period_fault
+from rfca_rig.drivers.drive_report import WATCHDOG_REMEDY, DriveReports, Report
+from rfca_rig.drivers.report_period import PERIODS_PER_ATTEMPT, find_wrong_period
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.drivers.shaft_gear import ShaftGear
 from rfca_rig.errors import DeviceError
@@ -126,7 +126,7 @@ class SpeedDrive(ABC, Generic[Keys]):
 
     def _await_reports(self) -> None:
         """Waits for two reports: the first may have been sent before the errors were cleared."""
-        self._reports.recount()
+        self._reports.reset_counters()
         until_s = self._clock.now_s() + ENABLE_S
         while self._reports.heard < 2 or self._last().fault is not None:
             # After the limit, a fault that is still reported is a refusal, and too few reports mean a wiring or address problem.
@@ -139,16 +139,16 @@ class SpeedDrive(ABC, Generic[Keys]):
         """Checks the report period; a wrong one would stretch the time base of the whole recording."""
         if self._period_s is None:
             return
-        if period_fault(partial(self._measure_report_period_s, self._period_s), self._period_s) is not None:
+        if find_wrong_period(partial(self._measure_report_period_s, self._period_s), self._period_s) is not None:
             raise DeviceError(
                 f"drive not enabled: it does not report every {1e3 * self._period_s:g} ms; set report_period_ms to what the drive "
                 "is set to, or the drive"
             )
 
     def _measure_report_period_s(self, period_s: float) -> float:
-        self._reports.recount()
+        self._reports.reset_counters()
         began_s = self._clock.now_s()
-        while self._clock.now_s() - began_s < LOOK_REPORTS * period_s:
+        while self._clock.now_s() - began_s < PERIODS_PER_ATTEMPT * period_s:
             self._wait_and_drain()
         return (self._clock.now_s() - began_s) / max(self._reports.heard, 1)
 
@@ -191,7 +191,7 @@ class SpeedDrive(ABC, Generic[Keys]):
     def disable(self) -> None:
         """Disables the motor within 20 ms. Raises DeviceError if a frame cannot be sent; the watchdog then stops the motor."""
         self._armed = False
-        send_stop(self._bus, self._clock, self.to_let_go(), GUARDED)
+        send_stop(self._bus, self._clock, self.to_let_go(), WATCHDOG_REMEDY)
 
     def prove_watchdog(self, limit_s: float) -> float:
         """Sends nothing to the enabled drive until its watchdog disables the motor; returns the time in s. The motor is off afterwards.
@@ -219,7 +219,7 @@ class SpeedDrive(ABC, Generic[Keys]):
         # The single question comes at the end: a request in between could feed a watchdog that counts any frame.
         self._clock.wait_until(self._clock.now_s() + limit_s - ANSWER_S)
         self._reports.drain()
-        self._reports.recount()
+        self._reports.reset_counters()
         self._ask()
         until_s = self._clock.now_s() + ANSWER_S
         while self._reports.heard == 0:
@@ -268,12 +268,12 @@ class SpeedDrive(ABC, Generic[Keys]):
 
     def _say(self, frames: Frames) -> None:
         for message in frames:
-            send(self._bus, message, GUARDED)
+            send(self._bus, message, WATCHDOG_REMEDY)
         self._ask()
 
     def _ask(self) -> None:
         for message in self.to_ask() if self._period_s is None else ():
-            send(self._bus, message, GUARDED)
+            send(self._bus, message, WATCHDOG_REMEDY)
         self._reports.asked()
         self._has_asked = True
 

@@ -3,10 +3,10 @@
 from math import isfinite
 
 # Time without a temperature until it is a fault. Overheating takes longer than this.
-GONE_S = 10.0
+MAX_SILENCE_S = 10.0
 
 
-class ToldTemperature:
+class TemperatureTelemetry:
     """`warmest_C` is the highest temperature of the last message.
 
     It is None before the first message, and if no value is finite, as without a thermistor.
@@ -23,6 +23,6 @@ class ToldTemperature:
 
     def fault(self, now_s: float) -> str | None:
         """Set if temperatures that were reported have stopped: a limit on them would no longer protect the motor."""
-        if self.warmest_C is None or now_s - self._told_s <= GONE_S:
+        if self.warmest_C is None or now_s - self._told_s <= MAX_SILENCE_S:
             return None
         return f"no temperature for {now_s - self._told_s:.0f} s, though the drive told it before; check its temperature_msg_rate_ms"

@@ -3,7 +3,7 @@
 CODES = 1 << 16
 # A code at the end of its range for longer than STUCK_S, at a reported speed above TURNING_RAD_S, is stuck.
 STUCK_S = 0.05
-TURNING_RAD_S = 0.5
+MIN_SPEED_RAD_S = 0.5
 
 
 class WrappedPosition:
@@ -56,7 +56,7 @@ class WrappedPosition:
             )
 
     def _look_for_end(self, code: int, t_s: float, speed_rad_s: float) -> None:
-        if code not in self._ends or abs(speed_rad_s) < TURNING_RAD_S or (self._last is not None and self._last[1] != code):
+        if code not in self._ends or abs(speed_rad_s) < MIN_SPEED_RAD_S or (self._last is not None and self._last[1] != code):
             self._stuck_from_s = None
         elif self._stuck_from_s is None:
             self._stuck_from_s = t_s

@@ -19,10 +19,10 @@ BEFORE_START_RAD = math.radians(30.0)
 # command a start from rest.
 CREEP_SHARE = 0.05
 # Drives report the angle in single precision: at a gear ratio of 9 it is resolved to 2.5 degrees after so many turns.
-MOST_TURNS = 100_000
+MAX_TURNS = 100_000
 
 
-def cycle(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> None:
+def run_cycles(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> None:
     """Turns the shaft from the start angle until the last cycle is done. After a stop request, one more cycle is the last.
 
     Each cycle is handed to the sink as soon as it is done. Raises Stopped where the drive has made more turns than it can report well.
@@ -38,20 +38,20 @@ def cycle(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> None:
     scale : SensorScale
         Counts of the force sensor per N and per N m.
     """
-    tally, turning = CycleTally(scale), Turning(loop.target_rad, stage)
+    tally, turning = CycleTally(scale), CycleProfile(loop.target_rad, stage)
     sink.begin(stage)
     sink.start(loop.now_s, 0.0)
     with loop.heard(tally.take):
         while not turning.is_over:
-            loop.at_speed(turning.speed_rad_s(loop.target_rad), MOVE_TICK_S)
-            if turning.has_passed(loop.target_rad):
+            loop.step_at_speed(turning.speed_rad_s(loop.target_rad), MOVE_TICK_S)
+            if turning.count_if_complete(loop.target_rad):
                 # Cycles are counted by the commanded angle, which grows steadily, not by the reported one, which lags
                 # and has noise.
                 sink.cycle(tally.cycle(turning.number))
-                if loop.is_to_end:
+                if loop.is_stop_requested:
                     # One more cycle, not an immediate end: the shaft needs part of a turn to slow down in the air.
-                    turning.end_soon()
-    loop.at_speed(0.0, MOVE_TICK_S)
+                    turning.end_after_next()
+    loop.step_at_speed(0.0, MOVE_TICK_S)
     # A drive that sagged under load is behind its target. The way back must begin where the shaft really is.
     loop.target_rad = loop.angle_rad
     sink.cycles(stage)
@@ -62,14 +62,14 @@ def cycle(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> None:
 def check_turns(angle_rad: float) -> None:
     """Raises Stopped where the angle has more turns than a drive can report precisely."""
     turns = abs(angle_rad) / TURN_RAD
-    if turns > MOST_TURNS:
+    if turns > MAX_TURNS:
         raise Stopped(
             f"the shaft has turned {turns:.0f} times since the drive was switched on, and drives tell such angles only coarsely; "
             "switch the drive off and on again, check its zero, then go on with rfca-rig resume"
         )
 
 
-class Turning:
+class CycleProfile:
     """Speed of the shaft at each angle, and the end of each cycle. All angles are commanded ones, which the shaft follows."""
 
     def __init__(self, start_rad: float, stage: Cycles) -> None:
@@ -87,13 +87,13 @@ class Turning:
         """Of the cycle completed last, counted over the whole run."""
         return self._stage.first + self._done - 1
 
-    def has_passed(self, target_rad: float) -> bool:
+    def count_if_complete(self, target_rad: float) -> bool:
         """Whether one more cycle is complete at this target angle; counts it."""
         is_complete = target_rad >= self._end_rad(self._done + 1)
         self._done += is_complete
         return is_complete
 
-    def end_soon(self) -> None:
+    def end_after_next(self) -> None:
         """Makes the next cycle the last one, so that there is room to slow down in it."""
         self._count = min(self._count, self._done + 1)
 

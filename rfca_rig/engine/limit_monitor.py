@@ -38,12 +38,12 @@ class LimitMonitor:
         self._sensor.check(now_s, force)
         if len(force.counts):
             self._load.check(force)
-        self._shaft.reported(now_s, shaft)
+        self._shaft.check_reports(now_s, shaft)
 
     def motion(self, now_s: float, status: MotorStatus, tracking: Tracking) -> None:
         """Checks the drive's status, and how the shaft follows its target."""
         check_drive(status, self._limits)
-        self._shaft.following(now_s, tracking)
+        self._shaft.check_tracking(now_s, tracking)
 
     def gap(self, gap_s: float, planned_s: float) -> None:
         """Checks the length of a tick. A late loop neither feeds the watchdog nor sees the force."""

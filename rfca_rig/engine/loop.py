@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from rfca_rig.drivers.blocks import join
+from rfca_rig.drivers.blocks import concatenate_blocks
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.limit_monitor import LimitMonitor
@@ -39,10 +39,10 @@ class SampleCollector:
         self._listener(shaft, force)
 
     def shaft(self) -> ShaftSamples:
-        return join(self._shaft)
+        return concatenate_blocks(self._shaft)
 
     def force(self) -> ForceSamples:
-        return join(self._force)
+        return concatenate_blocks(self._force)
 
 
 class Loop:
@@ -90,7 +90,7 @@ class Loop:
         return self._monitor.peak
 
     @property
-    def is_to_end(self) -> bool:
+    def is_stop_requested(self) -> bool:
         """Whether the operator wants a stop at the next safe point; a more urgent request is raised by the tick itself."""
         return bool(self._stop_request.level)
 
@@ -116,18 +116,18 @@ class Loop:
         # The motor holds the shaft where it stands: any other target would move it with a jerk.
         self.target_rad = self.angle_rad
 
-    def to_angle(self, target_rad: float, target_speed_rad_s: float, period_s: float) -> None:
+    def step_to_angle(self, target_rad: float, target_speed_rad_s: float, period_s: float) -> None:
         """Commands an angle, of a target moving at that speed, for one tick; checks everything at its end."""
         self._refuse_if_over()
-        with on_the_bus():
+        with trip_on_bus_error():
             self._bench.motor.command_angle(target_rad, target_speed_rad_s)
         self._wait(period_s)
         self._check(target_rad, target_speed_rad_s)
 
-    def at_speed(self, speed_rad_s: float, period_s: float) -> None:
+    def step_at_speed(self, speed_rad_s: float, period_s: float) -> None:
         """Commands a speed for one tick; checks everything at its end. The target moves on for as long as the tick really took."""
         self._refuse_if_over()
-        with on_the_bus():
+        with trip_on_bus_error():
             self._bench.motor.command_speed(speed_rad_s)
         began_s = self._tick_s
         self._wait(period_s)
@@ -161,7 +161,7 @@ class Loop:
         self._status = self._bench.motor.status()
         self._monitor.motion(self.now_s, self._status, now)
         # Last, so that a trip, which names its cause, takes precedence over a stop request of the same tick.
-        self._stop_request.obey_now()
+        self._stop_request.raise_if_urgent()
 
     def _read(self) -> bool:
         shaft, force = self._hear()
@@ -180,7 +180,7 @@ class Loop:
         self._observer.tick(Tick(self.now_s, shaft, force, *target, self._late_s, self.worst_gap_s, self._status))
 
     def _hear(self) -> tuple[ShaftSamples, ForceSamples]:
-        with on_the_bus():
+        with trip_on_bus_error():
             shaft = self._bench.motor.read()
         try:
             return shaft, self._bench.sensor.read()
@@ -211,7 +211,7 @@ class Loop:
 
 
 @contextmanager
-def on_the_bus() -> Iterator[None]:
+def trip_on_bus_error() -> Iterator[None]:
     """Within a run a failing bus is a trip, not a device error to be reported later: the motor cannot be commanded any more."""
     try:
         yield

@@ -28,7 +28,7 @@ class RampUp:
         """Adds a finished first stroke. Raises Tripped where the prediction for full speed passes a limit."""
         condition = (stage.height_m, stage.full_speed_rad_s)
         self._peaks.setdefault(condition, []).append((stage.speed_rad_s, peak))
-        predicted = self.foretold(stage, peak)
+        predicted = self.predict_full_speed(stage, peak)
         if predicted.force_N > self._limits.force_N or predicted.torque_Nm > self._limits.torque_Nm:
             raise Tripped(
                 Trip.FULL_SPEED_TOO_MUCH,
@@ -37,7 +37,7 @@ class RampUp:
                 "raise the rack or go slower",
             )
 
-    def foretold(self, stage: Approach, peak: Load) -> Load:
+    def predict_full_speed(self, stage: Approach, peak: Load) -> Load:
         """Predicted load at the full speed of the condition, from all of its first strokes so far."""
         peaks = self._peaks.get((stage.height_m, stage.full_speed_rad_s), [(stage.speed_rad_s, peak)])
         return Load(

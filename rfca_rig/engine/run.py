@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.cycling import cycle
+from rfca_rig.engine.cycling import run_cycles
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver
 from rfca_rig.engine.ramp_up import RampUp
@@ -12,12 +12,12 @@ from rfca_rig.engine.settling import settle
 from rfca_rig.engine.sink import Sink
 from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move
 from rfca_rig.engine.stop_request import StopLevel, StopRequest
-from rfca_rig.engine.stopping import UNSEEN, ease, stop, switch_off
+from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, ramp_down, stop, switch_off
 from rfca_rig.errors import RigError, Stopped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, Rest, SetHeight, Stage
-from rfca_rig.protocol.safe_points import way_to_safety
+from rfca_rig.protocol.safe_points import stages_to_safe_point
 
 Progress = Callable[[Stage], None]
 
@@ -104,7 +104,7 @@ class _Run:
             raise
         # Raised only now, at rest in the air, so that a stop at a safe point is not reported as a completed run.
         if self._is_cut_short:
-            self._stop_request.obey_at_safe_point()
+            self._stop_request.raise_at_safe_point()
 
     def stop(self) -> None:
         """Ends every run, whatever went before."""
@@ -112,7 +112,7 @@ class _Run:
         # the motor again.
         self._stop_request.is_over = True
         self._loop.end()
-        standstill = UNSEEN
+        standstill = UNKNOWN_STANDSTILL
         try:
             standstill = stop(self._bench)
         finally:
@@ -125,7 +125,7 @@ class _Run:
         for number, stage in enumerate(stages):
             if self._stop_request.level:
                 self._is_cut_short = True
-                yield from way_to_safety(stages[:number], stages[number:])
+                yield from stages_to_safe_point(stages[:number], stages[number:])
                 return
             yield stage
 
@@ -137,7 +137,7 @@ class _Run:
             case MoveShaft():
                 move(loop, stage)
             case Rest():
-                sink.rested(settle(loop, loop.target_rad, stage.settle).wrench)
+                sink.take_tare(settle(loop, loop.target_rad, stage.settle).wrench)
             case Approach():
                 self._approach(stage)
             case Flap():
@@ -145,11 +145,11 @@ class _Run:
             case Hold():
                 sink.hold(stage, hold(loop, stage, sink, self._bench.camera))
             case Cycles():
-                cycle(loop, stage, sink, self._bench.sensor.scale())
+                run_cycles(loop, stage, sink, self._bench.sensor.scale())
 
     def _approach(self, stage: Approach) -> None:
         approach(self._loop, stage)
-        self._sink.approached(stage, self._loop.peak)
+        self._sink.take_first_stroke(stage, self._loop.peak)
         # Recorded first: the recording then shows the stroke from which a trip was predicted.
         self._approaches.take(stage, self._loop.peak)
 
@@ -160,7 +160,7 @@ class _Run:
         # A stop that was requested while the person worked must take effect before the motor is energised.
         self._observer.energising()
         if self._stop_request.level:
-            self._stop_request.obey_at_safe_point()
+            self._stop_request.raise_at_safe_point()
         # The sensor streams before the motor is energised: there is no tick with torque and without force data.
         self._bench.sensor.start()
         self._bench.motor.enable()
@@ -169,12 +169,12 @@ class _Run:
     def _stand_still(self) -> None:
         # 0.1 s at the last target: the shaft comes to rest under control before the torque is removed.
         for _ in range(50):
-            self._loop.to_angle(self._loop.target_rad, 0.0, TICK_S)
+            self._loop.step_to_angle(self._loop.target_rad, 0.0, TICK_S)
 
     def _ramp_down(self) -> None:
         """Slows the shaft down before its torque is removed. A trip meanwhile only ends that sooner."""
         self._stop_request.is_over = True
         try:
-            ease(self._loop)
+            ramp_down(self._loop)
         except RigError as error:
             raise Stopped(f"{self._stop_request.why}; while it slowed down: {error}") from None

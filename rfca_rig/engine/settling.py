@@ -38,7 +38,7 @@ def settle(loop: Loop, target_rad: float, criterion: SettleCriterion) -> Settled
     while loop.now_s - began_s < criterion.limit_s - 0.5 * MEAN_S:
         ticks = []
         for _ in range(per_mean):
-            loop.to_angle(target_rad, 0.0, PERIOD_S)
+            loop.step_to_angle(target_rad, 0.0, PERIOD_S)
             ticks.append([loop.angle_rad, *loop.wrench])
         means.append(np.mean(ticks, axis=0))
         if len(means) == means.maxlen and _inside(np.ptp(means, axis=0), criterion):

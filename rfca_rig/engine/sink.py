@@ -13,7 +13,7 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold
 
 
 @dataclass(frozen=True)
-class Recorded:
+class StageSamples:
     """Samples of one stage, as the devices gave them.
 
     `start_s` is the host time of the commanded start, before which the shaft had stood for `stood_s`. `turns_rad` is to be subtracted from
@@ -53,15 +53,15 @@ class Sink(Protocol):
         """The stage records from now on. One that never gets to `flap`, `hold` or `cycles` was cut short."""
 
     def start(self, start_s: float, turns_rad: float) -> None:
-        """The commanded start is at host time `start_s`; both values as in `Recorded`."""
+        """The commanded start is at host time `start_s`; both values as in `StageSamples`."""
 
     def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
         """What the devices reported in one tick."""
 
-    def flap(self, stage: Flap, recorded: Recorded) -> None:
+    def flap(self, stage: Flap, recorded: StageSamples) -> None:
         """A stroke is done."""
 
-    def hold(self, stage: Hold, recorded: Recorded) -> None:
+    def hold(self, stage: Hold, recorded: StageSamples) -> None:
         """A static stage is done."""
 
     def cycle(self, cycle: Cycle) -> None:
@@ -70,10 +70,10 @@ class Sink(Protocol):
     def cycles(self, stage: Cycles) -> None:
         """A stage of cycles is done, or was ended between two of them because of a stop request."""
 
-    def rested(self, wrench: np.ndarray) -> None:
+    def take_tare(self, wrench: np.ndarray) -> None:
         """The leg hangs still at the start angle: `wrench` (6,) in N and N m is its weight and the sensor's zero, nothing else."""
 
-    def approached(self, stage: Approach, peak: Load) -> None:
+    def take_first_stroke(self, stage: Approach, peak: Load) -> None:
         """A first stroke is done, with its largest load."""
 
     def off(self, worst_gap_s: float, standstill: Standstill) -> None:

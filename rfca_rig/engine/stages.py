@@ -7,9 +7,9 @@ from rfca_rig.drivers.roles import Photo, Photographer
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
 from rfca_rig.engine.settling import settle
-from rfca_rig.engine.sink import Recorded, Sink
+from rfca_rig.engine.sink import Sink, StageSamples
 from rfca_rig.errors import RigError, Tripped
-from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, way_to
+from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, signed_turn
 from rfca_rig.trip_codes import Trip
 
 # Seconds between two commands, in strokes and in moves.
@@ -65,14 +65,14 @@ class PhotoCapture:
 
 def move(loop: Loop, stage: MoveShaft) -> None:
     """Moves along a trapezoidal speed profile to the angle, the nearest way or forwards."""
-    way_rad = way_to(stage.angle_rad, loop.target_rad, stage.forwards)
+    way_rad = signed_turn(stage.angle_rad, loop.target_rad, stage.forwards)
     start_rad, goal_rad = loop.target_rad, loop.target_rad + way_rad
     duration_s = abs(way_rad) / stage.speed_rad_s + MOVE_RAMP_S
     # Angles are commanded, not speeds: the move ends exactly at the goal even where the drive lags on the way.
     for k in range(1, math.ceil(duration_s / MOVE_TICK_S) + 1):
         travelled, speed = _trapezoid(k * MOVE_TICK_S / duration_s, MOVE_RAMP_S / duration_s)
-        loop.to_angle(start_rad + way_rad * travelled, way_rad * speed / duration_s, MOVE_TICK_S)
-    loop.to_angle(goal_rad, 0.0, MOVE_TICK_S)
+        loop.step_to_angle(start_rad + way_rad * travelled, way_rad * speed / duration_s, MOVE_TICK_S)
+    loop.step_to_angle(goal_rad, 0.0, MOVE_TICK_S)
 
 
 def _trapezoid(x: float, ramp: float) -> tuple[float, float]:
@@ -90,7 +90,7 @@ def _trapezoid(x: float, ramp: float) -> tuple[float, float]:
     return top * (x - 0.5 * ramp), top
 
 
-def flap(loop: Loop, stage: Flap, sink: Sink) -> Recorded:
+def flap(loop: Loop, stage: Flap, sink: Sink) -> StageSamples:
     """Holds, ramps to speed, sweeps, and stops in the air; records until the end of the sweep.
 
     Returns
@@ -104,12 +104,12 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> Recorded:
     with loop.recorded(sink.take) as collector:
         # Recorded at rest first, so that the stroke's initial state is part of the recording.
         for _ in range(round(stage.before_s / TICK_S)):
-            loop.to_angle(hold_rad, 0.0, TICK_S)
+            loop.step_to_angle(hold_rad, 0.0, TICK_S)
         start_s = loop.now_s
         sink.start(start_s, turns_rad)
         _sweep(loop, stage)
     _stop_in_the_air(loop, stage)
-    return Recorded(collector.shaft(), collector.force(), start_s, turns_rad, settled=True)
+    return StageSamples(collector.shaft(), collector.force(), start_s, turns_rad, settled=True)
 
 
 def approach(loop: Loop, stage: Approach) -> None:
@@ -121,12 +121,12 @@ def approach(loop: Loop, stage: Approach) -> None:
 def _sweep(loop: Loop, stage: Flap | Approach) -> None:
     for k in _ticks(loop, math.ceil(stage.stroke_s / TICK_S)):
         # a command stands for a whole tick, so it takes the speed of the tick's middle
-        loop.at_speed(stage.speed_rad_s * min((k + 0.5) * TICK_S / stage.ramp_s, 1.0), TICK_S)
+        loop.step_at_speed(stage.speed_rad_s * min((k + 0.5) * TICK_S / stage.ramp_s, 1.0), TICK_S)
 
 
 def _stop_in_the_air(loop: Loop, stage: Flap | Approach) -> None:
     for k in _ticks(loop, round(STOPPING_S / TICK_S)):
-        loop.at_speed(stage.speed_rad_s * (1.0 - (k + 0.5) * TICK_S / STOPPING_S), TICK_S)
+        loop.step_at_speed(stage.speed_rad_s * (1.0 - (k + 0.5) * TICK_S / STOPPING_S), TICK_S)
     # A drive that sagged under load is behind its target. The way back must begin where the shaft really is.
     loop.target_rad = loop.angle_rad
 
@@ -138,7 +138,7 @@ def _ticks(loop: Loop, count: int) -> Iterator[int]:
         yield k
 
 
-def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None) -> Recorded:
+def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None) -> StageSamples:
     """Waits until settled and for the dwell, then records for the averaging time while the photo is taken; holds the shaft throughout.
 
     Raises Tripped where no report of the shaft came while it averaged.
@@ -161,14 +161,14 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
         _stand(loop, target_rad, timing.average_s)
     # Commands go on while the camera is awaited: silence would make the drive's watchdog act.
     while capture.is_under_way(loop.now_s):
-        loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
+        loop.step_to_angle(target_rad, 0.0, HOLD_PERIOD_S)
     shaft = collector.shaft()
     # A mean of no samples is no measurement. The silence limit may be longer than the averaging time.
     if not len(shaft.angle_rad):
         raise Tripped(Trip.ENCODER_SILENT, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
-    return Recorded(shaft, collector.force(), start_s, turns_rad, settled.reached, capture.photo, capture.fault, start_s - stopped_s)
+    return StageSamples(shaft, collector.force(), start_s, turns_rad, settled.reached, capture.photo, capture.fault, start_s - stopped_s)
 
 
 def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:
     for _ in range(math.ceil(duration_s / HOLD_PERIOD_S)):
-        loop.to_angle(target_rad, 0.0, HOLD_PERIOD_S)
+        loop.step_to_angle(target_rad, 0.0, HOLD_PERIOD_S)

@@ -36,12 +36,12 @@ class StopRequest:
         if level > self.level:
             self.level, self.why = level, why
 
-    def obey_now(self) -> None:
+    def raise_if_urgent(self) -> None:
         """Raises Stopped where the stop cannot wait for the next safe point, and is not under way yet."""
         # `is_over` guards the ramp-down itself, which ticks the same loop and would be stopped by its own request.
         if self.level >= StopLevel.RAMP_DOWN and not self.is_over:
             raise Stopped(self.why)
 
-    def obey_at_safe_point(self) -> None:
+    def raise_at_safe_point(self) -> None:
         """Raises Stopped; to be called when the leg is in the air and every completed stage is handed over."""
         raise Stopped(f"{self.why}, at a safe point")

@@ -20,7 +20,7 @@ POLL_S = 0.01
 STANDS_RAD_S = 0.05
 STANDS_FOR_S = 0.05
 # A leg that swings in the air takes longer to come to rest; it is safe then.
-WATCHED_S = 0.6
+WATCH_LIMIT_S = 0.6
 RAMP_DOWN_S = 0.2
 RAMP_DOWN_TICK_S = 0.002
 
@@ -42,11 +42,11 @@ class Standstill:
             return "the drive tells nothing of the shaft once it is off"
         turned = f"turned by {np.degrees(self.turned_rad):.1f} deg after the torque was gone"
         if np.isnan(self.latency_s):
-            return f"the shaft {turned}, and still swings {WATCHED_S:g} s later"
+            return f"the shaft {turned}, and still swings {WATCH_LIMIT_S:g} s later"
         return f"the shaft {turned}, and stands since {1e3 * self.latency_s:.0f} ms later"
 
 
-UNSEEN = Standstill(np.nan, np.nan)
+UNKNOWN_STANDSTILL = Standstill(np.nan, np.nan)
 
 
 def stop(bench: Bench) -> Standstill:
@@ -65,7 +65,7 @@ def stop(bench: Bench) -> Standstill:
 def _disable_or_wait_for_watchdog(bench: Bench) -> None:
     """Disables the motor. Where the drive cannot be reached, waits until its watchdog or the guardian must have acted."""
     try:
-        let_go(bench.motor, bench.clock)
+        disable_motor(bench.motor, bench.clock)
     except DeviceError:
         # The run must not be reported as over while the drive may still have torque.
         bench.clock.wait_until(bench.clock.now_s() + WATCHDOG_WAIT_S)
@@ -75,12 +75,12 @@ def _disable_or_wait_for_watchdog(bench: Bench) -> None:
 def switch_off(bench: Bench) -> None:
     """Disables the motor and stops the sensor, without watching the shaft: a person sees that nothing moves before coming near."""
     try:
-        let_go(bench.motor, bench.clock)
+        disable_motor(bench.motor, bench.clock)
     finally:
         bench.sensor.stop()
 
 
-def let_go(motor: ShaftMotor, clock: Clock) -> None:
+def disable_motor(motor: ShaftMotor, clock: Clock) -> None:
     """Disables the motor. Tries three times in all, because a bus may refuse a frame once."""
     for left in reversed(range(TRIES)):
         try:
@@ -96,7 +96,7 @@ def _watch_shaft(bench: Bench) -> Standstill:
     """Watches the reported shaft until it stands or WATCHED_S is over."""
     began_s = stood_s = bench.clock.now_s()
     angles: list[float] = []
-    while (now_s := bench.clock.now_s()) - began_s < WATCHED_S:
+    while (now_s := bench.clock.now_s()) - began_s < WATCH_LIMIT_S:
         try:
             shaft = bench.motor.read()
         # The torque is off already: a bus that fails now ends the observation, nothing else.
@@ -109,14 +109,14 @@ def _watch_shaft(bench: Bench) -> Standstill:
         if angles and now_s - stood_s > STANDS_FOR_S:
             return Standstill(stood_s - began_s, _largest_turn(angles))
         bench.clock.wait_until(now_s + POLL_S)
-    return Standstill(np.nan, _largest_turn(angles)) if angles else UNSEEN
+    return Standstill(np.nan, _largest_turn(angles)) if angles else UNKNOWN_STANDSTILL
 
 
 def _largest_turn(angles_rad: list[float]) -> float:
     return max(abs(angle_rad - angles_rad[0]) for angle_rad in angles_rad)
 
 
-def ease(loop: Loop) -> None:
+def ramp_down(loop: Loop) -> None:
     """Slows the shaft down evenly within RAMP_DOWN_S, with every limit checked; for stops that are no emergency. Raises Tripped."""
     speed_rad_s = loop.speed_rad_s
     # From where the shaft is: a drive that was behind would otherwise catch up first, that is accelerate.
@@ -124,4 +124,4 @@ def ease(loop: Loop) -> None:
     steps = round(RAMP_DOWN_S / RAMP_DOWN_TICK_S)
     for k in range(steps):
         # A command stands for a whole tick, so it takes the speed of the tick's middle.
-        loop.at_speed(speed_rad_s * (1.0 - (k + 0.5) / steps), RAMP_DOWN_TICK_S)
+        loop.step_at_speed(speed_rad_s * (1.0 - (k + 0.5) / steps), RAMP_DOWN_TICK_S)

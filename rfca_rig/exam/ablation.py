@@ -9,19 +9,19 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from rfca_rig.exam.answer import NOTHING, Said, read_said
+from rfca_rig.exam.answer import NOTHING, ParsedDiagnosis, read_diagnosis
 from rfca_rig.exam.cases import SINGLE
 from rfca_rig.exam.claims import CONFIDENT
-from rfca_rig.exam.examine import answer
-from rfca_rig.exam.outcome import DETECTABLE, Truth, truth_in
-from rfca_rig.exam.runner import worked_off
+from rfca_rig.exam.examine import diagnose_campaign
+from rfca_rig.exam.outcome import DETECTABLE, Truth, parse_truth
+from rfca_rig.exam.runner import run_jobs
 from rfca_rig.exam.score import Share
 from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.write import CAMPAIGNS
 from rfca_rig.executors.base import TaskExecutor
-from rfca_rig.progress import Told, silent
-from rfca_rig.recording.atomic_dir import see_afresh, sweep_out
+from rfca_rig.progress import ProgressReport, ignore_named_progress
+from rfca_rig.recording.atomic_dir import refresh_nfs_cache, remove_leftovers
 
 FOLDER = "taken-out"
 
@@ -29,18 +29,18 @@ DiagnoseWithout = Callable[[str, Path, Path], object]
 """Without the effect of that id in the catalogue, reads the campaign in the first folder and writes diagnosis.json into the second."""
 
 
-def take_out_each(folder: Path, diagnose: DiagnoseWithout, executor: TaskExecutor, told: Told = silent) -> None:
+def run_ablation(folder: Path, diagnose: DiagnoseWithout, executor: TaskExecutor, told: ProgressReport = ignore_named_progress) -> None:
     """Diagnose every such case of the exam in `folder` without its effect, into `folder`/taken-out. Finished ones are kept.
 
     Raises RigError where one could not be diagnosed, after the others are done.
     """
     answers = folder.resolve() / FOLDER
     answers.mkdir(exist_ok=True)
-    sweep_out(answers)
+    remove_leftovers(answers)
     to_diagnose = [truth for truth in _visible(folder) if not (answers / truth.case).is_dir()]
     jobs = [(truth.case, effect) for truth in to_diagnose for effect in truth.effects]
-    worked_off(executor, partial(_diagnose, folder.resolve(), diagnose), jobs, _case, "entries taken out", told)
-    see_afresh(answers)
+    run_jobs(executor, partial(_diagnose, folder.resolve(), diagnose), jobs, _case, "entries taken out", told)
+    refresh_nfs_cache(answers)
 
 
 def _case(job: tuple[str, str]) -> str:
@@ -48,16 +48,16 @@ def _case(job: tuple[str, str]) -> str:
 
 
 def _visible(folder: Path) -> list[Truth]:
-    return [truth for truth in map(truth_in, open_all(folder)) if truth.kind == SINGLE and truth.left >= DETECTABLE]
+    return [truth for truth in map(parse_truth, open_all(folder)) if truth.kind == SINGLE and truth.left >= DETECTABLE]
 
 
 def _diagnose(folder: Path, diagnose: DiagnoseWithout, job: tuple[str, str]) -> None:
     case, effect = job
-    answer(folder / FOLDER, partial(diagnose, effect), None, folder / CAMPAIGNS / case)
+    diagnose_campaign(folder / FOLDER, partial(diagnose, effect), None, folder / CAMPAIGNS / case)
 
 
 @dataclass(frozen=True)
-class Named:
+class WronglyNamed:
     """A case whose effect was removed and in which effects were named nevertheless, with the lowest of their probabilities."""
 
     case: str
@@ -67,13 +67,13 @@ class Named:
 
 
 @dataclass(frozen=True)
-class TakenOut:
+class AblationResult:
     """Shares of cases with a wrong name at CONFIDENT or more, with "unexplained" and with "nothing missing"; and all named ones."""
 
     confident_wrong: Share
     unexplained: Share
     silent: Share
-    named: tuple[Named, ...]
+    named: tuple[WronglyNamed, ...]
 
     @property
     def words(self) -> str:
@@ -84,13 +84,13 @@ class TakenOut:
         )
 
 
-def taken_out(folder: Path) -> TakenOut | None:
+def taken_out(folder: Path) -> AblationResult | None:
     """Results of the ablation in an exam's folder; None where it was not done."""
     answers = folder / FOLDER
     if not answers.is_dir():
         return None
-    judged = [(truth, read_said(answers / truth.case / DIAGNOSIS)) for truth in _visible(folder) if (answers / truth.case).is_dir()]
-    return TakenOut(
+    judged = [(truth, read_diagnosis(answers / truth.case / DIAGNOSIS)) for truth in _visible(folder) if (answers / truth.case).is_dir()]
+    return AblationResult(
         confident_wrong=_share([any(claim.probability >= CONFIDENT for claim in result.named) for _, result in judged]),
         unexplained=_share([not result.named and result.verdict != NOTHING for _, result in judged]),
         silent=_share([result.verdict == NOTHING for _, result in judged]),
@@ -98,10 +98,10 @@ def taken_out(folder: Path) -> TakenOut | None:
     )
 
 
-def _named_case(truth: Truth, result: Said) -> Named:
+def _named_case(truth: Truth, result: ParsedDiagnosis) -> WronglyNamed:
     # The cases are those of one effect, see `_visible`.
     (effect,) = truth.effects
-    return Named(truth.case, effect, tuple(claim.id for claim in result.named), min(claim.probability for claim in result.named))
+    return WronglyNamed(truth.case, effect, tuple(claim.id for claim in result.named), min(claim.probability for claim in result.named))
 
 
 def _share(hits: Sequence[bool]) -> Share:

@@ -30,7 +30,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Said:
+class ParsedDiagnosis:
     """A diagnosis. `verdict` is "refused" where the campaign was rejected as unusable, with an error instead of a diagnosis.
 
     `claims` are all effects listed; they count as named where the verdict says so. `held_out_fz_N` is (before, after, noise floor).
@@ -61,7 +61,7 @@ class Said:
         return self.claims if self.grade in ("identified", "mostly") else self.named
 
 
-def said_in(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> Said:
+def parse_diagnosis(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> ParsedDiagnosis:
     """A diagnosis from the data of its file. Raises BadInput, naming `where` and the key, for what the format does not allow."""
     # A file never says "refused": that verdict, the last one, is given where there is no file.
     if diagnosis.get("format") not in FORMATS:
@@ -70,7 +70,7 @@ def said_in(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> Said:
         raise BadInput(f"{where}: verdict {diagnosis.get('verdict')!r} should be one of {', '.join(VERDICTS[:-1])}")
     try:
         claims = tuple(_read_claim(effect) for effect in diagnosis.get("effects", ()))
-        return Said(
+        return ParsedDiagnosis(
             diagnosis["verdict"],
             claims,
             _read_held_out(diagnosis.get("fit") or {}),
@@ -84,12 +84,12 @@ def said_in(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> Said:
         raise BadInput(f"{where}: {type(error).__name__} at {error}; see the format of diagnosis.json") from None
 
 
-def read_said(path: Path) -> Said:
+def read_diagnosis(path: Path) -> ParsedDiagnosis:
     """The diagnosis in a file; a missing file counts as refused. Raises BadInput for a file of another format."""
     if not path.is_file():
-        return Said(REFUSED)
+        return ParsedDiagnosis(REFUSED)
     try:
-        return said_in(json.loads(path.read_text(encoding="utf-8")), str(path))
+        return parse_diagnosis(json.loads(path.read_text(encoding="utf-8")), str(path))
     except json.JSONDecodeError as error:
         raise BadInput(f"{path}:{error.lineno}: is not JSON: {error.msg}") from None
 

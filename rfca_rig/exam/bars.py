@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.exam.score import Marks, Share
+from rfca_rig.exam.score import ExamScores, Share
 
 
 @dataclass(frozen=True)
-class Bar:
+class ScoreGoal:
     """One score, its goal, and whether it passes; a score without cases neither passes nor fails.
 
     `bound`: how bad the true share may still be, at 95 % confidence; None for a score that is no share.
@@ -29,7 +29,7 @@ class Bar:
         return (self.at_least is None or self.value >= self.at_least) and (self.at_most is None or self.value <= self.at_most)
 
 
-def bars(marks: Marks) -> Sequence[Bar]:
+def bars(marks: ExamScores) -> Sequence[ScoreGoal]:
     """All goals with their scores, the most important first."""
     claims, values, statements, pendulums = marks.calibration, marks.values, marks.statements, marks.pendulums
     return (
@@ -53,34 +53,34 @@ def bars(marks: Marks) -> Sequence[Bar]:
         _most("poor data: wrong names", marks.poor_data_wrong, 0.05),
         _most("wrong metadata: wrong names", marks.mislabelled_wrong, 0.05),
         _least("truth in the class that was given", marks.truth_in_class, 0.95),
-        Bar("mean size of a class", marks.mean_class_size, None, 3.0, ""),
-        Bar(
+        ScoreGoal("mean size of a class", marks.mean_class_size, None, 3.0, ""),
+        ScoreGoal(
             "calibration error of stated probabilities",
             statements.calibration_error,
             None,
             0.05,
             f"{statements.probabilities} probabilities",
         ),
-        Bar("calibration error of probabilities of names", claims.ece, None, 0.05, ""),
-        Bar("right among claims at 90 % or more", claims.confident_right, 0.9, None, f"{claims.confident} claims"),
-        Bar("median error of parameters", values.median_error, None, 0.1, f"{values.count} values"),
+        ScoreGoal("calibration error of probabilities of names", claims.ece, None, 0.05, ""),
+        ScoreGoal("right among claims at 90 % or more", claims.confident_right, 0.9, None, f"{claims.confident} claims"),
+        ScoreGoal("median error of parameters", values.median_error, None, 0.1, f"{values.count} values"),
         _least("stated sizes inside their 90 % interval", Share(*statements.sizes), 0.87),
-        Bar("parameters of names inside their 90 % interval", values.coverage_90, 0.85, 0.95, f"{values.count} values"),
+        ScoreGoal("parameters of names inside their 90 % interval", values.coverage_90, 0.85, 0.95, f"{values.count} values"),
         _most("pendulums, nothing missing: effects or families stated", Share(*pendulums.claims_on_nothing), 0.0),
         _most("pendulums: wrong effects or families at 80 % or more", Share(*pendulums.wrong), 0.02),
         _least("pendulums, one effect that can be seen: it or its family", Share(*pendulums.singles), 0.9),
         _least("pendulums: stated sizes inside their 90 % interval", Share(*pendulums.sizes), 0.87),
-        Bar("pendulums: calibration error", pendulums.calibration_error, None, 0.05, f"{pendulums.probabilities} probabilities"),
-        Bar("gap closed on held-out conditions", marks.gap_closed, 0.8, None, f"{marks.gap_worse.of} cases"),
+        ScoreGoal("pendulums: calibration error", pendulums.calibration_error, None, 0.05, f"{pendulums.probabilities} probabilities"),
+        ScoreGoal("gap closed on held-out conditions", marks.gap_closed, 0.8, None, f"{marks.gap_worse.of} cases"),
     )
 
 
-def _most(name: str, share: Share, limit: float) -> Bar:
-    return Bar(name, share.value, None, limit, _count_text(share), share.upper if share.of else None)
+def _most(name: str, share: Share, limit: float) -> ScoreGoal:
+    return ScoreGoal(name, share.value, None, limit, _count_text(share), share.upper if share.of else None)
 
 
-def _least(name: str, share: Share, limit: float) -> Bar:
-    return Bar(name, share.value, limit, None, _count_text(share), share.lower if share.of else None)
+def _least(name: str, share: Share, limit: float) -> ScoreGoal:
+    return ScoreGoal(name, share.value, limit, None, _count_text(share), share.lower if share.of else None)
 
 
 def _count_text(share: Share) -> str:

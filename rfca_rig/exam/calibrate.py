@@ -22,7 +22,7 @@ from rfca_rig.diagnosis.decision.calibration import FEATURES, FORMAT, features_i
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam.claims import calibration_error
 from rfca_rig.exam.examine import DIAGNOSES
-from rfca_rig.exam.outcome import truth_in
+from rfca_rig.exam.outcome import parse_truth
 from rfca_rig.exam.plan import read_plan
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.statements import is_true
@@ -61,7 +61,7 @@ def read_labelled(folders: Sequence[Path], kind: str) -> Labelled:
             for one in json.loads(path.read_text(encoding="utf-8")).get("support", ()):
                 if one["kind"] == kind:
                     features.append(features_in(one["values"]))
-                    true.append(is_true(kind, {one["id"], *one.get("cannot_tell_from", ())}, truth_in(truth)))
+                    true.append(is_true(kind, {one["id"], *one.get("cannot_tell_from", ())}, parse_truth(truth)))
                     case.append(f"{folder.name}/{truth['case']}")
     if not features:
         raise BadInput(f"{', '.join(map(str, folders))}: no diagnosis with support for a calibration; run rfca-rig prove first")

@@ -7,13 +7,13 @@ from itertools import combinations
 import numpy as np
 
 from rfca_rig.exam.designs import ONE_STROKE, PAPER_CONDITIONS, THREE_BY_THREE, ExamDesign
-from rfca_rig.exam.heterogeneity import Uneven, drawn_approximate, drawn_uneven
+from rfca_rig.exam.heterogeneity import LawDeviation, draw_approximate, draw_uneven
 from rfca_rig.exam.labels import MISLABELLED
-from rfca_rig.exam.laws import Law, drawn_law
-from rfca_rig.exam.nominal_world import OffBy, drawn_off
-from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PendulumCase, drawn_pendulum
-from rfca_rig.exam.sizes import SPANS, stranger_values, values_of
-from rfca_rig.exam.structured import Structured, drawn_structured
+from rfca_rig.exam.laws import Law, draw_law
+from rfca_rig.exam.nominal_world import NominalErrors, draw_nominal_errors
+from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PendulumCase, draw_pendulum
+from rfca_rig.exam.sizes import SIZE_RANGES, sample_unknown_fault, sample_values
+from rfca_rig.exam.structured import StructuredError, draw_structured_error
 from rfca_rig.exam.unknown_faults import NAMES
 
 NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL, APPROXIMATE, TRIPLE = LEG_KINDS = (
@@ -34,7 +34,7 @@ LEVELS = 5
 DEFAULT_NUMBERS: Mapping[str, int] = {
     NOTHING: 60,
     MODEL_ERROR: 60,
-    SINGLE: LEVELS * len(SPANS),
+    SINGLE: LEVELS * len(SIZE_RANGES),
     PAIR: 70,
     STRANGER: 65,
     WRONG_LAW: 60,
@@ -76,19 +76,19 @@ class Case:
     kind: str
     seed: int
     design: ExamDesign
-    off: OffBy
+    off: NominalErrors
     effects: Mapping[str, Values] = field(default_factory=dict)
     strangers: Mapping[str, Values] = field(default_factory=dict)
     strength: float = 0.0
     late_s: float = 0.0
     model_error: float = 0.0
-    structured: Structured | None = None
-    uneven: Uneven | None = None
+    structured: StructuredError | None = None
+    uneven: LawDeviation | None = None
     law: Law | None = None
     mislabelled: str | None = None
 
 
-def drawn_cases(seed: int, numbers: Mapping[str, int] = DEFAULT_NUMBERS) -> list[Case | PendulumCase]:
+def draw_cases(seed: int, numbers: Mapping[str, int] = DEFAULT_NUMBERS) -> list[Case | PendulumCase]:
     """Draw `numbers` of cases of each kind, in random order, so that a case's name reveals nothing.
 
     The same seed gives the same cases. Except for its id, case i of a kind does not depend on the numbers of cases.
@@ -99,7 +99,7 @@ def drawn_cases(seed: int, numbers: Mapping[str, int] = DEFAULT_NUMBERS) -> list
     return [replace(drawn[j], id=f"case-{place:04d}") for place, j in enumerate(order, start=1)]
 
 
-def shared_out(total: int) -> dict[str, int]:
+def split_numbers(total: int) -> dict[str, int]:
     """Numbers of cases of each kind, `total` in all, in the proportions of the whole exam."""
     # Largest remainders, so that the numbers add up to the total.
     whole = sum(DEFAULT_NUMBERS.values())
@@ -113,20 +113,20 @@ def shared_out(total: int) -> dict[str, int]:
 
 def _draw(kind: str, i: int, random: np.random.Generator) -> Case | PendulumCase:
     if kind in PENDULUM_KINDS:
-        return drawn_pendulum(kind, i, random)
+        return draw_pendulum(kind, i, random)
     design = PAPER_CONDITIONS if random.random() < 0.2 else THREE_BY_THREE
     # In half of these negative controls all nominal values are right and the drive is not late.
     at_prior_means = kind == NOTHING and i % 2 == 0
     # A spawned generator does not consume the main stream, so this draw does not shift the others.
     late_s = 0.0 if at_prior_means else float(random.spawn(1)[0].uniform(0.0, MAX_DELAY_S))
-    off = OffBy() if at_prior_means else drawn_off(random)
+    off = NominalErrors() if at_prior_means else draw_nominal_errors(random)
     case = Case(id="", kind=kind, seed=int(random.integers(2**31)), design=design, off=off, late_s=late_s)
     # Half of the other cases have a small model error too, cases of that kind a larger one.
     if kind not in (NOTHING, POOR_DATA) and (kind == MODEL_ERROR or random.random() < 0.5):
         share = float(random.uniform(0.005, 0.02)) if kind == MODEL_ERROR else 0.005
-        case = replace(case, model_error=share, structured=drawn_structured(share, random))
+        case = replace(case, model_error=share, structured=draw_structured_error(share, random))
     filled = FILLERS[kind](case, i, random)
-    return replace(filled, law=drawn_law(random.spawn(1)[0])) if filled.effects else filled
+    return replace(filled, law=draw_law(random.spawn(1)[0])) if filled.effects else filled
 
 
 def _fill_nothing(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
@@ -135,47 +135,47 @@ def _fill_nothing(case: Case, i: int, random: np.random.Generator) -> Case:  # n
 
 def _fill_single(case: Case, i: int, random: np.random.Generator) -> Case:
     """The effects in turn, and for each of them the five levels in turn; the strides make the first few cases a mixture too."""
-    effect = tuple(SPANS)[7 * i % len(SPANS)]
-    strength = ((i % len(SPANS) + i // len(SPANS)) % LEVELS + random.random()) / LEVELS
-    return replace(case, effects={effect: values_of(effect, strength, random)}, strength=strength)
+    effect = tuple(SIZE_RANGES)[7 * i % len(SIZE_RANGES)]
+    strength = ((i % len(SIZE_RANGES) + i // len(SIZE_RANGES)) % LEVELS + random.random()) / LEVELS
+    return replace(case, effects={effect: sample_values(effect, strength, random)}, strength=strength)
 
 
 def _fill_pair(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
-    pairs = [pair for pair in combinations(SPANS, 2) if set(pair) not in NEVER_TOGETHER]
+    pairs = [pair for pair in combinations(SIZE_RANGES, 2) if set(pair) not in NEVER_TOGETHER]
     pair = pairs[random.integers(len(pairs))]
     strength = float(random.uniform(0.4, 1.0))
-    return replace(case, effects={effect: values_of(effect, strength, random) for effect in pair}, strength=strength)
+    return replace(case, effects={effect: sample_values(effect, strength, random) for effect in pair}, strength=strength)
 
 
 def _fill_stranger(case: Case, i: int, random: np.random.Generator) -> Case:
     name, strength = NAMES[7 * i % len(NAMES)], float(random.uniform(0.2, 1.0))
-    return replace(case, strangers={name: stranger_values(name, strength, random)}, strength=strength)
+    return replace(case, strangers={name: sample_unknown_fault(name, strength, random)}, strength=strength)
 
 
 def _fill_wrong_law(case: Case, i: int, random: np.random.Generator) -> Case:
-    uneven = drawn_uneven(i, random)
+    uneven = draw_uneven(i, random)
     strength = float(random.uniform(0.4, 1.0))
-    return replace(case, effects={uneven.effect: values_of(uneven.effect, strength, random)}, strength=strength, uneven=uneven)
+    return replace(case, effects={uneven.effect: sample_values(uneven.effect, strength, random)}, strength=strength, uneven=uneven)
 
 
 def _fill_approximate(case: Case, i: int, random: np.random.Generator) -> Case:
-    uneven = drawn_approximate(i, random)
+    uneven = draw_approximate(i, random)
     strength = float(random.uniform(0.4, 1.0))
-    return replace(case, effects={uneven.effect: values_of(uneven.effect, strength, random)}, strength=strength, uneven=uneven)
+    return replace(case, effects={uneven.effect: sample_values(uneven.effect, strength, random)}, strength=strength, uneven=uneven)
 
 
 def _fill_triple(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001
     strength = float(random.uniform(0.4, 1.0))
     while True:
-        names = tuple(tuple(SPANS)[j] for j in random.choice(len(SPANS), 3, replace=False))
+        names = tuple(tuple(SIZE_RANGES)[j] for j in random.choice(len(SIZE_RANGES), 3, replace=False))
         if not any(set(pair) in NEVER_TOGETHER for pair in combinations(names, 2)):
-            return replace(case, effects={name: values_of(name, strength, random) for name in names}, strength=strength)
+            return replace(case, effects={name: sample_values(name, strength, random) for name in names}, strength=strength)
 
 
 def _fill_poor_data(case: Case, i: int, random: np.random.Generator) -> Case:
     """A campaign of one stroke; half of these have no hidden effect."""
     single = replace(case, design=ONE_STROKE)
-    return single if i % 2 == 0 else _fill_single(single, int(random.integers(len(SPANS) * LEVELS)), random)
+    return single if i % 2 == 0 else _fill_single(single, int(random.integers(len(SIZE_RANGES) * LEVELS)), random)
 
 
 def _fill_mislabelled(case: Case, i: int, random: np.random.Generator) -> Case:  # noqa: ARG001

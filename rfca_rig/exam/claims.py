@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.answer import Claim, Said
+from rfca_rig.exam.answer import Claim, ParsedDiagnosis
 from rfca_rig.exam.outcome import Truth
-from rfca_rig.exam.sizes import SPANS
+from rfca_rig.exam.sizes import SIZE_RANGES
 
 Array = NDArray[Any]
 
@@ -21,7 +21,7 @@ PROBABILITY_FLOOR = 1e-3
 NINETY_PERCENT = 1.645
 WHOLE_NUMBERS = ("hinge",)
 
-Judged = Sequence[tuple[Truth, Said]]
+Judged = Sequence[tuple[Truth, ParsedDiagnosis]]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class ClaimCalibration:
 
 
 @dataclass(frozen=True)
-class Values:
+class ParameterAccuracy:
     """Errors and coverage over the parameters of rightly named effects, as fractions of 1."""
 
     count: int
@@ -103,14 +103,14 @@ def calibration_error(probability: Array, true: Array, least: float = 0.0, bins:
     return float(sum(abs(probability[place == b].sum() - true[place == b].sum()) for b in range(bins)) / len(true))
 
 
-def values(judged: Judged) -> Values:
+def values(judged: Judged) -> ParameterAccuracy:
     """Errors of the parameters of effects that are named by their own id, in cases whose true law is the catalogue's."""
     found = [each for truth, answer in judged if not truth.lawless for claim in answer.named for each in parameter_errors(truth, claim)]
     if not found:
-        return Values(0, np.nan, np.nan)
+        return ParameterAccuracy(0, np.nan, np.nan)
     errors, covered = zip(*found, strict=True)
     inside = [each for each in covered if each is not None]
-    return Values(len(errors), float(np.median(errors)), float(np.mean(inside)) if inside else np.nan)
+    return ParameterAccuracy(len(errors), float(np.median(errors)), float(np.mean(inside)) if inside else np.nan)
 
 
 def parameter_errors(truth: Truth, claim: Claim) -> list[tuple[float, bool | None]]:
@@ -126,6 +126,6 @@ def _error(effect: str, name: str, true: float, found: tuple[float, float]) -> t
     value, std = found
     if name in WHOLE_NUMBERS:
         return float(round(value) != round(true)), None
-    span = SPANS.get(effect, {}).get(name)
+    span = SIZE_RANGES.get(effect, {}).get(name)
     size = abs(true - (span.around if span else 0.0))
     return abs(value - true) / size, abs(value - true) <= NINETY_PERCENT * std

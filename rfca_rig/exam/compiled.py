@@ -21,7 +21,7 @@ def _folder() -> str:
     return str(Path(parent) / f"exam-{hashlib.sha256(content).hexdigest()[:16]}")
 
 
-def compiled(function: Function) -> Function:
+def jit_cached(function: Function) -> Function:
     """The function, compiled on first use and cached on disk; a division by zero gives inf, as in numpy."""
     # numba reads the cache folder when it decorates, so the setting is needed only meanwhile and other packages keep theirs.
     settings = cast(Any, numba.config)
@@ -32,6 +32,6 @@ def compiled(function: Function) -> Function:
         settings.CACHE_DIR = before
 
 
-def internal(function: Function) -> Function:
+def jit_internal(function: Function) -> Function:
     """The same for compiled callers only. Called from the interpreter, the function runs as plain Python."""
     return cast(Function, _jitable(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))

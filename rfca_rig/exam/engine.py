@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.exam.engine_step import BENT, run
+from rfca_rig.exam.engine_step import FIRST_ANGLE, run
 from rfca_rig.exam.world import GRAVITY_M_S2, World
 
 Floats = NDArray[np.float64]
@@ -25,7 +25,7 @@ RELEASED_S = -0.6
 class Traces:
     """True signals of one simulation, before the sensor.
 
-    All are (m,) at the times `t_s`, except `bent_rad` (m, 7), the angles of the shaft and of the six hinges. `force_y_N` and
+    All are (m,) at the times `t_s`, except `joint_angles_rad` (m, 7), the angles of the shaft and of the six hinges. `force_y_N` and
     `force_d_N` are the force of the mount on the leg, along y and d (downwards).
     """
 
@@ -36,7 +36,7 @@ class Traces:
     motor_torque_Nm: Floats
     motor_angle_rad: Floats
     motor_speed_rad_s: Floats
-    bent_rad: Floats
+    joint_angles_rad: Floats
 
 
 def simulate(world: World, knots: Floats, t_s: Floats, width_s: float = 1e-4, step_s: float = STEP_S) -> Traces:
@@ -72,12 +72,12 @@ def simulate(world: World, knots: Floats, t_s: Floats, width_s: float = 1e-4, st
     half = max(round(0.5 * width_s / step_s), 1)
     # Step k covers k to k + 1 steps after the release. These 2 * half steps are therefore symmetric about the sample.
     window = np.round(middle)[:, None] + np.array([-half, half - 1])
-    out = np.zeros((len(t_s), BENT + rod.shape[1]))
+    out = np.zeros((len(t_s), FIRST_ANGLE + rod.shape[1]))
     steps = int(window[-1, 1]) + 1
     if not run(rod, _hinge(world), _floor(world), drive, mount, knots, phi, motor, RELEASED_S, step_s, steps, window, out):
         raise SimulationFailed(f"the exam's simulator left the finite numbers {1e3 * world.mount.height_m:.0f} mm above the ground")
-    fy, fd, leg, torque, angle, speed = out[:, :BENT].T
-    return Traces(t_s, fy, fd, leg, torque, angle, speed, out[:, BENT:])
+    fy, fd, leg, torque, angle, speed = out[:, :FIRST_ANGLE].T
+    return Traces(t_s, fy, fd, leg, torque, angle, speed, out[:, FIRST_ANGLE:])
 
 
 # The order is that of the entries of `drive` in engine_drive.

@@ -6,7 +6,7 @@ The plane has y along the floor and d downwards; angles grow from y towards d. B
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import internal
+from rfca_rig.exam.compiled import jit_internal
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ FY, FD, MOMENT = range(3)
 SY, SD = range(2)
 
 
-@internal
+@jit_internal
 def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, pose: Floats) -> None:
     """Fill `pose` (9, n + 1) with positions, velocities and centripetal accelerations of all joints, from angles and rates (n,).
 
@@ -43,7 +43,7 @@ def place_bodies(rod: Floats, phi: Floats, w: Floats, frame: bool, lean: float, 
         pose[AY, k + 1], pose[AD, k + 1] = pose[AY, k] - L * c * spin * spin, pose[AD, k] - L * s * spin * spin
 
 
-@internal
+@jit_internal
 def gather(
     rod: Floats, pose: Floats, load: Floats, gravity_y: float, gravity_d: float, lean: float, M: Floats, bias: Floats, lump: Floats
 ) -> None:
@@ -76,7 +76,7 @@ def gather(
     M[n, n], bias[n], bias[n + 1], bias[n + 2] = mass, fd * np.cos(lean) + fy * np.sin(lean), fd, fy
 
 
-@internal
+@jit_internal
 def solve_between(A: Floats, x: Floats, first: int, end: int) -> None:
     """Solve A[first:end, first:end] x = x in place by Cholesky; A (n, n) is symmetric, its lower triangle is read and overwritten."""
     # The diagonal keeps the reciprocal of each root: the two substitutions then multiply instead of divide.

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import internal
+from rfca_rig.exam.compiled import jit_internal
 from rfca_rig.exam.engine_body import COS, FD, FY, MOMENT, SIN, SPIN, VD, VY, D, Y
 from rfca_rig.exam.engine_hinge import dahl
 
@@ -53,7 +53,7 @@ ROUNDS, FOUND_M = 40, 1e-12
 ELASTIC_SHARE = 0.7
 
 
-@internal
+@jit_internal
 def normal_force(floor: Floats, depth: float, rate: float) -> float:
     """Normal force in N by Hunt and Crossley, less the adhesion; `rate` in m/s is positive while the depth grows.
 
@@ -69,7 +69,7 @@ def normal_force(floor: Floats, depth: float, rate: float) -> float:
     return float(force)
 
 
-@internal
+@jit_internal
 def friction_limit(floor: Floats, slip: float, share: float) -> float:
     """Friction coefficient at a slip speed in m/s; the sign of `share`, the friction in use, gives the direction. `floor` is (30,)."""
     mu = floor[MU]
@@ -79,7 +79,7 @@ def friction_limit(floor: Floats, slip: float, share: float) -> float:
     return float(mu * floor[BACKWARD] if share < 0.0 else mu)
 
 
-@internal
+@jit_internal
 def elevation(floor: Floats, y: float) -> tuple[float, float]:
     """Height of the floor (30,) at `y` above its level at the shaft, in m, and its slope."""
     rise, slope = floor[SLOPE] * y, floor[SLOPE]
@@ -91,8 +91,8 @@ def elevation(floor: Floats, y: float) -> tuple[float, float]:
     return rise, slope
 
 
-@internal
-def touched_at(floor: Floats, radius: float, y: float, d: float) -> float:
+@jit_internal
+def find_contact(floor: Floats, radius: float, y: float, d: float) -> float:
     """The y in m at which the floor is nearest to a circle with centre (y, d): there the floor's normal passes through the centre."""
     at, up = y, floor[HEIGHT] - d
     # A straight floor needs no search, and a circle far above the bump cannot touch it.
@@ -106,16 +106,16 @@ def touched_at(floor: Floats, radius: float, y: float, d: float) -> float:
     return at
 
 
-@internal
-def less_lever(floor: Floats, depth: float) -> float:
+@jit_internal
+def lever_reduction(floor: Floats, depth: float) -> float:
     """By how much, in m, friction's lever is shorter than the circle's radius at this penetration depth in m; `floor` is (30,)."""
     if floor[LEVER_POWER] == 1.0:
         return float(floor[LEVER] * depth)
     return float(floor[LEVER] * TYPICAL_DEPTH_M * (depth / TYPICAL_DEPTH_M) ** floor[LEVER_POWER])
 
 
-@internal
-def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: float, keep: bool, load: Floats) -> None:
+@jit_internal
+def add_contact_forces(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: float, keep: bool, load: Floats) -> None:
     """Add the floor's forces at all link ends to `load` (3, n), from the `pose` (9, n + 1).
 
     With `keep`, update `used` (n,) instead, the share of friction in use at each end; `seconds` is the time since its last update.
@@ -123,7 +123,7 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
     n = load.shape[1]
     for k in range(n):
         y, d = pose[Y, k + 1], pose[D, k + 1]
-        at = touched_at(floor, radius, y, d)
+        at = find_contact(floor, radius, y, d)
         rise, slope = elevation(floor, at)
         cos = 1.0 / np.sqrt(1.0 + slope * slope)
         sin = slope * cos
@@ -134,7 +134,7 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
                 used[k] = 0.0
             continue
         rate = pose[VY, k + 1] * sin + (pose[VD, k + 1] + floor[SHAKING]) * cos
-        lever = radius - less_lever(floor, depth)
+        lever = radius - lever_reduction(floor, depth)
         slip = pose[VY, k + 1] * cos - pose[VD, k + 1] * sin - lever * pose[SPIN, k]
         share = dahl(used[k], slip * seconds, ELASTIC_SHARE * floor[PRESLIDING])
         if keep:
@@ -150,16 +150,16 @@ def press(floor: Floats, radius: float, pose: Floats, used: Floats, seconds: flo
         load[MOMENT, k] -= lever * F
 
 
-@internal
-def shake(floor: Floats, t: float) -> None:
+@jit_internal
+def update_shaking(floor: Floats, t: float) -> None:
     """Store the displacement and speed of a shaking floor at time `t` in `floor` (30,)."""
     if floor[SHAKE] != 0.0:
         rate = 2.0 * np.pi * floor[SHAKE_HZ]
         floor[SHAKEN], floor[SHAKING] = floor[SHAKE] * np.sin(rate * t), rate * floor[SHAKE] * np.cos(rate * t)
 
 
-@internal
-def attract(floor: Floats, radius: float, pose: Floats, load: Floats) -> None:
+@jit_internal
+def add_magnet_force(floor: Floats, radius: float, pose: Floats, load: Floats) -> None:
     """Add the pull of a magnet under the floor on the tip to `load` (3, n)."""
     if floor[MAGNET] != 0.0:
         n = load.shape[1]
@@ -167,8 +167,8 @@ def attract(floor: Floats, radius: float, pose: Floats, load: Floats) -> None:
         load[FD, n - 1] += floor[MAGNET] / (1.0 + gap / floor[REACH]) ** 2
 
 
-@internal
-def drag(coefficient: float, power: float, length: Floats, pose: Floats, load: Floats) -> None:
+@jit_internal
+def add_drag(coefficient: float, power: float, length: Floats, pose: Floats, load: Floats) -> None:
     """Add the drag across each rod to `load` (3, n): at its middle, with `power` of the speed there.
 
     `coefficient` is the drag per length at 1 m/s; `length` is (n,).

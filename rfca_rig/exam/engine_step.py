@@ -6,44 +6,44 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import compiled, internal
+from rfca_rig.exam.compiled import jit_cached, jit_internal
 from rfca_rig.exam.engine_body import LENGTH, SD, SY, gather, place_bodies, solve_between
 from rfca_rig.exam.engine_drive import (
+    COMMAND_ANGLE,
+    COMMAND_SPEED,
     KP,
+    MOTOR_ANGLE,
+    MOTOR_SPEED,
     ROTOR,
     SHAFT,
-    TOLD,
-    TOLD_SPEED,
-    TURNED,
-    TURNING,
     advance_command,
-    cable,
-    pushed,
+    cable_drag_torque,
+    pi_torque,
+    shaft_torque,
     turn_rotor,
-    twist,
 )
-from rfca_rig.exam.engine_floor import attract, drag, press, shake
-from rfca_rig.exam.engine_hinge import DAMPING, QUADRATIC, TENDON, hinge_torque, remember_hinge
+from rfca_rig.exam.engine_floor import add_contact_forces, add_drag, add_magnet_force, update_shaking
+from rfca_rig.exam.engine_hinge import DAMPING, QUADRATIC, TENDON, hinge_torque, update_hinge_memory
 
 Floats = NDArray[np.float64]
 
 # entries of `mount` (10)
 RADIUS, LINK_DRAG, DRAG_POWER, GRAVITY_Y, GRAVITY_D, FRAME_MASS, FRAME_STIFFNESS, FRAME_DAMPING, FRAME_LEAN, FRAME_FELT = range(10)
 # columns of the samples: forces on the mount, torque into the leg and of the motor, the motor's angle and speed, then n angles
-FORCE_Y, FORCE_D, LEG_TORQUE, MOTOR_TORQUE, ANGLE, SPEED, BENT = range(7)
+FORCE_Y, FORCE_D, LEG_TORQUE, MOTOR_TORQUE, ANGLE, SPEED, FIRST_ANGLE = range(7)
 
 
-@internal
+@jit_internal
 def load_bodies(rod: Floats, mount: Floats, floor: Floats, pose: Floats, used: Floats, h: float, load: Floats) -> None:
     """Set `load` (3, n) to all external forces at the middle of a step, from the `pose` (9, n + 1) there."""
     load[:] = 0.0
-    press(floor, mount[RADIUS], pose, used, 0.5 * h, False, load)
-    attract(floor, mount[RADIUS], pose, load)
-    drag(mount[LINK_DRAG], mount[DRAG_POWER], rod[LENGTH], pose, load)
+    add_contact_forces(floor, mount[RADIUS], pose, used, 0.5 * h, False, load)
+    add_magnet_force(floor, mount[RADIUS], pose, load)
+    add_drag(mount[LINK_DRAG], mount[DRAG_POWER], rod[LENGTH], pose, load)
 
 
-@internal
-def resist(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> None:
+@jit_internal
+def add_hinge_torques(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> None:
     """Subtract the hinge torques from `x` (n,) and add their implicit damping to the diagonal of `M` (n, n)."""
     bent = 0.0
     for i in range(1, hinge.shape[0]):
@@ -56,8 +56,8 @@ def resist(hinge: Floats, memory: Floats, phi: Floats, w: Floats, h: float, M: F
         M[i, i] += 0.5 * h * (damping + quadratic)
 
 
-@internal
-def yield_frame(mount: Floats, hanging: float, phi: Floats, w: Floats, h: float, n: int, M: Floats, x: Floats) -> None:
+@jit_internal
+def add_frame_terms(mount: Floats, hanging: float, phi: Floats, w: Floats, h: float, n: int, M: Floats, x: Floats) -> None:
     """Add the frame's terms to row n of `M` (n + 1, n + 1) and `x` (n + 1,), if there is a frame.
 
     It is at rest at zero under the hanging leg.
@@ -68,28 +68,28 @@ def yield_frame(mount: Floats, hanging: float, phi: Floats, w: Floats, h: float,
     x[n] -= hanging + mount[FRAME_STIFFNESS] * phi[n] + mount[FRAME_DAMPING] * w[n]
 
 
-@internal
+@jit_internal
 def drive_shaft(drive: Floats, motor: Floats, told: float, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> float:
     """Add the torque on a shaft that is free to turn to row 0 of `M` (n, n) and `x` (n,).
 
     `told` is the commanded angle before the step. Returns the torque at mid-step without its implicit part.
     """
     if drive[SHAFT] != 0.0:
-        angle, speed = motor[TURNED] + 0.5 * h * motor[TURNING], motor[TURNING]
+        angle, speed = motor[MOTOR_ANGLE] + 0.5 * h * motor[MOTOR_SPEED], motor[MOTOR_SPEED]
         # Without a controller the motor follows the command exactly.
         if drive[KP] == 0.0:
-            angle, speed = 0.5 * (told + motor[TOLD]), (motor[TOLD] - told) / h
-        torque, rising = twist(drive, angle - phi[0], speed - w[0])
+            angle, speed = 0.5 * (told + motor[COMMAND_ANGLE]), (motor[COMMAND_ANGLE] - told) / h
+        torque, rising = shaft_torque(drive, angle - phi[0], speed - w[0])
         M[0, 0] += 0.5 * h * rising
     else:
         # A rigid shaft: the rotor's inertia turns with the leg.
-        torque, falling = pushed(drive, motor, told, phi[0], w[0], h)
+        torque, falling = pi_torque(drive, motor, told, phi[0], w[0], h)
         M[0, 0] += drive[ROTOR] + 0.5 * h * falling
     x[0] += torque
     return torque
 
 
-@internal
+@jit_internal
 def drift(phi: Floats, w: Floats, gained: Floats, h: float, rate: Floats) -> None:
     """Half a step of `phi` (n,) at the old rates `w` (n,); `rate` (n,) becomes the rates predicted for mid-step.
 
@@ -101,7 +101,7 @@ def drift(phi: Floats, w: Floats, gained: Floats, h: float, rate: Floats) -> Non
         rate[i] = w[i] + 0.5 * gained[i]
 
 
-@internal
+@jit_internal
 def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) -> None:
     """Set the lower triangle of `A` (n, n) to M and `x` (n,) to the generalised forces; hinges and drive are added later."""
     for i in range(x.size):
@@ -111,7 +111,7 @@ def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) 
     x[0] += cable_torque
 
 
-@internal
+@jit_internal
 def solve(drive: Floats, motor: Floats, told: float, held: bool, phi: Floats, w: Floats, h: float, A: Floats, x: Floats) -> float:
     """Solve for the accelerations, into `x` (n,).
 
@@ -122,7 +122,7 @@ def solve(drive: Floats, motor: Floats, told: float, held: bool, phi: Floats, w:
         solve_between(A, x, 0, x.size)
         return torque
     # The shaft reaches the commanded speed at the end of the step. Its column moves to the right-hand side.
-    known = (motor[TOLD_SPEED] - w[0]) / h
+    known = (motor[COMMAND_SPEED] - w[0]) / h
     for i in range(1, x.size):
         x[i] -= A[i, 0] * known
     solve_between(A, x, 1, x.size)
@@ -130,7 +130,7 @@ def solve(drive: Floats, motor: Floats, told: float, held: bool, phi: Floats, w:
     return 0.0
 
 
-@internal
+@jit_internal
 def kick(hinge: Floats, memory: Floats, x: Floats, h: float, phi: Floats, w: Floats, gained: Floats) -> None:
     """Advance the rates `w` (n,) by the accelerations `x` (n,), the angles `phi` (n,) by half a step, and the hinges' `memory` (n, 3)."""
     for i in range(phi.size):
@@ -140,10 +140,10 @@ def kick(hinge: Floats, memory: Floats, x: Floats, h: float, phi: Floats, w: Flo
         w[i] += gained[i]
         phi[i] += 0.5 * h * w[i]
         if 0 < i < hinge.shape[0]:
-            remember_hinge(phi[i], moved, h, hinge, memory, i)
+            update_hinge_memory(phi[i], moved, h, hinge, memory, i)
 
 
-@compiled
+@jit_cached
 def run(
     rod: Floats,
     hinge: Floats,
@@ -179,36 +179,36 @@ def run(
     frame, held, row = size > n, drive[SHAFT] == 0.0 and drive[KP] == 0.0, 0
     w, gained, rate, x, bias = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(n + 3)
     M, A, pose, load, lump = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1)), np.zeros((9, n + 1)), np.zeros((3, n)), np.zeros((2, n))
-    memory, used, now = np.zeros((n, 3)), np.zeros(n), np.zeros(BENT + n)
+    memory, used, now = np.zeros((n, 3)), np.zeros(n), np.zeros(FIRST_ANGLE + n)
     lean = mount[FRAME_LEAN]
-    # Weight along the frame's line. It is subtracted in `yield_frame`, so that zero is the frame's rest under the leg.
+    # Weight along the frame's line. It is subtracted in `add_frame_terms`, so that zero is the frame's rest under the leg.
     hanging = rod[1].sum() * (mount[GRAVITY_D] * np.cos(lean) + mount[GRAVITY_Y] * np.sin(lean))
     for step in range(steps):
         # `advance_command` overwrites this, and the controller needs the command on both sides of the step.
-        command_before = motor[TOLD]
+        command_before = motor[COMMAND_ANGLE]
         advance_command(drive, knots, motor, t0 + step * h, h)
         drift(phi, w, gained, h, rate)
-        shake(floor, t0 + (step + 0.5) * h)
+        update_shaking(floor, t0 + (step + 0.5) * h)
         place_bodies(rod, phi, rate, frame, lean, pose)
         load_bodies(rod, mount, floor, pose, used, h, load)
         gather(rod, pose, load, mount[GRAVITY_Y], mount[GRAVITY_D], lean, M, bias, lump)
-        pulled = cable(drive, phi[0], rate[0])
+        pulled = cable_drag_torque(drive, phi[0], rate[0])
         balance(M, bias, pulled, A, x)
-        resist(hinge, memory, phi, w, h, A, x)
-        yield_frame(mount, hanging, phi, w, h, n, A, x)
+        add_hinge_torques(hinge, memory, phi, w, h, A, x)
+        add_frame_terms(mount, hanging, phi, w, h, n, A, x)
         torque = solve(drive, motor, command_before, held, phi, w, h, A, x)
         # Friction states move only after the solve: all forces of a step start from the same memory.
-        press(floor, mount[RADIUS], pose, used, h, True, load)
+        add_contact_forces(floor, mount[RADIUS], pose, used, h, True, load)
         # Before the kick: the angles and the forces of a sample belong to the same instant, the middle of the step.
-        feel(M, bias, lump, x, frame, mount, pulled, phi, now)
+        compute_reactions(M, bias, lump, x, frame, mount, pulled, phi, now)
         kick(hinge, memory, x, h, phi, w, gained)
         report_motor(drive, motor, command_before, torque, held, phi, w, h, now)
         row = sample(now, step, row, window, out)
     return bool(np.isfinite(phi).all())
 
 
-@internal
-def feel(
+@jit_internal
+def compute_reactions(
     M: Floats, bias: Floats, lump: Floats, a: Floats, frame: bool, mount: Floats, cable_torque: float, phi: Floats, now: Floats
 ) -> None:
     """Write the force of the mount on the leg, the torque into the leg and the mid-step angles into `now` (6 + n,).
@@ -221,7 +221,7 @@ def feel(
         fy -= lump[SD, j] * a[j]
         fd += lump[SY, j] * a[j]
         torque += M[j, 0] * a[j]
-        now[BENT + j] = phi[j]
+        now[FIRST_ANGLE + j] = phi[j]
     if frame:
         carried = (M[n, n] + mount[FRAME_FELT] * mount[FRAME_MASS]) * a[n]
         fd += carried * np.cos(mount[FRAME_LEAN])
@@ -230,7 +230,7 @@ def feel(
     now[FORCE_Y], now[FORCE_D], now[LEG_TORQUE] = fy, fd, torque
 
 
-@internal
+@jit_internal
 def report_motor(
     drive: Floats, motor: Floats, told: float, torque: float, held: bool, phi: Floats, w: Floats, h: float, now: Floats
 ) -> None:
@@ -242,13 +242,13 @@ def report_motor(
     if not held and drive[SHAFT] != 0.0 and drive[KP] != 0.0:
         now[MOTOR_TORQUE] = turn_rotor(drive, motor, told, torque, h)
     elif held or drive[SHAFT] != 0.0:
-        motor[TURNED], motor[TURNING] = motor[TOLD], motor[TOLD_SPEED]
+        motor[MOTOR_ANGLE], motor[MOTOR_SPEED] = motor[COMMAND_ANGLE], motor[COMMAND_SPEED]
     else:
-        motor[TURNED], motor[TURNING] = phi[0], w[0]
-    now[ANGLE], now[SPEED] = motor[TURNED], motor[TURNING]
+        motor[MOTOR_ANGLE], motor[MOTOR_SPEED] = phi[0], w[0]
+    now[ANGLE], now[SPEED] = motor[MOTOR_ANGLE], motor[MOTOR_SPEED]
 
 
-@internal
+@jit_internal
 def sample(now: Floats, step: int, row: int, window: Floats, out: Floats) -> int:
     """Add this step's `now` (6 + n,) to the rows of `out` whose `window` (m, 2) it lies in; returns the first incomplete row."""
     for i in range(row, out.shape[0]):

@@ -10,13 +10,13 @@ from pathlib import Path
 from rfca_rig.clock import Clock
 from rfca_rig.errors import BadInput, RigError, SimulationFailed
 from rfca_rig.exam.plan import ExamPlan
-from rfca_rig.exam.score import Marks
-from rfca_rig.exam.scoring import mark
+from rfca_rig.exam.score import ExamScores
+from rfca_rig.exam.scoring import score_folder
 from rfca_rig.exam.write import write_all
 from rfca_rig.executors.base import InProcessExecutor, TaskExecutor
-from rfca_rig.executors.mapping import Failed, map_unordered
-from rfca_rig.progress import Told, silent
-from rfca_rig.recording.atomic_dir import see_afresh, sweep_out, whole
+from rfca_rig.executors.mapping import TaskFailure, map_unordered
+from rfca_rig.progress import ProgressReport, ignore_named_progress
+from rfca_rig.recording.atomic_dir import atomic_directory, refresh_nfs_cache, remove_leftovers
 
 DIAGNOSES, CRASHES, REFUSAL, SECONDS = "diagnoses", "crashed", "refused.txt", "seconds.txt"
 
@@ -34,8 +34,8 @@ def examine(
     diagnose: Diagnose,
     executor: TaskExecutor | None = None,
     clocks: Clocks | None = None,
-    told: Told = silent,
-) -> Marks:
+    told: ProgressReport = ignore_named_progress,
+) -> ExamScores:
     """Score `diagnose` on newly written cases.
 
     Parameters
@@ -66,25 +66,30 @@ def examine(
     """
     executor = executor or InProcessExecutor()
     campaigns = write_all(folder, ExamPlan(seed, numbers), executor, told)
-    answer_all(campaigns, folder, diagnose, executor, clocks, told)
-    return mark(folder, folder / DIAGNOSES)
+    diagnose_campaigns(campaigns, folder, diagnose, executor, clocks, told)
+    return score_folder(folder, folder / DIAGNOSES)
 
 
-def answer_all(
-    campaigns: Sequence[Path], folder: Path, diagnose: Diagnose, executor: TaskExecutor, clocks: Clocks | None = None, told: Told = silent
+def diagnose_campaigns(
+    campaigns: Sequence[Path],
+    folder: Path,
+    diagnose: Diagnose,
+    executor: TaskExecutor,
+    clocks: Clocks | None = None,
+    told: ProgressReport = ignore_named_progress,
 ) -> None:
     """Diagnose each campaign that has no diagnosis yet. Raises RigError where one crashes, after the others are done."""
     diagnoses = folder / DIAGNOSES
     diagnoses.mkdir(exist_ok=True)
-    sweep_out(diagnoses)
+    remove_leftovers(diagnoses)
     to_answer = [campaign.resolve() for campaign in campaigns if not (diagnoses / campaign.name).is_dir()]
     before = len(campaigns) - len(to_answer)
     told("campaigns diagnosed", before, len(campaigns))
-    crashed: dict[str, Failed] = {}
-    work = partial(answer, diagnoses.resolve(), diagnose, clocks)
+    crashed: dict[str, TaskFailure] = {}
+    work = partial(diagnose_campaign, diagnoses.resolve(), diagnose, clocks)
     for number, (campaign, result) in enumerate(map_unordered(executor, work, to_answer), start=before + 1):
         _keep(result, folder / CRASHES / f"{campaign.name}.txt")
-        if isinstance(result, Failed):
+        if isinstance(result, TaskFailure):
             crashed[campaign.name] = result
         told("campaigns diagnosed", number, len(campaigns))
     if crashed:
@@ -94,13 +99,13 @@ def answer_all(
             f"nothing is marked; {folder / CRASHES} shows where, the same command tries them again"
         )
     # Other machines may have written these files: the local view of a network folder may be old.
-    see_afresh(diagnoses)
+    refresh_nfs_cache(diagnoses)
 
 
-def answer(diagnoses: Path, diagnose: Diagnose, clocks: Clocks | None, campaign: Path) -> None:
+def diagnose_campaign(diagnoses: Path, diagnose: Diagnose, clocks: Clocks | None, campaign: Path) -> None:
     """Diagnose one campaign and write the duration beside it, atomically."""
     clock = clocks() if clocks else None
-    with whole(diagnoses / campaign.name) as into:
+    with atomic_directory(diagnoses / campaign.name) as into:
         try:
             diagnose(campaign, into)
         except (BadInput, SimulationFailed) as error:
@@ -110,7 +115,7 @@ def answer(diagnoses: Path, diagnose: Diagnose, clocks: Clocks | None, campaign:
             (into / SECONDS).write_text(f"{clock.now_s():.1f}\n", encoding="utf-8")
 
 
-def _keep(result: Failed | None, path: Path) -> None:
+def _keep(result: TaskFailure | None, path: Path) -> None:
     """Write the traceback of a crash, or delete an older one once the case is answered."""
     path.unlink(missing_ok=True)
     if result is not None:

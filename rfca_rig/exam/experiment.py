@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.exam.engine import Traces, simulate
-from rfca_rig.exam.sensor import Noise, felt, recorded
+from rfca_rig.exam.sensor import Noise, record_columns, sense
 from rfca_rig.exam.world import HINGES, World
 
 Floats = NDArray[np.float64]
@@ -54,9 +54,9 @@ def stroke_traces(world: World, speed_rad_s: float, step_s: float = STEP_S) -> T
     return simulate(world, knots, t_s, step_s=step_s)
 
 
-def stroke(world: World, speed_rad_s: float, noise: Noise, random: np.random.Generator) -> dict[str, Floats]:
+def record_stroke(world: World, speed_rad_s: float, noise: Noise, random: np.random.Generator) -> dict[str, Floats]:
     """One recorded stroke, as columns (m,) by name."""
-    return recorded(world, stroke_traces(world, speed_rad_s), noise, random)
+    return record_columns(world, stroke_traces(world, speed_rad_s), noise, random)
 
 
 def static_table(
@@ -70,19 +70,19 @@ def static_table(
     The sensor is tared at each stage and averages for a while, so lag, ringing, clock, drift and hum do not show.
     """
     angles = tuple(angle for angle, _ in stages)
-    knots, read_s = staged(world.drive.start_angle_rad, angles, ramp_s)
+    knots, read_s = plan_stages(world.drive.start_angle_rad, angles, ramp_s)
     traces = simulate(world, knots, read_s, width_s=READ_S, step_s=STEP_S)
     steady = replace(
         world, sensing=replace(world.sensing, lag_s=0.0, clock_offset_s=0.0, clock_rate=0.0, ringing_Hz=0.0, drift_N_per_s=0.0, hum_N=0.0)
     )
-    fy, fz, tx = felt(steady, traces)
+    fy, fz, tx = sense(steady, traces)
     return [
         ExamStage(
             height_mm=stated_height_mm,
             stage=i + 1,
             direction=stages[i][1],
             shaft_angle_rad=float(traces.motor_angle_rad[i] + random.normal(0.0, 1e-4)),
-            hinge_deg=tuple(np.degrees(traces.bent_rad[i, 1:]) + random.normal(0.0, PHOTO_DEG, HINGES)),
+            hinge_deg=tuple(np.degrees(traces.joint_angles_rad[i, 1:]) + random.normal(0.0, PHOTO_DEG, HINGES)),
             fy_N=float(fy[i] + random.normal(0.0, STATIC_NOISE.fy_N)),
             fz_N=float(fz[i] + random.normal(0.0, STATIC_NOISE.fz_N)),
             tx_Nm=float(tx[i] + random.normal(0.0, STATIC_NOISE.tx_Nm)),
@@ -91,7 +91,7 @@ def static_table(
     ]
 
 
-def staged(start_rad: float, angles_rad: tuple[float, ...], ramp_s: float) -> tuple[Floats, Floats]:
+def plan_stages(start_rad: float, angles_rad: tuple[float, ...], ramp_s: float) -> tuple[Floats, Floats]:
     """Knots (2, m) of times and speeds of a shaft that goes from angle to angle and rests at each, and mid-times of the readings (k,)."""
     times, speeds, read_s, now, here = [0.0], [0.0], [], 0.0, start_rad
     for angle in angles_rad:

@@ -17,24 +17,24 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.exam.answer import NAMED, NOTHING, read_said
-from rfca_rig.exam.cases import POOR_DATA, Case, drawn_cases
+from rfca_rig.exam.answer import NAMED, NOTHING, read_diagnosis
+from rfca_rig.exam.cases import POOR_DATA, Case, draw_cases
 from rfca_rig.exam.examine import DIAGNOSES, Diagnose
-from rfca_rig.exam.outcome import DETECTABLE, RIGHT, Truth, outcome, truth_in
+from rfca_rig.exam.outcome import DETECTABLE, RIGHT, Truth, outcome, parse_truth
 from rfca_rig.exam.plan import read_plan
-from rfca_rig.exam.runner import worked_off
+from rfca_rig.exam.runner import run_jobs
 from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.simulate_campaign import add_experiment
 from rfca_rig.exam.write import CAMPAIGNS
 from rfca_rig.executors.base import TaskExecutor
-from rfca_rig.progress import Told, silent
+from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic import write_atomically
 
 FOLDER, RESULT = "follow-ups", "follow-up.json"
 PROPOSED, RANDOM = ARMS = ("proposed", "by lot")
 # Number of experiments after which a case counts as not settled.
-MOST = 4
+MAX_EXPERIMENTS = 4
 HEIGHTS_MM, SPEEDS_RAD_S, REPEATS = tuple(np.arange(195.0, 236.0, 5.0)), (1.0, 1.5, 2.0, 2.4), 3
 # Share of static tables among the random experiments.
 RANDOM_STATIC_SHARE = 0.3
@@ -54,16 +54,16 @@ class FollowUp:
     said: str
 
 
-def follow_up(folder: Path, diagnose: Diagnose, executor: TaskExecutor, told: Told = silent) -> None:
+def follow_up(folder: Path, diagnose: Diagnose, executor: TaskExecutor, told: ProgressReport = ignore_named_progress) -> None:
     """Follow all open cases of a finished exam in both arms, into `folder`/follow-ups. Finished ones are kept.
 
     Raises RigError where one fails, after the others are done.
     """
     plan = read_plan(folder)
-    cases = {case.id: case for case in drawn_cases(plan.seed, plan.numbers) if isinstance(case, Case) and case.kind == POOR_DATA}
-    truths = {truth["case"]: truth_in(truth) for truth in open_all(folder) if truth["case"] in cases}
+    cases = {case.id: case for case in draw_cases(plan.seed, plan.numbers) if isinstance(case, Case) and case.kind == POOR_DATA}
+    truths = {truth["case"]: parse_truth(truth) for truth in open_all(folder) if truth["case"] in cases}
     jobs = [(case, truths[id_], arm) for id_, case in cases.items() for arm in ARMS]
-    worked_off(executor, partial(followed, folder.resolve(), diagnose), jobs, _case_and_arm, "open cases followed", told)
+    run_jobs(executor, partial(follow_case, folder.resolve(), diagnose), jobs, _case_and_arm, "open cases followed", told)
 
 
 def _case_and_arm(job: tuple[Case, Truth, str]) -> str:
@@ -71,7 +71,7 @@ def _case_and_arm(job: tuple[Case, Truth, str]) -> str:
     return f"{case.id} ({arm})"
 
 
-def followed(folder: Path, diagnose: Diagnose, job: tuple[Case, Truth, str]) -> FollowUp:
+def follow_case(folder: Path, diagnose: Diagnose, job: tuple[Case, Truth, str]) -> FollowUp:
     """Follow one case in one arm. Raises RigError where a campaign cannot be written."""
     case, truth, arm = job
     place = folder / FOLDER / f"{case.id}-{arm.replace(' ', '-')}"
@@ -90,8 +90,8 @@ def _rounds(case: Case, truth: Truth, arm: str, place: Path, first: Path, diagno
     # A stream of its own: experiments must not repeat the noise of the case's recordings.
     random = np.random.default_rng([case.seed, 77])
     latest = first
-    for number in range(1, MOST + 1):
-        proposal = _read_proposal(latest) if arm == PROPOSED else by_lot(random)
+    for number in range(1, MAX_EXPERIMENTS + 1):
+        proposal = _read_proposal(latest) if arm == PROPOSED else draw_experiment(random)
         if proposal is None:
             break
         add_experiment(case, place / "campaign", proposal, number)
@@ -101,7 +101,7 @@ def _rounds(case: Case, truth: Truth, arm: str, place: Path, first: Path, diagno
             diagnose(place / "campaign", latest.parent)
         if _is_settled(truth, latest):
             return FollowUp(case.id, arm, number, settled=True, said=_in_words(latest))
-    return FollowUp(case.id, arm, MOST, settled=False, said=_in_words(latest))
+    return FollowUp(case.id, arm, MAX_EXPERIMENTS, settled=False, said=_in_words(latest))
 
 
 def _read_proposal(diagnosis: Path) -> Proposal | None:
@@ -110,7 +110,7 @@ def _read_proposal(diagnosis: Path) -> Proposal | None:
     return proposal if proposal and proposal["protocol"] else None
 
 
-def by_lot(random: np.random.Generator) -> Proposal:
+def draw_experiment(random: np.random.Generator) -> Proposal:
     """A random stroke or static table within the rig's range."""
     height_mm = float(random.choice(HEIGHTS_MM))
     if random.random() < RANDOM_STATIC_SHARE:
@@ -120,18 +120,18 @@ def by_lot(random: np.random.Generator) -> Proposal:
 
 def _is_settled(truth: Truth, diagnosis: Path) -> bool:
     """Whether the verdict is right and each named effect is distinguishable from all others."""
-    answer = read_said(diagnosis)
+    answer = read_diagnosis(diagnosis)
     alone = all(len(claim.members) == 1 for claim in answer.named)
     return answer.verdict in (NAMED, NOTHING) and outcome(truth, answer) == RIGHT and alone
 
 
 def _in_words(diagnosis: Path) -> str:
-    answer = read_said(diagnosis)
+    answer = read_diagnosis(diagnosis)
     return "+".join(claim.id for claim in answer.named) or answer.verdict
 
 
 @dataclass(frozen=True)
-class Way:
+class ArmResult:
     """All follow-ups of one arm: settled cases, number of cases, mean number of experiments.
 
     Cases whose hidden effects are not detectable are left out.
@@ -149,14 +149,14 @@ class Way:
         )
 
 
-def ways(folder: Path) -> tuple[Way, ...]:
+def ways(folder: Path) -> tuple[ArmResult, ...]:
     """Results of the follow-ups in an exam's folder, by arm; empty where none were done."""
     found = [FollowUp(**json.loads(path.read_text(encoding="utf-8"))) for path in sorted((folder / FOLDER).glob(f"*/{RESULT}"))]
-    faint = {truth.case for truth in map(truth_in, open_all(folder)) if truth.effects and truth.left < DETECTABLE} if found else set()
+    faint = {truth.case for truth in map(parse_truth, open_all(folder)) if truth.effects and truth.left < DETECTABLE} if found else set()
     shown = [each for each in found if each.case not in faint]
     return tuple(way for arm in ARMS if (way := _way(arm, [each for each in shown if each.arm == arm])).of)
 
 
-def _way(arm: str, found: Sequence[FollowUp]) -> Way:
+def _way(arm: str, found: Sequence[FollowUp]) -> ArmResult:
     mean = float(np.mean([each.experiments for each in found])) if found else np.nan
-    return Way(arm, sum(each.settled for each in found), len(found), mean)
+    return ArmResult(arm, sum(each.settled for each in found), len(found), mean)

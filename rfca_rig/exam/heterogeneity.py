@@ -21,7 +21,7 @@ TYPICAL_N = 20.0
 
 
 @dataclass(frozen=True)
-class Uneven:
+class LawDeviation:
     """Deviation of an effect from the catalogue's law.
 
     - `of_hinge` (6,): factors of the effect in each hinge.
@@ -37,33 +37,33 @@ class Uneven:
     stribeck_power: float | None = None
 
 
-def drawn_uneven(i: int, random: np.random.Generator) -> Uneven:
+def draw_uneven(i: int, random: np.random.Generator) -> LawDeviation:
     """Draw the deviation of case `i`; the effects take turns."""
     # The stride of 4 mixes hinge effects and others among the first few cases.
     every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
     effect = every[4 * i % len(every)]
     if effect in HINGE_EFFECTS:
         factors = 1.0 + random.uniform(0.3, 0.6) * random.uniform(-1.0, 1.0, HINGES)
-        return Uneven(effect, of_hinge=tuple(float(x) for x in factors))
+        return LawDeviation(effect, of_hinge=tuple(float(x) for x in factors))
     if effect in VARYING_EFFECTS:
-        return Uneven(effect, per_condition=float(random.uniform(0.1, 0.25)))
-    return Uneven(effect, bent=True)
+        return LawDeviation(effect, per_condition=float(random.uniform(0.1, 0.25)))
+    return LawDeviation(effect, bent=True)
 
 
-def drawn_approximate(i: int, random: np.random.Generator) -> Uneven:
+def draw_approximate(i: int, random: np.random.Generator) -> LawDeviation:
     """Draw the deviation of case `i`, a law that is wrong by 20 to 40 %; the effects take turns."""
     every = (*HINGE_EFFECTS, *VARYING_EFFECTS, *BENT_EFFECTS)
     effect, departure = every[4 * i % len(every)], float(random.uniform(0.2, 0.4))
     if effect in HINGE_EFFECTS:
         # Uniform factors with the departure as their standard deviation: that of a uniform on -1 to 1 is 1 / sqrt(3).
         factors = 1.0 + np.sqrt(3.0) * departure * random.uniform(-1.0, 1.0, HINGES)
-        return Uneven(effect, of_hinge=tuple(float(x) for x in factors), per_condition=0.5 * departure)
+        return LawDeviation(effect, of_hinge=tuple(float(x) for x in factors), per_condition=0.5 * departure)
     if effect in VARYING_EFFECTS:
-        return Uneven(effect, per_condition=departure, stribeck_power=float(random.choice([0.5, 2.0])))
-    return Uneven(effect, per_condition=0.5 * departure, bent=True)
+        return LawDeviation(effect, per_condition=departure, stribeck_power=float(random.choice([0.5, 2.0])))
+    return LawDeviation(effect, per_condition=0.5 * departure, bent=True)
 
 
-def made_uneven(world: World, uneven: Uneven, nominal_damping: tuple[float, ...]) -> World:
+def deform_law(world: World, uneven: LawDeviation, nominal_damping: tuple[float, ...]) -> World:
     """The world, which has the effect already, with the effect's law changed; `nominal_damping` (6,) is not scaled."""
     world = scale_hinges(world, uneven.of_hinge, nominal_damping)
     if uneven.stribeck_power is not None:

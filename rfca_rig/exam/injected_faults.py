@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from rfca_rig.errors import BadInput
-from rfca_rig.exam.world import World, everywhere
+from rfca_rig.exam.world import World, for_each_hinge
 
 Values = Mapping[str, float]
 
@@ -27,7 +27,7 @@ def with_effect(world: World, effect_id: str, values: Values) -> World:
 
 
 def hinge_coulomb_friction(world: World, values: Values) -> World:
-    return replace(world, hinges=replace(world.hinges, pin_Nm=everywhere(values["torque_Nm"])))
+    return replace(world, hinges=replace(world.hinges, pin_Nm=for_each_hinge(values["torque_Nm"])))
 
 
 def hinge_viscous_damping(world: World, values: Values) -> World:
@@ -36,23 +36,23 @@ def hinge_viscous_damping(world: World, values: Values) -> World:
 
 
 def hinge_backlash(world: World, values: Values) -> World:
-    return replace(world, hinges=replace(world.hinges, gap_rad=everywhere(float(np.radians(values["half_gap_deg"])))))
+    return replace(world, hinges=replace(world.hinges, gap_rad=for_each_hinge(float(np.radians(values["half_gap_deg"])))))
 
 
 def hinge_stop(world: World, values: Values) -> World:
-    stop = everywhere(float(np.radians(values["angle_deg"])))
-    return replace(world, hinges=replace(world.hinges, stop_rad=stop, stop_Nm_per_rad=everywhere(values["stiffness_Nm_per_rad"])))
+    stop = for_each_hinge(float(np.radians(values["angle_deg"])))
+    return replace(world, hinges=replace(world.hinges, stop_rad=stop, stop_Nm_per_rad=for_each_hinge(values["stiffness_Nm_per_rad"])))
 
 
 def spring_hysteresis(world: World, values: Values) -> World:
     width = float(np.radians(values["saturation_deg"]))
     torque = tuple(values["strength_relative"] * k0 * width for k0 in world.hinges.k0_Nm_per_rad)
-    return replace(world, hinges=replace(world.hinges, loop_Nm=torque, loop_rad=everywhere(width)))
+    return replace(world, hinges=replace(world.hinges, loop_Nm=torque, loop_rad=for_each_hinge(width)))
 
 
 def spring_relaxation(world: World, values: Values) -> World:
     arm = tuple(values["strength_relative"] * k0 for k0 in world.hinges.k0_Nm_per_rad)
-    return replace(world, hinges=replace(world.hinges, arm_Nm_per_rad=arm, arm_s=everywhere(values["time_constant_s"])))
+    return replace(world, hinges=replace(world.hinges, arm_Nm_per_rad=arm, arm_s=for_each_hinge(values["time_constant_s"])))
 
 
 def damaged_hinge(world: World, values: Values) -> World:
@@ -63,11 +63,11 @@ def damaged_hinge(world: World, values: Values) -> World:
 
 
 def stiffness_hardening(world: World, values: Values) -> World:
-    return replace(world, hinges=replace(world.hinges, k2_per_rad2=everywhere(values["k2_per_rad2"])))
+    return replace(world, hinges=replace(world.hinges, k2_per_rad2=for_each_hinge(values["k2_per_rad2"])))
 
 
 def hinge_rest_angle(world: World, values: Values) -> World:
-    return replace(world, hinges=replace(world.hinges, preset_rad=everywhere(float(np.radians(values["angle_deg"])))))
+    return replace(world, hinges=replace(world.hinges, preset_rad=for_each_hinge(float(np.radians(values["angle_deg"])))))
 
 
 def hinge_rest_angle_of_one(world: World, values: Values) -> World:
@@ -156,7 +156,7 @@ def sensor_gain(world: World, values: Values) -> World:
 
 def hinge_quadratic_damping(world: World, values: Values) -> World:
 
-    quadratic = everywhere(values["coefficient_Nm_s2_per_rad2"])
+    quadratic = for_each_hinge(values["coefficient_Nm_s2_per_rad2"])
     return replace(world, hinges=replace(world.hinges, quadratic_Nm_s2_per_rad2=quadratic))
 
 

@@ -23,10 +23,10 @@ MISLABELLED: Mapping[str, tuple[str, ...]] = {
 }
 
 # The recorded shaft angle reveals these: a diagnosis that uses it has nothing to explain, so "nothing missing" is right.
-TOLD_BY_ENCODER = ("speeds of two conditions swapped", "start angle written 4 degrees too small")
+REVEALED_BY_ENCODER = ("speeds of two conditions swapped", "start angle written 4 degrees too small")
 
 
-def really(world: World, mislabelled: str | None) -> World:
+def true_world(world: World, mislabelled: str | None) -> World:
     """The true world behind a campaign whose file describes another one."""
     links = world.links
     if mislabelled == "links longer than written":

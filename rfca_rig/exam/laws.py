@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rfca_rig.exam.world import HINGES, World, everywhere
+from rfca_rig.exam.world import HINGES, World, for_each_hinge
 
 # Relative standard deviation of an effect's size between hinges.
 HINGE_SPREAD = 0.05
@@ -31,7 +31,7 @@ class Law:
     ripple_phase_rad: float
 
 
-def drawn_law(random: np.random.Generator) -> Law:
+def draw_law(random: np.random.Generator) -> Law:
     """Draw a member of the wider families."""
     return Law(
         of_hinge=tuple(np.exp(HINGE_SPREAD * random.normal(size=HINGES)).tolist()),
@@ -49,7 +49,7 @@ def shape_laws(world: World, law: Law, damping_before: tuple[float, ...]) -> Wor
     hinges = scale_hinges(world, law.of_hinge, damping_before).hinges
     return replace(
         world,
-        hinges=replace(hinges, pin_creep_rad=everywhere(float(np.radians(law.pin_creep_deg)))),
+        hinges=replace(hinges, pin_creep_rad=for_each_hinge(float(np.radians(law.pin_creep_deg)))),
         floor=replace(world.floor, stribeck_power=law.stribeck_power, adhesion_hold_m=1e-3 * law.adhesion_hold_mm),
         links=replace(world.links, drag_power=law.drag_power),
         drive=replace(world.drive, ripple_phase_rad=law.ripple_phase_rad),

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rfca_rig.exam.world import HINGES, DriveOf, Floor, Hinges, Links, Mount, World, everywhere
+from rfca_rig.exam.world import HINGES, DriveModel, Floor, Hinges, Links, Mount, World, for_each_hinge
 
 LENGTHS_M = (0.054, *(0.039333,) * HINGES)
 MASSES_KG = (0.059586, *(0.043402,) * HINGES)
@@ -19,7 +19,7 @@ HEIGHT_MM, START_DEG, FRICTION, K0_SHARE, MASS_SHARE, DAMPING_SHARE, CONTACT_SHA
 
 
 @dataclass(frozen=True)
-class OffBy:
+class NominalErrors:
     """Differences and factors between the true rig and the nominal one, all drawn from the stated prior."""
 
     height_mm: float = 0.0
@@ -35,17 +35,17 @@ def nominal_world(height_m: float) -> World:
     """The nominal leg at one height in m, without hidden effects."""
     return World(
         Links(LENGTHS_M, MASSES_KG, 0.003),
-        Hinges(everywhere(11.0), everywhere(4.2), everywhere(0.05)),
+        Hinges(for_each_hinge(11.0), for_each_hinge(4.2), for_each_hinge(0.05)),
         Floor(stiffness=1e5, damping_s_per_m=1.0, mu=0.45),
-        DriveOf(START_RAD, RAMP_S),
+        DriveModel(START_RAD, RAMP_S),
         Mount(height_m, BELOW_SHAFT_M),
     )
 
 
-def drawn_off(random: np.random.Generator) -> OffBy:
+def draw_nominal_errors(random: np.random.Generator) -> NominalErrors:
     """Draw the true rig's differences from the prior: normal, factors log-normal, both clipped at WITHIN_SIGMA."""
     x = np.clip(random.normal(size=7), -WITHIN_SIGMA, WITHIN_SIGMA)
-    return OffBy(
+    return NominalErrors(
         height_mm=float(HEIGHT_MM * x[0]),
         start_angle_deg=float(START_DEG * x[1]),
         friction_coefficient=float(FRICTION * x[2]),
@@ -56,7 +56,7 @@ def drawn_off(random: np.random.Generator) -> OffBy:
     )
 
 
-def moved(world: World, off: OffBy) -> World:
+def apply_nominal_errors(world: World, off: NominalErrors) -> World:
     """The world with the true values in place of the nominal ones."""
     hinges, links, floor = world.hinges, world.links, world.floor
     return replace(

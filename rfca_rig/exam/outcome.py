@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rfca_rig.exam.answer import NOT_ENOUGH, NOTHING, REFUSED, Claim, Said
+from rfca_rig.exam.answer import NOT_ENOUGH, NOTHING, REFUSED, Claim, ParsedDiagnosis
 
 # Shift of the signals that nominal values cannot explain, in units of a sample's noise, from which an effect can be found.
 DETECTABLE = 2.0
@@ -49,7 +49,7 @@ class Truth:
         return _least(self.left_of_each)
 
 
-def truth_in(truth: Mapping[str, Any]) -> Truth:
+def parse_truth(truth: Mapping[str, Any]) -> Truth:
     """A truth from its sealed data."""
     # null in the file stands for infinity.
     left = truth["size"]["left_over_noise"]
@@ -79,13 +79,13 @@ def _least(of_each: Mapping[str, float]) -> float:
     return min(of_each.values(), default=float("inf"))
 
 
-def false_claims(truth: Truth, said: Said) -> tuple[Claim, ...]:
+def false_claims(truth: Truth, said: ParsedDiagnosis) -> tuple[Claim, ...]:
     """Named effects whose indistinguishable set holds no true effect."""
     true = frozenset(truth.effects) | truth.accepted
     return tuple(claim for claim in said.named if not claim.members & true)
 
 
-def outcome(truth: Truth, said: Said) -> str:
+def outcome(truth: Truth, said: ParsedDiagnosis) -> str:
     """The outcome of a case, one of OUTCOMES."""
     if said.named:
         return _of_names(truth, said)
@@ -99,7 +99,7 @@ def outcome(truth: Truth, said: Said) -> str:
     return RIGHT if truth.lawless or (truth.model_error and not truth.effects) else CAUTIOUS
 
 
-def _of_names(truth: Truth, answer: Said) -> str:
+def _of_names(truth: Truth, answer: ParsedDiagnosis) -> str:
     wrong = false_claims(truth, answer)
     ids = {claim.id for claim in answer.named}
     covered = frozenset().union(*(claim.members for claim in answer.named))

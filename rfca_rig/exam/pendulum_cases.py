@@ -106,7 +106,7 @@ def swing_rad_s(world: PendulumWorld) -> float:
     return float(np.sqrt(G_M_S2 * world.mass_kg[0] * world.centre_m[0] / world.inertia_kg_m2[0]))
 
 
-def drawn_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCase:
+def draw_pendulum(kind: str, i: int, random: np.random.Generator) -> PendulumCase:
     """Draw case `i` of a kind; its id is left empty."""
     nominal, world = (rig := _draw_rig(random)), _draw_true_rig(rig, random)
     reading = SamplingErrors(float(random.choice([0.002, 0.004, 0.005])), float(random.uniform(2e-4, 1e-3)))

@@ -5,20 +5,20 @@ from typing import TypeVar
 
 from rfca_rig.errors import RigError
 from rfca_rig.executors.base import TaskExecutor
-from rfca_rig.executors.mapping import Failed, map_unordered
-from rfca_rig.progress import Told
+from rfca_rig.executors.mapping import TaskFailure, map_unordered
+from rfca_rig.progress import ProgressReport
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
-def worked_off(
+def run_jobs(
     executor: TaskExecutor,
     work: Callable[[Job], Result],
     jobs: Sequence[Job],
     name_of: Callable[[Job], str],
     what: str,
-    told: Told,
+    told: ProgressReport,
     before: int = 0,
 ) -> dict[str, Result]:
     """Run `work` on all `jobs` and return the results by name.
@@ -42,11 +42,11 @@ def worked_off(
         Where a job fails, after the others are done.
     """
     results: dict[str, Result] = {}
-    failed: dict[str, Failed] = {}
+    failed: dict[str, TaskFailure] = {}
     of = before + len(jobs)
     told(what, before, of)
     for job, result in map_unordered(executor, work, jobs):
-        if isinstance(result, Failed):
+        if isinstance(result, TaskFailure):
             failed[name_of(job)] = result
         else:
             results[name_of(job)] = result
@@ -55,7 +55,7 @@ def worked_off(
     return results
 
 
-def _raise_with_the_first(failed: Mapping[str, Failed], what: str, of: int) -> None:
+def _raise_with_the_first(failed: Mapping[str, TaskFailure], what: str, of: int) -> None:
     if failed:
         first, why = min(failed.items())
         raise RigError(f"{what}: all but {len(failed)} of {of}, as {first} not with {why.reason}; the same command tries them again")

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rfca_rig.exam.cases import Case
-from rfca_rig.exam.heterogeneity import made_uneven
+from rfca_rig.exam.heterogeneity import deform_law
 from rfca_rig.exam.injected_faults import with_effect
-from rfca_rig.exam.labels import really
+from rfca_rig.exam.labels import true_world
 from rfca_rig.exam.laws import shape_laws
-from rfca_rig.exam.nominal_world import moved, nominal_world
-from rfca_rig.exam.structured import distorted
-from rfca_rig.exam.unknown_faults import with_stranger
+from rfca_rig.exam.nominal_world import apply_nominal_errors, nominal_world
+from rfca_rig.exam.structured import apply_structured_error
+from rfca_rig.exam.unknown_faults import with_unknown_fault
 from rfca_rig.exam.world import World
 
 # Standard deviations between repeats.
@@ -27,22 +27,22 @@ class ExamScatter:
     start_rad: float = 0.0
 
 
-def drawn_scatter(random: np.random.Generator) -> ExamScatter:
+def draw_scatter(random: np.random.Generator) -> ExamScatter:
     """Draw the differences of one repeat: rack height 0.1 mm, friction 0.005, start angle 0.15 degrees (standard deviations)."""
     x = random.normal(size=3)
     return ExamScatter(float(HEIGHT_M * x[0]), float(FRICTION * x[1]), float(START_RAD * x[2]))
 
 
-def world_of(case: Case, height_m: float, scatter: ExamScatter, repeat: int, stronger: float = 1.0, strokes_before: int = 0) -> World:
+def build_world(case: Case, height_m: float, scatter: ExamScatter, repeat: int, stronger: float = 1.0, strokes_before: int = 0) -> World:
     """The true rig of a case in one repeat (from 1), after `strokes_before` strokes of the campaign.
 
     Effects that vary between conditions are multiplied by `stronger`.
     """
-    world = replace(moved(nominal_world(height_m), case.off), strokes_before=strokes_before)
+    world = replace(apply_nominal_errors(nominal_world(height_m), case.off), strokes_before=strokes_before)
     if case.structured is not None:
-        world = distorted(world, case.structured)
+        world = apply_structured_error(world, case.structured)
     world = replace(world, drive=replace(world.drive, late_s=case.late_s))
-    world = really(_scatter(world, scatter), case.mislabelled)
+    world = true_world(_scatter(world, scatter), case.mislabelled)
     # Laws scale only the damping that an effect adds, so the damping before the effects is kept.
     damping = world.hinges.damping_Nm_s_per_rad
     for effect, values in case.effects.items():
@@ -50,9 +50,9 @@ def world_of(case: Case, height_m: float, scatter: ExamScatter, repeat: int, str
     if case.law is not None:
         world = shape_laws(world, case.law, damping)
     if case.uneven is not None:
-        world = made_uneven(world, case.uneven, damping)
+        world = deform_law(world, case.uneven, damping)
     for name, values in case.strangers.items():
-        world = with_stranger(world, name, values, repeat)
+        world = with_unknown_fault(world, name, values, repeat)
     return world
 
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.answer import NAMED, NOTHING, Said
-from rfca_rig.exam.claims import CONFIDENT, ClaimCalibration, Judged, Values, calibration, values
-from rfca_rig.exam.outcome import CLASS, DETECTABLE, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, truth_in
+from rfca_rig.exam.answer import NAMED, NOTHING, ParsedDiagnosis
+from rfca_rig.exam.claims import CONFIDENT, ClaimCalibration, Judged, ParameterAccuracy, calibration, values
+from rfca_rig.exam.outcome import CLASS, DETECTABLE, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, Truth, false_claims, outcome, parse_truth
 from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PENDULUM_NOTHING
 from rfca_rig.exam.statements import StatementScores, has_right_family, score_statements
-from rfca_rig.exam.worst_cases import Miss, worst
+from rfca_rig.exam.worst_cases import WorstCase, worst
 
 # Bin edges of `power`, in multiples of DETECTABLE.
 POWER_AT = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
@@ -48,7 +48,7 @@ class Share:
 
 
 @dataclass(frozen=True)
-class Marks:
+class ExamScores:
     """All scores. They are of the leg cases, except names, alarms and `pendulums`, the scores of statements about pendulums.
 
     "Detectable" means shifted by more than DETECTABLE beyond what nominal values explain; "above" means as much in units of noise and
@@ -90,17 +90,17 @@ class Marks:
     detection_errors: Share
     classification_errors: int
     calibration: ClaimCalibration
-    values: Values
+    values: ParameterAccuracy
     gap_closed: float
     gap_worse: Share
     statements: StatementScores
     pendulums: StatementScores
-    worst: tuple[Miss, ...]
+    worst: tuple[WorstCase, ...]
 
 
-def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) -> Marks:
+def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, ParsedDiagnosis]) -> ExamScores:
     """Score `diagnoses`, by case. A case without one counts as refused."""
-    everything = [(truth, diagnoses.get(truth.case, Said("refused"))) for truth in map(truth_in, truths)]
+    everything = [(truth, diagnoses.get(truth.case, ParsedDiagnosis("refused"))) for truth in map(parse_truth, truths)]
     by_kind = {kind: [pair for pair in everything if pair[0].kind == kind] for kind in cases.KINDS}
     judged = [pair for kind in cases.LEG_KINDS for pair in by_kind[kind]]
     single, pairs, strangers = by_kind[cases.SINGLE], by_kind[cases.PAIR], by_kind[cases.STRANGER]
@@ -110,7 +110,7 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, Said]) ->
     # Parameters and held-out errors are scored where the effects are right: elsewhere they describe something else.
     right = [(truth, answer) for truth, answer in (*single, *pairs) if outcome(truth, answer) == RIGHT]
     named = [(truth, answer) for truth, answer in judged if answer.named]
-    return Marks(
+    return ExamScores(
         outcomes={kind: dict(Counter(outcome(*pair) for pair in group)) for kind, group in by_kind.items() if group},
         confusion=confusion(single),
         null_false_claims=Share(sum(bool(answer.named) for _, answer in null), len(null)),
@@ -169,7 +169,7 @@ def _share(judged: Judged, *outcomes: str) -> Share:
     return Share(sum(outcome(*pair) in outcomes for pair in judged), len(judged))
 
 
-def _is_confident(answer: Said) -> bool:
+def _is_confident(answer: ParsedDiagnosis) -> bool:
     return any(claim.probability >= CONFIDENT for claim in answer.named)
 
 
@@ -177,7 +177,7 @@ def _is_faulty(truth: Truth) -> bool:
     return bool(truth.effects) or truth.nameless
 
 
-def _is_alarm(answer: Said) -> bool:
+def _is_alarm(answer: ParsedDiagnosis) -> bool:
     """Whether the answer says that something is missing; doubt about the data is no alarm."""
     return answer.verdict in (NAMED, "unexplained")
 
@@ -199,7 +199,7 @@ def _class_size(named: Judged) -> float:
     return float(np.mean(sizes)) if sizes else np.nan
 
 
-def gap_closed(said: Said) -> float | None:
+def gap_closed(said: ParsedDiagnosis) -> float | None:
     """Share of the closable gap in fz, between model and held-out recordings, that a diagnosis closes; None where it is not stated.
 
     The gap that can be closed is the one above the noise floor.

@@ -6,20 +6,20 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
-from rfca_rig.exam.ablation import TakenOut, taken_out
-from rfca_rig.exam.answer import Said, read_said
+from rfca_rig.exam.ablation import AblationResult, taken_out
+from rfca_rig.exam.answer import ParsedDiagnosis, read_diagnosis
 from rfca_rig.exam.claims import parameter_errors
 from rfca_rig.exam.examine import DIAGNOSES, SECONDS
-from rfca_rig.exam.follow_up import Way, ways
-from rfca_rig.exam.outcome import Truth, outcome, truth_in
+from rfca_rig.exam.follow_up import ArmResult, ways
+from rfca_rig.exam.outcome import Truth, outcome, parse_truth
 from rfca_rig.exam.plan import ExamPlan, read_plan
-from rfca_rig.exam.score import Marks, gap_closed, score
+from rfca_rig.exam.score import ExamScores, gap_closed, score
 from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all
 
 
 @dataclass(frozen=True)
-class Deviation:
+class ParameterDeviation:
     """One parameter of a rightly named effect: its relative error (see `parameter_errors`), and whether its 90 % interval holds the truth.
 
     `covered` is None for whole numbers, which have no interval.
@@ -32,7 +32,7 @@ class Deviation:
 
 
 @dataclass(frozen=True)
-class MarkedCase:
+class ScoredCase:
     """One scored case.
 
     - `concealed`: its hidden effects, in or outside the catalogue, or the error of its file; empty where there is none.
@@ -50,20 +50,20 @@ class MarkedCase:
     named: tuple[str, ...]
     probabilities: tuple[float, ...]
     outcome: str
-    deviations: tuple[Deviation, ...]
+    deviations: tuple[ParameterDeviation, ...]
     gap_closed: float | None
     seconds: float | None
 
 
 @dataclass(frozen=True)
-class Examined:
+class ExamResult:
     """The whole exam; `ways` are the results of follow-ups, `taken_out` those of the ablation, where these were done."""
 
     plan: ExamPlan
-    marks: Marks
-    cases: tuple[MarkedCase, ...]
-    ways: tuple[Way, ...] = ()
-    taken_out: TakenOut | None = None
+    marks: ExamScores
+    cases: tuple[ScoredCase, ...]
+    ways: tuple[ArmResult, ...] = ()
+    taken_out: AblationResult | None = None
 
     @property
     def words(self) -> str:
@@ -72,12 +72,12 @@ class Examined:
         return self.plan.words if len(self.cases) == planned else f"{self.plan.words}, {len(self.cases)} of them so far"
 
 
-def examined(folder: Path) -> Examined:
+def score_exam(folder: Path) -> ExamResult:
     """Open the truths of the exam in `folder` and score it. Raises BadInput where it is not complete."""
-    return Examined(read_plan(folder), *_score_all(folder, open_all(folder)), ways(folder), taken_out(folder))
+    return ExamResult(read_plan(folder), *_score_all(folder, open_all(folder)), ways(folder), taken_out(folder))
 
 
-def examined_so_far(folder: Path) -> Examined:
+def score_exam_so_far(folder: Path) -> ExamResult:
     """Score the cases that are diagnosed already; all other truths stay sealed. Raises BadInput where nothing is diagnosed yet."""
     plan, answers = read_plan(folder), folder / DIAGNOSES
     answered = {path.name for path in answers.iterdir() if path.is_dir()} if answers.is_dir() else set()
@@ -85,19 +85,19 @@ def examined_so_far(folder: Path) -> Examined:
     truths = open_all(folder, answered)
     if not truths:
         raise BadInput(f"{folder}: nothing is diagnosed yet; leave out --so-far to go on with it")
-    return Examined(plan, *_score_all(folder, truths))
+    return ExamResult(plan, *_score_all(folder, truths))
 
 
-def _score_all(folder: Path, truths: Sequence[Mapping[str, Any]]) -> tuple[Marks, tuple[MarkedCase, ...]]:
+def _score_all(folder: Path, truths: Sequence[Mapping[str, Any]]) -> tuple[ExamScores, tuple[ScoredCase, ...]]:
     answers = folder / DIAGNOSES
-    answer_of = {truth["case"]: read_said(answers / truth["case"] / DIAGNOSIS) for truth in truths}
+    answer_of = {truth["case"]: read_diagnosis(answers / truth["case"] / DIAGNOSIS) for truth in truths}
     marked = tuple(_score_case(truth, answer_of[truth["case"]], answers / truth["case"] / SECONDS) for truth in truths)
     return score(truths, answer_of), marked
 
 
-def _score_case(truth: Mapping[str, Any], answer: Said, seconds: Path) -> MarkedCase:
-    true = truth_in(truth)
-    return MarkedCase(
+def _score_case(truth: Mapping[str, Any], answer: ParsedDiagnosis, seconds: Path) -> ScoredCase:
+    true = parse_truth(truth)
+    return ScoredCase(
         id=true.case,
         kind=true.kind,
         concealed=(*truth["effects"], *truth["strangers"], *([truth["mislabelled"]] if truth["mislabelled"] else [])),
@@ -113,10 +113,10 @@ def _score_case(truth: Mapping[str, Any], answer: Said, seconds: Path) -> Marked
     )
 
 
-def _deviations(truth: Truth, answer: Said) -> tuple[Deviation, ...]:
+def _deviations(truth: Truth, answer: ParsedDiagnosis) -> tuple[ParameterDeviation, ...]:
     """Deviations of all parameters of true effects; empty where the true law is not the catalogue's, whose parameters mean nothing then."""
     if truth.lawless:
         return ()
     named = [(claim, name) for claim in answer.named for name in claim.parameters if name in truth.effects.get(claim.id, {})]
     errors = [each for claim in answer.named for each in parameter_errors(truth, claim)]
-    return tuple(Deviation(claim.id, name, error, covered) for (claim, name), (error, covered) in zip(named, errors, strict=True))
+    return tuple(ParameterDeviation(claim.id, name, error, covered) for (claim, name), (error, covered) in zip(named, errors, strict=True))

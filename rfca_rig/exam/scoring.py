@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.errors import RigError
-from rfca_rig.exam.answer import read_said
-from rfca_rig.exam.bars import Bar, bars
+from rfca_rig.exam.answer import read_diagnosis
+from rfca_rig.exam.bars import ScoreGoal, bars
 from rfca_rig.exam.outcome import OUTCOMES
-from rfca_rig.exam.score import POWER_AT, Marks, score
+from rfca_rig.exam.score import POWER_AT, ExamScores, score
 from rfca_rig.exam.sealing import open_all
 
 DIAGNOSIS = "diagnosis.json"
 
 
-def mark(cases: Path, diagnoses: Path) -> Marks:
+def score_folder(cases: Path, diagnoses: Path) -> ExamScores:
     """Open the truths under `cases` and score `diagnoses`/case-NNNN/diagnosis.json; a missing one counts as refused."""
     truths = open_all(cases)
-    return score(truths, {truth["case"]: read_said(diagnoses / truth["case"] / DIAGNOSIS) for truth in truths})
+    return score(truths, {truth["case"]: read_diagnosis(diagnoses / truth["case"] / DIAGNOSIS) for truth in truths})
 
 
-def wording(marks: Marks) -> Iterator[str]:
+def format_scores(marks: ExamScores) -> Iterator[str]:
     """The scores as lines of text."""
     wide = max(map(len, ("kind", *marks.outcomes)))
     yield f"{'kind':{wide}}" + "".join(f" {word}" for word in OUTCOMES)
@@ -50,7 +50,7 @@ def wording(marks: Marks) -> Iterator[str]:
     yield from (f"{miss.case} ({miss.kind}): {miss.reason}" for miss in marks.worst)
 
 
-def _lines(bar: Bar) -> Iterator[str]:
+def _lines(bar: ScoreGoal) -> Iterator[str]:
     goal = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
     result = {True: "passed", False: "FAILED", None: "-"}[bar.passed]
     value = f"{bar.value:.3f}" if np.isfinite(bar.value) else "-"
@@ -58,7 +58,7 @@ def _lines(bar: Bar) -> Iterator[str]:
     yield f"{'':7s} {goal}; {bar.counted}"
 
 
-def _confusion_lines(marks: Marks) -> Iterator[str]:
+def _confusion_lines(marks: ExamScores) -> Iterator[str]:
     for (true, called), count in sorted(marks.confusion.items()):
         if true != called:
             yield f"{count} x {true} called {called}"
@@ -71,7 +71,7 @@ def main() -> int:
     parser.add_argument("--diagnoses", type=Path, required=True, help="holds case-NNNN/diagnosis.json")
     arguments = parser.parse_args()
     try:
-        print("\n".join(wording(mark(arguments.cases, arguments.diagnoses))))
+        print("\n".join(format_scores(score_folder(arguments.cases, arguments.diagnoses))))
     except RigError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -35,12 +35,12 @@ def is_sealed(out: Path) -> bool:
     return (out / SEALS).is_file()
 
 
-def unwritten(out: Path) -> list[str]:
+def list_unwritten(out: Path) -> list[str]:
     """Cases with a hash whose truths were not written when the sealing was interrupted."""
     return [case for _, case in _seals(out) if not _path(out, case).is_file()]
 
 
-def complete(truths: Sequence[Truth], out: Path) -> None:
+def write_missing(truths: Sequence[Truth], out: Path) -> None:
     """Write missing truths. They are checked against their hashes when they are opened."""
     for truth in truths:
         write_atomically(_path(out, truth["case"]), base64.encodebytes(_content(truth)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import compiled
+from rfca_rig.exam.compiled import jit_cached
 from rfca_rig.exam.engine import Traces
 from rfca_rig.exam.world import World
 
@@ -29,7 +29,7 @@ class Noise:
     tx_Nm: float = 0.006
 
 
-def felt(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
+def sense(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
     """(fy, fz, tx), each (m,) in N and N m, as a sensor without noise reports them.
 
     fz points down: the leg's weight is positive. The faults act in the order that `Sensing` lists.
@@ -41,8 +41,8 @@ def felt(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
     turned = traces.motor_angle_rad - world.drive.start_angle_rad
     fz = fz + sensing.cogging_N * np.sin(sensing.cogging_cycles * turned)
     fy, fz, tx = sensing.gain * fy, sensing.gain * fz * (1.0 + sensing.curvature_per_N * np.abs(fz)), sensing.gain * tx
-    fz = followed(fz, sensing.play_N)
-    fz = fz + sensing.creep_share * lagged(t, fz, sensing.creep_s) if sensing.creep_share != 0.0 else fz
+    fz = apply_play(fz, sensing.play_N)
+    fz = fz + sensing.creep_share * lag_first_order(t, fz, sensing.creep_s) if sensing.creep_share != 0.0 else fz
     fy, fz, tx = fy + sensing.fy_per_fz * fz, fz + sensing.fz_per_fy * fy, tx + sensing.tx_per_fy_m * fy + sensing.tx_per_fz_m * fz
     # The torque tx rings with the direction y, in which it has its lever.
     across_Hz = sensing.ringing_Hz * sensing.y_frequency_ratio
@@ -50,14 +50,14 @@ def felt(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
         filter_second_order(t, x, frequency_Hz, sensing.ringing_ratio)
         for x, frequency_Hz in ((fy, across_Hz), (fz, sensing.ringing_Hz), (tx, across_Hz))
     )
-    fy, fz, tx = (delayed(t, lagged(t, x, sensing.lag_s), sensing.clock_offset_s + sensing.clock_rate * t) for x in (fy, fz, tx))
+    fy, fz, tx = (delay(t, lag_first_order(t, x, sensing.lag_s), sensing.clock_offset_s + sensing.clock_rate * t) for x in (fy, fz, tx))
     fz = fz + sensing.drift_N_per_s * t + sensing.hum_N * np.sin(2.0 * np.pi * sensing.hum_Hz * t)
     fz = np.clip(fz, -sensing.clip_N, sensing.clip_N)
     fz = np.where(np.abs(fz) < sensing.dead_N, 0.0, fz)
     return fy, np.round(fz / sensing.digit_N) * sensing.digit_N if sensing.digit_N > 0.0 else fz, tx
 
 
-def lagged(t_s: Floats, x: Floats, tau_s: float) -> Floats:
+def lag_first_order(t_s: Floats, x: Floats, tau_s: float) -> Floats:
     """First-order low-pass tau y' = x - y of x (m,) at times (m,), bilinear (second order); settled at the first sample."""
     if tau_s <= 0.0:
         return x
@@ -68,7 +68,7 @@ def lagged(t_s: Floats, x: Floats, tau_s: float) -> Floats:
     return y
 
 
-def delayed(t_s: Floats, x: Floats, offset_s: float | Floats) -> Floats:
+def delay(t_s: Floats, x: Floats, offset_s: float | Floats) -> Floats:
     """x (m,) at times (m,) as it was `offset_s` before, linear between samples; `offset_s` is one number or (m,). The ends are held."""
     return np.interp(t_s - offset_s, t_s, x) if np.any(offset_s) else x
 
@@ -78,12 +78,12 @@ def filter_second_order(t_s: Floats, x: Floats, frequency_Hz: float, ratio: floa
     if frequency_Hz <= 0.0:
         return x
     y = x.copy()
-    swing_on(t_s, x, 2.0 * np.pi * frequency_Hz, ratio, y)
+    integrate_second_order(t_s, x, 2.0 * np.pi * frequency_Hz, ratio, y)
     return y
 
 
-@compiled
-def swing_on(t_s: Floats, x: Floats, rate: float, ratio: float, y: Floats) -> None:
+@jit_cached
+def integrate_second_order(t_s: Floats, x: Floats, rate: float, ratio: float, y: Floats) -> None:
     """Integrate y'' = w^2 (x - y) - 2 d w y' into y (m,), with x (m,) linear between samples at t_s (m,) and PIECES steps for each.
 
     w is `rate` in rad/s, d is `ratio`. Second order: half a drift, a kick with half-implicit damping, half a drift.
@@ -99,7 +99,7 @@ def swing_on(t_s: Floats, x: Floats, rate: float, ratio: float, y: Floats) -> No
         y[i] = place
 
 
-def followed(x: Floats, half_width: float) -> Floats:
+def apply_play(x: Floats, half_width: float) -> Floats:
     """x (m,) behind a play of this half width: the output stays until it is dragged."""
     if half_width == 0.0:
         return x
@@ -109,10 +109,10 @@ def followed(x: Floats, half_width: float) -> Floats:
     return y
 
 
-def recorded(world: World, traces: Traces, noise: Noise, random: np.random.Generator) -> dict[str, Floats]:
+def record_columns(world: World, traces: Traces, noise: Noise, random: np.random.Generator) -> dict[str, Floats]:
     """Columns (m,) of a dynamic recording, with noise and finite resolution."""
     m = len(traces.t_s)
-    fy, fz, tx = felt(world, traces)
+    fy, fz, tx = sense(world, traces)
 
     def noisy(x: Floats | float, std: float, digit: float) -> Floats:
         return np.asarray(np.round((x + random.normal(0.0, std, m)) / digit) * digit)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.exam.cases import Case
 from rfca_rig.exam.designs import ExamDesign
-from rfca_rig.exam.experiment import HOLD_S, READ_S, STAGES, ExamStage, static_table, stroke
+from rfca_rig.exam.experiment import HOLD_S, READ_S, STAGES, ExamStage, record_stroke, static_table
 from rfca_rig.exam.labels import columns_as_written, speed_as_written
-from rfca_rig.exam.sampled_rig import drawn_scatter, world_of
+from rfca_rig.exam.sampled_rig import build_world, draw_scatter
 from rfca_rig.exam.sensor import Noise
 
 Floats = NDArray[np.float64]
@@ -108,8 +108,8 @@ def _strokes(case: Case, folder: Path, random: np.random.Generator, name: str = 
         stronger = _stronger(case, random)
         for repeat in range(1, case.design.repeats + 1):
             made = before + len(entries)
-            world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), repeat, stronger, made)
-            columns = columns_as_written(stroke(world, speed, Noise(), random), case.mislabelled)
+            world = build_world(case, 1e-3 * height_mm, draw_scatter(random), repeat, stronger, made)
+            columns = columns_as_written(record_stroke(world, speed, Noise(), random), case.mislabelled)
             file = f"runs/{name}-{len(entries) + 1:02d}.csv"
             (folder / file).write_text(_csv(columns), encoding="utf-8")
             entries.append(_entry(file, height_mm, speed_as_written(speed, speeds, case.mislabelled), repeat, made))
@@ -134,7 +134,7 @@ def _static(
     stages: list[ExamStage] = []
     ramp_s = float(random.uniform(*STATIC_RAMPS_S))
     for height_mm in case.design.static_heights_mm:
-        world = world_of(case, 1e-3 * height_mm, drawn_scatter(random), 1, _stronger(case, random), before)
+        world = build_world(case, 1e-3 * height_mm, draw_scatter(random), 1, _stronger(case, random), before)
         stages += static_table(world, height_mm, ramp_s, random, wanted)
     if not stages:
         return []

@@ -32,7 +32,7 @@ class SizeRange:
         return float(f"{self.around + sign * size:.4g}")
 
 
-SPANS: Mapping[str, Mapping[str, SizeRange]] = {
+SIZE_RANGES: Mapping[str, Mapping[str, SizeRange]] = {
     "hinge_coulomb_friction": {"torque_Nm": SizeRange(0.01, 0.3)},
     "hinge_viscous_damping": {"coefficient_Nm_s_per_rad": SizeRange(0.02, 0.4)},
     "hinge_backlash": {"half_gap_deg": SizeRange(0.05, 2.0)},
@@ -88,7 +88,7 @@ SPANS: Mapping[str, Mapping[str, SizeRange]] = {
     },
 }
 
-STRANGER_SPANS: Mapping[str, Mapping[str, SizeRange]] = {
+UNKNOWN_FAULT_RANGES: Mapping[str, Mapping[str, SizeRange]] = {
     "force_cogging": {"force_N": SizeRange(0.4, 3.0), "cycles_per_turn": SizeRange(12.0, 48.0, free=True)},
     "hinge_asymmetry": {"share": SizeRange(0.08, 0.4, either_sign=True)},
     "floor_magnet": {"force_N": SizeRange(1.0, 8.0), "reach_mm": SizeRange(5.0, 25.0, free=True)},
@@ -117,9 +117,9 @@ STRANGER_SPANS: Mapping[str, Mapping[str, SizeRange]] = {
 }
 
 
-def values_of(effect_id: str, strength: float, random: np.random.Generator) -> dict[str, float]:
+def sample_values(effect_id: str, strength: float, random: np.random.Generator) -> dict[str, float]:
     """Parameters of a catalogue effect at a strength from 0 to 1."""
-    values = {name: span.at(strength, random) for name, span in SPANS[effect_id].items()}
+    values = {name: span.at(strength, random) for name, span in SIZE_RANGES[effect_id].items()}
     if effect_id == "heavier_link":
         values["link"] = float(random.integers(2, HINGES + 1))
     if effect_id in ("damaged_hinge", "hinge_rest_angle_of_one"):
@@ -128,6 +128,6 @@ def values_of(effect_id: str, strength: float, random: np.random.Generator) -> d
     return values
 
 
-def stranger_values(name: str, strength: float, random: np.random.Generator) -> dict[str, float]:
+def sample_unknown_fault(name: str, strength: float, random: np.random.Generator) -> dict[str, float]:
     """Parameters of an effect outside the catalogue at a strength from 0 to 1."""
-    return {key: span.at(strength, random) for key, span in STRANGER_SPANS[name].items()}
+    return {key: span.at(strength, random) for key, span in UNKNOWN_FAULT_RANGES[name].items()}

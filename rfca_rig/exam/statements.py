@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.answer import Said
+from rfca_rig.exam.answer import ParsedDiagnosis
 from rfca_rig.exam.claims import Judged, calibration_error, parameter_errors
 from rfca_rig.exam.outcome import DETECTABLE, Truth
 from rfca_rig.exam.pendulum_cases import PENDULUM_NOTHING, PENDULUM_SINGLE
 from rfca_rig.model.families import families_of, members_of
 
 # Stated probability from which a wrong statement counts.
-SURE = 0.8
+SURE_PROBABILITY = 0.8
 # Lower probabilities lead to no statement, so their calibration is not scored.
 MIN_PROBABILITY = 0.3
 BINS = 7
@@ -81,7 +81,7 @@ class StatementScores:
 def score_statements(judged: Judged) -> StatementScores:
     """Score the statements of these cases."""
     null = [answer for truth, answer in judged if truth.kind in NULL_KINDS]
-    sure = [right for truth, answer in judged for probability, right in statements(truth, answer) if probability >= SURE]
+    sure = [right for truth, answer in judged for probability, right in statements(truth, answer) if probability >= SURE_PROBABILITY]
     approximate = [pair for pair in judged if pair[0].kind == cases.APPROXIMATE]
     triples = [pair for pair in judged if pair[0].kind == cases.TRIPLE]
     singles = [pair for pair in judged if pair[0].kind in SINGLE_KINDS and pair[0].left >= DETECTABLE]
@@ -107,7 +107,7 @@ def score_statements(judged: Judged) -> StatementScores:
     )
 
 
-def statements(truth: Truth, said: Said) -> Iterator[tuple[float, bool]]:
+def statements(truth: Truth, said: ParsedDiagnosis) -> Iterator[tuple[float, bool]]:
     """Stated probability of each statement of a case, and whether the statement is true."""
     for claim in said.stated:
         yield claim.probability, is_true("effect", claim.members, truth)
@@ -115,7 +115,7 @@ def statements(truth: Truth, said: Said) -> Iterator[tuple[float, bool]]:
         yield said.probability, is_true("family", {said.family}, truth)
 
 
-def _family_alone(answer: Said) -> bool:
+def _family_alone(answer: ParsedDiagnosis) -> bool:
     return answer.grade == "family" and bool(answer.family)
 
 
@@ -131,7 +131,7 @@ def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
     return any(members_of(name) & there or name in of_strangers for name in names)
 
 
-def has_right_family(truth: Truth, said: Said) -> bool:
+def has_right_family(truth: Truth, said: ParsedDiagnosis) -> bool:
     """Whether an effect or a family is stated, and all statements belong to families of true effects."""
     right = {family.id for effect in truth.effects for family in families_of(effect)}
     stated = [{family.id for member in claim.members for family in families_of(member)} for claim in said.stated]
@@ -140,7 +140,7 @@ def has_right_family(truth: Truth, said: Said) -> bool:
     return bool(stated) and all(each & right for each in stated)
 
 
-def _states_two(truth: Truth, answer: Said) -> bool:
+def _states_two(truth: Truth, answer: ParsedDiagnosis) -> bool:
     found = [bool(claim.members & truth.effects.keys()) for claim in answer.stated]
     return len(found) >= 2 and all(found)
 

@@ -12,7 +12,7 @@ MAX_LEVER_POWER = 1.25
 
 
 @dataclass(frozen=True)
-class Structured:
+class StructuredError:
     """Factors of lengths and masses (7,), of stiffness and damping (6,), and the shape of the contact."""
 
     length: tuple[float, ...]
@@ -26,10 +26,10 @@ class Structured:
     lever_power: float
 
 
-def drawn_structured(share: float, random: np.random.Generator) -> Structured:
+def draw_structured_error(share: float, random: np.random.Generator) -> StructuredError:
     """Draw relative errors with standard deviation `share`, five times as much for damping; the lengths keep their sum."""
     length = 1.0 + 0.5 * share * random.normal(size=LINKS)
-    return Structured(
+    return StructuredError(
         length=tuple(length / length.mean()),
         mass=tuple(1.0 + share * random.normal(size=LINKS)),
         k0=tuple(1.0 + share * random.normal(size=HINGES)),
@@ -42,7 +42,7 @@ def drawn_structured(share: float, random: np.random.Generator) -> Structured:
     )
 
 
-def distorted(world: World, error: Structured) -> World:
+def apply_structured_error(world: World, error: StructuredError) -> World:
     """The world with these errors."""
     links, hinges = world.links, world.hinges
     return replace(
@@ -57,7 +57,7 @@ def distorted(world: World, error: Structured) -> World:
     )
 
 
-def _reshape(floor: Floor, error: Structured) -> Floor:
+def _reshape(floor: Floor, error: StructuredError) -> Floor:
     # The stiffness keeps the force at a typical depth: only the shape of the law changes.
     return replace(
         floor,

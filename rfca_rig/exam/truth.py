@@ -5,8 +5,8 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from rfca_rig.exam.cases import Case
-from rfca_rig.exam.labels import MISLABELLED, TOLD_BY_ENCODER
-from rfca_rig.exam.visible import Size, size_of
+from rfca_rig.exam.labels import MISLABELLED, REVEALED_BY_ENCODER
+from rfca_rig.exam.visible import EffectVisibility, measure_visibility
 
 FORMAT = "rfca-exam-truth/1"
 
@@ -21,7 +21,7 @@ def truth_of(case: Case) -> dict[str, Any]:
     - `left_of_each`: the same for each effect alone, as far as nominal values cannot explain it.
     - `above_of_each`: as `left_of_each`, in units of noise and of the usual model error.
     """
-    size = size_of(case) if case.effects or case.strangers or case.mislabelled else Size(0.0, 0.0, 0.0)
+    size = measure_visibility(case) if case.effects or case.strangers or case.mislabelled else EffectVisibility(0.0, 0.0, 0.0)
     each = _sizes_alone(case, size)
     return {
         "format": FORMAT,
@@ -31,7 +31,7 @@ def truth_of(case: Case) -> dict[str, Any]:
         "strangers": {name: dict(values) for name, values in case.strangers.items()},
         "mislabelled": case.mislabelled,
         "also_right": list(MISLABELLED[case.mislabelled]) if case.mislabelled else [],
-        "silence_is_right": case.mislabelled in TOLD_BY_ENCODER,
+        "silence_is_right": case.mislabelled in REVEALED_BY_ENCODER,
         "strength": case.strength,
         "size": {
             "shift_over_noise": _round(size.shift),
@@ -51,11 +51,11 @@ def truth_of(case: Case) -> dict[str, Any]:
     }
 
 
-def _sizes_alone(case: Case, whole: Size) -> dict[str, Size]:
+def _sizes_alone(case: Case, whole: EffectVisibility) -> dict[str, EffectVisibility]:
     """Size of each effect alone: one effect of a pair may be invisible, and then no diagnosis can be expected to identify it."""
     if len(case.effects) < 2:
         return dict.fromkeys(case.effects, whole)
-    return {effect: size_of(replace(case, effects={effect: values})) for effect, values in case.effects.items()}
+    return {effect: measure_visibility(replace(case, effects={effect: values})) for effect, values in case.effects.items()}
 
 
 def _round(size: float) -> float | None:

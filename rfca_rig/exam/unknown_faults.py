@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from rfca_rig.exam.world import World, everywhere
+from rfca_rig.exam.world import World, for_each_hinge
 
 Values = Mapping[str, float]
 
 
-def with_stranger(world: World, name: str, values: Values, repeat: int) -> World:
+def with_unknown_fault(world: World, name: str, values: Values, repeat: int) -> World:
     """The world with one effect from outside the catalogue, as it is in this repeat (from 1)."""
     if name == "stiffness_falls_with_repeats":
         return _soften(world, (1.0 - values["share_per_repeat"]) ** (repeat - 1))
@@ -28,7 +28,7 @@ def force_cogging(world: World, values: Values) -> World:
 
 def hinge_asymmetry(world: World, values: Values) -> World:
     """Hinges that are stiffer in one direction than in the other."""
-    return replace(world, hinges=replace(world.hinges, asymmetry=everywhere(values["share"])))
+    return replace(world, hinges=replace(world.hinges, asymmetry=for_each_hinge(values["share"])))
 
 
 def floor_magnet(world: World, values: Values) -> World:
@@ -73,13 +73,13 @@ def coarse_digits(world: World, values: Values) -> World:
 
 def hinge_detents(world: World, values: Values) -> World:
     """Hinges that snap to even angles, as between magnets."""
-    detent, per_rad = everywhere(values["torque_Nm"]), everywhere(values["per_turn"])
+    detent, per_rad = for_each_hinge(values["torque_Nm"]), for_each_hinge(values["per_turn"])
     return replace(world, hinges=replace(world.hinges, detent_Nm=detent, detents_per_rad=per_rad))
 
 
 def tendon(world: World, values: Values) -> World:
     """An elastic cord along all hinges: its torque on each is proportional to the sum of all hinge angles."""
-    return replace(world, hinges=replace(world.hinges, tendon_Nm_per_rad=everywhere(values["stiffness_Nm_per_rad"])))
+    return replace(world, hinges=replace(world.hinges, tendon_Nm_per_rad=for_each_hinge(values["stiffness_Nm_per_rad"])))
 
 
 def slick_patch(world: World, values: Values) -> World:

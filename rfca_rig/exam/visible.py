@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.exam.cases import Case
 from rfca_rig.exam.experiment import stroke_traces
-from rfca_rig.exam.labels import really
+from rfca_rig.exam.labels import true_world
 from rfca_rig.exam.nominal_world import (
     CONTACT_SHARE,
     DAMPING_SHARE,
@@ -17,12 +17,12 @@ from rfca_rig.exam.nominal_world import (
     K0_SHARE,
     MASS_SHARE,
     START_DEG,
-    OffBy,
-    moved,
+    NominalErrors,
+    apply_nominal_errors,
     nominal_world,
 )
-from rfca_rig.exam.sampled_rig import ExamScatter, world_of
-from rfca_rig.exam.sensor import Noise, felt
+from rfca_rig.exam.sampled_rig import ExamScatter, build_world
+from rfca_rig.exam.sensor import Noise, sense
 from rfca_rig.exam.world import World
 
 Floats = NDArray[np.float64]
@@ -40,9 +40,9 @@ STEPS = 4
 NOMINAL_VALUES = 7
 
 
-def sigmas_off(sigmas: Floats) -> OffBy:
+def errors_from_sigmas(sigmas: Floats) -> NominalErrors:
     """Differences from the nominal values by `sigmas` (7,) prior standard deviations each."""
-    return OffBy(
+    return NominalErrors(
         height_mm=HEIGHT_MM * sigmas[0],
         start_angle_deg=START_DEG * sigmas[1],
         friction_coefficient=FRICTION * sigmas[2],
@@ -54,7 +54,7 @@ def sigmas_off(sigmas: Floats) -> OffBy:
 
 
 @dataclass(frozen=True)
-class Size:
+class EffectVisibility:
     """Root mean square change of fy, fz and tx, the largest of the three, in units of a sample's noise.
 
     - `shift`: the change itself.
@@ -68,20 +68,20 @@ class Size:
     above: float
 
 
-def size_of(case: Case) -> Size:
+def measure_visibility(case: Case) -> EffectVisibility:
     """Size at the first and the last condition of the case, from the command to the valley of the leg without the effect.
 
     It is infinite where only the labels of columns or conditions are wrong: these change no force.
     """
-    if case.mislabelled and really(nominal_world(1.0), case.mislabelled) == nominal_world(1.0):
-        return Size(np.inf, np.inf, np.inf)
+    if case.mislabelled and true_world(nominal_world(1.0), case.mislabelled) == nominal_world(1.0):
+        return EffectVisibility(np.inf, np.inf, np.inf)
     first, last = 0, len(case.design.conditions) - 1
     conditions = [_simulate_condition(case, number) for number in sorted({first, last})]
     shift, moves, forces = (
         np.concatenate(parts, axis=1) for parts in zip(*((s.shift, s.moves, s.forces) for s in conditions), strict=True)
     )
     noise, both = np.ones_like(forces), np.hypot(1.0, MODEL_ERROR * forces)
-    return Size(_largest_rms(shift), _remainder(conditions, shift, moves, noise), _remainder(conditions, shift, moves, both))
+    return EffectVisibility(_largest_rms(shift), _remainder(conditions, shift, moves, noise), _remainder(conditions, shift, moves, both))
 
 
 @dataclass(frozen=True)
@@ -105,12 +105,12 @@ def _simulate_condition(case: Case, number: int) -> _Condition:
     (height_mm, speed), repeats = case.design.conditions[number], case.design.repeats
     before = (number + 1) * repeats - 1
     plain = replace(case, effects={}, strangers={}, uneven=None, mislabelled=None)
-    world = world_of(plain, 1e-3 * height_mm, ExamScatter(), 1)
+    world = build_world(plain, 1e-3 * height_mm, ExamScatter(), 1)
     base, until = _forces(world, speed, None)
-    concealed, _ = _forces(world_of(case, 1e-3 * height_mm, ExamScatter(), repeats, strokes_before=before), speed, until)
+    concealed, _ = _forces(build_world(case, 1e-3 * height_mm, ExamScatter(), repeats, strokes_before=before), speed, until)
 
     def change_by(sigmas: Floats) -> Floats:
-        return _forces(moved(world, sigmas_off(sigmas)), speed, until)[0] - base
+        return _forces(apply_nominal_errors(world, errors_from_sigmas(sigmas)), speed, until)[0] - base
 
     moves = np.stack([change_by(one) for one in np.eye(NOMINAL_VALUES)], axis=-1)
     return _Condition(concealed - base, moves, base, change_by)
@@ -158,7 +158,7 @@ def _forces(world: World, speed: float, until: int | None) -> tuple[Floats, int]
     # Coarser than for recordings: the size of an effect needs less accuracy than its data.
     traces = stroke_traces(world, speed, step_s=2e-4)
     noise = Noise()
-    fy, fz, tx = felt(world, traces)
+    fy, fz, tx = sense(world, traces)
     first = int(np.searchsorted(traces.t_s, 0.0))
     # Not before 0.3 s, so that the start of the motion is not taken for the valley.
     if until is None:

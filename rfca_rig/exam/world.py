@@ -7,7 +7,7 @@ LINKS = 7
 HINGES = LINKS - 1
 
 
-def everywhere(value: float, count: int = HINGES) -> tuple[float, ...]:
+def for_each_hinge(value: float, count: int = HINGES) -> tuple[float, ...]:
     """The same value for each hinge, as a tuple of `count`."""
     return (value,) * count
 
@@ -43,22 +43,22 @@ class Hinges:
     k0_Nm_per_rad: tuple[float, ...]
     k2_per_rad2: tuple[float, ...]
     damping_Nm_s_per_rad: tuple[float, ...]
-    gap_rad: tuple[float, ...] = everywhere(0.0)
-    preset_rad: tuple[float, ...] = everywhere(0.0)
-    asymmetry: tuple[float, ...] = everywhere(0.0)
-    quadratic_Nm_s2_per_rad2: tuple[float, ...] = everywhere(0.0)
+    gap_rad: tuple[float, ...] = for_each_hinge(0.0)
+    preset_rad: tuple[float, ...] = for_each_hinge(0.0)
+    asymmetry: tuple[float, ...] = for_each_hinge(0.0)
+    quadratic_Nm_s2_per_rad2: tuple[float, ...] = for_each_hinge(0.0)
     # Beyond any possible angle.
-    stop_rad: tuple[float, ...] = everywhere(10.0)
-    stop_Nm_per_rad: tuple[float, ...] = everywhere(0.0)
-    pin_Nm: tuple[float, ...] = everywhere(0.0)
-    loop_Nm: tuple[float, ...] = everywhere(0.0)
-    loop_rad: tuple[float, ...] = everywhere(1.0)
-    arm_Nm_per_rad: tuple[float, ...] = everywhere(0.0)
-    arm_s: tuple[float, ...] = everywhere(1.0)
-    pin_creep_rad: tuple[float, ...] = everywhere(1e-3)
-    detent_Nm: tuple[float, ...] = everywhere(0.0)
-    detents_per_rad: tuple[float, ...] = everywhere(1.0)
-    tendon_Nm_per_rad: tuple[float, ...] = everywhere(0.0)
+    stop_rad: tuple[float, ...] = for_each_hinge(10.0)
+    stop_Nm_per_rad: tuple[float, ...] = for_each_hinge(0.0)
+    pin_Nm: tuple[float, ...] = for_each_hinge(0.0)
+    loop_Nm: tuple[float, ...] = for_each_hinge(0.0)
+    loop_rad: tuple[float, ...] = for_each_hinge(1.0)
+    arm_Nm_per_rad: tuple[float, ...] = for_each_hinge(0.0)
+    arm_s: tuple[float, ...] = for_each_hinge(1.0)
+    pin_creep_rad: tuple[float, ...] = for_each_hinge(1e-3)
+    detent_Nm: tuple[float, ...] = for_each_hinge(0.0)
+    detents_per_rad: tuple[float, ...] = for_each_hinge(1.0)
+    tendon_Nm_per_rad: tuple[float, ...] = for_each_hinge(0.0)
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Floor:
 
 
 @dataclass(frozen=True)
-class DriveOf:
+class DriveModel:
     """The drive of the shaft. It follows its command exactly unless these fields say otherwise.
 
     `kp` > 0 puts a rotor under PI control of its speed, with a torque within `limit`; beside it the motor has cogging.
@@ -195,7 +195,7 @@ class World:
     links: Links
     hinges: Hinges
     floor: Floor
-    drive: DriveOf
+    drive: DriveModel
     mount: Mount
     sensing: Sensing = Sensing()
     strokes_before: int = 0

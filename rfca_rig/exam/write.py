@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import RigError
-from rfca_rig.exam.cases import KINDS, Case, drawn_cases, shared_out
+from rfca_rig.exam.cases import KINDS, Case, draw_cases, split_numbers
 from rfca_rig.exam.pendulum_campaign import truth_of_pendulum, write_pendulum_campaign
 from rfca_rig.exam.pendulum_cases import PendulumCase
 from rfca_rig.exam.plan import ExamPlan, begin
-from rfca_rig.exam.runner import worked_off
-from rfca_rig.exam.sealing import complete, is_sealed, seal_all, unwritten
+from rfca_rig.exam.runner import run_jobs
+from rfca_rig.exam.sealing import is_sealed, list_unwritten, seal_all, write_missing
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.exam.truth import truth_of
 from rfca_rig.executors.base import TaskExecutor
 from rfca_rig.executors.local import process_executor
-from rfca_rig.progress import Told, silent
-from rfca_rig.recording.atomic_dir import sweep_out, whole
+from rfca_rig.progress import ProgressReport, ignore_named_progress
+from rfca_rig.recording.atomic_dir import atomic_directory, remove_leftovers
 
 CAMPAIGNS = "campaigns"
 
@@ -35,27 +35,27 @@ def write_cases(folder: Path, seed: int, numbers: Mapping[str, int], workers: in
         return write_all(folder, plan, executor)
 
 
-def write_all(folder: Path, plan: ExamPlan, executor: TaskExecutor, told: Told = silent) -> list[Path]:
+def write_all(folder: Path, plan: ExamPlan, executor: TaskExecutor, told: ProgressReport = ignore_named_progress) -> list[Path]:
     """As `write_cases`, with an executor; `told` is called with the progress."""
     begin(folder, plan)
-    cases = drawn_cases(plan.seed, plan.numbers)
+    cases = draw_cases(plan.seed, plan.numbers)
     _seal(cases, folder, executor, told)
     campaigns = folder / CAMPAIGNS
-    sweep_out(campaigns)
+    remove_leftovers(campaigns)
     to_write = [case for case in cases if not (campaigns / case.id).is_dir()]
     before = len(cases) - len(to_write)
-    worked_off(executor, partial(_write_whole, campaigns.resolve()), to_write, _id, "campaigns written", told, before)
+    run_jobs(executor, partial(_write_whole, campaigns.resolve()), to_write, _id, "campaigns written", told, before)
     return [campaigns / case.id for case in cases]
 
 
-def _seal(cases: Sequence[Case | PendulumCase], folder: Path, executor: TaskExecutor, told: Told) -> None:
+def _seal(cases: Sequence[Case | PendulumCase], folder: Path, executor: TaskExecutor, told: ProgressReport) -> None:
     """Seal all truths, or complete an interrupted sealing."""
     # Hashes are written once. After an interruption only contents are added, which must match their hashes when they are opened.
     sealed = is_sealed(folder)
-    missing = set(unwritten(folder)) if sealed else {case.id for case in cases}
+    missing = set(list_unwritten(folder)) if sealed else {case.id for case in cases}
     to_seal = [case for case in cases if case.id in missing]
-    truths = worked_off(executor, _truth_of, to_seal, _id, "truths sealed", told, len(cases) - len(to_seal))
-    (complete if sealed else seal_all)([truths[case.id] for case in to_seal], folder)
+    truths = run_jobs(executor, _truth_of, to_seal, _id, "truths sealed", told, len(cases) - len(to_seal))
+    (write_missing if sealed else seal_all)([truths[case.id] for case in to_seal], folder)
 
 
 def _id(case: Case | PendulumCase) -> str:
@@ -68,7 +68,7 @@ def _truth_of(case: Case | PendulumCase) -> dict[str, Any]:
 
 def _write_whole(campaigns: Path, case: Case | PendulumCase) -> None:
     """Write one campaign folder atomically: a folder that exists is complete."""
-    with whole(campaigns / case.id) as into:
+    with atomic_directory(campaigns / case.id) as into:
         if isinstance(case, PendulumCase):
             write_pendulum_campaign(case, into)
         else:
@@ -84,7 +84,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1, help="processes that share the work")
     parser.add_argument("--kind", choices=KINDS, help="cases of this kind only")
     arguments = parser.parse_args()
-    numbers = {arguments.kind: arguments.cases} if arguments.kind else shared_out(arguments.cases)
+    numbers = {arguments.kind: arguments.cases} if arguments.kind else split_numbers(arguments.cases)
     try:
         folders = write_cases(arguments.out, arguments.seed, numbers, arguments.workers)
     except RigError as error:

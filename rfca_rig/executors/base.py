@@ -21,10 +21,10 @@ class TaskExecutor(Executor):
     """Executor whose futures fail with WorkerLost if their worker was lost; other futures are not affected.
 
     Functions must be importable by name on the workers, arguments and results picklable. A lost task is not submitted again before
-    `calm_after_loss_s` has passed. If several workers end together, the task must not be blamed for the next one as well.
+    `retry_delay_s` has passed. If several workers end together, the task must not be blamed for the next one as well.
     """
 
-    calm_after_loss_s = 0.0
+    retry_delay_s = 0.0
 
     @property
     @abstractmethod

@@ -17,9 +17,9 @@ from weakref import ref
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.executors.base import TaskExecutor, WorkerLost
-from rfca_rig.executors.environment import EnvironmentCheck, Facts, processor, ready
-from rfca_rig.executors.optional import distributed
-from rfca_rig.progress import Told
+from rfca_rig.executors.environment import EnvironmentCheck, Facts, check_worker, detect_processor
+from rfca_rig.executors.optional import import_distributed
+from rfca_rig.progress import ProgressReport
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -39,7 +39,7 @@ class WorkerStartup:
     """
 
     expected: int
-    told: Told
+    told: ProgressReport
     still_coming: Callable[[], None]
 
 
@@ -47,7 +47,7 @@ class DaskExecutor(TaskExecutor):
     """Executor on the workers of a scheduler, each with one thread."""
 
     # The jobs of an array whose time limit is reached end within this time.
-    calm_after_loss_s = 5.0
+    retry_delay_s = 5.0
 
     def __init__(self, client: Any, terms: EnvironmentCheck, facts: Callable[[], Facts], hiring: WorkerStartup, clock: Clock) -> None:
         self._client, self._terms, self._facts, self._hiring, self._clock = client, terms, facts, hiring, clock
@@ -92,7 +92,7 @@ class DaskExecutor(TaskExecutor):
             future.set_running_or_notify_cancel()
         elif future.set_running_or_notify_cancel():
             error = remote.exception()
-            if isinstance(error, distributed().KilledWorker):
+            if isinstance(error, import_distributed().KilledWorker):
                 # Count the workers again at once, so that no worker gets two tasks.
                 self._counted_s = -inf
                 future.set_exception(
@@ -120,7 +120,7 @@ class DaskExecutor(TaskExecutor):
         # Anything that keeps a worker from answering, such as another Python or a missing rfca_rig.
         except Exception as error:
             raise BadInput(f"a worker cannot run this rfca-rig: {type(error).__name__}: {error}; install the same one there") from None
-        unlike = sorted({*kinds.values(), processor()})
+        unlike = sorted({*kinds.values(), detect_processor()})
         if len(unlike) > 1:
             notice(f"processors differ ({', '.join(unlike)}): results may depend on the worker in their last digits")
 
@@ -142,14 +142,14 @@ class DaskExecutor(TaskExecutor):
 
 def _check_and_run(terms: EnvironmentCheck, facts: Callable[[], Facts], fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
     """Runs in the worker: checks its environment before the first task, as workers may join late."""
-    ready(terms, facts)
+    check_worker(terms, facts)
     return fn(*args, **kwargs)
 
 
 def _check_worker(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> str:
     """Runs in the worker: checks its environment; returns the processor type."""
-    ready(terms, facts)
-    return processor()
+    check_worker(terms, facts)
+    return detect_processor()
 
 
 def _cancel_too(remote: "ref[Future[T]]", future: Future[T]) -> None:
@@ -162,10 +162,10 @@ def _cancel_too(remote: "ref[Future[T]]", future: Future[T]) -> None:
 
 
 @contextmanager
-def workers_of(scheduler: Any, folder: Path | None, facts: Callable[[], Facts], hiring: WorkerStartup) -> Iterator[DaskExecutor]:
+def connect_workers(scheduler: Any, folder: Path | None, facts: Callable[[], Facts], hiring: WorkerStartup) -> Iterator[DaskExecutor]:
     """Connects to `scheduler`, an address or a cluster. `folder`, where tasks write files, must be visible to the workers too."""
     try:
-        client = distributed().Client(scheduler, timeout=CONNECT_S, set_as_default=False)
+        client = import_distributed().Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise BadInput(f"--cluster {scheduler}: no Dask scheduler answers there ({type(error).__name__})") from None
     with client, _token_in(folder) as token:
@@ -174,11 +174,11 @@ def workers_of(scheduler: Any, folder: Path | None, facts: Callable[[], Facts], 
 
 
 @contextmanager
-def connected(
-    address: str, folder: Path | None, facts: Callable[[], Facts], told: Told, notice: Callable[[str], None]
+def connect_to_scheduler(
+    address: str, folder: Path | None, facts: Callable[[], Facts], told: ProgressReport, notice: Callable[[str], None]
 ) -> Iterator[DaskExecutor]:
     """Uses the workers of a running scheduler, and leaves them running. Raises BadInput if it does not answer."""
-    with workers_of(address, folder, facts, WorkerStartup(1, told, lambda: None)) as executor:
+    with connect_workers(address, folder, facts, WorkerStartup(1, told, lambda: None)) as executor:
         if executor.count() == 0:
             notice(f"{address} has no workers yet; waiting for the first")
         executor.wait_for_first()

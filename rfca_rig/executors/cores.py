@@ -23,7 +23,7 @@ def machine_cores() -> int:
 
 
 @contextmanager
-def algebra_on_one_thread() -> Iterator[None]:
+def single_threaded_blas() -> Iterator[None]:
     """Limits linear algebra to one thread, in the whole process; the last digits of results then do not depend on the number of cores.
 
     BLAS threads wait for each other by spinning. Beside other threads, or another program, they cost many times what they save.

@@ -27,7 +27,7 @@ class EnvironmentCheck:
     folder: str | None = None
     token: str = ""
 
-    def unmet(self, facts: Facts) -> str | None:
+    def find_differences(self, facts: Facts) -> str | None:
         """Differences of a process with these facts, as one line; None if there are none."""
         actual = {name: facts.get(name, "missing") for name in self.facts}
         differing = [
@@ -41,17 +41,17 @@ class EnvironmentCheck:
         return None
 
 
-def facts_here() -> Facts:
+def collect_facts() -> Facts:
     """Versions of Python and packages, and a hash of this package's source."""
     return {
         "Python": platform.python_version(),
         "rfca_rig": rfca_rig.__version__,
-        "source": source_hash(Path(rfca_rig.__file__).parent),
+        "source": hash_source(Path(rfca_rig.__file__).parent),
         **{name: _version(name) for name in PACKAGES},
     }
 
 
-def source_hash(folder: Path) -> str:
+def hash_source(folder: Path) -> str:
     """Hash of all Python files below `folder`.
 
     A git revision is not enough: two checkouts of it may differ, and an installed package has none.
@@ -64,7 +64,7 @@ def source_hash(folder: Path) -> str:
     return digest.hexdigest()[:12]
 
 
-def processor() -> str:
+def detect_processor() -> str:
     """Processor type, for which compiled code and linear algebra kernels are chosen."""
     from llvmlite.binding import get_host_cpu_name  # noqa: PLC0415 - of no use to processes that hand nothing out
 
@@ -78,7 +78,7 @@ def _version(name: str) -> str:
         return "missing"
 
 
-def ready(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> None:
+def check_worker(terms: EnvironmentCheck, facts: Callable[[], Facts]) -> None:
     """Checks a worker before its first task. Raises BadInput, which names the worker's computer."""
     unmet = _unmet(terms.folder, terms.token, tuple(terms.facts.items()), facts)
     if unmet is not None:
@@ -93,4 +93,4 @@ def _unmet(folder: str | None, token: str, facts: tuple[tuple[str, str], ...], f
     # OpenBLAS reads its thread count when it is loaded, so it cannot be set here any more.
     if os.environ.get(LINEAR_ALGEBRA) != "1":
         return f"linear algebra may use many threads there; start it with {LINEAR_ALGEBRA}=1"
-    return EnvironmentCheck(dict(facts), folder, token).unmet(facts_there())
+    return EnvironmentCheck(dict(facts), folder, token).find_differences(facts_there())

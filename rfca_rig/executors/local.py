@@ -37,7 +37,7 @@ def process_executor(workers: int) -> Iterator[TaskExecutor]:
         try:
             yield processes
         except BaseException:
-            processes.stop_hiring()
+            processes.stop_starting_processes()
             # Only processes started here, not other children of this process.
             _end(set(active_children()) - others)
             raise
@@ -66,7 +66,7 @@ class ProcessExecutor(TaskExecutor):
     def _run_in_process(self, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
         """Runs in a thread: executes the task in this thread's process."""
         try:
-            # The lock keeps a process from being started after `stop_hiring`.
+            # The lock keeps a process from being started after `stop_starting_processes`.
             with self._start_lock:
                 future = self._own_pool().submit(fn, *args, **kwargs)
             return future.result()
@@ -85,7 +85,7 @@ class ProcessExecutor(TaskExecutor):
             self._pools.append(pool)
         return pool
 
-    def stop_hiring(self) -> None:
+    def stop_starting_processes(self) -> None:
         """From now on no process is started."""
         with self._start_lock:
             self._is_over = True

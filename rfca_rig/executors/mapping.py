@@ -29,11 +29,11 @@ BATCH_PER_WORKER_S = 0.01
 # Interval in s at which the executor is checked while no result arrives.
 LOOK_EVERY_S = 2.0
 # Number of lost workers from which a task counts as failed.
-LOST_TOO_OFTEN = 2
+MAX_LOST_WORKERS = 2
 
 
 @dataclass(frozen=True)
-class Failed:
+class TaskFailure:
     """A task without result: the reason in one line, and the traceback if there is one."""
 
     reason: str
@@ -44,7 +44,7 @@ class Failed:
 class _Back(Generic[Result]):
     """Results of a batch, in its order, and its duration."""
 
-    results: list[Result | Failed]
+    results: list[Result | TaskFailure]
     seconds: float
 
 
@@ -54,7 +54,7 @@ def map_unordered(
     items: Sequence[Item],
     clocks: Callable[[], Clock] = WallClock,
     batch_s: float = BATCH_S,
-) -> Iterator[tuple[Item, Result | Failed]]:
+) -> Iterator[tuple[Item, Result | TaskFailure]]:
     """Applies `work` to all items in parallel.
 
     Parameters
@@ -74,7 +74,7 @@ def map_unordered(
     Yields
     ------
     item, result
-        In order of completion; `Failed` in place of the result of a failed task.
+        In order of completion; `TaskFailure` in place of the result of a failed task.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def map_unordered(
         If the executor has failed.
     """
     clock = clocks()
-    pending = _PendingTasks(len(items), batch_s, executor.calm_after_loss_s)
+    pending = _PendingTasks(len(items), batch_s, executor.retry_delay_s)
     running: dict[Future[_Back[Result]], Sequence[int]] = {}
     finished: SimpleQueue[Future[_Back[Result]]] = SimpleQueue()
     try:
@@ -140,7 +140,7 @@ class _PendingTasks:
         size = min(round(seconds / self._seconds_each), ceil(len(self._fresh) / (4 * workers)))
         return [self._fresh.popleft() for _ in range(max(1, size))]
 
-    def outcome(self, now_s: float, numbers: Sequence[int], future: "Future[_Back[Result]]") -> Iterator[tuple[int, Result | Failed]]:
+    def outcome(self, now_s: float, numbers: Sequence[int], future: "Future[_Back[Result]]") -> Iterator[tuple[int, Result | TaskFailure]]:
         """Final results of a batch; lost tasks are queued again."""
         try:
             back = future.result()
@@ -154,22 +154,22 @@ class _PendingTasks:
         # A result that cannot be pickled. Which task it belongs to shows when they run one by one.
         except Exception as error:
             if len(numbers) == 1:
-                yield numbers[0], failure(error)
+                yield numbers[0], describe_failure(error)
             else:
                 self._alone.extend((now_s, number) for number in numbers)
         else:
             self._seconds_each = max(back.seconds, 1e-6) / len(numbers)
             yield from zip(numbers, back.results, strict=True)
 
-    def _after_loss(self, now_s: float, numbers: Sequence[int], lost: WorkerLost) -> Iterator[tuple[int, Failed]]:
+    def _after_loss(self, now_s: float, numbers: Sequence[int], lost: WorkerLost) -> Iterator[tuple[int, TaskFailure]]:
         """Queues lost tasks again. Only a task that ran alone is counted, as in a batch the cause is unknown."""
         if len(numbers) == 1:
             self._lost[numbers[0]] += lost.times
         for number in numbers:
-            if self._lost[number] < LOST_TOO_OFTEN:
+            if self._lost[number] < MAX_LOST_WORKERS:
                 self._alone.append((now_s + self._calm_s, number))
             else:
-                yield number, Failed(f"{self._lost[number]} workers were lost over it: {lost}")
+                yield number, TaskFailure(f"{self._lost[number]} workers were lost over it: {lost}")
 
 
 def _run_batch(work: Callable[[Item], Result], clocks: Callable[[], Clock], items: Sequence[Item]) -> _Back[Result]:
@@ -178,13 +178,13 @@ def _run_batch(work: Callable[[Item], Result], clocks: Callable[[], Clock], item
     return _Back([_try_task(work, item) for item in items], clock.now_s())
 
 
-def _try_task(work: Callable[[Item], Result], item: Item) -> Result | Failed:
+def _try_task(work: Callable[[Item], Result], item: Item) -> Result | TaskFailure:
     try:
         return work(item)
     except Exception as error:
-        return failure(error)
+        return describe_failure(error)
 
 
-def failure(error: BaseException) -> Failed:
+def describe_failure(error: BaseException) -> TaskFailure:
     """Converts an exception to text, as not every exception can be pickled."""
-    return Failed(" ".join("".join(traceback.format_exception_only(error)).split()), "".join(traceback.format_exception(error)))
+    return TaskFailure(" ".join("".join(traceback.format_exception_only(error)).split()), "".join(traceback.format_exception(error)))

@@ -20,15 +20,15 @@ from threading import current_thread, main_thread
 from typing import Any
 
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.executors.cluster import DaskExecutor, WorkerStartup, workers_of
+from rfca_rig.executors.cluster import DaskExecutor, WorkerStartup, connect_workers
 from rfca_rig.executors.cores import ONE_THREAD
 from rfca_rig.executors.environment import Facts
-from rfca_rig.executors.optional import distributed
-from rfca_rig.progress import Told
+from rfca_rig.executors.optional import import_distributed
+from rfca_rig.progress import ProgressReport
 
 DEATH_TIMEOUT_S = 60
 # Memory of the process that supervises the workers of a job.
-BESIDE_WORKERS_MB = 500
+SUPERVISOR_MEMORY_MB = 500
 SCRIPT, KEYS = "workers.sbatch", "keys.pem"
 
 
@@ -63,7 +63,7 @@ class JobArray:
             "array": f"0-{self.jobs - 1}",
             "ntasks": "1",
             "cpus-per-task": f"{self.workers_per_job}",
-            "mem": f"{self.workers_per_job * self.memory_per_worker_MB + BESIDE_WORKERS_MB}M",
+            "mem": f"{self.workers_per_job * self.memory_per_worker_MB + SUPERVISOR_MEMORY_MB}M",
             "time": self.time,
             "partition": self.partition,
             "account": self.account,
@@ -92,13 +92,13 @@ class JobArray:
 
 @contextmanager
 def slurm_workers(
-    array: JobArray, shared: Path, folder: Path | None, facts: Callable[[], Facts], told: Told, notice: Callable[[str], None]
+    array: JobArray, shared: Path, folder: Path | None, facts: Callable[[], Facts], told: ProgressReport, notice: Callable[[str], None]
 ) -> Iterator[DaskExecutor]:
     """Executor on the workers of a job array, which is cancelled whenever the block ends.
 
     Script, keys and output of the jobs are in a new folder in `shared`, which is kept if the block ends with an error.
     """
-    distributed()
+    import_distributed()
     if which("sbatch") is None:
         raise BadInput("--cluster slurm:FILE: there is no sbatch on this computer; type this where jobs are submitted")
     own = Path(mkdtemp(prefix="rfca-rig-jobs-", dir=shared)).resolve()
@@ -107,7 +107,7 @@ def slurm_workers(
         with (
             _handle_termination(),
             _submit(own / SCRIPT) as job,
-            workers_of(scheduler, folder, facts, WorkerStartup(array.workers, told, partial(_check_job_alive, job, own))) as executor,
+            connect_workers(scheduler, folder, facts, WorkerStartup(array.workers, told, partial(_check_job_alive, job, own))) as executor,
         ):
             notice(f"SLURM has job {job}, {array.jobs} times {array.workers_per_job} workers")
             executor.wait_for_first()
@@ -135,12 +135,12 @@ def _handle_termination() -> Iterator[None]:
 def _scheduler(interface: str | None, keys: Path) -> Iterator[Any]:
     """Starts a scheduler in this process, with its own TLS keys: other users can neither submit nor see tasks."""
     _allow_many_connections()
-    security = distributed().Security.temporary()
+    security = import_distributed().Security.temporary()
     # The permissions are set before the key is written.
     keys.touch(mode=0o600)
     keys.write_text(f"{security.tls_client_key}{security.tls_client_cert}", encoding="utf-8")
     try:
-        cluster = distributed().LocalCluster(
+        cluster = import_distributed().LocalCluster(
             n_workers=0,
             processes=True,
             host=None if interface else _own_address(),
@@ -164,7 +164,7 @@ def _allow_many_connections() -> None:
 
 
 def _own_address() -> str:
-    return str(distributed().utils.get_ip())
+    return str(import_distributed().utils.get_ip())
 
 
 @contextmanager

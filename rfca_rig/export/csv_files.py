@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rfca_rig.campaign.stored import Stored, stored_at
+from rfca_rig.campaign.stored import StoredRecording, open_stored
 from rfca_rig.campaign.stored_streams import StoredStream
 from rfca_rig.errors import BadInput
 from rfca_rig.export.static_row import static_row
-from rfca_rig.progress import Watcher, counted
-from rfca_rig.recording.atomic import make_folder_atomically, refusals
+from rfca_rig.progress import ProgressCount, iterate_with_progress
+from rfca_rig.recording.atomic import make_folder_atomically, translate_os_errors
 
 TIME = "t_s"
 INDEX = ("file", "stage", "device", "records", "height_mm", "speed_rad_s", "repeat", "cut_short")
@@ -30,7 +30,7 @@ class ExportedCsv:
     records: int
 
 
-def export_csv(run: Path, out: Path, told: Watcher) -> ExportedCsv:
+def export_csv(run: Path, out: Path, told: ProgressCount) -> ExportedCsv:
     """Writes the folder `out`, completely or not at all. Samples are read block by block, so memory does not grow with the recording.
 
     Parameters
@@ -53,13 +53,13 @@ def export_csv(run: Path, out: Path, told: Watcher) -> ExportedCsv:
     if out.exists():
         raise BadInput(f"{out}: is there already; name a folder that does not exist yet, or take this one away")
     stage_rows: list[dict[str, Any]] = []
-    stored = stored_at(run)
-    with refusals(out, "cannot be written"):
+    stored = open_stored(run)
+    with translate_os_errors(out, "cannot be written"):
         make_folder_atomically(out, lambda folder: stage_rows.extend(_write_folder(stored, folder, told)))
     return ExportedCsv(len(stage_rows), sum(row["records"] for row in stage_rows))
 
 
-def _write_folder(stored: Stored, folder: Path, told: Watcher) -> list[dict[str, Any]]:
+def _write_folder(stored: StoredRecording, folder: Path, told: ProgressCount) -> list[dict[str, Any]]:
     (folder / "stages").mkdir()
     rows = list(_write_stages(stored, folder, told))
     _write_csv(folder / "stages.csv", INDEX, ([row.get(name, "") for name in INDEX] for row in rows))
@@ -69,8 +69,8 @@ def _write_folder(stored: Stored, folder: Path, told: Watcher) -> list[dict[str,
     return rows
 
 
-def _write_stages(stored: Stored, folder: Path, told: Watcher) -> Iterator[dict[str, Any]]:
-    for number, stage in enumerate(counted((*stored.strokes, *stored.raw), told), start=1):
+def _write_stages(stored: StoredRecording, folder: Path, told: ProgressCount) -> Iterator[dict[str, Any]]:
+    for number, stage in enumerate(iterate_with_progress((*stored.strokes, *stored.raw), told), start=1):
         # A file per device: devices sample at different times, and joining them would need resampling.
         with stage.samples.opened() as streams:
             for stream in streams:

@@ -67,13 +67,13 @@ def event_times(events: Iterable[Event]) -> Iterator[tuple[int, Event]]:
             yield ns, event
 
 
-def placed(stages: Iterable[StoredStage], events: Iterable[Event]) -> list[tuple[int, StoredStage]]:
+def order_by_time(stages: Iterable[StoredStage], events: Iterable[Event]) -> list[tuple[int, StoredStage]]:
     """Each stage with the UTC of its t_s = 0 in ns, sorted by time. Where no host time was recorded, stages follow a second apart."""
     beginnings = list(_stage_beginnings(events))
     timed_stages: list[tuple[int, StoredStage]] = []
     free_ns = 0
     for stage in stages:
-        zero_s = zero_of(stage)
+        zero_s = host_time_of_zero(stage)
         first_s, last_s = stage.samples.span_s
         zero_ns = free_ns - round(first_s * NS) if zero_s is None else _clock_of(stage, zero_s + first_s, beginnings).ns(zero_s)
         timed_stages.append((zero_ns, stage))
@@ -81,7 +81,7 @@ def placed(stages: Iterable[StoredStage], events: Iterable[Event]) -> list[tuple
     return sorted(timed_stages, key=lambda pair: pair[0])
 
 
-def zero_of(stage: StoredStage) -> float | None:
+def host_time_of_zero(stage: StoredStage) -> float | None:
     """Host time of t_s = 0 in seconds, None where no host time was recorded.
 
     It is the smallest difference of host time and t_s over all records: a record never arrives before it was sampled.

@@ -12,19 +12,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.scatter import USUAL
-from rfca_rig.analysis.phases import Refused
-from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
+from rfca_rig.analysis.phases import Undetermined
+from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.analysis.valley import valley_and_phases
-from rfca_rig.campaign.opening import open_with_belief
-from rfca_rig.description.toml_writing import comment, written
+from rfca_rig.campaign.opening import open_with_nominal_model
+from rfca_rig.description.toml_writing import comment, format_value
 from rfca_rig.diagnosis.diagnose import PreparedData, prepare_data
 from rfca_rig.diagnosis.leg.nuisances import SAGS, SAGS_PER_S
-from rfca_rig.diagnosis.leg.strokes import FlapCondition
+from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.leg_file import FLOOR, RACK, SENSOR, SHAFT, end_names, hinge_names, link_names, write_leg_mjcf
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.recording.atomic import make_folder_atomically, refusals
+from rfca_rig.recording.atomic import make_folder_atomically, translate_os_errors
 from rfca_rig.recording.model import Recording, Stroke
 
 Floats = NDArray[np.float64]
@@ -62,12 +62,12 @@ def export_leg(run: Path, out: Path) -> ExportedLeg:
     """
     if out.exists():
         raise BadInput(f"{out}: is there already; name a folder that does not exist yet, or take this one away")
-    recordings = open_with_belief([run])
+    recordings = open_with_nominal_model([run])
     prepared, _ = prepare_data(recordings)
     if not prepared.flaps:
         raise BadInput(f"{run}: no stroke shows a touchdown and a valley, so there is no motion to export")
     files = _Files(prepared, recordings)
-    with refusals(out, "cannot be written"):
+    with translate_os_errors(out, "cannot be written"):
         make_folder_atomically(out, files.write)
     return ExportedLeg(len(files.strokes), tuple(_describe_left_out(prepared.rig, recordings, prepared)))
 
@@ -77,7 +77,7 @@ class _Files:
 
     def __init__(self, prepared: PreparedData, recordings: Sequence[Recording]) -> None:
         flaps = {flap.label: flap for flap in prepared.flaps}
-        conditions = conditions_of(stroke for recording in recordings for stroke in recording.strokes)
+        conditions = group_by_condition(stroke for recording in recordings for stroke in recording.strokes)
         self.prepared = prepared
         self.strokes = [
             (flaps[condition.label], stroke)
@@ -98,11 +98,13 @@ class _Files:
             repeats[flap.label] += 1
             # The file holds the whole stroke; from_s and to_s mark the stretch that the diagnosis of the leg compares.
             begin_s, end_s = float(flap.t_s[0]), float(flap.t_s[-1])
-            entries += f"\n[[recordings]]\nfile = {written(name)}\ncondition = {written(flap.label)}\nrepeat = {repeats[flap.label]}\n"
-            entries += f"from_s = {written(begin_s)}\nto_s = {written(end_s)}\n"
+            entries += (
+                f"\n[[recordings]]\nfile = {format_value(name)}\ncondition = {format_value(flap.label)}\nrepeat = {repeats[flap.label]}\n"
+            )
+            entries += f"from_s = {format_value(begin_s)}\nto_s = {format_value(end_s)}\n"
         (folder / "experiment.toml").write_text(self._description() + entries, encoding="utf-8")
 
-    def _csv(self, flap: FlapCondition, stroke: Stroke) -> str:
+    def _csv(self, flap: DynamicCondition, stroke: Stroke) -> str:
         at_s = np.asarray(stroke.channel("fz_N")[0])  # type: ignore[index]
         motion = flap.turn.motion(self.prepared.coordinates.supposed(np.zeros(self.prepared.coordinates.size)), float(at_s[-1]))
         # The motion is defined between its first and last break only: outside, the shaft stands at the end.
@@ -116,15 +118,17 @@ class _Files:
     def _description(self) -> str:
         prepared, leg, ground = self.prepared, self.prepared.rig.leg, self.prepared.rig.ground
         text = comment(f"{prepared.title}: the leg as a mechanism. Its force sensor counts the other way round than MuJoCo's.")
-        text += f'format = "rfca-experiment/1"\ntitle = {written(prepared.title)}\nmodel = {written(MODEL)}\n'
+        text += f'format = "rfca-experiment/1"\ntitle = {format_value(prepared.title)}\nmodel = {format_value(MODEL)}\n'
         text += '\n[time]\ncolumn = "t_s"\nunit = "s"\n\n[start]\nstate = "at rest"\n\n[windows]\nbin_s = 0.02\n'
         for name in self.signals:
             sensor, unit = SENSORS[name]
             # sign = -1: the leg's force sensor counts the other way round than MuJoCo's.
-            text += f"\n[[signals]]\nsensor = {written(sensor)}\ncolumn = {written(name)}\nunit = {written(unit)}\nsign = -1\n"
+            text += (
+                f"\n[[signals]]\nsensor = {format_value(sensor)}\ncolumn = {format_value(name)}\nunit = {format_value(unit)}\nsign = -1\n"
+            )
             if noise := prepared.noise_std.get(name):
-                text += f"noise_std = {written(noise)}\n"
-        text += f'\n[[prescribed]]\njoint = "{RACK}"\ncolumn = "height_mm"\nunit = "mm"\nscatter_std = {USUAL["height"]}\n'
+                text += f"noise_std = {format_value(noise)}\n"
+        text += f'\n[[prescribed]]\njoint = "{RACK}"\ncolumn = "height_mm"\nunit = "mm"\nscatter_std = {USUAL_SCATTER["height"]}\n'
         # smoothed_s = 0: the motion is computed, not measured, and carries no noise.
         text += f'\n[[prescribed]]\njoint = "{SHAFT}"\ncolumn = "shaft_rad"\nunit = "rad"\nsmoothed_s = 0.0\n'
         law = {
@@ -132,9 +136,11 @@ class _Files:
             "damping_s_per_m": ground.damping_s_per_m, "friction": ground.friction_coefficient, "presliding_mm": 1e3 * ground.presliding_m,
             "drag_N_s_per_m": ground.drag_N_s_per_m,
         }  # fmt: skip
-        text += "\n[[contacts]]\n" + "".join(f"{key} = {written(value)}\n" for key, value in law.items())
-        text += f"\n[alike]\nhinges = {written(hinge_names(leg))}\nlinks = {written(link_names(leg))}\n"
-        text += "\n[known_to]\n" + "".join(f"{key} = {written(std)}\n" for key, std in _priors(prepared.rig, prepared.known_to).items())
+        text += "\n[[contacts]]\n" + "".join(f"{key} = {format_value(value)}\n" for key, value in law.items())
+        text += f"\n[alike]\nhinges = {format_value(hinge_names(leg))}\nlinks = {format_value(link_names(leg))}\n"
+        text += "\n[known_to]\n" + "".join(
+            f"{key} = {format_value(std)}\n" for key, std in _priors(prepared.rig, prepared.known_to).items()
+        )
         return text
 
 
@@ -171,4 +177,4 @@ def _describe_left_out(rig: RigModel, recordings: Sequence[Recording], prepared:
 
 def _shows_valley(stroke: Stroke) -> bool:
     fz = stroke.channel("fz_N")
-    return fz is not None and not isinstance(valley_and_phases(*fz)[0], Refused)
+    return fz is not None and not isinstance(valley_and_phases(*fz)[0], Undetermined)

@@ -20,16 +20,16 @@ from typing import IO, Any
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from rfca_rig.campaign.stored import Stored, StoredStage, stored_at
+from rfca_rig.campaign.stored import StoredRecording, StoredStage, open_stored
 from rfca_rig.campaign.stored_streams import StoredStream
 from rfca_rig.channels import UNITS
 from rfca_rig.errors import TRIP
 from rfca_rig.export import foxglove_messages as foxglove
-from rfca_rig.export.host_clock import NS, event_times, events_in, placed
-from rfca_rig.export.sample_messages import Layout, layout_of, packed_samples
+from rfca_rig.export.host_clock import NS, event_times, events_in, order_by_time
+from rfca_rig.export.sample_messages import Layout, layout_of, pack_samples
 from rfca_rig.export.static_row import static_row
-from rfca_rig.progress import Watcher, counted
-from rfca_rig.recording.atomic import refusals, remove
+from rfca_rig.progress import ProgressCount, iterate_with_progress
+from rfca_rig.recording.atomic import remove, translate_os_errors
 from rfca_rig.recording.model import StaticStage
 
 # The writer buffers one chunk, compresses it and writes it: memory stays at about this size.
@@ -52,7 +52,7 @@ class Exported:
     missing: tuple[str, ...]
 
 
-def export_mcap(run: Path, out: Path, told: Watcher) -> Exported:
+def export_mcap(run: Path, out: Path, told: ProgressCount) -> Exported:
     """Writes the recording at `run` to `out`, completely or not at all. Memory does not grow with the recording.
 
     Parameters
@@ -72,8 +72,8 @@ def export_mcap(run: Path, out: Path, told: Watcher) -> Exported:
         Where the file cannot be written.
     """
     partial = out.with_name(out.name + ".writing")
-    stored = stored_at(run)
-    with refusals(out, "cannot be written"):
+    stored = open_stored(run)
+    with translate_os_errors(out, "cannot be written"):
         out.parent.mkdir(parents=True, exist_ok=True)
         try:
             with partial.open("wb") as file:
@@ -120,7 +120,7 @@ class _Channels:
 class _McapFile:
     """One file while it is written."""
 
-    def __init__(self, file: IO[bytes], stored: Stored) -> None:
+    def __init__(self, file: IO[bytes], stored: StoredRecording) -> None:
         self._writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._stored = stored
         self._events = events_in(stored.provenance)
@@ -128,7 +128,7 @@ class _McapFile:
         self._messages = self._pictures = 0
         self._missing: list[str] = []
 
-    def write(self, told: Watcher) -> Exported:
+    def write(self, told: ProgressCount) -> Exported:
         self._writer.start(library=LIBRARY)
         self._describe()
         # Events and samples are each in order of time. Viewers play a file from front to back, so the two are merged.
@@ -158,12 +158,12 @@ class _McapFile:
         for ns, event in events:
             yield ns, channel, foxglove.log(ns, event_text(event), "error" if TRIP in str(event.get("why", "")) else "info")
 
-    def _stage_messages_in_order(self, told: Watcher) -> Iterator[Message]:
+    def _stage_messages_in_order(self, told: ProgressCount) -> Iterator[Message]:
         """Messages of all stages in order. Static stages of which only means are known come last, a second apart."""
-        stages = placed((*self._stored.strokes, *self._stored.raw), self._events)
-        holds = held_behind(self._stored.static, [stage for _, stage in stages])
+        stages = order_by_time((*self._stored.strokes, *self._stored.raw), self._events)
+        holds = match_static_stages(self._stored.static, [stage for _, stage in stages])
         ns = 0
-        for zero_ns, stage in counted(stages, told):
+        for zero_ns, stage in iterate_with_progress(stages, told):
             with stage.samples.opened() as streams:
                 # Each device's messages ascend by themselves: a lazy merge orders them without holding the stage in memory.
                 for message in merge(*self._stage_messages(zero_ns, stage, streams, holds.get(id(stage))), key=itemgetter(0)):
@@ -204,13 +204,13 @@ class _McapFile:
 
 def _samples(stream: StoredStream, channel: int, layout: Layout, zero_ns: int) -> Iterator[Message]:
     size = layout.dtype.itemsize
-    for t_s, content in packed_samples(stream, layout):
+    for t_s, content in pack_samples(stream, layout):
         times = (zero_ns + np.rint(t_s * NS).astype(np.int64)).tolist()
         for row, ns in enumerate(times):
             yield ns, channel, bytes(content[row * size : (row + 1) * size])
 
 
-def held_behind(static: Sequence[StaticStage], stages: Sequence[StoredStage]) -> Mapping[int, StaticStage]:
+def match_static_stages(static: Sequence[StaticStage], stages: Sequence[StoredStage]) -> Mapping[int, StaticStage]:
     """Static stages (means) by the `id` of the stored stage that holds their samples.
 
     Empty where the two numbers differ: then it is not known which samples belong to which means.

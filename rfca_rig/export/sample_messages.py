@@ -53,7 +53,7 @@ class Layout:
             parts += [(f"tag {name}", f"V{len(_tag(number))}"), (name, "<i8" if is_count else "<f8")]
         return np.dtype(parts)
 
-    def blank(self, rows: int) -> np.ndarray:
+    def empty_messages(self, rows: int) -> np.ndarray:
         """Array (rows,) of messages of type `dtype`: tags filled in, values zero."""
         messages = np.zeros(rows, self.dtype)
         for number, (name, _) in enumerate(self.fields, start=1):
@@ -78,7 +78,7 @@ def field_names(names: Sequence[str]) -> list[str]:
     return fields
 
 
-def packed_samples(stream: StoredStream, layout: Layout) -> Iterator[tuple[np.ndarray, memoryview]]:
+def pack_samples(stream: StoredStream, layout: Layout) -> Iterator[tuple[np.ndarray, memoryview]]:
     """Encodes a stream block by block.
 
     Yields
@@ -88,7 +88,7 @@ def packed_samples(stream: StoredStream, layout: Layout) -> Iterator[tuple[np.nd
     """
     for rows in stream.blocks():
         t_s = np.asarray(stream.t_s[rows], dtype=np.float64)
-        messages = layout.blank(len(t_s))
+        messages = layout.empty_messages(len(t_s))
         values = (t_s, *(column.values(rows) for column in stream.columns.values()))
         # Assignment to a field of the structured array writes one column of all messages at once.
         for (name, _), some in zip(layout.fields, values, strict=True):

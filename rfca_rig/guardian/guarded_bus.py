@@ -11,23 +11,23 @@ import can
 
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
-from rfca_rig.drivers.guard import LastWord, LetGo, Silenced
-from rfca_rig.guardian.link import MOST_WAITING_BYTES, GuardianLink
+from rfca_rig.drivers.guard import GuardianTorqueOff, TorqueOffFrames, TorqueOffResult
+from rfca_rig.guardian.link import MAX_QUEUED_BYTES, GuardianLink
 from rfca_rig.guardian.process import FAILED, READY, GuardianAssignment, signature
-from rfca_rig.guardian.records import GuardianRecord, RecordKind, frame_of, of_frame, silenced_of
-from rfca_rig.guardian.starting import started
-from rfca_rig.guardian.torque_off import EVERY_S, LEAST_TIMES
+from rfca_rig.guardian.records import GuardianRecord, RecordKind, decode_result, from_frame, to_frame
+from rfca_rig.guardian.starting import start_guardian
+from rfca_rig.guardian.torque_off import MIN_REPETITIONS, REPEAT_S
 
 # A new interpreter has to start and open the bus.
 STARTED_WITHIN_S = 30.0
 # Time in s for a confirmation. HUNG_S is the silence after which the guardian counts as hung; it reports every 20 ms.
 CONFIRMED_WITHIN_S = 0.25
 ENDED_WITHIN_S = 1.0
-HUNG_S = 0.25
-MOST_ARRIVED = 1 << 16
+MAX_GUARDIAN_SILENCE_S = 0.25
+MAX_QUEUED_FRAMES = 1 << 16
 
 
-def taken_over(settings: CanBusSettings, last_word: LastWord, clock: Clock) -> can.BusABC:
+def take_over_bus(settings: CanBusSettings, last_word: TorqueOffFrames, clock: Clock) -> can.BusABC:
     """Opens the bus in this process and sends the torque-off frames a few times. Raises can.CanError if that fails."""
     try:
         bus = settings.open()
@@ -35,10 +35,10 @@ def taken_over(settings: CanBusSettings, last_word: LastWord, clock: Clock) -> c
     except Exception as error:
         raise can.CanInitializationError(f"the bus cannot be opened here: {error or type(error).__name__}") from error
     try:
-        for _ in range(LEAST_TIMES):
+        for _ in range(MIN_REPETITIONS):
             for message in last_word.frames():
                 bus.send(message, timeout=0.0)
-            clock.wait_until(clock.now_s() + EVERY_S)
+            clock.wait_until(clock.now_s() + REPEAT_S)
     except Exception as error:
         bus.shutdown()
         raise can.CanOperationError(f"the drive cannot be told from here: {error or type(error).__name__}") from error
@@ -54,21 +54,21 @@ class GuardedBus(can.BusABC):
     If the guardian itself ends or hangs, this process opens the bus and disables the motor; the next call reports it.
     """
 
-    def __init__(self, settings: CanBusSettings, last_word: LastWord, silence_s: float, clock: WallClock) -> None:
+    def __init__(self, settings: CanBusSettings, last_word: TorqueOffFrames, silence_s: float, clock: WallClock) -> None:
         """Starts the guardian. Raises can.CanInitializationError if it does not start, or cannot open the bus."""
         self._settings, self._last_word, self._silence_s, self._clock = settings, last_word, silence_s, clock
         self._always = {signature(message) for message in last_word.frames()}
         self._closing = signature(last_word.frames()[-1])
         self._process, self._link, info = _start_guardian(GuardianAssignment(settings, last_word, silence_s, clock))
         self.channel_info = f"{info}, held by a guardian"
-        self._arrived: deque[can.Message] = deque(maxlen=MOST_ARRIVED)
+        self._arrived: deque[can.Message] = deque(maxlen=MAX_QUEUED_FRAMES)
         self._arming = self._confirmed = self._asked = 0
         # Why the last frame to be confirmed was refused.
         self._refusal = ""
         self._is_armed = self._is_off = False
         self._pending_error: can.CanError | None = None
         self._let_go = ""
-        self._silenced: Silenced | None = None
+        self._silenced: TorqueOffResult | None = None
         self._own_bus: can.BusABC | None = None
         self._fault = ""
         self._heard_s = self._looked_s = clock.now_s()
@@ -116,15 +116,15 @@ class GuardedBus(can.BusABC):
         self._raise_fault()
         self._raise_pending_error()
         if not self._is_armed:
-            raise LetGo(self._let_go or "guardian lets nothing pass that could move a drive which is not enabled")
-        if not self._link.put(of_frame(msg, self._clock.now_s()), may_be_dropped=True):
-            raise can.CanOperationError(f"the guardian takes nothing: {MOST_WAITING_BYTES} bytes wait for it")
+            raise GuardianTorqueOff(self._let_go or "guardian lets nothing pass that could move a drive which is not enabled")
+        if not self._link.put(from_frame(msg, self._clock.now_s()), may_be_dropped=True):
+            raise can.CanOperationError(f"the guardian takes nothing: {MAX_QUEUED_BYTES} bytes wait for it")
         self._link.flush()
 
     def _send_and_wait(self, msg: can.Message) -> None:
         if not self._fault:
             self._asked += 1
-            self._link.put(of_frame(msg, self._clock.now_s(), RecordKind.FRAME_TO_CONFIRM, self._asked))
+            self._link.put(from_frame(msg, self._clock.now_s(), RecordKind.FRAME_TO_CONFIRM, self._asked))
             self._link.flush()
             self._await_confirmed()
         if self._own_bus is not None:
@@ -154,20 +154,20 @@ class GuardedBus(can.BusABC):
             return self._own_bus.recv(timeout), False
         self._raise_fault()
         if not self._arrived and timeout != 0:
-            self._link.wait(HUNG_S if timeout is None else min(timeout, HUNG_S))
+            self._link.wait(MAX_GUARDIAN_SILENCE_S if timeout is None else min(timeout, MAX_GUARDIAN_SILENCE_S))
             self._update()
             self._raise_pending_error()
         return (self._arrived.popleft() if self._arrived else None), False
 
-    def await_let_go(self, limit_s: float) -> Silenced | None:
+    def await_let_go(self, limit_s: float) -> TorqueOffResult | None:
         """Waits for a torque-off by the guardian since the last `arm`; frames that arrive meanwhile can be received afterwards."""
         until_s = self._clock.now_s() + limit_s
         while self._silenced is None and (left_s := until_s - self._clock.now_s()) > 0.0:
-            self._link.wait(min(left_s, HUNG_S))
+            self._link.wait(min(left_s, MAX_GUARDIAN_SILENCE_S))
             self._update()
             self._raise_fault()
         # This torque-off was expected, so it is not raised as an error.
-        if isinstance(self._pending_error, LetGo):
+        if isinstance(self._pending_error, GuardianTorqueOff):
             self._pending_error = None
         self._raise_pending_error()
         return self._silenced
@@ -177,7 +177,7 @@ class GuardedBus(can.BusABC):
         if self._fault:
             return
         now_s = self._clock.now_s()
-        if now_s - self._looked_s > 0.5 * HUNG_S:
+        if now_s - self._looked_s > 0.5 * MAX_GUARDIAN_SILENCE_S:
             # This process itself was late: alive messages may have been dropped, so the silence restarts.
             self._heard_s = max(self._heard_s, now_s)
         self._looked_s = now_s
@@ -186,13 +186,13 @@ class GuardedBus(can.BusABC):
         self._link.flush()
         if self._link.is_cut:
             self._take_over("guardian ended by itself")
-        elif now_s - self._heard_s > HUNG_S:
+        elif now_s - self._heard_s > MAX_GUARDIAN_SILENCE_S:
             self._take_over(f"guardian hangs, silent for {now_s - self._heard_s:.2f} s")
 
     def _take(self, record: GuardianRecord) -> None:
         match record.kind:
             case RecordKind.FRAME:
-                self._arrived.append(frame_of(record))
+                self._arrived.append(to_frame(record))
             case RecordKind.ALIVE:
                 self._heard_s, self._is_off = max(self._heard_s, record.t_s), bool(record.number)
             case RecordKind.CONFIRMED:
@@ -201,9 +201,9 @@ class GuardedBus(can.BusABC):
                 self._pending_error = can.CanOperationError(record.text)
             case RecordKind.LET_GO if record.number == self._arming:
                 self._is_armed, self._let_go = False, record.text
-                self._pending_error = self._pending_error or LetGo(record.text)
+                self._pending_error = self._pending_error or GuardianTorqueOff(record.text)
             case RecordKind.SILENCED if record.number == self._arming:
-                self._silenced = silenced_of(record)
+                self._silenced = decode_result(record)
 
     def _raise_pending_error(self) -> None:
         """Raises a pending error once: to stop a rig, later reports of the drive must still be readable."""
@@ -224,7 +224,7 @@ class GuardedBus(can.BusABC):
         self._process.wait()
         self._is_armed = False
         try:
-            self._own_bus = taken_over(self._settings, self._last_word, self._clock)
+            self._own_bus = take_over_bus(self._settings, self._last_word, self._clock)
             self._fault = f"{why}; the drive was told to let go from here"
         except can.CanError as error:
             self._fault = f"{why}, and {error}; press the emergency stop"
@@ -267,7 +267,7 @@ class GuardedBus(can.BusABC):
 
 def _start_guardian(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], GuardianLink, str]:
     try:
-        process, child = started(assignment)
+        process, child = start_guardian(assignment)
     except OSError as error:
         raise can.CanInitializationError(f"no guardian can be started: {error}") from error
     with child:

@@ -3,10 +3,10 @@
 import select
 import socket
 
-from rfca_rig.guardian.records import GuardianRecord, encode, split
+from rfca_rig.guardian.records import GuardianRecord, encode, split_records
 
 # Limit of the send queue, about 8000 frames.
-MOST_WAITING_BYTES = 1 << 18
+MAX_QUEUED_BYTES = 1 << 18
 READ_BYTES = 1 << 16
 
 
@@ -25,9 +25,9 @@ class GuardianLink:
 
     def put(self, record: GuardianRecord, may_be_dropped: bool = False) -> bool:
         """Queues a record for the next `flush`. Returns False if it was dropped, because the queue is full."""
-        if may_be_dropped and len(self._waiting) > MOST_WAITING_BYTES:
+        if may_be_dropped and len(self._waiting) > MAX_QUEUED_BYTES:
             self.flush()
-            if len(self._waiting) > MOST_WAITING_BYTES:
+            if len(self._waiting) > MAX_QUEUED_BYTES:
                 return False
         self._waiting += encode(record)
         return True
@@ -53,7 +53,7 @@ class GuardianLink:
             pass
         except OSError:
             self.is_cut = True
-        records, size = split(self._received)
+        records, size = split_records(self._received)
         del self._received[:size]
         return records
 

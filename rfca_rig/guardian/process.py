@@ -14,22 +14,22 @@ import can
 
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
-from rfca_rig.drivers.guard import LastWord
+from rfca_rig.drivers.guard import TorqueOffFrames
 from rfca_rig.guardian.link import GuardianLink
-from rfca_rig.guardian.records import GuardianRecord, RecordKind, frame_of, of_frame, of_silenced, of_text
-from rfca_rig.guardian.silence import Silence
-from rfca_rig.guardian.torque_off import LettingGo
+from rfca_rig.guardian.records import GuardianRecord, RecordKind, from_frame, from_result, from_text, to_frame
+from rfca_rig.guardian.silence import CommandTimeout
+from rfca_rig.guardian.torque_off import TorqueOffSequence
 
 # Interval of the alive messages in s.
 ALIVE_S = 0.02
 # Poll interval in s for buses without a file descriptor to wait on.
 POLL_S = 1e-3
 # Pause in s after a failed read, so that a broken bus does not take all computing time.
-DEAF_S = 0.02
+READ_RETRY_S = 0.02
 # Scheduling priority; a late guardian is a late torque-off.
 NICENESS = -11
 # Frames read in one cycle: a flooded bus must not hide a silence.
-MOST_FRAMES = 256
+MAX_FRAMES_PER_CYCLE = 256
 READY, FAILED = "ready", "failed"
 
 
@@ -38,18 +38,18 @@ class GuardianAssignment:
     """The bus to hold, the torque-off frames, and the timeout. `clock` is the parent's; its time is the same in both processes."""
 
     bus: CanBusSettings
-    last_word: LastWord
+    last_word: TorqueOffFrames
     silence_s: float
     clock: WallClock
 
 
-def guard(parent: Connection) -> None:
+def run_guardian(parent: Connection) -> None:
     """Receives its assignment from the parent, reports whether the bus is open, and holds it until the parent is done, or gone.
 
     SIGTERM, SIGHUP and SIGINT end it, after it has disabled the motor. It has its own session, so ^C in the terminal goes to the parent.
     """
     _ask_for_priority()
-    orders = Orders()
+    orders = EndSignals()
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
         signal.signal(number, orders.end)
     assignment: GuardianAssignment = parent.recv()
@@ -75,7 +75,7 @@ def _ask_for_priority() -> None:
 
 
 @dataclass
-class Orders:
+class EndSignals:
     """Names of the signals that asked this process to end; empty while there were none."""
 
     names: list[str] = field(default_factory=list)
@@ -90,16 +90,16 @@ class Orders:
 class Guardian:
     """Forwards frames between parent and bus. Torque-off frames always pass, all others only while commands keep coming."""
 
-    def __init__(self, bus: can.BusABC, link: GuardianLink, last_word: LastWord, silence_s: float, clock: Clock) -> None:
+    def __init__(self, bus: can.BusABC, link: GuardianLink, last_word: TorqueOffFrames, silence_s: float, clock: Clock) -> None:
         self._bus = bus
         self._link = link
         self._last_word = last_word
         self._always = {signature(message) for message in last_word.frames()}
         self._closing = signature(last_word.frames()[-1])
-        self._silence = Silence(silence_s)
+        self._silence = CommandTimeout(silence_s)
         self._clock = clock
         self._arming = 0
-        self._torque_off: LettingGo | None = None
+        self._torque_off: TorqueOffSequence | None = None
         self._bus_fileno = _fileno(bus)
         self._listen_s = 0.0
         self._alive_s = 0.0
@@ -122,7 +122,7 @@ class Guardian:
         """One cycle. Arrived commands are handled first, so that a delayed guardian sees no silence that did not exist."""
         self._obey(now_s)
         self._receive(now_s)
-        if self._silence.is_too_long(now_s):
+        if self._silence.has_expired(now_s):
             self._let_go(now_s, f"after {1e3 * self._silence.lasted_s(now_s):.0f} ms of silence")
         self._continue_torque_off(now_s)
         self._show_life(now_s)
@@ -143,9 +143,9 @@ class Guardian:
 
     def _wait(self) -> None:
         now_s = self._clock.now_s()
-        until_s = min(self._silence.left_s(now_s), self._alive_s + ALIVE_S - now_s)
+        until_s = min(self._silence.remaining_s(now_s), self._alive_s + ALIVE_S - now_s)
         if self._torque_off is not None:
-            until_s = min(until_s, self._torque_off.left_s(now_s))
+            until_s = min(until_s, self._torque_off.remaining_s(now_s))
         listening = now_s >= self._listen_s
         if self._bus_fileno is None or not listening:
             until_s = min(until_s, POLL_S)
@@ -173,22 +173,22 @@ class Guardian:
         if self._silence.may_pass(record.t_s, now_s):
             failure = self._send(record)
             if failure:
-                self._report(of_text(RecordKind.BUS_ERROR, now_s, failure))
+                self._report(from_text(RecordKind.BUS_ERROR, now_s, failure))
 
     def _forward_and_confirm(self, record: GuardianRecord) -> None:
         """Sends a torque-off frame and confirms it. No other frame is accepted this way."""
-        message = frame_of(record)
+        message = to_frame(record)
         failure = self._send(record) if signature(message) in self._always else "no frame that lets the drive go"
         # The last torque-off frame ends the driver's session, so no further commands are expected.
         if not failure and signature(message) == self._closing:
             self._silence.disarm()
-        self._report(of_text(RecordKind.CONFIRMED, record.t_s, failure, record.number))
+        self._report(from_text(RecordKind.CONFIRMED, record.t_s, failure, record.number))
 
     def _send(self, record: GuardianRecord) -> str:
         """Sends a frame; returns the reason why the bus did not accept it, else an empty text."""
         try:
-            self._bus.send(frame_of(record), timeout=0.0)
-        # Exceptions of any type, see `guard`; the error is reported to the parent.
+            self._bus.send(to_frame(record), timeout=0.0)
+        # Exceptions of any type, see `run_guardian`; the error is reported to the parent.
         except Exception as error:
             return str(error) or type(error).__name__
         return ""
@@ -199,17 +199,17 @@ class Guardian:
         if now_s < self._listen_s:
             return
         try:
-            for _ in range(MOST_FRAMES):
+            for _ in range(MAX_FRAMES_PER_CYCLE):
                 message = self._bus.recv(timeout=0) if self._may_hold_a_frame(now_s) else None
                 if message is None:
                     break
                 # Each frame is passed on at once, since the parent may be waiting for it.
                 self._forward_to_parent(message, now_s)
             self._is_off = self._bus.state is can.BusState.ERROR
-        # Exceptions of any type, see `guard`; the error is reported to the parent.
+        # Exceptions of any type, see `run_guardian`; the error is reported to the parent.
         except Exception as error:
-            self._listen_s = now_s + DEAF_S
-            self._link.put(of_text(RecordKind.BUS_ERROR, now_s, str(error) or type(error).__name__), may_be_dropped=True)
+            self._listen_s = now_s + READ_RETRY_S
+            self._link.put(from_text(RecordKind.BUS_ERROR, now_s, str(error) or type(error).__name__), may_be_dropped=True)
 
     def _may_hold_a_frame(self, now_s: float) -> bool:
         """Whether to call `recv`: with some adapters it waits 1 ms despite a timeout of 0. At intervals it is called anyway."""
@@ -218,7 +218,7 @@ class Guardian:
         return bool(select.select([self._bus_fileno], [], [], 0.0)[0])
 
     def _forward_to_parent(self, message: can.Message, now_s: float) -> None:
-        self._link.put(of_frame(message, message.timestamp), may_be_dropped=True)
+        self._link.put(from_frame(message, message.timestamp), may_be_dropped=True)
         self._link.flush()
         if self._torque_off is not None and not message.is_error_frame and not message.is_remote_frame:
             self._torque_off.hear(message, now_s)
@@ -228,9 +228,9 @@ class Guardian:
     def _let_go(self, now_s: float, why: str) -> None:
         silent_s = self._silence.lasted_s(now_s)
         self._silence.disarm()
-        self._torque_off = LettingGo(self._bus, self._last_word, now_s, silent_s)
+        self._torque_off = TorqueOffSequence(self._bus, self._last_word, now_s, silent_s)
         self._continue_torque_off(now_s)
-        self._report(of_text(RecordKind.LET_GO, now_s, f"guardian let go {why}", self._arming))
+        self._report(from_text(RecordKind.LET_GO, now_s, f"guardian let go {why}", self._arming))
 
     def _continue_torque_off(self, now_s: float) -> None:
         if self._torque_off is None:
@@ -239,9 +239,9 @@ class Guardian:
         self._torque_off.step(now_s)
         failure = self._torque_off.failure
         if failure and failure != failed_before:
-            self._report(of_text(RecordKind.BUS_ERROR, now_s, f"the guardian's last word was not taken: {failure}"))
+            self._report(from_text(RecordKind.BUS_ERROR, now_s, f"the guardian's last word was not taken: {failure}"))
         if self._torque_off.is_over:
-            self._report(of_silenced(self._torque_off.did(), now_s, self._arming))
+            self._report(from_result(self._torque_off.did(), now_s, self._arming))
             self._torque_off = None
 
     def _show_life(self, now_s: float) -> None:

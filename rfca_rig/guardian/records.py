@@ -6,11 +6,11 @@ from enum import IntEnum, IntFlag
 
 import can
 
-from rfca_rig.drivers.guard import Silenced
+from rfca_rig.drivers.guard import TorqueOffResult
 
 # Fields: kind, flags, dlc, payload length, number, arbitration id, time.
 HEAD = struct.Struct("<BBBxHxxIId")
-# Fields: silence, duration, reports, torque; see `Silenced`.
+# Fields: silence, duration, reports, torque; see `TorqueOffResult`.
 _SILENCED = struct.Struct("<ddqd")
 
 
@@ -28,7 +28,7 @@ class RecordKind(IntEnum):
     SILENCED = 9
 
 
-class Form(IntFlag):
+class FrameFlag(IntFlag):
     """Flags of a CAN frame."""
 
     EXTENDED = 1
@@ -64,7 +64,7 @@ def encode(record: GuardianRecord) -> bytes:
     return head + record.payload
 
 
-def split(received: bytes | bytearray) -> tuple[list[GuardianRecord], int]:
+def split_records(received: bytes | bytearray) -> tuple[list[GuardianRecord], int]:
     """Decodes all complete records; returns them and the number of bytes that they took."""
     records, at = [], 0
     while at + HEAD.size <= len(received):
@@ -78,43 +78,43 @@ def split(received: bytes | bytearray) -> tuple[list[GuardianRecord], int]:
     return records, at
 
 
-def of_frame(message: can.Message, t_s: float, kind: RecordKind = RecordKind.FRAME, number: int = 0) -> GuardianRecord:
+def from_frame(message: can.Message, t_s: float, kind: RecordKind = RecordKind.FRAME, number: int = 0) -> GuardianRecord:
     flags = (
-        Form.EXTENDED * message.is_extended_id
-        | Form.REMOTE * message.is_remote_frame
-        | Form.ERROR * message.is_error_frame
-        | Form.FD * message.is_fd
-        | Form.BITRATE_SWITCH * message.bitrate_switch
-        | Form.ERROR_STATE * message.error_state_indicator
+        FrameFlag.EXTENDED * message.is_extended_id
+        | FrameFlag.REMOTE * message.is_remote_frame
+        | FrameFlag.ERROR * message.is_error_frame
+        | FrameFlag.FD * message.is_fd
+        | FrameFlag.BITRATE_SWITCH * message.bitrate_switch
+        | FrameFlag.ERROR_STATE * message.error_state_indicator
     )
     return GuardianRecord(kind, t_s, number, bytes(message.data), flags, message.dlc, message.arbitration_id)
 
 
-def frame_of(record: GuardianRecord) -> can.Message:
+def to_frame(record: GuardianRecord) -> can.Message:
     """The CAN frame of a record, with `t_s` as its time stamp."""
     flags = record.flags
     return can.Message(
         timestamp=record.t_s,
         arbitration_id=record.arbitration_id,
-        is_extended_id=bool(flags & Form.EXTENDED),
-        is_remote_frame=bool(flags & Form.REMOTE),
-        is_error_frame=bool(flags & Form.ERROR),
-        is_fd=bool(flags & Form.FD),
-        bitrate_switch=bool(flags & Form.BITRATE_SWITCH),
-        error_state_indicator=bool(flags & Form.ERROR_STATE),
+        is_extended_id=bool(flags & FrameFlag.EXTENDED),
+        is_remote_frame=bool(flags & FrameFlag.REMOTE),
+        is_error_frame=bool(flags & FrameFlag.ERROR),
+        is_fd=bool(flags & FrameFlag.FD),
+        bitrate_switch=bool(flags & FrameFlag.BITRATE_SWITCH),
+        error_state_indicator=bool(flags & FrameFlag.ERROR_STATE),
         dlc=record.dlc,
         data=record.payload,
     )
 
 
-def of_text(kind: RecordKind, t_s: float, text: str, number: int = 0) -> GuardianRecord:
+def from_text(kind: RecordKind, t_s: float, text: str, number: int = 0) -> GuardianRecord:
     # The length field has 16 bits; error texts of adapters may be long.
     return GuardianRecord(kind, t_s, number, text.encode()[:2000])
 
 
-def of_silenced(did: Silenced, t_s: float, number: int) -> GuardianRecord:
+def from_result(did: TorqueOffResult, t_s: float, number: int) -> GuardianRecord:
     return GuardianRecord(RecordKind.SILENCED, t_s, number, _SILENCED.pack(did.silent_s, did.took_s, did.reports, did.torque_Nm))
 
 
-def silenced_of(record: GuardianRecord) -> Silenced:
-    return Silenced(*_SILENCED.unpack(record.payload))
+def decode_result(record: GuardianRecord) -> TorqueOffResult:
+    return TorqueOffResult(*_SILENCED.unpack(record.payload))

@@ -1,7 +1,7 @@
 """Command timeout of the guardian. Times are those when commands were given, not when they arrived."""
 
 
-class Silence:
+class CommandTimeout:
     """Timeout state. Until it is armed, and after a silence that was too long, no command that moves the drive may pass."""
 
     def __init__(self, limit_s: float) -> None:
@@ -28,9 +28,9 @@ class Silence:
         """Time in s since the last command."""
         return now_s - self._since_s
 
-    def is_too_long(self, now_s: float) -> bool:
+    def has_expired(self, now_s: float) -> bool:
         return self.is_armed and self.lasted_s(now_s) > self._limit_s
 
-    def left_s(self, now_s: float) -> float:
+    def remaining_s(self, now_s: float) -> float:
         """Time in s until the timeout expires; infinite if it is not armed."""
         return self._since_s + self._limit_s - now_s if self.is_armed else float("inf")

@@ -5,16 +5,16 @@ import sys
 from multiprocessing.connection import Connection
 
 from rfca_rig import subprocesses
-from rfca_rig.guardian.process import GuardianAssignment, guard
+from rfca_rig.guardian.process import GuardianAssignment, run_guardian
 
 MODULE = "rfca_rig.guardian.starting"
 
 
-def started(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
+def start_guardian(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """Starts the guardian process; returns it and a connection to it."""
-    return subprocesses.started(MODULE, assignment)
+    return subprocesses.spawn(MODULE, assignment)
 
 
 if __name__ == "__main__":
     with Connection(int(sys.argv[1])) as parent:
-        guard(parent)
+        run_guardian(parent)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rfca_rig.recording.layout import DIAGNOSIS, ENDING, EVENTS, EXPERIMENT, HEADER, PENDULUM, RECORDING
 
-TELLING = (HEADER, ENDING, EVENTS, RECORDING, PENDULUM, EXPERIMENT)
+MARKER_FILES = (HEADER, ENDING, EVENTS, RECORDING, PENDULUM, EXPERIMENT)
 # Levels of folders that are searched below the folder of all runs.
 MAX_DEPTH = 6
 
@@ -24,7 +24,7 @@ class FoundRun:
     diagnoses: tuple[str, ...] = ()
 
 
-def runs_below(runs: Path) -> Iterator[FoundRun]:
+def find_runs(runs: Path) -> Iterator[FoundRun]:
     """Every folder with a run, at any depth up to MAX_DEPTH; folders inside a run are not searched."""
     yield from _below(str(runs), "", MAX_DEPTH)
 
@@ -36,11 +36,11 @@ def _below(runs: str, folder: str, deeper: int) -> Iterator[FoundRun]:
     except OSError:  # taken away meanwhile, or not ours to read
         return
     # One listing per folder serves both questions: is it a run, and has it changed.
-    files = {one.name: one for one in inside if one.name in TELLING}
+    files = {one.name: one for one in inside if one.name in MARKER_FILES}
     if {HEADER, RECORDING, PENDULUM, EXPERIMENT} & set(files):
-        telling = [files[name] for name in TELLING if name in files]
+        telling = [files[name] for name in MARKER_FILES if name in files]
         if EXPERIMENT in files:  # any file in the folder may be a recording
-            telling += sorted((one for one in inside if one.name not in TELLING and _is_file(one)), key=lambda one: one.name)
+            telling += sorted((one for one in inside if one.name not in MARKER_FILES and _is_file(one)), key=lambda one: one.name)
         yield FoundRun(folder or ".", "|".join(map(_stamp, telling)), tuple(_diagnoses(inside)))
         return
     for one in inside:

@@ -9,16 +9,16 @@ from typing import Any
 
 from rfca_rig.errors import BadInput
 from rfca_rig.logbook.entry import Entry, Verdict, entry_of
-from rfca_rig.logbook.finding import FoundRun, runs_below
+from rfca_rig.logbook.finding import FoundRun, find_runs
 from rfca_rig.logbook.index import IndexRow, read_index, write_index
-from rfca_rig.logbook.reading import entry_in
-from rfca_rig.progress import Watcher, counted, unwatched
+from rfca_rig.logbook.reading import read_entry
+from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.layout import DIAGNOSIS
 
 OF_DIAGNOSIS = "diagnosis:"
 
 
-def diagnoses_near(runs: Path, found: Iterable[FoundRun]) -> Iterator[tuple[Path, os.stat_result]]:
+def find_diagnoses(runs: Path, found: Iterable[FoundRun]) -> Iterator[tuple[Path, os.stat_result]]:
     """Files of diagnoses beside the folder of all runs, in the working directory and in the folders of runs; each once."""
     listed: set[Path] = set()
     around = (
@@ -49,7 +49,7 @@ def stamp_of(stat: os.stat_result) -> str:
 GRADED = ("mostly", "family")
 
 
-def verdict_in(file: Path) -> dict[str, Any]:
+def read_verdict(file: Path) -> dict[str, Any]:
     """A diagnosis file as plain data: its verdict and the identities of its recordings; no identities where it is no diagnosis."""
     try:
         content = json.loads(file.read_bytes())
@@ -63,8 +63,8 @@ def verdict_in(file: Path) -> dict[str, Any]:
         return {"identities": []}
 
 
-def by_identity(verdicts_of_files: Iterable[tuple[str, float, Mapping[str, Any]]]) -> dict[str, Verdict]:
-    """The newest verdict on each recording, from triples (file, time of writing, data of `verdict_in`)."""
+def verdicts_by_identity(verdicts_of_files: Iterable[tuple[str, float, Mapping[str, Any]]]) -> dict[str, Verdict]:
+    """The newest verdict on each recording, from triples (file, time of writing, data of `read_verdict`)."""
     verdicts: dict[str, Verdict] = {}
     for file, _, verdict in sorted(verdicts_of_files, key=lambda each: each[1]):
         for identity in verdict["identities"]:
@@ -73,7 +73,7 @@ def by_identity(verdicts_of_files: Iterable[tuple[str, float, Mapping[str, Any]]
     return verdicts
 
 
-def list_runs(runs: Path, told: Watcher = unwatched, measure_s: Callable[[Path], float | None] = lambda _: None) -> list[Entry]:
+def list_runs(runs: Path, told: ProgressCount = ignore_progress, measure_s: Callable[[Path], float | None] = lambda _: None) -> list[Entry]:
     """All runs below a folder, newest first. Raises BadInput where there is no such folder.
 
     Parameters
@@ -88,7 +88,7 @@ def list_runs(runs: Path, told: Watcher = unwatched, measure_s: Callable[[Path],
     if not runs.is_dir():
         raise BadInput(f"{runs}: is no folder; name the one that your runs are in with --runs, or record one: rfca-rig dynamic run")
     known = read_index(runs)
-    found = list(runs_below(runs))
+    found = list(find_runs(runs))
     rows = _rows(runs, found, known, told, measure_s)
     verdicts, diagnoses = _verdicts(runs, found, known)
     rows |= diagnoses
@@ -105,26 +105,26 @@ def is_run(found: list[FoundRun]) -> bool:
 
 
 def _rows(
-    runs: Path, found: list[FoundRun], known: dict[str, IndexRow], told: Watcher, measure_s: Callable[[Path], float | None]
+    runs: Path, found: list[FoundRun], known: dict[str, IndexRow], told: ProgressCount, measure_s: Callable[[Path], float | None]
 ) -> dict[str, IndexRow]:
     """A row of every run, read again where its folder has changed."""
     # Rows of folders that no longer exist are dropped with this.
     rows = {one.folder: known[one.folder] for one in found if one.folder in known and known[one.folder].stamp == one.stamp}
     new = [one for one in found if one.folder not in rows]
-    for one in counted(new, told):
-        rows[one.folder] = IndexRow(one.stamp, entry_in(runs, one.folder, measure_s).plain())
+    for one in iterate_with_progress(new, told):
+        rows[one.folder] = IndexRow(one.stamp, read_entry(runs, one.folder, measure_s).plain())
     return rows
 
 
 def _verdicts(runs: Path, found: list[FoundRun], known: dict[str, IndexRow]) -> tuple[dict[str, Verdict], dict[str, IndexRow]]:
     """The verdict on each recording, and the rows of the diagnoses that they come from."""
     rows, verdicts_of_files = {}, []
-    for file, stat in diagnoses_near(runs, found):
+    for file, stat in find_diagnoses(runs, found):
         stamp, path = stamp_of(stat), f"{OF_DIAGNOSIS}{file}"
-        row = known[path] if path in known and known[path].stamp == stamp else IndexRow(stamp, verdict_in(file))
+        row = known[path] if path in known and known[path].stamp == stamp else IndexRow(stamp, read_verdict(file))
         rows[path] = row
         verdicts_of_files.append((_display_path(file), stat.st_mtime, row.said))
-    return by_identity(verdicts_of_files), rows
+    return verdicts_by_identity(verdicts_of_files), rows
 
 
 def _display_path(file: Path) -> str:

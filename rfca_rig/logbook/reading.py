@@ -19,7 +19,7 @@ MEASURED = ("Flap", "Hold", "Cycles")
 WITH_SPEED = ("Flap", "Cycles")
 
 
-def entry_in(runs: Path, folder: str, measure_s: Callable[[Path], float | None] = lambda _: None) -> Entry:
+def read_entry(runs: Path, folder: str, measure_s: Callable[[Path], float | None] = lambda _: None) -> Entry:
     """The entry of a run's folder; where its files cannot be read, the entry says so. `measure_s` returns an experiment's duration."""
     path = runs / folder
     try:

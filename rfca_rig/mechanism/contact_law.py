@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.compiled import compiled, internal
+from rfca_rig.model.compiled import jit, jit_internal
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -107,7 +107,7 @@ class ContactArrays(NamedTuple):
     xfrc_applied: Floats
 
 
-@internal
+@jit_internal
 def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) -> None:
     """Writes the velocity of a point (3,) that moves with a body into `out` (3,)."""
     # MuJoCo gives each body's velocity, first rotational then linear, at the centre of mass of its kinematic tree.
@@ -118,7 +118,7 @@ def velocity_at(arrays: ContactArrays, body: int, point: Floats, out: Floats) ->
     out[2] = twist[5] + twist[0] * y - twist[1] * x
 
 
-@internal
+@jit_internal
 def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) -> None:
     """Adds a force (3,) at a point (3,) to the external wrench on a body."""
     # MuJoCo applies `xfrc_applied`, first force then torque, at the body's centre of mass.
@@ -131,8 +131,8 @@ def add_force(arrays: ContactArrays, body: int, point: Floats, force: Floats) ->
     wrench[5] += x * force[1] - y * force[0]
 
 
-@compiled
-def push(arrays: ContactArrays, h: float) -> None:
+@jit
+def apply_contact_forces(arrays: ContactArrays, h: float) -> None:
     """Writes the forces of all contacts as MuJoCo's external forces, and updates the sticking points over a step of `h` [s]."""
     # Several contacts may share a body, so all wrenches are cleared first.
     point, normal, slip = arrays.work[0], arrays.work[1], arrays.work[2]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.mechanism.contact_law import ContactArrays, push
+from rfca_rig.mechanism.contact_law import ContactArrays, apply_contact_forces
 from rfca_rig.mechanism.mujoco_calls import (
     ACCELERATION,
     ACTUATION,
@@ -24,7 +24,7 @@ from rfca_rig.mechanism.mujoco_calls import (
     VELOCITY,
     call_mujoco,
 )
-from rfca_rig.model.compiled import internal
+from rfca_rig.model.compiled import jit_internal
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class StageArrays(NamedTuple):
     qacc_warmstart: Floats
 
 
-@internal
+@jit_internal
 def _copy_sticking(stretch: Floats, normal: Floats, to_stretch: Floats, to_normal: Floats) -> None:
     for c in range(normal.size):
         to_normal[c] = normal[c]
@@ -53,7 +53,7 @@ def _copy_sticking(stretch: Floats, normal: Floats, to_stretch: Floats, to_norma
             to_stretch[c, i] = stretch[c, i]
 
 
-@internal
+@jit_internal
 def _take_stages(
     addresses: NDArray[np.int64],
     model: int,
@@ -84,7 +84,7 @@ def _take_stages(
             call_mujoco(addresses[VELOCITY], model, data)
         # Each stage advances the sticking points from the step's beginning, so clock and stretch are put back before it.
         contacts.clock[0] = begin_s
-        push(contacts, ahead)
+        apply_contact_forces(contacts, ahead)
         call_mujoco(addresses[ACTUATION], model, data)
         call_mujoco(addresses[ACCELERATION], model, data)
         call_mujoco(addresses[CONSTRAINT], model, data)
@@ -109,7 +109,7 @@ def _take_stages(
     contacts.clock[0] = begin_s + h
 
 
-@internal
+@jit_internal
 def take_step(
     addresses: NDArray[np.int64],
     model: int,
@@ -128,7 +128,7 @@ def take_step(
         return
     if contacts.radius.size > 0:
         call_mujoco(addresses[STEP_1], model, data)
-        push(contacts, h)
+        apply_contact_forces(contacts, h)
         call_mujoco(addresses[STEP_2], model, data)
     else:
         call_mujoco(addresses[STEP], model, data)

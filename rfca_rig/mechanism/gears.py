@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.plant import Plant
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import jit
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class GearStart:
     lead_rate: Floats
 
 
-@compiled
+@jit
 def cross_play(torque: Floats, play: Floats, inertia: Floats, h: float, lead: Floats, rate: Floats, leads: Floats) -> None:
     """Carries rotors across their play under torques (k, n); `lead` and `rate` (n,) go on, `leads` (k, n) are those after each step."""
     for k in range(torque.shape[0]):

@@ -46,7 +46,7 @@ class NuisanceKind:
     nominal: Callable[[Mechanism, int], float] | None = None
 
 
-def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
+def find_places(mechanism: Mechanism, objects: str) -> dict[str, int]:
     """Names and indices of the objects that a kind of nuisance parameter belongs to."""
     of_all = {"rig": True, "starts": True, "contacts": mechanism.has_contacts, "contact laws": bool(mechanism.contacts)}
     if objects in of_all:
@@ -68,9 +68,9 @@ def places_of(mechanism: Mechanism, objects: str) -> dict[str, int]:
     return {names[place]: place for place in joints if mechanism.is_slide[place] == slides and (mechanism.driven[place] or not driven)}
 
 
-def groups_of(mechanism: Mechanism, objects: str) -> dict[str, tuple[int, ...]]:
+def find_groups(mechanism: Mechanism, objects: str) -> dict[str, tuple[int, ...]]:
     """The same, with objects of the same type together under the name of their group."""
-    single, groups = places_of(mechanism, objects), {}
+    single, groups = find_places(mechanism, objects), {}
     for name, members in mechanism.alike.items():
         if places := tuple(single.pop(member) for member in members if member in single):
             groups[name] = places
@@ -176,6 +176,6 @@ NUISANCES: Mapping[str, NuisanceKind] = {
     "contact_presliding_relative": NuisanceKind("", "contact laws", _law(PRESLIDING)),
     "contact_drag_relative": NuisanceKind("", "contact laws", _law(DRAG)),
 }
-OF_RESTS = ("start_swing_relative", "start_swing_rate_per_s")  # of motions that start at rest
+START_NUISANCES = ("start_swing_relative", "start_swing_rate_per_s")  # of motions that start at rest
 # Without recorded commands these change nothing.
-OF_COMMANDS = ("torque_offset_Nm", "force_offset_N", "command_gain_relative", "command_delay_s")
+COMMAND_NUISANCES = ("torque_offset_Nm", "force_offset_N", "command_gain_relative", "command_delay_s")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly, make_lsq_spline
 
-from rfca_rig.model.compiled import internal
+from rfca_rig.model.compiled import jit_internal
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -74,7 +74,7 @@ class PrescribedArrays(NamedTuple):
     speed: Floats
 
 
-@internal
+@jit_internal
 def prescribe(arrays: PrescribedArrays, k: int, h: float, q: Floats, w: Floats, applied: Floats) -> None:
     """Sets the prescribed joints in `q`, `w` (n,) to the beginning of step k, and writes the force to its end into `applied` (n,)."""
     # After the last step there is no next speed, and no force is needed.

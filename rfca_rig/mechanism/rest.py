@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.mechanism.contact_law import ContactArrays, push
-from rfca_rig.mechanism.spring_play import PlayArrays, close_gaps
+from rfca_rig.mechanism.contact_law import ContactArrays, apply_contact_forces
+from rfca_rig.mechanism.spring_play import PlayArrays, add_spring_play
 
 Floats = NDArray[np.float64]
 
 UNBALANCED = 1e-7  # share of the largest torque that may remain, of weight or spring
 
 
-def hang(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, contacts: ContactArrays, play: PlayArrays) -> None:
+def find_rest_pose(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, contacts: ContactArrays, play: PlayArrays) -> None:
     """Puts the simulated joints into static equilibrium; `data` has the positions of the others and the commands.
 
     Dry friction is neglected: its force at rest would depend on how the mechanism came to rest.
@@ -59,12 +59,12 @@ def _balance(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats,
         nonlocal largest
         data.qpos[simulated] = pose
         data.qfrc_applied[:] = steady
-        close_gaps(play, data.qpos, data.qvel, data.qfrc_applied)
+        add_spring_play(play, data.qpos, data.qvel, data.qfrc_applied)
         mujoco.mj_forward(model, data)
         # The contact law needs positions and velocities, and MuJoCo the forces of the law: two passes.
         if contacts.radius.size:
             contacts.stretch[:] = 0.0
-            push(contacts, 0.0)
+            apply_contact_forces(contacts, 0.0)
             mujoco.mj_forward(model, data)
         largest = max(largest, float(np.abs(data.qfrc_bias).max()))
         return np.array((data.qfrc_smooth + data.qfrc_constraint)[simulated])

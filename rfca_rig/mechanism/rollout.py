@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.mechanism.contact_law import ContactArrays, push
+from rfca_rig.mechanism.contact_law import ContactArrays, apply_contact_forces
 from rfca_rig.mechanism.contact_step import StageArrays, take_step
 from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, estimate_gear_start
 from rfca_rig.mechanism.joint_law import pack_laws
 from rfca_rig.mechanism.mujoco_calls import list_addresses
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
-from rfca_rig.mechanism.rest import hang
-from rfca_rig.mechanism.spring_play import PlayArrays, close_gaps
-from rfca_rig.model.compiled import compiled, internal
+from rfca_rig.mechanism.rest import find_rest_pose
+from rfca_rig.mechanism.spring_play import PlayArrays, add_spring_play
+from rfca_rig.model.compiled import jit, jit_internal
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -54,7 +54,7 @@ class Motion:
     touch_s: Floats
 
 
-@internal
+@jit_internal
 def look_up(row: Floats, which: int, count: int, u: float) -> float:
     """The value at `u` of row `which` of a table (3, k) with its knots in row 0: linear between knots, constant beyond them."""
     if u <= row[0, 0]:
@@ -67,7 +67,7 @@ def look_up(row: Floats, which: int, count: int, u: float) -> float:
     return float(row[which, i] + (u - row[0, i]) / (row[0, i + 1] - row[0, i]) * (row[which, i + 1] - row[which, i]))
 
 
-@internal
+@jit_internal
 def act_tables(
     numbers: Floats, tables: Floats, q: Floats, w: Floats, before: Floats, h: float, applied: Floats, frictionloss: Floats
 ) -> None:
@@ -94,8 +94,8 @@ def act_tables(
         applied[i] -= look_up(tables[m], 2, count, u) * np.tanh(rate / numbers[m, 3])
 
 
-@compiled
-def carry(
+@jit
+def run_steps(
     addresses: NDArray[np.int64],
     model: int,
     data: int,
@@ -140,7 +140,7 @@ def carry(
         for i in range(q.size):
             applied[i] = offset[i]
         prescribe(prescribed, k, h, q, w, applied)
-        close_gaps(play, q, w, applied)
+        add_spring_play(play, q, w, applied)
         for i in range(q.size):
             path_q[k, i], path_w[k, i] = q[i], w[i]
             rise = friction[2, i] * np.exp(-abs(w[i]) / friction[3, i]) if friction[1, i] > 0.0 else 0.0
@@ -170,15 +170,15 @@ def carry(
         path_q[-1, i], path_w[-1, i] = q[i], w[i]
 
 
-@compiled
-def lag(values: Floats, share: float) -> None:
+@jit
+def low_pass(values: Floats, share: float) -> None:
     """Filters the rows of (k, n) by a first-order low-pass, in place; it begins in its steady state."""
     for k in range(1, values.shape[0]):
         for i in range(values.shape[1]):
             values[k, i] = values[k - 1, i] + share * (values[k, i] - values[k - 1, i])
 
 
-def roll(
+def simulate_plant(
     plant: Plant,
     trace: CommandTrace,
     position: Floats | None,
@@ -220,7 +220,7 @@ def roll(
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
-        lag(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
+        low_pass(read_w, 1.0 - float(np.exp(-h / plant.speed_lag_s)))
     # Positions between steps follow a cubic, speeds a straight line.
     place = np.minimum((t_s / h).astype(np.intp), steps - 1)
     x = (t_s / h - place)[:, None]
@@ -300,7 +300,7 @@ def _integrate(
             data.qpos[:], data.qvel[:], data.ctrl[:] = data.qpos - gears.ahead, data.qvel - gears.rate, commands[0]
             mujoco.mj_forward(model, data)
         path_torque = np.empty((steps, 0 if gears is None else model.nv))
-        carry(
+        run_steps(
             list_addresses(), model._address, data._address,
             data.qpos, data.qvel, data.ctrl, data.qfrc_actuator, data.qfrc_applied, model.dof_frictionloss,
             commands, friction, plant.torque_offset, np.zeros(model.nv), *pack_laws(plant.laws), *_torque_speed(plant),
@@ -310,7 +310,7 @@ def _integrate(
         if path_s.size:
             if contacts.radius.size:
                 mujoco.mj_forward(model, data)
-                push(contacts, 0.0)
+                apply_contact_forces(contacts, 0.0)
             mujoco.mj_forward(model, data)
             path_s[-1] = data.sensordata
     if gears is not None and np.isfinite(path_w[-1]).all():
@@ -322,7 +322,7 @@ def _start_at_rest(plant: Plant, data: Any, driven: PrescribedArrays, contacts: 
     """Puts the plant into equilibrium, or off it where the plant has an initial swing."""
     model, moving = plant.model, plant.mechanism.simulated
     data.qpos[driven.joints] = driven.position[0]
-    hang(model, data, np.array(moving, dtype=np.intp), plant.torque_offset, contacts, play)
+    find_rest_pose(model, data, np.array(moving, dtype=np.intp), plant.torque_offset, contacts, play)
     sprung = [joint for joint in moving if plant.mechanism.has_spring(joint)]
     # The swing is a share of the way from equilibrium to the pose in which the springs are free.
     lift = model.qpos_spring[sprung] - data.qpos[sprung]
@@ -331,7 +331,7 @@ def _start_at_rest(plant: Plant, data: Any, driven: PrescribedArrays, contacts: 
 
 
 def _torque_speed(plant: Plant) -> tuple[Floats, Places]:
-    """Lines of torque over speed for `carry`, empty where no line falls; factors on the commands apply to them, too."""
+    """Lines of torque over speed for `run_steps`, empty where no line falls; factors on the commands apply to them, too."""
     stall, share = plant.torque_speed
     if not share.any():
         return np.empty((2, 0)), np.empty(0, dtype=np.intp)
@@ -345,7 +345,7 @@ def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Fl
         return np.empty((len(t_s), 0))
     h = plant.step_s
     if plant.sensor_lag_s > 0.0:
-        lag(path, 1.0 - float(np.exp(-h / plant.sensor_lag_s)))
+        low_pass(path, 1.0 - float(np.exp(-h / plant.sensor_lag_s)))
     times = np.arange(len(path)) * h
     read = np.column_stack([np.interp(t_s - plant.sensor_delay_s, times, values) for values in path.T])
     if plant.sensor_crosstalk.any():
@@ -376,7 +376,7 @@ def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> 
     sums = np.column_stack([np.interp(edges, trace.t_s, column) for column in trace.total.T]) + beyond
     command = np.diff(sums, axis=0) / np.diff(edges)[:, None]
     if plant.command_lag_s > 0.0:
-        lag(command, 1.0 - float(np.exp(-h / plant.command_lag_s)))
+        low_pass(command, 1.0 - float(np.exp(-h / plant.command_lag_s)))
         # The mean over the step, not the value at its end.
         command[1:] = 0.5 * (command[1:] + command[:-1])
     command = command[before:] * plant.command_gain

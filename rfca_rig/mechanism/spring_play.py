@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import jit
 
 Floats = NDArray[np.float64]
 
@@ -23,8 +23,8 @@ class PlayArrays(NamedTuple):
     ahead_s: float
 
 
-@compiled
-def close_gaps(arrays: PlayArrays, q: Floats, w: Floats, applied: Floats) -> None:
+@jit
+def add_spring_play(arrays: PlayArrays, q: Floats, w: Floats, applied: Floats) -> None:
     """Adds torques to `applied` (n,) that turn MuJoCo's springs into springs with play; `q` and `w` are (n,)."""
     # MuJoCo computes the spring without play; its torque is cancelled, and that of the reduced deflection is applied instead.
     for i in range(arrays.half_gap.size):

@@ -8,8 +8,8 @@ therefore cut short just after a reversal, and the anchors follow from the path 
 import numpy as np
 
 from rfca_rig.model.bump import SLOPE, Y
-from rfca_rig.model.compiled import inlined
-from rfca_rig.model.contact import extra_way, stretch_after, turn_to_floor
+from rfca_rig.model.compiled import jit_inline
+from rfca_rig.model.contact import correct_path, project_frame_on_floor, stretch_after
 from rfca_rig.model.state import Chain, Floats, State, Work
 
 # Share of the presliding by which an end may move back unnoticed. In that step, friction errs by this share of mu N.
@@ -17,8 +17,8 @@ MISSED_SHARE = 0.02
 WITHIN_REACH = 1.0 - 1e-9  # a stretch at the presliding, but for rounding
 
 
-@inlined
-def went_back(chain: Chain, h: float, k: int, work: Work) -> float:
+@jit_inline
+def measure_slip_reversal(chain: Chain, h: float, k: int, work: Work) -> float:
     """Distance [m] from the farthest point of end k to its place at the step's end, if it slipped first and then reversed; else 0."""
     # It must touch at both ends of the step, reverse its speed, and have slipped along its speed, at its full stretch, at the beginning.
     v0, v1 = float(work.ends[k, 3]), float(work.place[k, 3])
@@ -30,12 +30,12 @@ def went_back(chain: Chain, h: float, k: int, work: Work) -> float:
     return 0.5 * h * v1 * v1 / abs(v0 - v1)
 
 
-@inlined
-def length_to_turn(chain: Chain, h: float, work: Work) -> float:
+@jit_inline
+def limit_step_to_reversal(chain: Chain, h: float, work: Work) -> float:
     """Length [s] of a step that ends just after the first reversal of an end; h if none moves back farther than allowed."""
     allowed, shorter = MISSED_SHARE * chain.presliding, h
     for k in range(work.place.shape[0]):
-        if went_back(chain, h, k, work) > allowed:
+        if measure_slip_reversal(chain, h, k, work) > allowed:
             # With constant deceleration the end stands after v0 / braking; from there it moves back by a quarter of what is allowed.
             v0 = abs(work.ends[k, 3])
             braking = (v0 + abs(work.place[k, 3])) / h
@@ -43,20 +43,20 @@ def length_to_turn(chain: Chain, h: float, work: Work) -> float:
     return shorter
 
 
-@inlined
-def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> bool:
+@jit_inline
+def update_friction_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> bool:
     """Updates the anchors (n,) after a step of length h [s] to `q` (c,), the ends located in `work`.
 
     True where an end reversed or touched down: a friction force has changed, and the accelerations must be computed again.
     """
     changed = False
-    y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
+    y = q[chain.length.size] * project_frame_on_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        more = extra_way(chain, state, k, q, work)
+        more = correct_path(chain, state, k, q, work)
         s = y - chain.lever * q[k] + more
         depth, rate, slip, limit = work.place[k, 0], work.place[k, 1], work.place[k, 3], work.limit[1, k]
-        stretch, back = s - state.anchor[k], went_back(chain, h, k, work)
+        stretch, back = s - state.anchor[k], measure_slip_reversal(chain, h, k, work)
         if back > 0.0:
             # Slip to the farthest point first, which drags the anchor along; then the tie relaxes by the way back.
             there = back * np.sign(work.ends[k, 3])
@@ -71,16 +71,16 @@ def tie_anchors(chain: Chain, state: State, h: float, q: Floats, work: Work) -> 
             stretch = stretch_after(chain, k, stretch, limit, work)
         reach = chain.presliding if depth > 0.0 else 0.0
         state.anchor[k] = s - min(max(stretch, -reach), reach) - more
-    note_ends(chain, state, q, work)
+    store_ends(chain, state, q, work)
     for k in range(chain.length.size):
         work.limit[2, k] = work.limit[1, k]
     return changed
 
 
-@inlined
-def note_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
+@jit_inline
+def store_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
     """Stores the motion of the located ends in `work.ends` (n, 7), for the next step, with the stretch from the new anchors; `q` (c,)."""
-    y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
+    y = q[chain.length.size] * project_frame_on_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
         work.ends[k, 0], work.ends[k, 1], work.ends[k, 3] = work.place[k, 0], work.place[k, 1], work.place[k, 3]

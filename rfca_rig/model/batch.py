@@ -12,14 +12,14 @@ from rfca_rig.executors.cores import cores
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Job:
-    """One stroke to simulate, with sample times `t_s` (m,); fields as the arguments of `stroke_following`."""
+    """One stroke to simulate, with sample times `t_s` (m,); fields as the arguments of `simulate_stroke`."""
 
     rig: RigModel
     height_m: float
@@ -28,7 +28,7 @@ class Job:
     tolerance: Tolerance | None = None
 
 
-def strokes(jobs: Sequence[Job], threads: int | None = None) -> list[SimulatedStroke | SimulationFailed]:
+def simulate_strokes(jobs: Sequence[Job], threads: int | None = None) -> list[SimulatedStroke | SimulationFailed]:
     """Simulates the strokes of `jobs`; each result is in the order of its job, a SimulationFailed where there is none.
 
     Bit for bit as one after the other. On `threads`, or as many as there are cores: compiled code releases the interpreter lock. Each
@@ -51,7 +51,7 @@ def _simulate_in_turn(jobs: Sequence[Job]) -> list[SimulatedStroke | SimulationF
 
 def _stroke(job: Job) -> SimulatedStroke | SimulationFailed:
     try:
-        return stroke_following(job.rig, job.height_m, job.motion, job.t_s, job.tolerance)
+        return simulate_stroke(job.rig, job.height_m, job.motion, job.t_s, job.tolerance)
     except SimulationFailed as failed:
         # One stroke that fails must not lose the others.
         return failed

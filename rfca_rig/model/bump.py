@@ -7,7 +7,7 @@ depends on the depth alone is conservative.
 
 import numpy as np
 
-from rfca_rig.model.compiled import compiled, inlined
+from rfca_rig.model.compiled import jit, jit_inline
 from rfca_rig.model.state import Chain, Floats, Work
 
 ROUNDS = 12  # of Newton's iteration at most; it takes three or four
@@ -19,7 +19,7 @@ LEAST_SLOPE = 0.2
 Y, SLOPE, TURN = 4, 5, 6
 
 
-@inlined
+@jit_inline
 def elevation(chain: Chain, y: float) -> tuple[float, float, float]:
     """Height of the floor over its level at a place along it [m], its slope, and its second derivative [1/m]."""
     x = (y - chain.bump_at) / chain.bump_width
@@ -27,7 +27,7 @@ def elevation(chain: Chain, y: float) -> tuple[float, float, float]:
     return rise, -2.0 * x / chain.bump_width * rise, (4.0 * x * x - 2.0) / (chain.bump_width * chain.bump_width) * rise
 
 
-@inlined
+@jit_inline
 def find_nearest(chain: Chain, y: float, up: float) -> tuple[float, float, float]:
     """Nearest point of the floor to an end at `y` along and `up` over the level [m]: (distance, slope, rotation of the normal per path).
 
@@ -53,7 +53,7 @@ def find_nearest(chain: Chain, y: float, up: float) -> tuple[float, float, float
     return distance, slope, curvature / (1.0 - curvature * distance)
 
 
-@compiled
+@jit
 def fill_distances(chain: Chain, y: Floats, up: Floats, out: Floats) -> None:
     """Writes the distances from the floor of ends at `y` along and `up` over the level into `out`, all (m, n) [m]."""
     for i in range(y.shape[0]):
@@ -61,7 +61,7 @@ def fill_distances(chain: Chain, y: Floats, up: Floats, out: Floats) -> None:
             out[i, k] = find_nearest(chain, y[i, k], up[i, k])[0]
 
 
-@inlined
+@jit_inline
 def locate_on_bump(chain: Chain, k: int, y: float, along: float, into: float, work: Work) -> float:
     """Replaces depth and depth rate of end k by those over the bump, and returns its speed along the bump [m/s].
 
@@ -75,8 +75,8 @@ def locate_on_bump(chain: Chain, k: int, y: float, along: float, into: float, wo
     return float((along - slope * into) * cos)
 
 
-@inlined
-def climbed(k: int, work: Work) -> float:
+@jit_inline
+def measure_climb(k: int, work: Work) -> float:
     """Path of end k along the floor since the step began less its path along the level [m]; second order in the step."""
     place, ends = work.place, work.ends
     # Trapezoid rule over the step, for the arc length and for the part of the tangent across the level floor.
@@ -84,8 +84,8 @@ def climbed(k: int, work: Work) -> float:
     return float(longer * (place[k, Y] - ends[k, Y]) - 0.5 * (place[k, SLOPE] + ends[k, SLOPE]) * (place[k, 0] - ends[k, 0]))
 
 
-@inlined
-def turn_to_bump(chain: Chain, k: int, work: Work) -> tuple[float, float]:
+@jit_inline
+def find_slope_direction(chain: Chain, k: int, work: Work) -> tuple[float, float]:
     """Cosine and sine of the floor's slope under end k."""
     if chain.bump_height == 0.0:
         return 1.0, 0.0
@@ -93,13 +93,13 @@ def turn_to_bump(chain: Chain, k: int, work: Work) -> tuple[float, float]:
     return cos, cos * work.place[k, SLOPE]
 
 
-@inlined
-def turn_ways(chain: Chain, k: int, frame_along: float, frame_into: float, work: Work) -> tuple[float, float]:
+@jit_inline
+def rotate_arms(chain: Chain, k: int, frame_along: float, frame_into: float, work: Work) -> tuple[float, float]:
     """Writes how end k moves across and along the floor under it per unit of each coordinate into `work.across` and `work.aside`.
 
     Returns the same along and across for the frame, whose coordinate is the last, from its components over the level floor.
     """
-    cos, sin = turn_to_bump(chain, k, work)
+    cos, sin = find_slope_direction(chain, k, work)
     for j in range(k + 1):
         work.across[j] = cos * work.down[j] + sin * work.along[j]
         work.aside[j] = cos * work.along[j] - sin * work.down[j]
@@ -109,8 +109,8 @@ def turn_ways(chain: Chain, k: int, frame_along: float, frame_into: float, work:
     return along, across
 
 
-@inlined
-def add_turn_of_normal(
+@jit_inline
+def add_normal_rotation(
     chain: Chain,
     k: int,
     normal: tuple[float, float, float],

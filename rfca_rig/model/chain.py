@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.equilibrium import settle, settle_memory
+from rfca_rig.model.equilibrium import find_equilibrium, reset_memory
 from rfca_rig.model.integrator import DONE, SHORTEST_STEP_S, STEP_TOO_SHORT, integrate
 from rfca_rig.model.laws import TABLE, LawUse, address_of, address_of_advance
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State
 from rfca_rig.model.torque_spline import table_of
 
@@ -45,7 +45,7 @@ class Steps:
     next_s: float
 
 
-def chain_of(rig: RigModel, height_m: float) -> Chain:
+def make_chain(rig: RigModel, height_m: float) -> Chain:
     """The chain of `rig` with its shaft `height_m` above the ground, without effects."""
     leg, ground = rig.leg, rig.ground
     # The cached arrays serve every chain of this leg, and callers may change their own copy.
@@ -101,7 +101,7 @@ def _inertia(lengths_m: tuple[float, ...], masses_kg: tuple[float, ...]) -> tupl
     return length, mass @ reach, moment
 
 
-def laws_of(uses: Sequence[LawUse]) -> Laws:
+def make_laws(uses: Sequence[LawUse]) -> Laws:
     """The laws of effects as arrays; compiles each once per process."""
     # All rows are as wide as the longest table, since the compiled chain reads one rectangular array.
     parameter = np.zeros((len(uses), TABLE + max((len(use.table) for use in uses), default=0)))
@@ -117,11 +117,11 @@ def laws_of(uses: Sequence[LawUse]) -> Laws:
     )
 
 
-NOTHING = np.empty(0)
-HELD = Shaft(NOTHING, np.empty((0, 4)), NOTHING, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+EMPTY = np.empty(0)
+HELD_SHAFT = Shaft(EMPTY, np.empty((0, 4)), EMPTY, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaft: Shaft = HELD) -> State:
+def find_rest_state(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaft: Shaft = HELD_SHAFT) -> State:
     """The chain in equilibrium under its weight, its shaft held or on the spring of a compliant drive; without friction on the ground.
 
     Raises SimulationFailed where no rest pose is found.
@@ -139,13 +139,13 @@ def at_rest(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaf
     # The displacement of a frame counts from where it carries the leg at rest, see `forces.add_frame`.
     state.q[links:] = 0.0
     # Friction would make the pose depend on how the leg got there; 1e-12 rad is close to rounding, so that forces are smooth in fits.
-    smooth, work = chain._replace(mu=0.0, drag=0.0), room_to_work(coordinates, links)
-    if not settle(smooth, laws, shaft, state, 1e-12, work):
+    smooth, work = chain._replace(mu=0.0, drag=0.0), allocate_workspace(coordinates, links)
+    if not find_equilibrium(smooth, laws, shaft, state, 1e-12, work):
         raise SimulationFailed(
             f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "
             f"{1e3 * chain.ground_depth:.1f} mm above the ground; is the rack height right?"
         )
-    settle_memory(chain, laws, state, work)
+    reset_memory(chain, laws, state, work)
     return state
 
 
@@ -155,10 +155,10 @@ def set_swinging(chain: Chain, laws: Laws | None, state: State, share: float, ra
     sag = state.q[0] + np.cumsum(chain.rest) - state.q[:links]
     state.q[:links] += share * sag
     state.w[:links] += rate_per_s * sag
-    settle_memory(chain, laws, state, room_to_work(state.q.size, links))
+    reset_memory(chain, laws, state, allocate_workspace(state.q.size, links))
 
 
-def room_for(t_s: Floats, coordinates: int, links: int | None = None) -> Samples:
+def allocate_samples(t_s: Floats, coordinates: int, links: int | None = None) -> Samples:
     """Uninitialised samples at the times `t_s` (m,), for an integration to fill; `links` is n where it differs from `coordinates`, c."""
     m = len(t_s)
     return Samples(t_s, np.empty((m, coordinates)), np.empty((m, coordinates)), np.empty((m, 3)), np.empty((m, 2, links or coordinates)))
@@ -202,7 +202,7 @@ def advance(
         Where no step converges, or where it would take more than `tolerance.most_steps`.
     """
     bounds = np.array([tolerance.angle_rad, tolerance.speed_rad_s])
-    work = room_to_work(state.q.size, state.anchor.size)
+    work = allocate_workspace(state.q.size, state.anchor.size)
     status, next_s, accepted, rejected = integrate(
         chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, tolerance.most_steps, bounds, work, samples
     )

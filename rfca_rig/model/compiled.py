@@ -53,7 +53,7 @@ def is_warm() -> bool:
     return any(Path(CACHE_FOLDER).rglob("*.nbi"))
 
 
-def compiled(function: Function) -> Function:
+def jit(function: Function) -> Function:
     """Compiles `function` without reference counting; it releases the interpreter lock, so threads run it in parallel.
 
     It must not allocate arrays. Counting references to the arrays that it passes on would take as long as the work itself.
@@ -61,7 +61,7 @@ def compiled(function: Function) -> Function:
     return _compile(function, WITHOUT_COUNTING)
 
 
-def compiled_allocating(function: Function) -> Function:
+def jit_allocating(function: Function) -> Function:
     """Compiles a function that allocates arrays, with reference counting; it must not return an array.
 
     Returning an array calls the interpreter, in which a ^C may raise an exception. The compiled code does not check for it, and
@@ -70,7 +70,7 @@ def compiled_allocating(function: Function) -> Function:
     return _compile(function, {})
 
 
-def internal(function: Function) -> Function:
+def jit_internal(function: Function) -> Function:
     """Compiles `function` for compiled callers only; the interpreter runs the Python code.
 
     A wrapper for calls from the interpreter, with some dozens of arguments, takes longer to compile than the function.
@@ -78,8 +78,8 @@ def internal(function: Function) -> Function:
     return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS)(function))
 
 
-def inlined(function: Function) -> Function:
-    """As `internal`, inlined in its callers: passing a tuple of many arrays to a small function takes longer than the function."""
+def jit_inline(function: Function) -> Function:
+    """As `jit_internal`, inlined in its callers: passing a tuple of many arrays to a small function takes longer than the function."""
     return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, forceinline=True)(function))
 
 

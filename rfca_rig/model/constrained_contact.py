@@ -31,7 +31,7 @@ MOST_CHANGES = 400
 RTOL, ATOL = 1e-7, 1e-8
 
 
-class Ended(Enum):
+class EndReason(Enum):
     """Reason why a run on the rigid floor has ended."""
 
     TIME = "the last sample was reached"
@@ -53,7 +53,7 @@ class ConstrainedStroke:
     tip_depth_m: Floats
     touchdowns_s: tuple[float, ...]
     releases_s: tuple[float, ...]
-    ended: Ended
+    ended: EndReason
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,10 @@ class _Piece:
     x: Floats
     end_s: float
     x_end: Floats
-    ended: Ended | None
+    ended: EndReason | None
 
 
-def stroke_on_rigid_floor(
+def simulate_on_rigid_floor(
     rig: RigModel, height_m: float, shaft: KnownMotion, t_s: Floats, friction_coefficient: float = 0.0
 ) -> ConstrainedStroke:
     """Simulates a stroke on a rigid floor, from rest in the air at t = 0.
@@ -149,16 +149,16 @@ def _follow(floor: RigidFloor, contact: _Contact, t: float, x: Floats, t_s: Floa
         change = _Crossing(lambda t, x: float(floor.depths_at(t, x)[-1]), 1.0)
 
     def rate(t: float, x: Floats) -> Floats:
-        return floor.touching_rate(t, x, contact.sliding) if contact.down else floor.system.rate(t, x)
+        return floor.contact_rate(t, x, contact.sliding) if contact.down else floor.system.rate(t, x)
 
     ahead = t_s[t_s >= t]
     motion = solve_ivp(rate, (t, float(t_s[-1])), x, "LSODA", ahead, events=[change, others, slides], rtol=RTOL, atol=ATOL)
     if not motion.success:
         raise SimulationFailed(f"the leg on the rigid floor stopped after {t:.4f} s: {motion.message}")
-    for event, why in zip((0, 1, 2), (None, Ended.OTHER_END, Ended.SLIDING), strict=True):
+    for event, why in zip((0, 1, 2), (None, EndReason.OTHER_END, EndReason.SLIDING), strict=True):
         if motion.t_events[event].size:
             return _Piece(contact, t, motion.t, motion.y.T, float(motion.t_events[event][0]), motion.y_events[event][0], why)
-    return _Piece(contact, t, motion.t, motion.y.T, float(t_s[-1]), motion.y[:, -1], Ended.TIME)
+    return _Piece(contact, t, motion.t, motion.y.T, float(t_s[-1]), motion.y[:, -1], EndReason.TIME)
 
 
 def _change_contact(floor: RigidFloor, piece: _Piece) -> tuple[float, Floats, _Contact]:
@@ -167,11 +167,11 @@ def _change_contact(floor: RigidFloor, piece: _Piece) -> tuple[float, Floats, _C
         return t, x, _Contact(False)
     # Where lambda is not positive right after the impact, the tip leaves at once: the next piece begins in the air.
     sliding = float(np.sign(floor.slip(t, x)))
-    x = floor.after_impact(t, x, sliding)
+    x = floor.apply_impact(t, x, sliding)
     return t, x, _Contact(floor.touching(t, x, sliding)[1] > 0.0, sliding)
 
 
-def _join(floor: RigidFloor, pieces: list[_Piece], ended: Ended) -> ConstrainedStroke:
+def _join(floor: RigidFloor, pieces: list[_Piece], ended: EndReason) -> ConstrainedStroke:
     samples = [(t, x, piece.contact) for piece in pieces for t, x in zip(piece.t_s, piece.x.reshape(len(piece.t_s), -1), strict=True)]
     forces = [_lambda_and_torque(floor, t, x, contact) for t, x, contact in samples]
     return ConstrainedStroke(

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rfca_rig.model.bump import add_turn_of_normal, climbed, locate_on_bump, turn_ways
+from rfca_rig.model.bump import add_normal_rotation, locate_on_bump, measure_climb, rotate_arms
 from rfca_rig.model.call import call_law
-from rfca_rig.model.compiled import inlined
+from rfca_rig.model.compiled import jit_inline
 from rfca_rig.model.laws import LOAD, NORMAL, SLIP
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 
@@ -15,7 +15,7 @@ Tangential = tuple[float, float, float, float]
 FULL_DRAG_N = 1.0
 
 
-@inlined
+@jit_inline
 def normal_force(stiffness: float, damping: float, depth: float, rate: float) -> tuple[float, float, float]:
     """Hertz with damping, eq. (17): (N, dN/d depth, dN/d rate). An end that leaves is pushed less, but never pulled.
 
@@ -29,15 +29,15 @@ def normal_force(stiffness: float, damping: float, depth: float, rate: float) ->
     return N * grow, N_depth * grow, N * damping
 
 
-@inlined
+@jit_inline
 def plain_normal_force(chain: Chain, depth: float, rate: float) -> tuple[float, float, float]:
     """(N, dN/d depth, dN/d rate) of the nominal floor, whose damping may differ between an end that enters and one that leaves."""
     damping = chain.contact_damping if rate > 0.0 else chain.leaving_damping
     return normal_force(chain.contact_stiffness, damping, depth, rate)
 
 
-@inlined
-def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tuple[float, float, float]:
+@jit_inline
+def sum_normal_laws(laws: Laws, depth: float, rate: float, work: Work) -> tuple[float, float, float]:
     """(N, dN/d depth, dN/d rate) that laws of effects add to the nominal floor."""
     x, out = work.x, work.out
     N = N_depth = N_rate = 0.0
@@ -49,7 +49,7 @@ def added_normal_force(laws: Laws, depth: float, rate: float, work: Work) -> tup
     return N, N_depth, N_rate
 
 
-@inlined
+@jit_inline
 def friction_factor(laws: Laws, slip: float, normal: float, work: Work) -> tuple[float, float, float]:
     """Factor of all effects on the friction coefficient at a sliding speed and a normal force, and its derivatives by both."""
     x, out = work.x, work.out
@@ -66,7 +66,7 @@ def friction_factor(laws: Laws, slip: float, normal: float, work: Work) -> tuple
     return factor, factor_v, factor_N
 
 
-@inlined
+@jit_inline
 def carry_stretch(stretch: float, limit: float, begun: float, begun_limit: float) -> tuple[float, float, float]:
     """Force of a tie times the presliding, which is stretch times friction limit, and its derivatives by both.
 
@@ -81,7 +81,7 @@ def carry_stretch(stretch: float, limit: float, begun: float, begun_limit: float
     return begun_limit * begun + mean * more, mean, 0.5 * more
 
 
-@inlined
+@jit_inline
 def tangential_force(
     chain: Chain, friction: tuple[float, float, float], stretch: float, slip: float, normal: float, begun: float, begun_limit: float
 ) -> Tangential:
@@ -108,8 +108,8 @@ def tangential_force(
     return F - drag * slip, F_s, F_limit * mu_v * pressed - drag, F_N
 
 
-@inlined
-def extra_way(chain: Chain, state: State, k: int, q: Floats, work: Work) -> float:
+@jit_inline
+def correct_path(chain: Chain, state: State, k: int, q: Floats, work: Work) -> float:
     """Correction [m] of the path of end k since the step began, where its lever depends on depth or the floor has a bump.
 
     It is the path beyond that along a level floor with the full lever: the end rolls less, and it climbs the bump. Second order in the
@@ -120,23 +120,23 @@ def extra_way(chain: Chain, state: State, k: int, q: Floats, work: Work) -> floa
         # The lever shrinks with the depth; the mean of both ends of the step makes the integral second order.
         depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
         way = float(chain.lever_rise * depth * (q[k] - state.q[k]))
-    return way + climbed(k, work) if chain.bump_height != 0.0 else way
+    return way + measure_climb(k, work) if chain.bump_height != 0.0 else way
 
 
-@inlined
-def turn_to_floor(chain: Chain) -> tuple[float, float]:
+@jit_inline
+def project_frame_on_floor(chain: Chain) -> tuple[float, float]:
     """Components along the floor and into it of a unit displacement of the frame."""
     along = chain.frame_down * chain.floor_sin + chain.frame_aside * chain.floor_cos
     return along, chain.frame_down * chain.floor_cos - chain.frame_aside * chain.floor_sin
 
 
-@inlined
+@jit_inline
 def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) -> None:
     """Writes depth, depth rate, stretch from the anchor and slip of every link end into `work.place` (n, 7); `q`, `w` are (c,)."""
     place, links = work.place, chain.length.size
     y = slide = depth = sink = 0.0
     if q.size > links:
-        along_floor, into_floor = turn_to_floor(chain)
+        along_floor, into_floor = project_frame_on_floor(chain)
         y, depth = q[links] * along_floor, q[links] * into_floor
         slide, sink = w[links] * along_floor, w[links] * into_floor
     for k in range(links):
@@ -149,11 +149,11 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
         place[k, 0], place[k, 1] = depth + chain.radius - chain.ground_depth * chain.floor_cos, sink
         run = slide if chain.bump_height == 0.0 else locate_on_bump(chain, k, y, slide, sink, work)
         # The point where friction acts rolls along the floor: the link's angle times the lever is no sliding.
-        place[k, 2] = y - chain.lever * q[k] + extra_way(chain, state, k, q, work) - state.anchor[k]
+        place[k, 2] = y - chain.lever * q[k] + correct_path(chain, state, k, q, work) - state.anchor[k]
         place[k, 3] = run - (chain.lever - chain.lever_rise * max(place[k, 0], 0.0)) * w[k]
 
 
-@inlined
+@jit_inline
 def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
     """Adds the ground forces at the located ends to R and J, and writes them into `work.contact` (2, n) = N, F.
 
@@ -173,7 +173,7 @@ def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -
             add_contact(chain, k, normal, tangential, w, weights, work, work.down, work.along)
 
 
-@inlined
+@jit_inline
 def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, work: Work) -> None:
     """As `add_contacts` with laws of effects and a frame that yields; `w` (c,). Kept apart, as its branches would slow the plain chain."""
     place, contact = work.place, work.contact
@@ -181,7 +181,7 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
         contact[0, k] = contact[1, k] = work.regime[0, k] = work.limit[0, k] = 0.0
         if place[k, 0] > 0.0:
             plain = plain_normal_force(chain, place[k, 0], place[k, 1])
-            more = added_normal_force(laws, place[k, 0], place[k, 1], work)
+            more = sum_normal_laws(laws, place[k, 0], place[k, 1], work)
             normal = (plain[0] + more[0], plain[1] + more[1], plain[2] + more[2])
             factor, factor_v, factor_N = friction_factor(laws, place[k, 3], normal[0], work)
             friction = (chain.mu * factor, chain.mu * factor_v, chain.mu * factor_N)
@@ -191,18 +191,18 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
             # Over a level floor the directions of all ends agree; on a bump each end has its own.
             across, aside = work.down, work.along
-            frame_aside, frame_across = turn_to_floor(chain)
+            frame_aside, frame_across = project_frame_on_floor(chain)
             if chain.bump_height != 0.0:
                 across, aside = work.across, work.aside
-                frame_aside, frame_across = turn_ways(chain, k, frame_aside, frame_across, work)
+                frame_aside, frame_across = rotate_arms(chain, k, frame_aside, frame_across, work)
             add_contact(chain, k, normal, tangential, w, weights, work, across, aside)
             if w.size > place.shape[0]:
                 add_frame_contact(chain, k, normal, tangential, w, weights, work, across, aside, frame_across, frame_aside)
             if chain.bump_height != 0.0 and weights is not None:
-                add_turn_of_normal(chain, k, normal, tangential, w, weights[2], work)
+                add_normal_rotation(chain, k, normal, tangential, w, weights[2], work)
 
 
-@inlined
+@jit_inline
 def add_contact(
     chain: Chain,
     k: int,
@@ -240,7 +240,7 @@ def add_contact(
             J[i, j] += dN * down[i] - dF * (along[i] - (arm if i == k else 0.0))
 
 
-@inlined
+@jit_inline
 def add_frame_contact(
     chain: Chain,
     k: int,
@@ -279,7 +279,7 @@ def add_frame_contact(
         J[b, j] += dN_j * cos - dF_j * sin
 
 
-@inlined
+@jit_inline
 def stretch_after(chain: Chain, k: int, stretch: float, limit: float, work: Work) -> float:
     """Stretch [m] of the tie of end k after a step to `stretch` under the friction limit `limit`: its force over its present stiffness."""
     # No tie in the air. Beyond the presliding the end has slipped, and the anchor follows it.
@@ -289,15 +289,15 @@ def stretch_after(chain: Chain, k: int, stretch: float, limit: float, work: Work
     return min(max(carried / limit, -chain.presliding), chain.presliding)
 
 
-@inlined
+@jit_inline
 def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
     """Moves the anchors with slipping ends, and puts them below those in the air; `q` is (c,), the ends are located in `work`.
 
     For a leg at rest, or a step in which no end reversed its slip; `anchors` treats the others.
     """
-    y = q[chain.length.size] * turn_to_floor(chain)[0] if q.size > chain.length.size else 0.0
+    y = q[chain.length.size] * project_frame_on_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
-        more = extra_way(chain, state, k, q, work)
+        more = correct_path(chain, state, k, q, work)
         s = y - chain.lever * q[k] + more
         state.anchor[k] = s - stretch_after(chain, k, s - state.anchor[k], work.limit[0, k], work) - more

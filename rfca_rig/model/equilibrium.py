@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from rfca_rig.model.compiled import compiled_allocating
+from rfca_rig.model.compiled import jit_allocating
 from rfca_rig.model.contact import drag_anchors
 from rfca_rig.model.forces import assemble
-from rfca_rig.model.integrator import remember
+from rfca_rig.model.integrator import update_memory
 from rfca_rig.model.linear import solve
 from rfca_rig.model.shaft import drive_torque
 from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
@@ -16,8 +16,8 @@ LONG_S = 1e9
 LONGEST_TURN_RAD = 0.1  # per iteration, so that a leg far from rest does not jump through the ground
 
 
-@compiled_allocating
-def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, tolerance: float, work: Work) -> bool:
+@jit_allocating
+def find_equilibrium(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, tolerance: float, work: Work) -> bool:
     """Changes state.q to the equilibrium with the shaft held at q[0], or free on its spring, by damped Newton; True when found.
 
     `chain` must be without friction: the force of a stuck end depends on its path, which a rest pose does not contain.
@@ -44,14 +44,14 @@ def settle(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, toleranc
     return False
 
 
-@compiled_allocating
-def settle_memory(chain: Chain, laws: Laws | None, state: State, work: Work) -> None:
+@jit_allocating
+def reset_memory(chain: Chain, laws: Laws | None, state: State, work: Work) -> None:
     """Initialises the memory of the laws with the rest pose, and the anchors right below the ends."""
     assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, None, work)
     # A loop: an assignment of whole arrays makes the compiler include the texts of its errors, which takes some seconds.
     for i in range(state.q.size):
         work.q[i] = state.q[i]
-    remember(chain, laws, state, LONG_S, work)
+    update_memory(chain, laws, state, LONG_S, work)
     # With all depths at zero, `drag_anchors` takes every end for one in the air and puts its anchor below it.
     for k in range(work.place.shape[0]):
         for j in range(work.place.shape[1]):

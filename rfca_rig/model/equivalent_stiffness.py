@@ -80,7 +80,7 @@ class EncasedStrip:
         by_station = sensitivity(bent, Holds(nodes, self.holding.share @ phi_rad), NO_FORCE)
         return self.holding.share.T @ by_station @ self.holding.share
 
-    def perturbed_stiffness(self, phi_rad: Floats, step_rad: float = 1e-2) -> Floats:
+    def difference_stiffness(self, phi_rad: Floats, step_rad: float = 1e-2) -> Floats:
         """(h,) K_i by (8), central second differences of U about `phi_rad` (h,), of second order in the step.
 
         The middle term is U(phi), where (8) prints U(0).
@@ -89,9 +89,9 @@ class EncasedStrip:
         steps = step_rad * np.eye(phi_rad.size)
         return np.array([self.energy_J(phi_rad + d) - 2.0 * middle + self.energy_J(phi_rad - d) for d in steps]) / step_rad**2
 
-    def perturbed_stiffness_matrix(self, phi_rad: Floats, step_rad: float = 1e-2) -> Floats:
+    def difference_stiffness_matrix(self, phi_rad: Floats, step_rad: float = 1e-2) -> Floats:
         """(h, h) by differences of U alone: K_i on the diagonal, and mixed second differences beside it."""
-        matrix = np.diag(self.perturbed_stiffness(phi_rad, step_rad))
+        matrix = np.diag(self.difference_stiffness(phi_rad, step_rad))
         steps = step_rad * np.eye(phi_rad.size)
         for i in range(phi_rad.size):
             for j in range(i):
@@ -103,7 +103,7 @@ class EncasedStrip:
         return matrix
 
 
-def centred_lay(link_lengths_m: tuple[float, ...], strip_length_m: float) -> Lay:
+def centre_lay(link_lengths_m: tuple[float, ...], strip_length_m: float) -> Lay:
     """Lay of a strip that reaches as far beyond the first hinge as beyond the last.
 
     The paper does not state the position. Its strip, 226 mm, is shorter than from the middle of the first link to the middle of

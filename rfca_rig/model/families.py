@@ -154,6 +154,6 @@ def members_of(family_id: str) -> frozenset[str]:
     return next((family.members for family in FAMILIES if family.id == family_id), frozenset((family_id,)))
 
 
-def related(ids: Iterable[str]) -> frozenset[str]:
+def list_related(ids: Iterable[str]) -> frozenset[str]:
     """All members of the families of these effects, themselves among them."""
     return frozenset().union(*(family.members for effect in ids for family in families_of(effect)))

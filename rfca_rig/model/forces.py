@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rfca_rig.model.bump import turn_to_bump
+from rfca_rig.model.bump import find_slope_direction
 from rfca_rig.model.call import call_law
-from rfca_rig.model.compiled import compiled, inlined
+from rfca_rig.model.compiled import jit, jit_inline
 from rfca_rig.model.contact import add_contacts, add_contacts_with_effects, locate_ends
 from rfca_rig.model.laws import HINGE, LINK, ROTOR
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
@@ -21,7 +21,7 @@ C1, C2, C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872
 C4, C5, C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
 
 
-@inlined
+@jit_inline
 def sine_and_cosine(angle: float) -> tuple[float, float]:
     """Sine and cosine, exact but for the last bit, for angles up to some thousand turns, in half the time of two calls.
 
@@ -44,7 +44,7 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
     return -cos, sin
 
 
-@inlined
+@jit_inline
 def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, work: Work) -> None:
     """Writes M a + h into R: M_ij = c_ij cos(q_i - q_j), h_i = sum_j c_ij sin(q_i - q_j) w_j^2, with the (n, n) moments c_ij.
 
@@ -80,7 +80,7 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
                 J[i, j] = J[j, i] = 0.0
 
 
-@inlined
+@jit_inline
 def add_shaft_friction(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
     """Adds friction at the shaft from outside the leg; the motor overcomes it, so it shows in the shaft torque. `w` is (c,)."""
     if chain.shaft_friction == 0.0:
@@ -92,13 +92,13 @@ def add_shaft_friction(chain: Chain, w: Floats, weights: Weights | None, work: W
         work.J[0, 0] += weights[1] * chain.shaft_friction * (1.0 - share * share) / DRAGGED_FROM_RAD_S
 
 
-@inlined
-def turn_to_frame(chain: Chain, sin: float, cos: float) -> tuple[float, float]:
+@jit_inline
+def rotate_to_frame(chain: Chain, sin: float, cos: float) -> tuple[float, float]:
     """Sine and cosine of an angle plus the lean of the line along which the frame yields."""
     return sin * chain.frame_down + cos * chain.frame_aside, cos * chain.frame_down - sin * chain.frame_aside
 
 
-@inlined
+@jit_inline
 def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work) -> None:
     """Adds a frame that yields by q_b on a spring, if there is one: coordinate b behind the last link, 0 where it carries the leg at rest.
 
@@ -111,7 +111,7 @@ def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | 
     mass = chain.frame_mass + chain.total_mass
     R[b] += mass * a[b] + chain.frame_damping * w[b] + chain.frame_stiffness * q[b]
     for i in range(b):
-        S, (sin, cos) = chain.first_moment[i], turn_to_frame(chain, work.sin[i], work.cos[i])
+        S, (sin, cos) = chain.first_moment[i], rotate_to_frame(chain, work.sin[i], work.cos[i])
         # The leg's mass centre accelerates along the line by the links' rotation; in return the frame's acceleration turns the links.
         R[b] += S * (cos * a[i] - sin * w[i] * w[i])
         R[i] += S * cos * a[b]
@@ -120,13 +120,13 @@ def add_frame(chain: Chain, q: Floats, w: Floats, a: Floats, weights: Weights | 
     ca, cw, cq = weights
     J[b, b] += ca * mass + cw * chain.frame_damping + cq * chain.frame_stiffness
     for i in range(b):
-        S, (sin, cos) = chain.first_moment[i], turn_to_frame(chain, work.sin[i], work.cos[i])
+        S, (sin, cos) = chain.first_moment[i], rotate_to_frame(chain, work.sin[i], work.cos[i])
         J[b, i] += ca * S * cos - cw * 2.0 * S * sin * w[i] - cq * S * (sin * a[i] + cos * w[i] * w[i])
         J[i, b] += ca * S * cos
         J[i, i] -= cq * S * sin * a[b]
 
 
-@inlined
+@jit_inline
 def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights | None, work: Work) -> None:
     """Adds the weight of the links, and in each hinge its spring + c dphi/dt, phi from the rest angle; `q` and `w` are (c,)."""
     R, J = work.R, work.J
@@ -146,7 +146,7 @@ def add_weight_and_hinges(chain: Chain, q: Floats, w: Floats, weights: Weights |
             add_hinge_slope(i, weights[2] * k0 * slope + weights[1] * c, J)
 
 
-@inlined
+@jit_inline
 def add_hinge_slope(i: int, slope: float, J: Floats) -> None:
     """Adds the weighted derivative of a torque that resists q_i - q_(i-1) to J (c, c)."""
     J[i, i] += slope
@@ -155,7 +155,7 @@ def add_hinge_slope(i: int, slope: float, J: Floats) -> None:
     J[i - 1, i] -= slope
 
 
-@inlined
+@jit_inline
 def add_hinge_laws(
     chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
 ) -> None:
@@ -175,7 +175,7 @@ def add_hinge_laws(
                         add_hinge_slope(i, weights[2] * work.out[1] + weights[1] * work.out[2] + weights[0] * work.out[3], work.J)
 
 
-@inlined
+@jit_inline
 def call_hinge(
     chain: Chain, laws: Laws, address: int, m: int, i: int, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work
 ) -> None:
@@ -186,7 +186,7 @@ def call_hinge(
     call_law(address, work.x, state.memory[m, i], laws.parameter[m], work.out)
 
 
-@inlined
+@jit_inline
 def add_link_laws(chain: Chain, laws: Laws, state: State, w: Floats, weights: Weights | None, work: Work) -> None:
     """Adds forces of the surroundings across the links; J neglects how they depend on the pose. `w` is (c,)."""
     for m in range(laws.place.size):
@@ -196,7 +196,7 @@ def add_link_laws(chain: Chain, laws: Laws, state: State, w: Floats, weights: We
                     add_link_law(chain, laws, m, i, state, w, weights, work)
 
 
-@inlined
+@jit_inline
 def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floats, weights: Weights | None, work: Work) -> None:
     """Adds law m on link i, at its middle; `w` is (c,)."""
     # Projected on the normal of link i: an earlier link j moves it by L_j cos(q_i - q_j), a frame by cos q_i, later links not at all.
@@ -221,8 +221,8 @@ def add_link_law(chain: Chain, laws: Laws, m: int, i: int, state: State, w: Floa
                 work.J[j, k] -= weights[1] * F_v * arm[j] * arm[k]
 
 
-@inlined
-def begin(chain: Chain, q: Floats, work: Work) -> None:
+@jit_inline
+def prepare_pose(chain: Chain, q: Floats, work: Work) -> None:
     """Writes sines, cosines and lever arms of the pose `q` (c,) into `work`, for all functions that need them."""
     sin, cos, down, along = work.sin, work.cos, work.down, work.along
     work.outside[0] = work.outside[1] = 0.0
@@ -232,7 +232,7 @@ def begin(chain: Chain, q: Floats, work: Work) -> None:
         along[i] = chain.length[i] * (cos[i] * chain.floor_sin - sin[i] * chain.floor_cos)
 
 
-@inlined
+@jit_inline
 def assemble(
     chain: Chain,
     laws: Laws | None,
@@ -249,13 +249,13 @@ def assemble(
     `q`, `w`, `a` are (c,). `state` gives anchors and memory of laws from the beginning of the step, `elapsed` [s] ago. `laws` None
     is the plain chain: the compiler makes a version of its own for it, and for `weights` None another.
     """
-    begin(chain, q, work)
+    prepare_pose(chain, q, work)
     add_inertia(chain, w, a, weights, work)
     add_weight_and_hinges(chain, q, w, weights, work)
     add_surroundings(chain, laws, state, elapsed, q, w, a, weights, work)
 
 
-@inlined
+@jit_inline
 def add_surroundings(
     chain: Chain, laws: Laws | None, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
 ) -> None:
@@ -271,7 +271,7 @@ def add_surroundings(
         add_link_laws(chain, laws, state, w, weights, work)
 
 
-@inlined
+@jit_inline
 def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> None:
     """Writes row 0 of inertia, weight and hinges, the shaft torque; the other rows are not computed. `q`, `w` and `a` are (c,)."""
     R, sin, cos = work.R, work.sin, work.cos
@@ -290,7 +290,7 @@ def add_shaft_row(chain: Chain, q: Floats, w: Floats, a: Floats, work: Work) -> 
     R[0] = torque
 
 
-@inlined
+@jit_inline
 def measure(
     chain: Chain, laws: Laws | None, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, work: Work, force: Floats
 ) -> None:
@@ -299,7 +299,7 @@ def measure(
     `q`, `w` and `a` are (c,).
     """
     # fy and fz follow from the momentum of the whole leg, and the torque from row 0: the full residual is not needed.
-    begin(chain, q, work)
+    prepare_pose(chain, q, work)
     add_shaft_row(chain, q, w, a, work)
     add_surroundings(chain, laws, state, elapsed, q, w, a, None, work)
     force[0] = -chain.total_mass * chain.gravity_along - work.outside[0]
@@ -315,7 +315,7 @@ def measure(
         N, F, floor_cos, floor_sin = work.contact[0, i], work.contact[1, i], chain.floor_cos, chain.floor_sin
         # N and F act across and along the floor under this end, which a bump turns against the level floor.
         if laws is not None:
-            level_cos, level_sin = turn_to_bump(chain, i, work)
+            level_cos, level_sin = find_slope_direction(chain, i, work)
             floor_cos, floor_sin = (
                 chain.floor_cos * level_cos + chain.floor_sin * level_sin,
                 chain.floor_sin * level_cos - chain.floor_cos * level_sin,
@@ -325,5 +325,5 @@ def measure(
 
 
 # Inlined functions have no entry point of their own; these two are for callers in Python.
-assemble_once = compiled(assemble)
-measure_once = compiled(measure)
+assemble_once = jit(assemble)
+measure_once = jit(measure)

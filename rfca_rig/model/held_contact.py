@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rfca_rig.model.anchors import note_ends
-from rfca_rig.model.compiled import compiled_allocating
+from rfca_rig.model.anchors import store_ends
+from rfca_rig.model.compiled import jit_allocating
 from rfca_rig.model.contact import drag_anchors
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.linear import solve
@@ -17,7 +17,7 @@ SHORTEST_STEP_RAD = np.radians(1e-4)
 FARTHEST_TURN_RAD = 0.15
 
 
-@compiled_allocating
+@jit_allocating
 def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats, work: Work) -> bool:
     """Solves for the equilibrium with the shaft at `angle` and the anchors of `state`, by Newton from `q` (n,); True when found nearby.
 
@@ -44,7 +44,7 @@ def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats
     return False
 
 
-@compiled_allocating
+@jit_allocating
 def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: Work) -> bool:
     """Turns the shaft to `angle` in small steps, and `state` with it; False where the path ends before. `nothing` (n,) are zeros.
 
@@ -66,7 +66,7 @@ def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: 
             trial[0] = goal
             assemble(chain, None, state, 0.0, trial, nothing, nothing, None, work)
             drag_anchors(chain, state, trial, work)
-            note_ends(chain, state, trial, work)
+            store_ends(chain, state, trial, work)
             work.limit[2] = work.limit[0]
             q[:] = trial
             step = min(2.0 * step, STEP_RAD)

@@ -74,7 +74,7 @@ class HardeningFit(NamedTuple):
     misfit_relative: float
 
 
-def sliding_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
+def compute_sliding_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
     """Curve of a strip that slides freely in its grooves; closed form but for one integral. `phi_rad` (m,) within +-90 degrees.
 
     Raises BadInput where the grooves meet.
@@ -92,7 +92,7 @@ def sliding_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
     return HingeCurve(phi_rad, energy, torque, np.abs(swept / chord))
 
 
-def fixed_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
+def compute_fixed_curve(hinge: HeldHinge, phi_rad: Floats) -> HingeCurve:
     """Curve of a strip that is fixed in both shells and keeps its length 2a, by the discrete elastica, continued from small angles.
 
     `phi_rad` (m,) ascending, above zero. Second order in the length of 200 elements. Raises BadInput where the strip would have to

@@ -8,10 +8,10 @@ an explicit first stage, BIT 44 (2004).
 
 import numpy as np
 
-from rfca_rig.model.anchors import length_to_turn, note_ends, tie_anchors
-from rfca_rig.model.compiled import compiled, inlined
+from rfca_rig.model.anchors import limit_step_to_reversal, store_ends, update_friction_anchors
+from rfca_rig.model.compiled import jit, jit_inline
 from rfca_rig.model.contact import locate_ends
-from rfca_rig.model.forces import begin, call_hinge
+from rfca_rig.model.forces import call_hinge, prepare_pose
 from rfca_rig.model.samples import fill_samples
 from rfca_rig.model.shaft import shaft_at
 from rfca_rig.model.stage import solve_stage
@@ -42,7 +42,7 @@ JUST_AFTER_S = 1e-12
 DONE, STEP_TOO_SHORT, TOO_MANY_STEPS = 0, 1, 2
 
 
-@inlined
+@jit_inline
 def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float, work: Work) -> bool:
     """Solves for the accelerations at the angles and speeds of `state`, where those of the last step are invalid after a jump."""
     for i in range(state.q.size):
@@ -57,13 +57,13 @@ def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float,
     if not shaft.free:
         _, state.w[0], state.a[0] = shaft_at(shaft, t + JUST_AFTER_S)
     locate_ends(chain, state, state.q, state.w, work)
-    note_ends(chain, state, state.q, work)
+    store_ends(chain, state, state.q, work)
     for k in range(state.anchor.size):
         work.limit[2, k] = work.limit[0, k]
     return True
 
 
-@inlined
+@jit_inline
 def predict(state: State, stage: int, h: float, work: Work) -> None:
     """Extrapolates a first guess of a stage's acceleration: from the last step's jerk, then from the previous stages."""
     a = work.stage_a
@@ -76,7 +76,7 @@ def predict(state: State, stage: int, h: float, work: Work) -> None:
             work.a[i] = a[2, i]
 
 
-@inlined
+@jit_inline
 def prepare(state: State, stage: int, h: float, work: Work) -> None:
     """Writes the explicit part of a stage, which follows from the stages before it, into `work.base_q` and `work.base_w`."""
     for i in range(state.q.size):
@@ -87,21 +87,21 @@ def prepare(state: State, stage: int, h: float, work: Work) -> None:
         work.base_q[i], work.base_w[i] = q, w
 
 
-@inlined
-def note_stage(stage: int, q: Floats, w: Floats, a: Floats, work: Work) -> None:
+@jit_inline
+def store_stage(stage: int, q: Floats, w: Floats, a: Floats, work: Work) -> None:
     """Stores `q`, `w` and `a` (c,) of a solved stage."""
     for i in range(q.size):
         work.stage_q[stage, i], work.stage_w[stage, i], work.stage_a[stage, i] = q[i], w[i], a[i]
 
 
-@inlined
+@jit_inline
 def try_step(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float, t_new: float, tolerance: Floats, work: Work) -> float:
     """Computes the stages of a step from t to t_new into `work`. Returns its error in units of `tolerance` (2,), in rad and rad/s.
 
     Returns infinity where a stage did not converge.
     """
     h = t_new - t
-    note_stage(0, state.q, state.w, state.a, work)
+    store_stage(0, state.q, state.w, state.a, work)
     for stage in range(1, STAGES):
         predict(state, stage, h, work)
         prepare(state, stage, h, work)
@@ -110,7 +110,7 @@ def try_step(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: flo
         at = t_new if stage > 1 else t + elapsed
         if not solve_stage(chain, laws, shaft, state, elapsed, at, G * h, NEWTON_SHARE * tolerance[1], stage > 1, work):
             return np.inf
-        note_stage(stage, work.q, work.w, work.a, work)
+        store_stage(stage, work.q, work.w, work.a, work)
     # The third stage is the embedded solution of second order. The small start value avoids a division by zero in the step control.
     error = 1e-12
     for i in range(state.q.size):
@@ -120,8 +120,8 @@ def try_step(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: flo
     return error
 
 
-@compiled
-def remember(chain: Chain, laws: Laws | None, state: State, h: float, work: Work) -> None:
+@jit
+def update_memory(chain: Chain, laws: Laws | None, state: State, h: float, work: Work) -> None:
     """Updates the memory of hinge laws after a step of length h [s] that ends in `work`."""
     if laws is None:
         return
@@ -132,8 +132,10 @@ def remember(chain: Chain, laws: Laws | None, state: State, h: float, work: Work
                     call_hinge(chain, laws, laws.advance[m], m, i, state, h, work.q, work.w, work.a, work)
 
 
-@inlined
-def accept(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> tuple[int, bool]:
+@jit_inline
+def accept_step(
+    chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples
+) -> tuple[int, bool]:
     """Accepts the step in `work`: samples, anchors, memory, state. Returns the next sample's index, and whether forces jumped."""
     # Samples are interpolated with the state at the beginning of the step, so they come before the state changes.
     for k in range(state.anchor.size):
@@ -144,16 +146,16 @@ def accept(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float
         q[i], w[i], a[i] = work.stage_q[3, i], work.stage_w[3, i], work.stage_a[3, i]
         # Derivative at the step's end of the parabola through a at both ends whose integral is the change of w.
         work.jerk[i] = (6.0 * (old_w[i] - w[i]) / h + 2.0 * old_a[i] + 4.0 * a[i]) / h
-    begin(chain, q, work)
+    prepare_pose(chain, q, work)
     locate_ends(chain, state, q, w, work)
-    jumped = tie_anchors(chain, state, h, q, work)
-    remember(chain, laws, state, h, work)
+    jumped = update_friction_anchors(chain, state, h, q, work)
+    update_memory(chain, laws, state, h, work)
     for i in range(q.size):
         state.q[i], state.w[i], state.a[i] = q[i], w[i], a[i]
     return first, jumped
 
 
-@compiled
+@jit
 def integrate(
     chain: Chain,
     laws: Laws | None,
@@ -223,12 +225,12 @@ def integrate(
                 return STEP_TOO_SHORT, h, accepted, rejected
             continue
         # An end that reverses its slip within the step would be given the wrong friction; the step ends at the reversal instead.
-        shorter = length_to_turn(chain, t_new - t, work)
+        shorter = limit_step_to_reversal(chain, t_new - t, work)
         if shorter < GAIN_BY_TURN * (t_new - t):
             rejected += 1
             h = shorter
             continue
-        sample, jumped = accept(chain, laws, state, t, t_new, sample, work, out)
+        sample, jumped = accept_step(chain, laws, state, t, t_new, sample, work, out)
         accepted += 1
         longer = (t_new - t) * min(3.0, 0.9 / np.cbrt(error))
         # A step that was cut short by a landing or the end is no reason to shorten h.

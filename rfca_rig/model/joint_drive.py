@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.effects.sensor_lag import lagged
+from rfca_rig.model.effects.sensor_lag import filter_first_order
 from rfca_rig.model.laws import HINGE, LawUse
-from rfca_rig.model.setup import PARAMETERS_AT_MOST, Setup
+from rfca_rig.model.setup import MAX_PARAMETERS, Setup
 from rfca_rig.model.state import Laws
 
 Floats = NDArray[np.float64]
 
 # Indices in the parameters of a drive, of every law that reads the torque, and in the memory.
 FACTOR, DELAY, LAG = 0, 1, 2
-STEP, COUNT, BEGIN, TRACE = 5, 6, 7, PARAMETERS_AT_MOST
+STEP, COUNT, BEGIN, TRACE = 5, 6, 7, MAX_PARAMETERS
 CLOCK = 3
 
 
@@ -112,5 +112,5 @@ def with_traces(laws: Laws, uses: Sequence[LawUse], trace: TorqueTrace) -> Laws:
             factor, delay_s, lag_s = drives.get(use.only, (0.0, 0.0, 0.0))
             recorded = trace.torque_Nm[:, use.only - 1]
             row[STEP], row[COUNT], row[BEGIN] = trace.step_s, count, trace.begin_s + delay_s
-            row[TRACE : TRACE + count] = factor * (lagged(t_s, recorded, lag_s) if lag_s > 0.0 else recorded)
+            row[TRACE : TRACE + count] = factor * (filter_first_order(t_s, recorded, lag_s) if lag_s > 0.0 else recorded)
     return laws._replace(parameter=parameter)

@@ -1,10 +1,10 @@
 """Solves a small dense linear system in compiled code by LU factors with partial pivoting, which may serve many right sides."""
 
-from rfca_rig.model.compiled import inlined, internal
+from rfca_rig.model.compiled import jit_inline, jit_internal
 from rfca_rig.model.state import Floats, Integers
 
 
-@inlined
+@jit_inline
 def factor(J: Floats, pivot: Integers, first: int) -> bool:
     """Replaces J (n, n), from row and column `first` on, by its LU factors, `pivot` (n,) the row exchanges.
 
@@ -34,7 +34,7 @@ def factor(J: Floats, pivot: Integers, first: int) -> bool:
     return True
 
 
-@inlined
+@jit_inline
 def substitute(J: Floats, pivot: Integers, first: int, x: Floats) -> None:
     """Solves for x (n,) in place with the factors in J (n, n); entries before `first` stay as they are."""
     n = pivot.size
@@ -53,7 +53,7 @@ def substitute(J: Floats, pivot: Integers, first: int, x: Floats) -> None:
         x[k] = v * J[k, k]
 
 
-@internal
+@jit_internal
 def solve(J: Floats, pivot: Integers, x: Floats) -> bool:
     """Solves J y = x for J (n, n) and x (n,), with y in the place of x; J is overwritten. False where it is singular or not finite."""
     if not factor(J, pivot, 0):

@@ -4,7 +4,7 @@ At each joint either the acceleration is known and the drive's torque unknown, o
 unknown. Where the acceleration is known, its column of the mass matrix moves to the right side, and the
 column of the unknown torque, -1 in its own row, replaces it. The paper prints it for one joint k; here any may be exchanged.
 
-`swing` integrates such a chain with scipy's DOP853: readable and exact, but some hundred times slower than the compiled chain.
+`simulate_chain` integrates such a chain with scipy's DOP853: readable and exact, but some hundred times slower than the compiled chain.
 """
 
 from collections.abc import Callable, Sequence
@@ -61,7 +61,7 @@ class ChainMotion:
     tau_Nm: Floats
 
 
-def mixed(
+def solve_mixed(
     chain: LinkChain, phi: Floats, dphi: Floats, known: Floats, accelerations_known: NDArray[np.bool_], loads: EndLoads
 ) -> MixedSolution:
     """Accelerations and torques of all joints where one of both is known at each.
@@ -92,15 +92,15 @@ def solve_exchanged(Z: Floats, b: Floats, known: Floats, exchange: NDArray[np.bo
 
     `known` and `exchange` are (n,).
     """
-    return np.asarray(np.linalg.solve(exchanged(Z, exchange), b - Z @ np.where(exchange, known, 0.0)))
+    return np.asarray(np.linalg.solve(exchange_columns(Z, exchange), b - Z @ np.where(exchange, known, 0.0)))
 
 
-def exchanged(Z: Floats, exchange: NDArray[np.bool_]) -> Floats:
+def exchange_columns(Z: Floats, exchange: NDArray[np.bool_]) -> Floats:
     """The matrix of (16), `Z` (n, n) with column k replaced by -1 in row k and 0 elsewhere for each joint k of `exchange` (n,)."""
     return np.where(exchange[None, :], -np.eye(len(Z)), Z)
 
 
-def swing(
+def simulate_chain(
     chain: LinkChain, drives: Sequence[Drive], phi: Floats, dphi: Floats, t_s: Floats, rtol: float = 1e-9, atol: float = 1e-10
 ) -> ChainMotion:
     """Integrates the motion of a chain without ground, each joint under its drive.
@@ -165,12 +165,12 @@ class DrivenChain:
         return phi, dphi
 
     def known(self, t: float) -> Floats:
-        """The known quantity of each joint (n,), for `mixed`: its acceleration or its torque."""
+        """The known quantity of each joint (n,), for `solve_mixed`: its acceleration or its torque."""
         return np.array([drive.torque(t) if isinstance(drive, KnownTorque) else drive.acceleration(t) for drive in self.drives])
 
     def balance(self, t: float, phi: Floats, dphi: Floats) -> MixedSolution:
         """Accelerations and torques at this moment, in the air, for angles and speeds (n,)."""
-        return mixed(self.chain, phi, dphi, self.known(t), ~self.free, no_loads(phi.size))
+        return solve_mixed(self.chain, phi, dphi, self.known(t), ~self.free, no_loads(phi.size))
 
     def rate(self, t: float, x: Floats) -> Floats:
         """dx/dt (2 f,) of the state x (2 f,)."""

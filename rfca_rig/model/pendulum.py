@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.chain import Tolerance, advance, laws_of, room_for
+from rfca_rig.model.chain import Tolerance, advance, allocate_samples, make_laws
 from rfca_rig.model.effects.joint_friction import friction_of
 from rfca_rig.model.effects.joint_inertia import inertia_of
-from rfca_rig.model.effects.sensor_lag import lagged
-from rfca_rig.model.integrator import FIRST_STEP_S, remember
+from rfca_rig.model.effects.sensor_lag import filter_first_order
+from rfca_rig.model.integrator import FIRST_STEP_S, update_memory
 from rfca_rig.model.joint_drive import CLOCK, TorqueTrace, drive_of, with_traces
 from rfca_rig.model.laws import HINGE, LINK, ROTOR, LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
-from rfca_rig.model.setup import JointReadings, Setup, resolved
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.setup import JointReadings, Setup, resolve_effect
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Chain, Laws, State
 
 Floats = NDArray[np.float64]
@@ -136,7 +136,7 @@ class DrivenPendulum:
         return replace(motion, angle_rad=motion.angle_rad + zero)
 
     def _simulate(self, laws: Laws, angle_rad: Floats, speed_rad_s: Floats, t_s: Floats, tolerance: Tolerance) -> PendulumMotion:
-        state, samples = self._begin(laws, angle_rad, speed_rad_s), room_for(t_s, len(angle_rad) + 1)
+        state, samples = self._begin(laws, angle_rad, speed_rad_s), allocate_samples(t_s, len(angle_rad) + 1)
         advance(self.chain, FIXED.shaft(), state, (0.0, float(t_s[-1])), FIRST_STEP_S, tolerance, samples, laws)
         return PendulumMotion(t_s, np.diff(samples.q, axis=1), np.diff(samples.w, axis=1))
 
@@ -167,11 +167,11 @@ class DrivenPendulum:
         links = len(self.chain.length)
         q, w = HANGING_RAD + np.append(0.0, np.cumsum(angle_rad)), np.append(0.0, np.cumsum(speed_rad_s))
         state = State(q, w, np.zeros(links), np.zeros(links), np.zeros((len(self.uses), links, 4)))
-        work = room_to_work(links, links)
+        work = allocate_workspace(links, links)
         work.w[:] = w
         for ago_s in (EVEN_S, 0.0):
             work.q[:] = q - ago_s * w
-            remember(self.chain, laws, state, EVEN_S, work)
+            update_memory(self.chain, laws, state, EVEN_S, work)
         # These laws have counted the time of the assumed rotation; the trace begins at 0.
         for place, use in enumerate(self.uses):
             if use.reads_torque:
@@ -185,30 +185,30 @@ def _read(t_s: Floats, first: Floats, then: Floats, reading: Floats, lag_s: floa
         return then
     # The filter begins in its steady state; the difference to the actual reading decays beside it.
     times = np.append(0.0, t_s)
-    at_rest = [lagged(times, np.append(x0, x), lag_s)[1:] for x0, x in zip(first, then.T, strict=True)]
+    at_rest = [filter_first_order(times, np.append(x0, x), lag_s)[1:] for x0, x in zip(first, then.T, strict=True)]
     return np.column_stack(at_rest) + np.exp(-t_s / lag_s)[:, None] * (reading - first)
 
 
 FIXED = ShaftMotion(np.array([0.0, 1.0]), np.array([[HANGING_RAD, 0.0, 0.0, 0.0]]), np.empty(0))
 
 
-def driven(pendulum: Pendulum, effects: Sequence[PresentEffect] = ()) -> DrivenPendulum:
+def make_driven_pendulum(pendulum: Pendulum, effects: Sequence[PresentEffect] = ()) -> DrivenPendulum:
     """The pendulum with effects, applied in their order. Raises BadInput for one that does not act on a pendulum."""
     setup = _set_up(pendulum)
     for present in effects:
-        effect, values = resolved(present)
+        effect, values = resolve_effect(present)
         setup, before = effect.apply(setup, values), setup
         # A law of the ground or the sensor would be accepted by the chain and do nothing; a silent effect would mislead a fit.
         if effect.where == "ground" or not _acts(before, setup):
             raise BadInput(f"effect {present.id}: acts on ground, shaft or force sensor, which a pendulum does not have; leave it out")
     chain = setup.chain()
-    laws = setup.compiled_laws(chain) or laws_of(())
+    laws = setup.compile_laws(chain) or make_laws(())
     if chain.frame_mass > 0.0:
         raise BadInput("a pendulum hangs from a fixed joint; leave frame_compliance out")
     return DrivenPendulum(pendulum, chain, setup.laws, laws, setup.joint_readings or JointReadings())
 
 
-def swing(
+def simulate_pendulum(
     pendulum: Pendulum,
     trace: TorqueTrace,
     angle_rad: Floats,
@@ -218,7 +218,7 @@ def swing(
     tolerance: Tolerance = FINE,
 ) -> PendulumMotion:
     """One motion of a pendulum from `angle_rad`, `speed_rad_s` (n,) at times `t_s` (m,); see `DrivenPendulum.swing`."""
-    return driven(pendulum, effects).swing(trace, angle_rad, speed_rad_s, t_s, tolerance)
+    return make_driven_pendulum(pendulum, effects).swing(trace, angle_rad, speed_rad_s, t_s, tolerance)
 
 
 def rods(pendulum: Pendulum) -> RigModel:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.model.mixed_dynamics import DrivenChain, solve_exchanged
 from rfca_rig.model.newton_euler import mass_matrix, no_loads, right_side_Nm
-from rfca_rig.model.statics import from_link_on
+from rfca_rig.model.statics import sum_to_tip
 
 Floats = NDArray[np.float64]
 
@@ -42,11 +42,11 @@ class RigidFloor:
 
     def J_y(self, phi: Floats) -> Floats:
         """Second line of (14): derivative (n,) of the tip's depth by each joint angle [m/rad]."""
-        return from_link_on(self.system.chain.a * np.cos(np.cumsum(phi)))
+        return sum_to_tip(self.system.chain.a * np.cos(np.cumsum(phi)))
 
     def J_slip(self, phi: Floats) -> Floats:
         """The same along the floor, for the circle's lowest point."""
-        return from_link_on(-self.system.chain.a * np.sin(np.cumsum(phi))) - self.radius_m
+        return sum_to_tip(-self.system.chain.a * np.sin(np.cumsum(phi))) - self.radius_m
 
     def slip(self, t: float, x: Floats) -> float:
         """Sliding speed of the tip [m/s]."""
@@ -75,13 +75,13 @@ class RigidFloor:
         z = solve_exchanged(A, b, np.append(known, 0.0), np.append(prescribed, False))
         return z[:n], float(z[n])
 
-    def touching_rate(self, t: float, x: Floats, sliding: float) -> Floats:
+    def contact_rate(self, t: float, x: Floats, sliding: float) -> Floats:
         """dx/dt (2 f,) while the tip is held."""
         _, dphi = self.system.place(t, x)
         free = self.system.free
         return np.concatenate([dphi[free], self.touching(t, x, sliding)[0][free]])
 
-    def after_impact(self, t: float, x: Floats, sliding: float) -> Floats:
+    def apply_impact(self, t: float, x: Floats, sliding: float) -> Floats:
         """State (2 f,) after a plastic impact: one impulse along lambda on the free joints removes the tip's speed into the floor."""
         phi, dphi = self.system.place(t, x)
         free = self.system.free

@@ -1,11 +1,11 @@
 """Output between the two ends of a step: angles and speeds by cubic Hermite interpolation, forces by the laws. Symbols as in `state`."""
 
-from rfca_rig.model.compiled import inlined, internal
+from rfca_rig.model.compiled import jit_inline, jit_internal
 from rfca_rig.model.forces import measure
 from rfca_rig.model.state import Chain, Laws, Samples, State, Work
 
 
-@inlined
+@jit_inline
 def interpolate(state: State, end: int, h: float, x: float, work: Work) -> None:
     """Interpolates q, w, a at the share x of a step of length h from `state` to stage `end` into `work`: order 4 for q and w, 3 for a."""
     q1, w1, a1 = work.stage_q[end], work.stage_w[end], work.stage_a[end]
@@ -18,7 +18,7 @@ def interpolate(state: State, end: int, h: float, x: float, work: Work) -> None:
         work.a[i] = (m0 + x * (2.0 * c2 + x * 3.0 * c3)) / h
 
 
-@internal
+@jit_internal
 def fill_samples(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> int:
     """Fills the samples inside (t, t_new], from `state` to the last stage. Returns the next sample's index."""
     h, end = t_new - t, work.stage_q.shape[0] - 1

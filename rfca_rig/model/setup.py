@@ -9,24 +9,24 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.chain import at_rest, chain_of, laws_of, set_swinging
+from rfca_rig.model.chain import find_rest_state, make_chain, make_laws, set_swinging
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.forces import measure_once
 from rfca_rig.model.laws import TABLE, LawUse, compile_law
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Chain, Laws, Shaft, State
 from rfca_rig.model.tabulated_law import TABULATED_LAW, effect_of_table
 
 Floats = NDArray[np.float64]
 
 # The compiled chain reads a law's numbers from the first columns of its row; its table begins behind them.
-PARAMETERS_AT_MOST = TABLE
+MAX_PARAMETERS = TABLE
 
 
 @dataclass(frozen=True)
-class Felt:
+class SensorOutput:
     """Channels of the force sensor over time, all (m,), in its axes and signs. Effects of the sensor change them afterwards.
 
     `shaft_rad` is the shaft angle at the same times.
@@ -40,7 +40,7 @@ class Felt:
 
 
 @dataclass(frozen=True)
-class SoftDrive:
+class CompliantDrive:
     """A shaft that does not follow its command exactly: torque k (commanded - angle) + kw (commanded speed - speed) on a rotor.
 
     With play, the part with k engages only beyond `gap_rad` on either side, as a contact of Hunt and Crossley: k bent (1 + loss speed).
@@ -92,28 +92,28 @@ class Setup:
     chain_changes: tuple[Callable[[Chain], Chain], ...] = ()
     laws: tuple[LawUse, ...] = ()
     laws_of_chain: tuple[Callable[[Chain], LawUse], ...] = ()
-    drive: SoftDrive | None = None
-    sensor_changes: tuple[Callable[[Felt], Felt], ...] = field(default=())
+    drive: CompliantDrive | None = None
+    sensor_changes: tuple[Callable[[SensorOutput], SensorOutput], ...] = field(default=())
     begins: tuple[Callable[[Chain, State], None], ...] = ()
     joint_readings: JointReadings | None = None
     strokes_before: tuple[int, ...] = ()
 
     def chain(self) -> Chain:
         """The chain with all changes."""
-        chain = chain_of(self.rig, self.height_m)
+        chain = make_chain(self.rig, self.height_m)
         for change in self.chain_changes:
             chain = change(chain)
         return chain
 
-    def compiled_laws(self, chain: Chain) -> Laws | None:
-        """The laws of effects in the form of the compiled chain; None for a plain chain. Raises BadInput as `check` does."""
+    def compile_laws(self, chain: Chain) -> Laws | None:
+        """The laws of effects in the form of the compiled chain; None for a plain chain. Raises BadInput as `check_law` does."""
         laws = (*self.laws, *(law(chain) for law in self.laws_of_chain))
         # The compiler makes a faster version for the plain chain; frame, shaft friction and bump exist only in the other one.
         if not laws and chain.frame_mass == chain.shaft_friction == chain.bump_height == 0.0:
             return None
         for use in laws:
-            check(use)
-        return laws_of(laws)
+            check_law(use)
+        return make_laws(laws)
 
     @property
     def begins_s(self) -> float:
@@ -124,10 +124,10 @@ class Setup:
         """The shaft, and the chain as it is at `begins_s`: at rest, or swinging."""
         motion = self.motion.standing_since(self.begins_s) if self.rig.swing else self.motion
         start_rad = float(motion.angle_rad(np.zeros(1))[0])
-        shaft = motion.shaft() if self.drive is None else softened(motion.shaft(), self.drive, start_rad)
+        shaft = motion.shaft() if self.drive is None else add_drive(motion.shaft(), self.drive, start_rad)
         # A drive without an integrator sags: its spring carries the weight only where the shaft is away from its command.
         sags = self.drive is not None and not self.drive.holds_start
-        state = at_rest(chain, start_rad, laws, shaft) if sags else at_rest(chain, start_rad, laws)
+        state = find_rest_state(chain, start_rad, laws, shaft) if sags else find_rest_state(chain, start_rad, laws)
         if shaft.free and not sags:
             # The integrator of the drive has taken up the weight before the motion, and keeps that torque.
             shaft = shaft._replace(feed=holding_torque(chain, laws, state))
@@ -137,19 +137,19 @@ class Setup:
                 swing(chain, state)
         return shaft, state
 
-    def felt(self, felt: Felt) -> Felt:
+    def apply_sensor_changes(self, felt: SensorOutput) -> SensorOutput:
         """The sensor's channels (m,) after all changes, in the order in which the effects were stated."""
         for change in self.sensor_changes:
             felt = change(felt)
         return felt
 
 
-def check(use: LawUse) -> None:
+def check_law(use: LawUse) -> None:
     """Raises BadInput, naming the file, for a law that cannot be compiled or has too many parameters."""
     # The law may be a lab's own, so each message names its file and function.
     code = use.law.__code__
-    if len(use.parameters) > PARAMETERS_AT_MOST:
-        raise BadInput(f"{code.co_filename}: {code.co_name} has {len(use.parameters)} parameters, a law takes {PARAMETERS_AT_MOST} at most")
+    if len(use.parameters) > MAX_PARAMETERS:
+        raise BadInput(f"{code.co_filename}: {code.co_name} has {len(use.parameters)} parameters, a law takes {MAX_PARAMETERS} at most")
     try:
         compile_law(use)
     except NumbaError as error:
@@ -159,12 +159,12 @@ def check(use: LawUse) -> None:
 
 def holding_torque(chain: Chain, laws: Laws | None, state: State) -> float:
     """Torque of the shaft that holds the leg in this state [N m], positive in the direction of its angle."""
-    work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
+    work, force = allocate_workspace(state.q.size, state.anchor.size), np.empty(3)
     measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
     return float(force[2])
 
 
-def softened(shaft: Shaft, drive: SoftDrive, start_rad: float) -> Shaft:
+def add_drive(shaft: Shaft, drive: CompliantDrive, start_rad: float) -> Shaft:
     """The commanded shaft with a compliant drive between command and leg; `start_rad` is its angle before the motion."""
     return shaft._replace(
         free=True,
@@ -188,7 +188,7 @@ def set_up(rig: RigModel, height_m: float, motion: ShaftMotion, strokes_before: 
     """
     setup = Setup(rig, height_m, motion, strokes_before=strokes_before)
     for present in rig.effects:
-        effect, values = resolved(present)
+        effect, values = resolve_effect(present)
         if effect.needs_k2 and rig.leg.torque_splines:
             raise BadInput(
                 f"effect {effect.id}: its law is written in k0 and k2, and the hinges of this leg follow a measured curve "
@@ -198,7 +198,7 @@ def set_up(rig: RigModel, height_m: float, motion: ShaftMotion, strokes_before: 
     return setup
 
 
-def resolved(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
+def resolve_effect(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
     """The catalogue's entry, and the values by parameter name, with neutral values for optional parameters that are not given.
 
     Raises BadInput where either does not fit.
@@ -239,7 +239,7 @@ def with_chain(setup: Setup, change: Callable[[Chain], Chain]) -> Setup:
     return replace(setup, chain_changes=(*setup.chain_changes, change))
 
 
-def with_sensor(setup: Setup, change: Callable[[Felt], Felt]) -> Setup:
+def with_sensor(setup: Setup, change: Callable[[SensorOutput], SensorOutput]) -> Setup:
     """The setup with one more change of the sensor's channels."""
     return replace(setup, sensor_changes=(*setup.sensor_changes, change))
 
@@ -260,7 +260,7 @@ def with_begin(setup: Setup, swing: Callable[[Chain, State], None]) -> Setup:
     return replace(setup, begins=(*setup.begins, swing))
 
 
-def with_drive(setup: Setup, drive: SoftDrive) -> Setup:
+def with_drive(setup: Setup, drive: CompliantDrive) -> Setup:
     """The setup with a compliant drive. Raises BadInput for a second one: two in series need a coordinate that the chain lacks."""
     if setup.drive is not None:
         raise BadInput(f"{setup.drive.effect} and {drive.effect} both soften the drive; the model takes one at a time, leave one out")

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from rfca_rig.model.compiled import inlined
+from rfca_rig.model.compiled import jit_inline
 from rfca_rig.model.state import Floats, Shaft, Work
 
 
-@inlined
+@jit_inline
 def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
     """(angle, speed, acceleration) of the prescribed shaft; at a break the piece that ends there counts."""
     # Before the first break and after the last one, the outer pieces go on.
@@ -19,7 +19,7 @@ def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
     )
 
 
-@inlined
+@jit_inline
 def drive_torque(shaft: Shaft, angle: float, speed: float, at: float) -> tuple[float, float, float]:
     """Torque on a free shaft that is `angle` and `speed` behind its command, and stands `at` this angle: (T, -dT/dq, -dT/dw)."""
     bent, k_angle, k_speed = angle, shaft.k_angle, shaft.k_speed
@@ -42,7 +42,7 @@ def drive_torque(shaft: Shaft, angle: float, speed: float, at: float) -> tuple[f
     return torque, k_angle, k_speed
 
 
-@inlined
+@jit_inline
 def drive_rotor(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: float, derive: bool, work: Work) -> None:
     """Adds rotor and drive torque to row 0, eq. (16), of a free shaft; `q`, `w` and `a` are (c,).
 
@@ -59,8 +59,8 @@ def drive_rotor(shaft: Shaft, t: float, q: Floats, w: Floats, a: Floats, g: floa
         work.J[0, 0] += shaft.rotor + g * k_speed + g * g * k_angle
 
 
-@inlined
-def place(shaft: Shaft, t: float, base_q: Floats, base_w: Floats, g: float, q: Floats, w: Floats, a: Floats) -> None:
+@jit_inline
+def update_motion(shaft: Shaft, t: float, base_q: Floats, base_w: Floats, g: float, q: Floats, w: Floats, a: Floats) -> None:
     """Writes q and w of a stage from its acceleration, all (c,); a prescribed shaft follows its command exactly."""
     for i in range(q.size):
         w[i] = base_w[i] + g * a[i]

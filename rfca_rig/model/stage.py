@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from rfca_rig.model.compiled import inlined, internal
+from rfca_rig.model.compiled import jit_inline, jit_internal
 from rfca_rig.model.forces import assemble
 from rfca_rig.model.linear import factor, substitute
-from rfca_rig.model.shaft import drive_rotor, place
+from rfca_rig.model.shaft import drive_rotor, update_motion
 from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
 
 NEWTON_LIMIT = 10  # a stage that needs more iterations is cheaper to repeat at half the length
@@ -16,7 +16,7 @@ SAME_SLOPE = 0.3
 ABSURD_RAD_S2 = 1e15
 
 
-def room_to_work(coordinates: int, links: int) -> Work:
+def allocate_workspace(coordinates: int, links: int) -> Work:
     """Working memory for a chain of so many links (n) and coordinates (c)."""
     # Few large arrays, each cut into views: an integration begins with few allocations.
     v, u = np.zeros((15, coordinates)), np.zeros((2, links))
@@ -57,7 +57,7 @@ def room_to_work(coordinates: int, links: int) -> Work:
     )
 
 
-@internal
+@jit_internal
 def solve_stage(
     chain: Chain, laws: Laws | None, shaft: Shaft, state: State, elapsed: float, t: float, g: float, enough: float, reuse: bool, work: Work
 ) -> bool:
@@ -70,17 +70,17 @@ def solve_stage(
     # The acceleration of a prescribed shaft is known: its row and column are left out of the system, eq. (16).
     first = 0 if shaft.free else 1
     for _ in range(NEWTON_LIMIT):
-        place(shaft, t, work.base_q, work.base_w, g, q, w, a)
+        update_motion(shaft, t, work.base_q, work.base_w, g, q, w, a)
         if reuse:
             assemble(chain, laws, state, elapsed, q, w, a, None, work)
-            reuse = in_the_regime_of_J(chain, work)
+            reuse = is_jacobian_valid(chain, work)
         if not reuse:
             # dw/da = g and dq/da = g^2 within the stage, which makes these the weights of the three derivatives of R.
             assemble(chain, laws, state, elapsed, q, w, a, (1.0, g, g * g), work)
             drive_rotor(shaft, t, q, w, a, g, True, work)
             if not factor(work.J, work.pivot, first):
                 return False
-            note_regime(work)
+            store_regime(work)
         else:
             drive_rotor(shaft, t, q, w, a, g, False, work)
         substitute(work.J, work.pivot, first, work.R)
@@ -92,15 +92,15 @@ def solve_stage(
             return False
         if g * change < enough:
             # q and w must agree with the last change of a, since the next step begins from them.
-            place(shaft, t, work.base_q, work.base_w, g, q, w, a)
+            update_motion(shaft, t, work.base_q, work.base_w, g, q, w, a)
             return True
         reuse = change < GOOD_CONTRACTION * before
         before = change
     return False
 
 
-@inlined
-def in_the_regime_of_J(chain: Chain, work: Work) -> bool:
+@jit_inline
+def is_jacobian_valid(chain: Chain, work: Work) -> bool:
     """Whether all laws are on the branches on which they were when J was computed."""
     now, then, same = work.regime, work.regime_of_J, True
     for k in range(now.shape[1]):
@@ -108,8 +108,8 @@ def in_the_regime_of_J(chain: Chain, work: Work) -> bool:
     return same
 
 
-@inlined
-def note_regime(work: Work) -> None:
+@jit_inline
+def store_regime(work: Work) -> None:
     """Stores the branches for which J has just been computed."""
     for i in range(work.regime.shape[0]):
         for k in range(work.regime.shape[1]):

@@ -22,7 +22,7 @@ from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import set_up
 from rfca_rig.model.static_state import StaticState, touches
-from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +51,9 @@ class StageMoves:
             )
 
 
-def static_stages(rig: RigModel, height_m: float, shaft_angles_rad: Sequence[float] | Floats, moves: StageMoves) -> list[StaticState]:
+def simulate_static_stages(
+    rig: RigModel, height_m: float, shaft_angles_rad: Sequence[float] | Floats, moves: StageMoves
+) -> list[StaticState]:
     """Simulates all stages in time, some ten milliseconds of computing per stage.
 
     Parameters
@@ -73,10 +75,10 @@ def static_stages(rig: RigModel, height_m: float, shaft_angles_rad: Sequence[flo
     SimulationFailed
         Where the integrator cannot go on.
     """
-    motion, read_s = staged_motion(rig.leg.start_angle_rad, shaft_angles_rad, moves)
+    motion, read_s = make_stage_motion(rig.leg.start_angle_rad, shaft_angles_rad, moves)
     # Samples at rest before and after each reading, between which effects of the sensor interpolate.
     around_s = np.array([-0.5 * moves.hold_s, 0.0, STILL_AFTER_S])
-    simulated = stroke_following(rig, height_m, motion, (read_s[:, None] + around_s).ravel(), AT_REST)
+    simulated = simulate_stroke(rig, height_m, motion, (read_s[:, None] + around_s).ravel(), AT_REST)
     mu = friction_at_rest(rig, height_m, motion)
     return [_state(simulated, row, mu) for row in range(1, len(simulated.t_s), len(around_s))]
 
@@ -104,7 +106,7 @@ def _state(simulated: SimulatedStroke, row: int, mu: float) -> StaticState:
     )
 
 
-def staged_motion(start_rad: float, angles_rad: Sequence[float] | Floats, moves: StageMoves) -> tuple[ShaftMotion, Floats]:
+def make_stage_motion(start_rad: float, angles_rad: Sequence[float] | Floats, moves: StageMoves) -> tuple[ShaftMotion, Floats]:
     """Motion of a shaft from angle to angle (m,), and the times (m,) of the readings, shortly after which it moves on.
 
     A move too short to reach its speed within the ramps stays slower.

@@ -49,7 +49,9 @@ class StaticState:
         return np.diff(self.q_rad)
 
 
-def static_state(rig: RigModel, q_rad: Floats, shaft_torque_Nm: float, normal_N: Floats, tangential_N: Floats, jumped: bool) -> StaticState:
+def make_static_state(
+    rig: RigModel, q_rad: Floats, shaft_torque_Nm: float, normal_N: Floats, tangential_N: Floats, jumped: bool
+) -> StaticState:
     """The state of a plain leg at rest with angles `q_rad` (n,) and ground forces (n,); the mount carries ground forces and weight."""
     fy = -float(tangential_N.sum())
     weight = sum(rig.leg.link_masses_kg) * GRAVITY_M_S2

@@ -76,18 +76,18 @@ def tip_jacobian(chain: TipChain, phi: Floats) -> Floats:
     The circle's lowest point rolls back by its radius with every joint that turns the last link.
     """
     varphi = absolute_angles(phi)
-    along, down = from_link_on(-chain.L * np.sin(varphi)), from_link_on(chain.L * np.cos(varphi))
+    along, down = sum_to_tip(-chain.L * np.sin(varphi)), sum_to_tip(chain.L * np.cos(varphi))
     return np.array([along - chain.tip_radius_m, down])
 
 
-def from_link_on(per_link: Floats) -> Floats:
+def sum_to_tip(per_link: Floats) -> Floats:
     """Sums (n,) of a quantity per link (n,) from each link to the tip, as in (10)."""
     return np.asarray(np.cumsum(per_link[::-1])[::-1])
 
 
 def weight_torques_Nm(chain: TipChain, phi: Floats) -> Floats:
     """Torque (n,) [N m] of the weight of all links from each joint on, at joint angles `phi` (n,)."""
-    return from_link_on(chain.gravity_m_s2 * chain.first_moment * np.cos(absolute_angles(phi)))
+    return sum_to_tip(chain.gravity_m_s2 * chain.first_moment * np.cos(absolute_angles(phi)))
 
 
 def imbalance_Nm(chain: TipChain, phi: Floats, force_N: Floats, weight_share: float = 1.0) -> Floats:
@@ -126,7 +126,7 @@ def tangent_stiffness(chain: TipChain, phi: Floats, force_N: Floats, weight_shar
     tip = -chain.L * (force_N[0] * np.cos(varphi) + force_N[1] * np.sin(varphi))
     joints = np.arange(phi.size)
     # A load on link k depends on all joints up to k, so entry (i, j) is the sum from the later of both joints on.
-    geometric = from_link_on(weight + tip)[np.maximum(joints[:, None], joints[None, :])]
+    geometric = sum_to_tip(weight + tip)[np.maximum(joints[:, None], joints[None, :])]
     return np.asarray(np.diag(chain.springs.stiffness_Nm_per_rad(phi)) - geometric)
 
 

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
+from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
 from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.held_contact import STEP_RAD, balance, turn_shaft
 from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Chain, State
-from rfca_rig.model.static_state import StaticState, static_state
+from rfca_rig.model.static_state import StaticState, make_static_state
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ LONGEST_JUMP_S = 20.0
 AT_REST_RAD_S = 1e-5
 
 
-def static_path(
+def follow_static_path(
     rig: RigModel, height_m: float, shaft_angles_rad: Sequence[float] | Floats, begin_angle_rad: float | None = None
 ) -> list[StaticState]:
     """Follows the equilibrium of the leg through a sequence of shaft angles.
@@ -64,8 +64,8 @@ def static_path(
             f"effect {rig.effects[0].id}: the quasi-static path knows the plain leg and ground only; take the effects out, "
             "or follow the stages in time"
         )
-    chain = chain_of(rig, height_m)
-    state = at_rest(chain, rig.leg.start_angle_rad if begin_angle_rad is None else begin_angle_rad)
+    chain = make_chain(rig, height_m)
+    state = find_rest_state(chain, rig.leg.start_angle_rad if begin_angle_rad is None else begin_angle_rad)
     states = []
     for angle in shaft_angles_rad:
         jumped = _go_to(chain, state, float(angle))
@@ -74,7 +74,7 @@ def static_path(
 
 
 def _go_to(chain: Chain, state: State, angle: float) -> bool:
-    work, zeros = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
+    work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
     jumped = False
     while not turn_shaft(chain, state, angle, zeros, work):
         _jump(chain, state, angle)
@@ -92,7 +92,7 @@ def _jump(chain: Chain, state: State, angle: float) -> None:
     # q and the anchors are shared with `state`, so that the motion carries them along.
     moving = state._replace(w=np.zeros_like(state.q), a=np.zeros_like(state.q))
     _wait_for_rest(chain, motion, moving)
-    work, zeros = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
+    work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
     # The leg still moves a little; Newton finds the equilibrium itself, with the anchors that the motion has left.
     if not balance(chain, state, state.q, after, zeros, work):
         raise _no_rest(chain, after)
@@ -100,7 +100,7 @@ def _jump(chain: Chain, state: State, angle: float) -> None:
 
 
 def _wait_for_rest(chain: Chain, motion: ShaftMotion, state: State) -> None:
-    no_samples, step_s, t = room_for(np.empty(0), state.q.size), FIRST_STEP_S, 0.0
+    no_samples, step_s, t = allocate_samples(np.empty(0), state.q.size), FIRST_STEP_S, 0.0
     while t < LONGEST_JUMP_S:
         step_s = advance(chain, motion.shaft(), state, (t, t + LOOK_S), step_s, Tolerance(), no_samples).next_s
         t += LOOK_S
@@ -117,6 +117,6 @@ def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
 
 
 def _measure(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
-    work, zeros = room_to_work(state.q.size, state.q.size), np.zeros(state.q.size)
+    work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
     assemble_once(chain, None, state, 0.0, state.q, zeros, zeros, None, work)
-    return static_state(rig, state.q.copy(), float(work.R[0]), work.contact[0].copy(), work.contact[1].copy(), jumped)
+    return make_static_state(rig, state.q.copy(), float(work.R[0]), work.contact[0].copy(), work.contact[1].copy(), jumped)

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.chain import Tolerance, advance, room_for
+from rfca_rig.model.chain import Tolerance, advance, allocate_samples
 from rfca_rig.model.forces import measure_once
 from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import Felt, Setup, set_up
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.setup import SensorOutput, Setup, set_up
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Chain, Laws, Samples, State
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ class SimulatedStroke:
         return self.q_rad[:, 0]
 
 
-def stroke_at_speed(
+def simulate_stroke_at_speed(
     rig: RigModel,
     height_m: float,
     speed_rad_s: float,
@@ -63,7 +63,7 @@ def stroke_at_speed(
     t_s
         (m,) ascending sample times; the ramp begins at 0.
     tolerance, strokes_before
-        As in `stroke_following`.
+        As in `simulate_stroke`.
 
     Raises
     ------
@@ -75,10 +75,10 @@ def stroke_at_speed(
     Section IV.B.
     """
     motion = ramp_to_speed(rig.leg.start_angle_rad, speed_rad_s, rig.drive.ramp_s, float(t_s[-1]))
-    return stroke_following(rig, height_m, motion, t_s, tolerance, strokes_before)
+    return simulate_stroke(rig, height_m, motion, t_s, tolerance, strokes_before)
 
 
-def stroke_following(
+def simulate_stroke(
     rig: RigModel,
     height_m: float,
     motion: ShaftMotion,
@@ -108,16 +108,16 @@ def stroke_following(
     SimulationFailed
         Where the integrator cannot go on.
     """
-    return stroke_of(set_up(rig, height_m, motion, strokes_before), t_s, tolerance)
+    return simulate_setup(set_up(rig, height_m, motion, strokes_before), t_s, tolerance)
 
 
-def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> SimulatedStroke:
-    """As `stroke_following`, for a setup that is complete already; `t_s` (m,) ascending."""
+def simulate_setup(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> SimulatedStroke:
+    """As `simulate_stroke`, for a setup that is complete already; `t_s` (m,) ascending."""
     chain = setup.chain()
-    laws = setup.compiled_laws(chain)
+    laws = setup.compile_laws(chain)
     shaft, state = setup.begin(chain, laws)
     links = chain.length.size
-    everything = room_for(t_s, state.q.size, links)
+    everything = allocate_samples(t_s, state.q.size, links)
     resting = int(np.searchsorted(t_s, setup.begins_s, side="right"))
     # Samples before the motion begins cost no integration.
     _fill_resting(chain, laws, state, everything, resting)
@@ -125,7 +125,7 @@ def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> 
     cost = advance(chain, shaft, state, (setup.begins_s, float(t_s[-1])), FIRST_STEP_S, tolerance or Tolerance(), moving, laws)
     fy, fz, torque = everything.force.T
     # The sensor sits below the shaft, so fy adds a moment to the shaft's torque.
-    felt = setup.felt(Felt(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy, everything.q[:, 0]))
+    felt = setup.apply_sensor_changes(SensorOutput(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy, everything.q[:, 0]))
     return SimulatedStroke(
         t_s=t_s,
         q_rad=everything.q[:, :links],
@@ -142,6 +142,6 @@ def stroke_of(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> 
 
 
 def _fill_resting(chain: Chain, laws: Laws | None, state: State, samples: Samples, rows: int) -> None:
-    work, force = room_to_work(state.q.size, state.anchor.size), np.empty(3)
+    work, force = allocate_workspace(state.q.size, state.anchor.size), np.empty(3)
     measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
     samples.q[:rows], samples.w[:rows], samples.force[:rows], samples.contact[:rows] = state.q, 0.0, force, work.contact

@@ -27,7 +27,7 @@ from rfca_rig.model.laws import HINGE, LOAD, NORMAL, SLIP, TABLE, Law, LawUse
 from rfca_rig.model.parameters import LawTable
 
 if TYPE_CHECKING:
-    from rfca_rig.model.setup import Felt, Setup
+    from rfca_rig.model.setup import SensorOutput, Setup
 
 Floats = NDArray[np.float64]
 
@@ -175,8 +175,8 @@ def _at_floor(place: int, law: Law, setup: "Setup", table: LawTable) -> "Setup":
     return replace(setup, laws=(*setup.laws, _use(place, law, table)))
 
 
-def _read(argument: "Callable[[Felt, str], Floats]", setup: "Setup", table: LawTable) -> "Setup":
-    def change(felt: "Felt") -> "Felt":
+def _read(argument: "Callable[[SensorOutput, str], Floats]", setup: "Setup", table: LawTable) -> "Setup":
+    def change(felt: "SensorOutput") -> "SensorOutput":
         more = np.interp(argument(felt, table.place), table.knots, table.values)
         channels: dict[str, Floats] = {table.place: getattr(felt, table.place) + more}
         return replace(felt, **channels)

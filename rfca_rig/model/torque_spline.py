@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.compiled import inlined
+from rfca_rig.model.compiled import jit_inline
 from rfca_rig.model.parameters import TorqueSpline
 from rfca_rig.model.state import Chain
 
@@ -70,7 +70,7 @@ class SplineTable(NamedTuple):
 NO_SPLINE = SplineTable(np.empty((0, 0)), np.empty((0, 0, 5)))
 
 
-@inlined
+@jit_inline
 def spring(chain: Chain, i: int, phi: float) -> tuple[float, float]:
     """Torque of joint i at an angle from rest, k0 phi + k0 k2 phi^3 or that of its spline, and the torque's derivative over k0."""
     k0 = chain.k0[i]

@@ -17,7 +17,7 @@ class Load:
     force_N: float
     torque_Nm: float
 
-    def with_more(self, other: "Load") -> "Load":
+    def max_with(self, other: "Load") -> "Load":
         """The larger of each component."""
         return Load(max(self.force_N, other.force_N), max(self.torque_Nm, other.torque_Nm))
 

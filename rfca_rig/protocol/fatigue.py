@@ -9,7 +9,7 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold, HoldTiming, MoveShaft, 
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckSettings:
     """Static stages at the same few angles, after every `every` cycles; the run ends where they drift by more than `drift_limit`."""
 
     every: int
@@ -32,7 +32,7 @@ class Fatigue:
     sweep_rad: float
     return_speed_rad_s: float
     settle: SettleCriterion
-    check: Check
+    check: CheckSettings
 
 
 def fatigue_plan(experiment: Fatigue, rig: RigFacts) -> Plan:

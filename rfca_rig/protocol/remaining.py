@@ -9,7 +9,7 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, SetHei
 
 
 @dataclass(frozen=True)
-class Done:
+class PlanProgress:
     """How far a plan got: recorded strokes and static stages, and the number of the last cycle, 0 for none."""
 
     strokes: int = 0
@@ -17,7 +17,7 @@ class Done:
     cycle: int = 0
 
 
-def remaining(plan: Plan, done: Done) -> Plan:
+def make_remaining_plan(plan: Plan, done: PlanProgress) -> Plan:
     """The plan from its first unrecorded stage on; without any stage where all are recorded.
 
     1. The rack is set again, because the motor is off meanwhile.
@@ -37,7 +37,7 @@ def remaining(plan: Plan, done: Done) -> Plan:
     return replace(plan, stages=(stages[rack], *_way_there(on_the_way, part), part, *stages[first_open + 1 :]))
 
 
-def _first_open(stages: Sequence[Stage], done: Done) -> int | None:
+def _first_open(stages: Sequence[Stage], done: PlanProgress) -> int | None:
     """Index of the first stage to be recorded that is not; None where all are."""
     strokes_left, holds_left, cycle = done.strokes, done.holds, 0
     found = None
@@ -80,7 +80,7 @@ def _first_strokes(led: Sequence[Stage], to_come: Stage) -> Iterator[Stage]:
             yield from led[place - 1 : place + 2]
 
 
-def _open_part(stage: Stage, done: Done) -> Stage:
+def _open_part(stage: Stage, done: PlanProgress) -> Stage:
     """The stage; of cycles only those that were not counted."""
     if not isinstance(stage, Cycles):
         return stage

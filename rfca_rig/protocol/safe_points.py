@@ -7,7 +7,7 @@ from rfca_rig.protocol.cycles import StiffnessCheck
 from rfca_rig.protocol.plan import MoveShaft, Rest, SetHeight, Stage
 
 
-def way_to_safety(done: Sequence[Stage], to_come: Sequence[Stage]) -> Sequence[Stage]:
+def stages_to_safe_point(done: Sequence[Stage], to_come: Sequence[Stage]) -> Sequence[Stage]:
     """Stages still to be run before the motor may be disabled; none where nothing has moved since the rack was set.
 
     A leg bent on the ground must go on in the direction of its stroke: the plan's next move forwards does that. From the start angle the

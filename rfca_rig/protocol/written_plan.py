@@ -25,7 +25,7 @@ from rfca_rig.protocol.plan import (
 _KINDS: dict[str, type] = {kind.__name__: kind for kind in (SetHeight, MoveShaft, Rest, Approach, Flap, Hold, Cycles, StiffnessCheck)}
 
 
-def plan_texts(plan: Plan) -> dict[str, str]:
+def serialize_plan(plan: Plan) -> dict[str, str]:
     """The plan as text by name: its stages in order, its limits and rates as JSON, and the kind of experiment."""
     stages = [{"stage": type(stage).__name__, "label": stage.label, **_fields(stage)} for stage in plan.stages]
     return {
@@ -40,8 +40,8 @@ def _fields(stage: Stage) -> dict[str, Any]:
     return asdict(stage)  # type: ignore[call-overload, no-any-return]
 
 
-def plan_of(title: str, texts: Mapping[str, str]) -> Plan:
-    """The plan that `plan_texts` wrote. Raises BadInput where the texts are not valid, or of another version."""
+def parse_plan(title: str, texts: Mapping[str, str]) -> Plan:
+    """The plan that `serialize_plan` wrote. Raises BadInput where the texts are not valid, or of another version."""
     try:
         stages = tuple(
             cast(Stage, _from_fields(_KINDS[fields_of_stage["stage"]], fields_of_stage)) for fields_of_stage in json.loads(texts["plan"])

@@ -14,7 +14,7 @@ from rfca_rig.errors import DiskFull, RigError
 # A full disk, a used-up quota and a file above the system's size limit all need the same remedy: room.
 _DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # A large file is forced to disk piece by piece, so that the last fsync, for which the run waits, is short.
-FORCED_EVERY_BYTES = 32 << 20
+SYNC_EVERY_BYTES = 32 << 20
 # Windows would otherwise translate line ends; other systems have no such flag.
 _BINARY = getattr(os, "O_BINARY", 0)
 
@@ -26,7 +26,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     """
     # Beside the target: a rename is atomic only within one file system.
     partial = path.with_name(path.name + ".writing")
-    with refusals(path, f"{1e-6 * len(content):.1f} MB cannot be written"):
+    with translate_os_errors(path, f"{1e-6 * len(content):.1f} MB cannot be written"):
         try:
             # Order: content on disk, rename, folder on disk. A power cut leaves the old file or the new one, never a
             # part.
@@ -40,7 +40,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 @contextmanager
-def refusals(path: Path, what: str) -> Iterator[None]:
+def translate_os_errors(path: Path, what: str) -> Iterator[None]:
     """Turns an OSError inside the block into a RigError of one line, or DiskFull."""
     try:
         yield
@@ -79,23 +79,23 @@ def sync_folder(folder: Path) -> None:
 
 def remove(path: Path) -> None:
     """Removes a file; does nothing where there is none."""
-    with refusals(path, "cannot be removed"), suppress(FileNotFoundError):
+    with translate_os_errors(path, "cannot be removed"), suppress(FileNotFoundError):
         os.unlink(path)  # noqa: PTH108
 
 
-class GrowingFile:
+class AppendOnlyFile:
     """An append-only file. What `append` has returned from survives the end of this process; what `force` has, a power cut."""
 
     def __init__(self, path: Path) -> None:
         """Continues behind the existing content."""
         self.path = path
-        with refusals(path, "cannot be opened"):
+        with translate_os_errors(path, "cannot be opened"):
             self.handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | _BINARY, 0o666)
             self._length = os.fstat(self.handle).st_size
 
     def append(self, content: bytes) -> None:
         """Appends all of `content` or nothing. Raises RigError, DiskFull."""
-        with refusals(self.path, f"{1e-6 * len(content):.1f} MB cannot be added"):
+        with translate_os_errors(self.path, f"{1e-6 * len(content):.1f} MB cannot be added"):
             try:
                 _write_all(self.handle, content)
             except OSError:
@@ -106,13 +106,13 @@ class GrowingFile:
 
     def cut_to(self, length: int) -> None:
         """Drops everything behind the first `length` bytes."""
-        with refusals(self.path, "cannot be cut"):
+        with translate_os_errors(self.path, "cannot be cut"):
             os.ftruncate(self.handle, length)
         self._length = length
 
     def reserve(self, size: int) -> None:
         """Allocates `size` bytes in all, with arbitrary content."""
-        with refusals(self.path, f"no room for {1e-6 * size:.1f} MB in reserve"):
+        with translate_os_errors(self.path, f"no room for {1e-6 * size:.1f} MB in reserve"):
             # Real blocks are needed: seeking to the end would make a sparse file, which reserves nothing.
             if hasattr(os, "posix_fallocate"):
                 os.posix_fallocate(self.handle, 0, size)
@@ -121,14 +121,14 @@ class GrowingFile:
 
     def force(self) -> None:
         """Returns when everything written so far is on disk."""
-        with refusals(self.path, "cannot be forced to disk"):
+        with translate_os_errors(self.path, "cannot be forced to disk"):
             os.fsync(self.handle)
 
     def close(self) -> None:
         os.close(self.handle)
 
 
-class RoughFile:
+class ErrorDeferringFile:
     """A file under construction for HDF5, which seeks in it and must never see a write fail.
 
     HDF5 that fails to close a file can take the whole process down at exit (h5py issue 914). So a refused write, and all later ones, stay
@@ -138,7 +138,7 @@ class RoughFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.partial = path.with_name(path.name + ".writing")
-        with refusals(path, "cannot be begun"):
+        with translate_os_errors(path, "cannot be begun"):
             self._handle = os.open(self.partial, os.O_RDWR | os.O_CREAT | os.O_TRUNC | _BINARY, 0o666)
         self._at = self._size = self._forced = 0
         self._refused: OSError | None = None
@@ -201,17 +201,17 @@ class RoughFile:
 
     def check(self) -> None:
         """Raises what the disk refused, as RigError or DiskFull. Forces larger pieces to disk, so that the end is quick."""
-        with refusals(self.path, f"{1e-6 * self._size:.1f} MB cannot be written"):
+        with translate_os_errors(self.path, f"{1e-6 * self._size:.1f} MB cannot be written"):
             if self._refused is not None:
                 raise self._refused
-            if self._size - self._forced > FORCED_EVERY_BYTES:
+            if self._size - self._forced > SYNC_EVERY_BYTES:
                 os.fsync(self._handle)
                 self._forced = self._size
 
     def put_in_place(self) -> None:
         """Returns when the file is at `path` and on disk. Raises RigError, DiskFull."""
         self.check()
-        with refusals(self.path, f"{1e-6 * self._size:.1f} MB cannot be written"):
+        with translate_os_errors(self.path, f"{1e-6 * self._size:.1f} MB cannot be written"):
             os.fsync(self._handle)
             self._close()
             os.replace(self.partial, self.path)  # noqa: PTH105

@@ -10,7 +10,7 @@ ENDING = ".writing"
 
 
 @contextmanager
-def whole(folder: Path) -> Iterator[Path]:
+def atomic_directory(folder: Path) -> Iterator[Path]:
     """Yields a path to write the folder at; it gets its final name at the end of the block.
 
     Where another process was faster, for example a worker that counted as lost, the existing folder stays.
@@ -26,13 +26,13 @@ def whole(folder: Path) -> Iterator[Path]:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def sweep_out(folder: Path) -> None:
+def remove_leftovers(folder: Path) -> None:
     """Removes what earlier processes were writing when they ended."""
     for partial in folder.glob(f".*{ENDING}"):
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def see_afresh(folder: Path) -> None:
+def refresh_nfs_cache(folder: Path) -> None:
     """Makes a network disk show new files: it may remember for half a minute that they were absent, until the folder is changed here."""
     mark = folder / f".seen-{token_hex(4)}"
     mark.touch()

@@ -2,7 +2,7 @@
 
 from multiprocessing.shared_memory import SharedMemory
 
-from rfca_rig.acquisition.shared import attached
+from rfca_rig.acquisition.shared import attach_shared_memory
 from rfca_rig.errors import RigError
 
 # "RFCAQUEU" in ASCII: marks the memory as a queue of blocks.
@@ -43,7 +43,7 @@ class BlockQueue:
     @staticmethod
     def attach(name: str) -> "BlockQueue":
         """Another process's queue. Raises DeviceError where there is none of that name."""
-        return BlockQueue(attached(name))
+        return BlockQueue(attach_shared_memory(name))
 
     @property
     def waiting(self) -> int:
@@ -78,7 +78,7 @@ class BlockQueue:
         before_wrap = min(length, self.size - at)
         return bytes(self._bytes[at : at + before_wrap]) + bytes(self._bytes[: length - before_wrap])
 
-    def took(self, length: int) -> None:
+    def consume(self, length: int) -> None:
         """Frees `length` of the bytes looked at. For the one taker only."""
         self._header[_TAKEN] += length
 

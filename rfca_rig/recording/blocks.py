@@ -7,7 +7,7 @@ from typing import Any
 
 from rfca_rig.recording.journal import BlockKind, JournalBlock
 from rfca_rig.recording.model import StaticStage
-from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm, packed
+from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm, pack_rows
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def start_of(block: JournalBlock) -> CommandedStart:
 
 
 def samples_block(rows: Sequence[Rows]) -> JournalBlock:
-    return JournalBlock(BlockKind.SAMPLES, packed(rows))
+    return JournalBlock(BlockKind.SAMPLES, pack_rows(rows))
 
 
 def event_block(event: Mapping[str, object]) -> JournalBlock:

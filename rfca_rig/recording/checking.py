@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.journal import blocks_in, size_of
+from rfca_rig.recording.journal import block_size, read_blocks
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGES, SUMS, journals, stage_files
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import events_of, events_text, read_ending, read_header
 from rfca_rig.recording.store import read_texts
-from rfca_rig.recording.summary import RecordingSummary, tally_of, together
+from rfca_rig.recording.summary import RecordingSummary, add_up, summarize
 from rfca_rig.recording.sums import read_sums, sha256_of
 from rfca_rig.suggestions import not_there
 
@@ -130,7 +130,7 @@ def _check_stages(folder: Path, sums: _Sums, events: Sequence[Mapping[str, Any]]
 
 
 def _as_said(path: Path, event: Mapping[str, Any] | None) -> str:
-    stage = tally_of(path)
+    stage = summarize(path)
     # The counts come first: they say how much is wrong, a hash only that something is.
     if event is not None and event["samples"] != stage.samples:
         raise BadInput(f"{path}: holds {dict(stage.samples)} samples, where {event['samples']} were recorded")
@@ -141,14 +141,14 @@ def _as_said(path: Path, event: Mapping[str, Any] | None) -> str:
 
 
 def _check_journal(folder: Path, journal: Path) -> FileFinding:
-    sizes = [size_of(block) for block in blocks_in(journal)]
+    sizes = [block_size(block) for block in read_blocks(journal)]
     behind = journal.stat().st_size - sum(sizes)
     words = f"a stage in progress, {len(sizes)} whole blocks; {behind} bytes behind them; type rfca-rig recover {folder}"
     return FileFinding(f"{STAGES}/{journal.name}", words)
 
 
 def _like_its_stages(folder: Path) -> str:
-    found = tally_of(folder / RECORDING).text()
+    found = summarize(folder / RECORDING).text()
     try:
         stages = _in_stages(folder).text()
     except BadInput:
@@ -159,7 +159,7 @@ def _like_its_stages(folder: Path) -> str:
 
 
 def _in_stages(folder: Path) -> RecordingSummary:
-    stages, ending = together(tally_of(file) for file in stage_files(folder)), read_ending(folder)
+    stages, ending = add_up(summarize(file) for file in stage_files(folder)), read_ending(folder)
     return stages if ending is None or ending.static is None else replace(stages, static=len(ending.static))
 
 
@@ -202,7 +202,7 @@ def _compare(path: Path, name: str, here: object, recorded: object) -> None:
 
 
 def _describe(file: Path) -> str:
-    return tally_of(file).text()
+    return summarize(file).text()
 
 
 def _finding_of(name: str, look: Callable[[], str]) -> FileFinding:

@@ -31,13 +31,13 @@ _LONG_NAMES = {
 
 def make_column(group: h5py.Group, form: ColumnForm, length: int) -> h5py.Dataset:
     """One 1-d dataset without values yet, compressed so that it opens everywhere without plugins."""
-    dataset = group.create_dataset(link(form.name), shape=(length,), dtype=form.dtype, track_times=False, **_storage(length))
+    dataset = group.create_dataset(link_name(form.name), shape=(length,), dtype=form.dtype, track_times=False, **_storage(length))
     for key, value in _column_attributes(form).items():
         dataset.attrs[key] = value
     return dataset
 
 
-def form_of(name: str, column: Column) -> ColumnForm:
+def column_form_of(name: str, column: Column) -> ColumnForm:
     """Layout of a column in memory. Raises ValueError where it is no 1-d array of numbers."""
     if column.raw.ndim != 1 or column.raw.dtype.kind not in "iuf":
         raise ValueError(f"column {name} must be a row of numbers, not {column.raw.ndim}-d {column.raw.dtype}")
@@ -46,15 +46,15 @@ def form_of(name: str, column: Column) -> ColumnForm:
 
 def write_column(group: h5py.Group, name: str, column: Column) -> h5py.Dataset:
     """One 1-d dataset with its values. Raises ValueError where the column is no 1-d array of numbers."""
-    dataset = make_column(group, form_of(name, column), len(column.raw))
+    dataset = make_column(group, column_form_of(name, column), len(column.raw))
     if len(column.raw):
         dataset[:] = np.ascontiguousarray(column.raw)
     return dataset
 
 
-def form_in(group: h5py.Group, name: str) -> ColumnForm:
+def read_column_form(group: h5py.Group, name: str) -> ColumnForm:
     """Layout of a column on disk."""
-    dataset = group[link(name)]
+    dataset = group[link_name(name)]
     attributes = dataset.attrs
     return ColumnForm(name, dataset.dtype.str, str(attributes["units"]), float(attributes["conversion"]), float(attributes["offset"]))
 
@@ -78,7 +78,7 @@ def _packing(dataset: h5py.Dataset) -> tuple[object, ...]:
 
 def read_column(group: h5py.Group, name: str) -> Column:
     """One column, raw as it was stored."""
-    dataset = group[link(name)]
+    dataset = group[link_name(name)]
     attributes = dataset.attrs
     return Column(dataset[:], str(attributes["units"]), float(attributes["conversion"]), float(attributes["offset"]))
 
@@ -95,7 +95,7 @@ def _storage(length: int) -> dict[str, Any]:
     return {"chunks": (min(length, ROWS_PER_CHUNK),), "compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
-def link(name: str) -> str:
+def link_name(name: str) -> str:
     """The name as an HDF5 link, in which "/" and a lone "." would be read as a path."""
     escaped = re.sub("[%/]", lambda found: urllib.parse.quote(found[0], safe=""), name)
     return escaped.replace(".", "%2E") if set(escaped) == {"."} else escaped

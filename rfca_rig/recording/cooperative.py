@@ -7,7 +7,7 @@ T = TypeVar("T")
 Steps = Generator[None, None, T]
 
 
-def at_once(steps: Steps[T]) -> T:
+def run_to_completion(steps: Steps[T]) -> T:
     """Runs all steps and returns the generator's result."""
     while True:
         try:

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import h5py
 
-from rfca_rig.recording.atomic import RoughFile
+from rfca_rig.recording.atomic import ErrorDeferringFile
 from rfca_rig.recording.cooperative import Steps
 from rfca_rig.recording.seal import PIECE, SEALED, seal_of
 
 
-class FileBeingMade:
+class NewHdf5File:
     """`root` takes groups and datasets; `check`, called now and then, raises what the disk refused."""
 
     def __init__(self, path: Path) -> None:
-        self._rough = RoughFile(path)
+        self._rough = ErrorDeferringFile(path)
         # No chunk cache: whole chunks are written, and never read again.
         self.root = h5py.File(self._rough, "w", rdcc_nbytes=0)
         self.root.attrs[SEALED] = True
@@ -27,7 +27,7 @@ class FileBeingMade:
 
     def put_in_place(self) -> Steps[str]:
         """Closes, seals, and moves the file to its path; the result is its SHA-256. Raises RigError, DiskFull."""
-        # HDF5 must close first, whatever the disk refused; see `RoughFile`.
+        # HDF5 must close first, whatever the disk refused; see `ErrorDeferringFile`.
         self.root.close()
         self.check()
         digest = hashlib.sha256()
@@ -49,9 +49,9 @@ class FileBeingMade:
 
 
 @contextmanager
-def being_made(path: Path) -> Iterator[FileBeingMade]:
+def new_hdf5_file(path: Path) -> Iterator[NewHdf5File]:
     """Yields a new file, which is removed after the block unless it was put in place. Raises RigError where it cannot be begun."""
-    made = FileBeingMade(path)
+    made = NewHdf5File(path)
     try:
         yield made
     finally:

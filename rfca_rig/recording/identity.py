@@ -23,7 +23,7 @@ def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
 
 
-def described_files(folder: Path) -> list[Path]:
+def list_described_files(folder: Path) -> list[Path]:
     """Of recordings from elsewhere: description, model file and recordings, sorted by name."""
     kinds = ("csv", *KINDS_OF_AN_EXPERIMENT) if (folder / EXPERIMENT).is_file() else ("csv",)
     descriptions = (file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}"))
@@ -34,5 +34,5 @@ def described_files(folder: Path) -> list[Path]:
 
 def identity_of_tables(title: str, folder: Path) -> str:
     """Identity of recordings from elsewhere that are read in place, a description and tables below `folder`. Raises OSError."""
-    sums = "".join(f"{sum_line(file, folder)}\n" for file in described_files(folder))
+    sums = "".join(f"{sum_line(file, folder)}\n" for file in list_described_files(folder))
     return identity_of(title, "IMPORT", {"sha256": hashlib.sha256(sums.encode()).hexdigest()})

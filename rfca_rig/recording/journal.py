@@ -15,7 +15,7 @@ from pathlib import Path
 _HEAD = struct.Struct("<2sBxII")
 _MARK = b"RB"
 # Limit of a block's length: a length field above it is damage.
-LARGEST = 16 << 20
+MAX_BLOCK_BYTES = 16 << 20
 PIECE = 1 << 20
 
 
@@ -40,33 +40,33 @@ class JournalBlock:
     payload: bytes
 
 
-def framed(block: JournalBlock) -> bytes:
-    """The block with its head: mark, kind, length and CRC-32, 12 bytes little endian. Raises ValueError for one above `LARGEST`."""
-    if len(block.payload) > LARGEST:
+def frame_block(block: JournalBlock) -> bytes:
+    """The block with its head: mark, kind, length and CRC-32, 12 bytes little endian. Raises ValueError for one above `MAX_BLOCK_BYTES`."""
+    if len(block.payload) > MAX_BLOCK_BYTES:
         raise ValueError(f"a block of {len(block.payload)} bytes")
     return _HEAD.pack(_MARK, block.kind, len(block.payload), _checksum(block.kind, block.payload)) + block.payload
 
 
-def whole_blocks(content: bytes) -> tuple[list[JournalBlock], int]:
+def parse_blocks(content: bytes) -> tuple[list[JournalBlock], int]:
     """The blocks up to the first that is torn or damaged, and how many bytes they take."""
     blocks, used = [], 0
     for block in _blocks(memoryview(content)):
         blocks.append(block)
-        used += size_of(block)
+        used += block_size(block)
     return blocks, used
 
 
-def size_of(block: JournalBlock) -> int:
+def block_size(block: JournalBlock) -> int:
     """Size of a block in bytes, with its head."""
     return _HEAD.size + len(block.payload)
 
 
-def blocks_in(path: Path) -> Iterator[JournalBlock]:
+def read_blocks(path: Path) -> Iterator[JournalBlock]:
     """The whole blocks of a file of any length, with little of it in memory at a time. Raises OSError."""
     with path.open("rb") as file:
         remainder = b""
         while piece := file.read(PIECE):
-            blocks, used = whole_blocks(remainder + piece)
+            blocks, used = parse_blocks(remainder + piece)
             remainder = (remainder + piece)[used:]
             yield from blocks
             # A damaged block ends the journal: behind it there is no telling where the next one begins.
@@ -79,7 +79,7 @@ def _may_go_on(remainder: bytes) -> bool:
     if len(remainder) < _HEAD.size:
         return True
     mark, kind, length, _ = _HEAD.unpack_from(remainder)
-    return mark == _MARK and kind in _KINDS and length <= LARGEST and len(remainder) < _HEAD.size + length
+    return mark == _MARK and kind in _KINDS and length <= MAX_BLOCK_BYTES and len(remainder) < _HEAD.size + length
 
 
 def _blocks(content: memoryview) -> Iterator[JournalBlock]:

@@ -10,7 +10,7 @@ from rfca_rig.recording.picture import Picture, next_photo, photo_name
 from rfca_rig.recording.run_writer import RunWriter
 
 
-class Keeper(Protocol):
+class RunBackend(Protocol):
     """Records a run; `acknowledged` stages are on disk."""
 
     @property
@@ -40,7 +40,7 @@ class Keeper(Protocol):
         ...
 
 
-class DirectKeeper:
+class InProcessRecorder:
     """Writes at once, in the caller's own time: for tests, and systems on which no process can be started."""
 
     def __init__(self, folder: Path) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import h5py
 
-from rfca_rig.recording.columns import link
+from rfca_rig.recording.columns import link_name
 
 # The column that viewers plot first.
 PLOTTED = "fz_N"
@@ -24,11 +24,11 @@ def mark_stage(group: h5py.Group, streams: Sequence[str]) -> None:
     """A group of streams; the force is shown where there is one."""
     group.attrs["NX_class"] = "NXsubentry"
     if streams:
-        group.attrs["default"] = link("force" if "force" in streams else streams[0])
+        group.attrs["default"] = link_name("force" if "force" in streams else streams[0])
 
 
 def mark_stream(group: h5py.Group, columns: Sequence[str], time: str) -> None:
     """Columns over a time; the vertical force is shown where there is one."""
     group.attrs["NX_class"] = "NXdata"
     if columns:
-        group.attrs["signal"], group.attrs["axes"] = link(PLOTTED if PLOTTED in columns else columns[0]), time
+        group.attrs["signal"], group.attrs["axes"] = link_name(PLOTTED if PLOTTED in columns else columns[0]), time

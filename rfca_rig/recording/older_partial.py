@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.run_folder import merged
+from rfca_rig.recording.run_folder import merge_stages
 from rfca_rig.recording.run_text import INTERRUPTED
 from rfca_rig.recording.store import read_recording, write_recording
 
@@ -22,7 +22,7 @@ def read_partial(path: Path) -> Recording:
     parts = [read_recording(part) for part in sorted(partial_of(path).glob("*.h5"))]
     if not parts:
         raise BadInput(f"{partial_of(path)}: holds no recording; the run was interrupted before it began")
-    found = merged(parts[0], parts[1:])
+    found = merge_stages(parts[0], parts[1:])
     interruption = f"the run ended without being finished, after {len(found.strokes)} strokes and {len(found.static)} static stages"
     return replace(found, provenance={**found.provenance, INTERRUPTED: interruption})
 

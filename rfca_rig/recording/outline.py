@@ -11,7 +11,7 @@ from rfca_rig.recording.cycle_table import CYCLES, NUMBER
 from rfca_rig.recording.model import StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
-from rfca_rig.recording.store import opened
+from rfca_rig.recording.store import open_sealed
 from rfca_rig.recording.strokes import GROUP as STROKES
 
 
@@ -33,7 +33,7 @@ class RunOutline:
 
 def outline_of(path: Path) -> RunOutline:
     """Reads the outline of a file. Raises BadInput for a file that is damaged or of another kind."""
-    with opened(path) as (file, source):
+    with open_sealed(path) as (file, source):
         tables = [stage[CYCLES][NUMBER] for stage in file.get(RAW, {}).values() if CYCLES in stage]
         return RunOutline(
             title=str(file.attrs["title"]),

@@ -8,10 +8,10 @@ from pathlib import Path
 from rfca_rig.clock import WallClock
 from rfca_rig.errors import DiskFull, RigError, Tripped
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.recording.journal import JournalBlock, framed
+from rfca_rig.recording.journal import JournalBlock, frame_block
 from rfca_rig.recording.photo_sender import PhotoSender
 from rfca_rig.recording.picture import Picture, next_photo, photo_name
-from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, started
+from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, spawn_recorder
 from rfca_rig.trip_codes import Trip
 
 # 20 s of a sensor at 15 kHz.
@@ -25,7 +25,7 @@ PATIENT_S = 30.0  # for which a twin's time stands still before the run ends
 PAUSE_S = 0.002
 
 
-class ProcessKeeper:
+class RecorderClient:
     """Implements `keeper.Keeper` with a process of its own, which survives this one.
 
     A recorder so far behind that the queue is full ends the run. With `patient`, for rigs whose time stands still meanwhile, the caller
@@ -46,7 +46,7 @@ class ProcessKeeper:
         self._fault = ""
         self._complaint = ""
         try:
-            self._process, self._child = started(RecorderAssignment(folder, self._queue.name, patient))
+            self._process, self._child = spawn_recorder(RecorderAssignment(folder, self._queue.name, patient))
         except OSError as error:
             self._queue.remove()
             raise RigError(f"{folder}: no process can be started to record: {error}") from error
@@ -71,7 +71,7 @@ class ProcessKeeper:
         return 0 if self._child.closed else self._queue.waiting
 
     def give(self, block: JournalBlock) -> None:
-        content = framed(block)
+        content = frame_block(block)
         self._check()
         if self._queue.has_complained:
             # Events after the stop, for example `motor off`, are kept if possible, in the room of the reserve.

@@ -18,7 +18,7 @@ from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.blocks import End
-from rfca_rig.recording.journal import BlockKind, JournalBlock, whole_blocks
+from rfca_rig.recording.journal import BlockKind, JournalBlock, parse_blocks
 from rfca_rig.recording.photo_sender import AnnouncedPhoto
 from rfca_rig.recording.run_writer import RunWriter
 
@@ -43,12 +43,12 @@ class RecorderAssignment:
     patient: bool
 
 
-def started(assignment: RecorderAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
+def spawn_recorder(assignment: RecorderAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
     """Starts the process; returns it and the connection to it."""
-    return subprocesses.started(MODULE, assignment)
+    return subprocesses.spawn(MODULE, assignment)
 
 
-def keep(parent: Connection) -> None:
+def record_run(parent: Connection) -> None:
     """Receives its assignment from the parent, answers READY or the error, and records the run until the parent sends why it ends.
 
     Messages to the parent are pairs: at most one COMPLAINT with the reason that ends the run, and at last DONE with what could not be kept,
@@ -131,11 +131,11 @@ class DiskRecorder:
             self._why = CONTROL_GONE
 
     def _drain(self) -> None:
-        blocks, length = whole_blocks(self._queue.look())
+        blocks, length = parse_blocks(self._queue.look())
         self._run_unless_failed(lambda: self._take(blocks))
         # Only after the journal has the blocks: the queue's backlog then counts everything that is not with the
         # system yet.
-        self._queue.took(length)
+        self._queue.consume(length)
         self._tell()
 
     def _take(self, blocks: list[JournalBlock]) -> None:
@@ -174,4 +174,4 @@ class DiskRecorder:
 
 if __name__ == "__main__":
     with Connection(int(sys.argv[1])) as parent:
-        keep(parent)
+        record_run(parent)

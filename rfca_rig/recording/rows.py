@@ -48,7 +48,7 @@ class CommandedStart:
     offsets: Mapping[str, float] = field(default_factory=dict)
 
 
-def packed(rows: Sequence[Rows]) -> bytes:
+def pack_rows(rows: Sequence[Rows]) -> bytes:
     """Packs the rows of all streams, each (m,) of its form's records, in the order of their forms: a count (4 bytes), then the records."""
     # A count per stream, because each device brings its own number of records per tick.
     return b"".join(_COUNT.pack(len(some)) + some.tobytes() for some in rows)
@@ -64,7 +64,7 @@ class RowBatches:
         self._gathered = [0] * len(forms)
 
     def add(self, content: bytes) -> Iterator[tuple[int, Rows]]:
-        """Adds what `packed` returned; yields the batches that it completes.
+        """Adds what `pack_rows` returned; yields the batches that it completes.
 
         Yields
         ------
@@ -108,16 +108,16 @@ class RowBatches:
         return np.frombuffer(b"".join(self._pieces[stream]), self._dtypes[stream])
 
 
-def stream_of(form: StreamForm, rows: Rows, start: CommandedStart) -> Stream:
+def make_stream_from_rows(form: StreamForm, rows: Rows, start: CommandedStart) -> Stream:
     """Stream from rows (m,) of records: a column (m,) for each of the form, with time from the device's own counter."""
     columns = {
         column.name: Column(np.ascontiguousarray(rows[column.name]), column.unit, column.conversion, column.offset)
-        for column in started(form, start).columns
+        for column in apply_start(form, start).columns
     }
     return Stream(_device_time(rows, start.start_s), columns)
 
 
-def started(form: StreamForm, start: CommandedStart) -> StreamForm:
+def apply_start(form: StreamForm, start: CommandedStart) -> StreamForm:
     """The form with the offsets that depend on the commanded start."""
     return replace(form, columns=tuple(replace(column, offset=start.offsets.get(column.name, column.offset)) for column in form.columns))
 

@@ -9,45 +9,45 @@ from pathlib import Path
 import h5py
 
 from rfca_rig.errors import BadInput
-from rfca_rig.progress import Watcher, counted, unwatched
-from rfca_rig.recording.atomic import GrowingFile, refusals, remove, sync_folder
+from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
+from rfca_rig.recording.atomic import AppendOnlyFile, remove, sync_folder, translate_os_errors
 from rfca_rig.recording.checking import check_run
-from rfca_rig.recording.cooperative import Steps, at_once
-from rfca_rig.recording.disk_reserve import Ballast
-from rfca_rig.recording.hdf5_file import FileBeingMade, being_made
+from rfca_rig.recording.cooperative import Steps, run_to_completion
+from rfca_rig.recording.disk_reserve import DiskReserve
+from rfca_rig.recording.hdf5_file import NewHdf5File, new_hdf5_file
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGE, STAGES, SUMS, WRITING, journals, stage_files
 from rfca_rig.recording.model import Recording, Source, StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import make_raw_stages
-from rfca_rig.recording.run_lock import check_over, lock
-from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header, run_provenance, whole_lines, write_header
+from rfca_rig.recording.run_lock import check_not_running, lock
+from rfca_rig.recording.run_text import Ending, complete_lines_length, events_of, read_ending, read_header, run_provenance, write_header
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.static_table import read_static, write_static
-from rfca_rig.recording.store import mark_recording, opened, read_recording
+from rfca_rig.recording.store import mark_recording, open_sealed, read_recording
 from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import copy_streams, make_strokes
 from rfca_rig.recording.sums import write_sums
 
 
-def write_run(folder: Path, told: Watcher = unwatched) -> Steps[Path]:
+def write_run(folder: Path, told: ProgressCount = ignore_progress) -> Steps[Path]:
     """Assembles `run.h5` from the other files; the result of the steps is its path.
 
     Raises BadInput, naming the file, where a stage is damaged; RigError, DiskFull.
     """
     header, ending = read_header(folder), read_ending(folder)
-    with being_made(folder / RECORDING) as made:
-        static = yield from _copy_stages(made, counted(stage_files(folder), told), header.source)
+    with new_hdf5_file(folder / RECORDING) as made:
+        static = yield from _copy_stages(made, iterate_with_progress(stage_files(folder), told), header.source)
         _finish(made, folder, replace(header, static=static), ending)
         yield from made.put_in_place()
     return folder / RECORDING
 
 
-def _copy_stages(made: FileBeingMade, files: Iterable[Path], source: Source) -> Steps[tuple[StaticStage, ...]]:
+def _copy_stages(made: NewHdf5File, files: Iterable[Path], source: Source) -> Steps[tuple[StaticStage, ...]]:
     """Copies strokes and raw stages into groups of their own with new numbers; the result is the static stages, which form one table."""
     make_strokes(made.root)
     static: list[StaticStage] = []
     for path in files:
-        with opened(path) as (stage, _):
+        with open_sealed(path) as (stage, _):
             static += read_static(stage)
             for kind in (STROKES, RAW):
                 # By number, not by name: "1000" sorts before "999".
@@ -70,7 +70,7 @@ def _copy_stage(stage: h5py.Group, target: h5py.Group, source: Source) -> Steps[
     yield from copy_streams(stage, target, source)
 
 
-def _finish(made: FileBeingMade, folder: Path, known: Recording, ending: Ending | None) -> None:
+def _finish(made: NewHdf5File, folder: Path, known: Recording, ending: Ending | None) -> None:
     strokes, static = len(made.root[STROKES]), known.static
     provenance = run_provenance(folder, known, ending, strokes)
     mark_recording(made.root, replace(known, provenance=provenance), has_strokes=bool(strokes or RAW not in made.root))
@@ -85,11 +85,11 @@ def create(folder: Path, header: Recording) -> None:
     """
     if (folder / HEADER).exists() or (folder / RECORDING).exists():
         raise BadInput(f"{folder}: holds a run already; recordings are never written over, choose another place")
-    with refusals(folder, "cannot be made"):
+    with translate_os_errors(folder, "cannot be made"):
         (folder / STAGES).mkdir(parents=True, exist_ok=True)
     write_header(folder, header)
     # Before anything moves: a disk without this room must refuse the run, not end it.
-    Ballast(folder).lay()
+    DiskReserve(folder).lay()
     # The new folder's own name must survive a power cut, too.
     sync_folder(folder.parent)
 
@@ -109,8 +109,10 @@ def read_stages(folder: Path) -> Recording:
     Raises BadInput, naming the file, where one is damaged.
     """
     ending = read_ending(folder)
-    found = merged(read_header(folder), (read_recording(file) for file in stage_files(folder)))
-    return replace(found, static=as_seen(found.static, ending), provenance=run_provenance(folder, found, ending, len(found.strokes)))
+    found = merge_stages(read_header(folder), (read_recording(file) for file in stage_files(folder)))
+    return replace(
+        found, static=with_photo_angles(found.static, ending), provenance=run_provenance(folder, found, ending, len(found.strokes))
+    )
 
 
 def read_without_samples(folder: Path) -> Recording:
@@ -118,19 +120,19 @@ def read_without_samples(folder: Path) -> Recording:
     ending, strokes = read_ending(folder), 0
     static: list[StaticStage] = []
     for path in stage_files(folder):
-        with opened(path) as (file, _):
+        with open_sealed(path) as (file, _):
             strokes += len(file[STROKES])
             static += read_static(file)
     found = replace(read_header(folder), static=tuple(static))
-    return replace(found, static=as_seen(found.static, ending), provenance=run_provenance(folder, found, ending, strokes))
+    return replace(found, static=with_photo_angles(found.static, ending), provenance=run_provenance(folder, found, ending, strokes))
 
 
-def as_seen(recorded: tuple[StaticStage, ...], ending: Ending | None) -> tuple[StaticStage, ...]:
+def with_photo_angles(recorded: tuple[StaticStage, ...], ending: Ending | None) -> tuple[StaticStage, ...]:
     """The static stages with the angles read from their photos, where the run's end has them."""
     return recorded if ending is None or ending.static is None else ending.static
 
 
-def merged(header: Recording, stages: Iterable[Recording]) -> Recording:
+def merge_stages(header: Recording, stages: Iterable[Recording]) -> Recording:
     """The header with the stages in their order."""
     parts = list(stages)
     return replace(
@@ -141,12 +143,12 @@ def merged(header: Recording, stages: Iterable[Recording]) -> Recording:
     )
 
 
-def build(folder: Path, told: Watcher = unwatched) -> Path:
+def build_recording(folder: Path, told: ProgressCount = ignore_progress) -> Path:
     """Assembles `run.h5` from the other files, the same bytes every time, and writes the checksums of all. Returns its path.
 
     `told` is called with the number of stages copied so far.
     """
-    path = at_once(write_run(folder, told))
+    path = run_to_completion(write_run(folder, told))
     write_sums(folder)
     return path
 
@@ -156,18 +158,18 @@ def close_journals(folder: Path) -> int:
 
     Returns the number of journals. Raises BadInput where the run is still going on.
     """
-    check_over(folder)
+    check_not_running(folder)
     header, found = read_header(folder), journals(folder)
     for journal in found:
         path = journal.with_suffix(STAGE)
         # The crash may have come after the stage file was put in place and before its journal was removed.
         if not path.is_file():
-            at_once(write_stage(journal, path, header))
+            run_to_completion(write_stage(journal, path, header))
         # Only after its stage file is on disk: a crash in between costs nothing.
         remove(journal)
     for half in folder.rglob(f"*{WRITING}"):
         remove(half)
-    Ballast(folder).release()
+    DiskReserve(folder).release()
     return len(found)
 
 
@@ -177,25 +179,25 @@ def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
     `resumed` is how many such events there were when the run was read. Raises BadInput where the run is still going on, or where somebody
     else has resumed it since; RigError when the disk refuses.
     """
-    events = GrowingFile(folder / EVENTS)
+    events = AppendOnlyFile(folder / EVENTS)
     lock(events)
     try:
         if sum(one.get("event") == event["event"] for one in events_of(folder)) != resumed:
             raise BadInput(f"{folder}: another process has resumed the run at this moment; wait for its end")
         # A crash may have left part of a line, to which the new event would be joined.
-        events.cut_to(whole_lines((folder / EVENTS).read_bytes()))
+        events.cut_to(complete_lines_length((folder / EVENTS).read_bytes()))
         events.append((json.dumps(event, ensure_ascii=False) + "\n").encode())
         # The event first: after a crash in between, the run still shows that and why it was continued.
         events.force()
         # The checksums go first: without them, no check compares the remaining files with outdated hashes.
         for name in (SUMS, RECORDING, ENDING):
             remove(folder / name)
-        Ballast(folder).lay()
+        DiskReserve(folder).lay()
     finally:
         events.close()
 
 
-def is_whole(folder: Path) -> bool:
+def needs_no_recovery(folder: Path) -> bool:
     """Whether nothing needs recovery: no stage is unfinished, `run.h5` exists, and every file is as it was written."""
     has_all = all((folder / name).is_file() for name in (ENDING, RECORDING, SUMS))
     return has_all and not journals(folder) and all(finding.is_sound for finding in check_run(folder))

@@ -5,11 +5,11 @@ import os
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.atomic import GrowingFile
+from rfca_rig.recording.atomic import AppendOnlyFile
 from rfca_rig.recording.layout import EVENTS
 
 
-def lock(events: GrowingFile) -> None:
+def lock(events: AppendOnlyFile) -> None:
     """Locks the run until the file is closed. Raises BadInput where another process has the lock.
 
     On Windows, and on network disks without locks, there is no lock.
@@ -28,8 +28,8 @@ def lock(events: GrowingFile) -> None:
         return
 
 
-def check_over(folder: Path) -> None:
+def check_not_running(folder: Path) -> None:
     """Raises BadInput where the run in `folder` is still going on. Creates an empty file of events where there is none."""
-    events = GrowingFile(folder / EVENTS)
+    events = AppendOnlyFile(folder / EVENTS)
     lock(events)
     events.close()

@@ -75,10 +75,10 @@ def events_text(folder: Path) -> str:
     path = folder / EVENTS
     content = path.read_bytes() if path.is_file() else b""
     # Damaged bytes must not keep the other events from being read.
-    return content[: whole_lines(content)].decode(errors="replace")
+    return content[: complete_lines_length(content)].decode(errors="replace")
 
 
-def whole_lines(content: bytes) -> int:
+def complete_lines_length(content: bytes) -> int:
     """Number of bytes that the complete lines take."""
     return content.rfind(b"\n") + 1
 

@@ -5,16 +5,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rfca_rig.errors import DiskFull
-from rfca_rig.recording.atomic import GrowingFile, remove, sync_folder
+from rfca_rig.recording.atomic import AppendOnlyFile, remove, sync_folder
 from rfca_rig.recording.blocks import End, event_block
 from rfca_rig.recording.cooperative import Steps
-from rfca_rig.recording.disk_reserve import Ballast
-from rfca_rig.recording.journal import BlockKind, JournalBlock, framed
+from rfca_rig.recording.disk_reserve import DiskReserve
+from rfca_rig.recording.journal import BlockKind, JournalBlock, frame_block
 from rfca_rig.recording.layout import EVENTS, STAGES, journal_path, next_number, stage_path
 from rfca_rig.recording.picture import Picture, write_picture
 from rfca_rig.recording.run_lock import lock
-from rfca_rig.recording.run_text import read_header, whole_lines
-from rfca_rig.recording.stage_file import Written, write_stage
+from rfca_rig.recording.run_text import complete_lines_length, read_header
+from rfca_rig.recording.stage_file import StageOnDisk, write_stage
 
 
 class RunWriter:
@@ -29,17 +29,17 @@ class RunWriter:
         """`folder` was made by `run_folder.create`. Raises BadInput where another process writes into it."""
         self._folder = folder
         self._header = read_header(folder)
-        self._events = GrowingFile(folder / EVENTS)
+        self._events = AppendOnlyFile(folder / EVENTS)
         lock(self._events)
         # A crash may have left part of a line, to which the next event would be joined.
-        self._events.cut_to(whole_lines((folder / EVENTS).read_bytes()))
-        self._ballast = Ballast(folder)
+        self._events.cut_to(complete_lines_length((folder / EVENTS).read_bytes()))
+        self._ballast = DiskReserve(folder)
         self._number = next_number(folder)
-        self._journal: GrowingFile | None = None
+        self._journal: AppendOnlyFile | None = None
         self._waiting: list[bytes] = []
         # Stages whose journal is complete and whose file is still to be made, oldest first.
         self._ended: deque[int] = deque()
-        self._making: Steps[Written | None] | None = None
+        self._making: Steps[StageOnDisk | None] | None = None
         self.acknowledged = 0
         self.complaint = ""
 
@@ -52,7 +52,7 @@ class RunWriter:
                 self._begin(block)
             case BlockKind.SAMPLES | BlockKind.START:
                 # Gathered until `flush`: one system call for a tick's blocks.
-                self._waiting.append(framed(block))
+                self._waiting.append(frame_block(block))
             case BlockKind.END:
                 self._end(block)
 
@@ -116,11 +116,11 @@ class RunWriter:
             self._ballast.release()
 
     def _begin(self, block: JournalBlock) -> None:
-        self._journal = GrowingFile(journal_path(self._folder, self._number))
-        self._waiting = [framed(block)]
+        self._journal = AppendOnlyFile(journal_path(self._folder, self._number))
+        self._waiting = [frame_block(block)]
 
     def _end(self, block: JournalBlock) -> None:
-        self._waiting.append(framed(block))
+        self._waiting.append(frame_block(block))
         self.flush()
         if self._journal is None:
             return
@@ -129,7 +129,7 @@ class RunWriter:
         number, self._number = self._number, self._number + 1
         self._ended.append(number)
 
-    def _acknowledge(self, journal: Path, path: Path, written: Written | None) -> None:
+    def _acknowledge(self, journal: Path, path: Path, written: StageOnDisk | None) -> None:
         """Records that the stage is on disk, and removes its journal. A stage without its photo is kept, but not acknowledged."""
         if written is not None:
             photo = written.end.static.photo if written.end.static else ""

@@ -14,13 +14,13 @@ import numpy as np
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.blocks import Begin, End, start_of
-from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name
 from rfca_rig.recording.cooperative import Steps
-from rfca_rig.recording.hdf5_file import FileBeingMade, being_made
-from rfca_rig.recording.journal import BlockKind, blocks_in
+from rfca_rig.recording.hdf5_file import NewHdf5File, new_hdf5_file
+from rfca_rig.recording.journal import BlockKind, read_blocks
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.raw_stages import make_raw_stages, mark_raw_stage
-from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, CommandedStart, RowBatches, Rows, host_offset_s, started
+from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, CommandedStart, RowBatches, Rows, apply_start, host_offset_s
 from rfca_rig.recording.static_table import write_static
 from rfca_rig.recording.store import mark_recording
 from rfca_rig.recording.strokes import TIME, make_streams, make_strokes, mark_stroke, write_rows
@@ -44,7 +44,7 @@ class Survey:
 
 
 @dataclass(frozen=True)
-class Written:
+class StageOnDisk:
     """A stage on disk: samples by stream, SHA-256 of its file, and the block with which it ended."""
 
     samples: Mapping[str, int]
@@ -59,7 +59,7 @@ class Written:
         return (json.dumps(event, ensure_ascii=False) + "\n").encode()
 
 
-def write_stage(journal: Path, path: Path, header: Recording) -> Steps[Written | None]:
+def write_stage(journal: Path, path: Path, header: Recording) -> Steps[StageOnDisk | None]:
     """Writes a journal, up to its last whole block, into a stage file; the result is None, without a file, where it holds no sample.
 
     The stage counts as recorded when the last step is done.
@@ -84,11 +84,11 @@ def write_stage(journal: Path, path: Path, header: Recording) -> Steps[Written |
         survey = yield from _survey(journal)
     if survey is None or not (survey.end.stroke or any(survey.lengths)):
         return None
-    with being_made(path) as made:
+    with new_hdf5_file(path) as made:
         yield from _fill(made, survey, journal, header)
         sha256 = yield from made.put_in_place()
     samples = {form.name: length for form, length in zip(survey.begin.forms, survey.lengths, strict=True)}
-    return Written(samples, sha256, survey.end)
+    return StageOnDisk(samples, sha256, survey.end)
 
 
 @contextmanager
@@ -100,7 +100,7 @@ def _sense_in(journal: Path) -> Iterator[None]:
 
 
 def _survey(journal: Path) -> Steps[Survey | None]:
-    blocks = blocks_in(journal)
+    blocks = read_blocks(journal)
     first = next(blocks, None)
     # A journal whose first block never reached the disk whole names no stage and no columns.
     if first is None or first.kind is not BlockKind.BEGIN:
@@ -127,7 +127,7 @@ class _Found:
     def batches(self, begin: Begin, journal: Path) -> Iterator[tuple[int, Rows]]:
         """The samples of a journal, in batches of ROWS_PER_CHUNK, each with the number of its stream."""
         gathering = RowBatches(begin.forms, ROWS_PER_CHUNK)
-        for block in blocks_in(journal):
+        for block in read_blocks(journal):
             match block.kind:
                 case BlockKind.SAMPLES:
                     yield from gathering.add(block.payload)
@@ -152,10 +152,10 @@ class _Count:
             self.offset_s = min(self.offset_s, host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME]))
 
 
-def _fill(made: FileBeingMade, survey: Survey, journal: Path, header: Recording) -> Steps[None]:
+def _fill(made: NewHdf5File, survey: Survey, journal: Path, header: Recording) -> Steps[None]:
     begin, end = survey.begin, survey.end
     source = header.source
-    mark_recording(made.root, bare(header), has_strokes=bool(end.stroke))
+    mark_recording(made.root, stage_header(header), has_strokes=bool(end.stroke))
     strokes = make_strokes(made.root)
     write_static(made.root, (end.static,) if end.static and not end.stroke else ())
     if end.stroke:
@@ -164,11 +164,11 @@ def _fill(made: FileBeingMade, survey: Survey, journal: Path, header: Recording)
     else:
         group = make_raw_stages(made.root).create_group("001")
         mark_raw_stage(group, begin.label, begin.height_m, end.cut_short)
-    forms = [started(form, survey.start) for form in begin.forms]
+    forms = [apply_start(form, survey.start) for form in begin.forms]
     make_streams(group, list(zip(forms, survey.lengths, strict=True)), source)
     filled = [0] * len(forms)
     for stream, rows in _Found().batches(begin, journal):
-        target = group[link(forms[stream].name)]
+        target = group[link_name(forms[stream].name)]
         for column in forms[stream].columns:
             write_rows(target, column.name, filled[stream], rows[column.name])
         # One offset for the whole stage: times keep the device's even spacing, free of the jitter of arrival.
@@ -179,6 +179,6 @@ def _fill(made: FileBeingMade, survey: Survey, journal: Path, header: Recording)
         yield
 
 
-def bare(header: Recording) -> Recording:
+def stage_header(header: Recording) -> Recording:
     """The part of the run's header that every stage file repeats."""
     return replace(header, nominal={}, known_to={}, strokes=(), static=(), provenance={})

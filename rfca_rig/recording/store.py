@@ -21,8 +21,8 @@ import h5py
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import nexus
-from rfca_rig.recording.cooperative import at_once
-from rfca_rig.recording.hdf5_file import being_made
+from rfca_rig.recording.cooperative import run_to_completion
+from rfca_rig.recording.hdf5_file import new_hdf5_file
 from rfca_rig.recording.model import Recording, Source
 from rfca_rig.recording.plain_hdf5 import open_plain
 from rfca_rig.recording.raw_stages import GROUP as RAW
@@ -41,12 +41,12 @@ def write_recording(recording: Recording, path: Path) -> Path:
 
     Raises RigError when the disk refuses, ValueError for columns that are not equally long rows of numbers.
     """
-    with being_made(path) as made:
+    with new_hdf5_file(path) as made:
         mark_recording(made.root, recording, has_strokes=bool(recording.strokes or not recording.raw))
         write_strokes(made.root, recording.strokes, recording.source)
         write_static(made.root, recording.static)
         write_raw_stages(made.root, recording.raw, recording.source)
-        at_once(made.put_in_place())
+        run_to_completion(made.put_in_place())
     return path
 
 
@@ -62,7 +62,7 @@ def mark_recording(file: h5py.Group, recording: Recording, has_strokes: bool) ->
 
 def read_recording(path: Path) -> Recording:
     """The recording in `path`, all of it in memory. Raises BadInput for a file that is damaged or of another kind."""
-    with opened(path) as (file, source):
+    with open_sealed(path) as (file, source):
         return Recording(
             title=str(file.attrs["title"]),
             source=source,
@@ -77,13 +77,13 @@ def read_recording(path: Path) -> Recording:
 
 def read_texts(path: Path) -> Recording:
     """The recording without its samples and stages. Raises BadInput as `read_recording` does."""
-    with opened(path) as (file, source):
+    with open_sealed(path) as (file, source):
         nominal, known_to, provenance = (_read_text(file, name) for name in ("believed", "known_to", "provenance"))
         return Recording(str(file.attrs["title"]), source, nominal, known_to, (), (), provenance)
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[tuple[h5py.File, Source]]:
+def open_sealed(path: Path) -> Iterator[tuple[h5py.File, Source]]:
     """Yields the open file and its source, after its seal was checked. Raises BadInput for a damaged file or another format."""
     with _report_damage(path):
         # Before HDF5 opens it: a damaged index can make the library search for ever.

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 from rfca_rig.recording import nexus
-from rfca_rig.recording.columns import copy_column, form_in, form_of, link, make_column, read_column
+from rfca_rig.recording.columns import column_form_of, copy_column, link_name, make_column, read_column, read_column_form
 from rfca_rig.recording.model import Source, Stream, Stroke
 from rfca_rig.recording.rows import ColumnForm, Rows, StreamForm
 
@@ -62,7 +62,7 @@ def write_streams(group: h5py.Group, streams: Mapping[str, Stream], source: Sour
     make_streams(group, [(_form_of(name, stream), len(stream.t_s)) for name, stream in streams.items()], source)
     for name, stream in streams.items():
         for column, values in {TIME: stream.t_s, **{name: column.raw for name, column in stream.columns.items()}}.items():
-            write_rows(group[link(name)], column, 0, values)
+            write_rows(group[link_name(name)], column, 0, values)
 
 
 def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], source: Source) -> None:
@@ -73,13 +73,13 @@ def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], s
     group.attrs["order"] = json.dumps(names)
     nexus.mark_stage(group, names)
     for form, length in streams:
-        _make_stream(group.create_group(link(form.name)), form, length, source)
+        _make_stream(group.create_group(link_name(form.name)), form, length, source)
 
 
 def write_rows(group: h5py.Group, column: str, at: int, values: Rows) -> None:
     """Writes `values` (n,) of a column, or of TIME, from sample `at` on."""
     if len(values):
-        group[link(column)][at : at + len(values)] = np.ascontiguousarray(values)
+        group[link_name(column)][at : at + len(values)] = np.ascontiguousarray(values)
 
 
 def read_stroke(group: h5py.Group, source: Source) -> Stroke:
@@ -100,26 +100,26 @@ def copy_streams(source_group: h5py.Group, target_group: h5py.Group, source: Sou
     groups = dict(streams_in(source_group, source))
     make_streams(target_group, [_form_in(name, group) for name, group in groups.items()], source)
     for name, group in groups.items():
-        target = target_group[link(name)]
+        target = target_group[link_name(name)]
         for column in (TIME, *json.loads(group.attrs["order"])):
-            yield from copy_column(group[link(column)], target[link(column)])
+            yield from copy_column(group[link_name(column)], target[link_name(column)])
 
 
 def streams_in(stage: h5py.Group, source: Source) -> Iterator[tuple[str, h5py.Group]]:
     """The groups of a stage's streams by name. Raises ValueError where one is not of the recording's source."""
     for name in json.loads(stage.attrs["order"]):
-        group = stage[link(name)]
+        group = stage[link_name(name)]
         _check_stream(group, source)
         yield name, group
 
 
 def _form_in(name: str, group: h5py.Group) -> tuple[StreamForm, int]:
-    forms = tuple(form_in(group, column) for column in json.loads(group.attrs["order"]))
+    forms = tuple(read_column_form(group, column) for column in json.loads(group.attrs["order"]))
     return StreamForm(name, forms), len(group[TIME])
 
 
 def _form_of(name: str, stream: Stream) -> StreamForm:
-    forms = tuple(form_of(name, column) for name, column in stream.columns.items())
+    forms = tuple(column_form_of(name, column) for name, column in stream.columns.items())
     for column, known in stream.columns.items():
         if known.raw.shape != stream.t_s.shape:
             raise ValueError(f"column {column} has shape {known.raw.shape}, its time {stream.t_s.shape}")
@@ -145,7 +145,7 @@ def _read_stream(group: h5py.Group) -> Stream:
 def _check_stream(group: h5py.Group, source: Source) -> None:
     if group.attrs["source"] != source:
         raise ValueError(f"{group.name} is marked {group.attrs['source']} in a recording marked {source}")
-    if any(group[link(name)].shape != group[TIME].shape for name in json.loads(group.attrs["order"])):
+    if any(group[link_name(name)].shape != group[TIME].shape for name in json.loads(group.attrs["order"])):
         raise ValueError(f"the columns of {group.name} differ in length")
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import h5py
 
-from rfca_rig.recording.columns import ROWS_PER_CHUNK, link
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name
 from rfca_rig.recording.model import Source
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
-from rfca_rig.recording.store import opened
+from rfca_rig.recording.store import open_sealed
 from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import TIME, streams_in
 
@@ -37,12 +37,12 @@ class RecordingSummary:
         return f"{self.strokes} strokes, {self.static} static stages, {self.raw} raw, {sum(self.samples.values())} samples"
 
 
-def tally_of(path: Path, thorough: bool = True) -> RecordingSummary:
+def summarize(path: Path, thorough: bool = True) -> RecordingSummary:
     """Counts what the file holds. `thorough` reads every value once, a piece at a time; otherwise the file's seal is trusted.
 
     Raises BadInput for a file that is damaged or of another kind.
     """
-    with opened(path) as (file, source):
+    with open_sealed(path) as (file, source):
         strokes, raw = _in_order(file[STROKES]), _in_order(file[RAW]) if RAW in file else []
         samples: Counter[str] = Counter()
         missing = []
@@ -56,7 +56,7 @@ def tally_of(path: Path, thorough: bool = True) -> RecordingSummary:
         return RecordingSummary(len(strokes), len(read_static(file)), len(raw), dict(samples), tuple(missing), cut_short)
 
 
-def together(tallies: Iterable[RecordingSummary]) -> RecordingSummary:
+def add_up(tallies: Iterable[RecordingSummary]) -> RecordingSummary:
     """The sum of several recordings of one run."""
     parts = list(tallies)
     samples: Counter[str] = Counter()
@@ -84,6 +84,6 @@ def _read_through(stream: h5py.Group) -> None:
 
 def _missing(stream: h5py.Group) -> Iterator[int]:
     """Number of records missing between the first sample and the last, by the device's own numbering."""
-    if link(SEQUENCE) in stream and len(stream[SEQUENCE]):
+    if link_name(SEQUENCE) in stream and len(stream[SEQUENCE]):
         numbers = stream[SEQUENCE]
         yield int(numbers[-1]) - int(numbers[0]) + 1 - len(numbers)

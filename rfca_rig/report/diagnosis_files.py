@@ -5,7 +5,7 @@ from pathlib import Path
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.report.diagnosis_json import as_json
 from rfca_rig.report.diagnosis_page import page
-from rfca_rig.report.diagnosis_tables import before_after_table, nominal_values_table, parameters_table, ruled_out_table
+from rfca_rig.report.diagnosis_tables import before_after_table, detection_limits_table, nominal_values_table, parameters_table
 from rfca_rig.report.diagnosis_terminal import terminal_lines
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.provenance import Origin
@@ -30,6 +30,11 @@ def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = Non
     RigError
         Where a file cannot be written.
     """
-    tables = (parameters_table(diagnosis), nominal_values_table(diagnosis), ruled_out_table(diagnosis), before_after_table(diagnosis))
+    tables = (
+        parameters_table(diagnosis),
+        nominal_values_table(diagnosis),
+        detection_limits_table(diagnosis),
+        before_after_table(diagnosis),
+    )
     contents = {"diagnosis.json": as_json(diagnosis), **table_files(tables)}
     write_all(out, {"diagnosis.html": page(diagnosis, origin or Origin(), tuple(contents)), **contents})

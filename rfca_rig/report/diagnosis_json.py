@@ -18,7 +18,7 @@ DIGITS = 7
 
 def as_json(diagnosis: Diagnosis) -> str:
     """The JSON document; unknown values are null."""
-    return json.dumps(plain(document(diagnosis)), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(to_json_types(document(diagnosis)), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -78,14 +78,14 @@ def _law(stated: StatedLaw) -> dict[str, Any]:
     }
 
 
-def plain(value: object) -> Any:
+def to_json_types(value: object) -> Any:
     """A value in JSON's own types: arrays (m, ...) as nested lists, numbers with seven digits, NaN and infinity as null."""
     if isinstance(value, Mapping):
-        return {str(name): plain(each) for name, each in value.items()}
+        return {str(name): to_json_types(each) for name, each in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [plain(each) for each in value]
+        return [to_json_types(each) for each in value]
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return to_json_types(value.item())
     if isinstance(value, float):
         # Adding 0.0 turns -0.0 into 0.0.
         return float(f"{value:.{DIGITS}g}") + 0.0 if isfinite(value) else None

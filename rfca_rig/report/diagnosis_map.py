@@ -7,8 +7,8 @@ from math import isfinite
 
 from rfca_rig.analysis.phases import PHASES
 from rfca_rig.diagnosis.result import Diagnosis, MapCell
-from rfca_rig.report.diagnosis_wording import SIGMA, decimals, rounded, significant
-from rfca_rig.report.named_units import shown
+from rfca_rig.report.diagnosis_wording import SIGMA, decimals, format_decimals, format_significant
+from rfca_rig.report.named_units import name_with_unit
 
 # Borders of the colours, in standard deviations of the expected difference.
 EDGES = (2.0, 3.0, 5.0, 10.0)
@@ -120,7 +120,7 @@ def _map(experiment: str, cells: Sequence[MapCell], located: frozenset[tuple[str
     grid = condition_grid([cell.condition for cell in cells], len(phases))
     unit, columns = _without_unit(grid.columns)
     signals = dict.fromkeys(cell.signal for cell in cells)
-    rows = tuple((shown(s), _rows([cell for cell in cells if cell.signal == s], phases, grid, located)) for s in signals)
+    rows = tuple((name_with_unit(s), _rows([cell for cell in cells if cell.signal == s], phases, grid, located)) for s in signals)
     return Map(experiment, unit, tuple(phases), columns, rows, any(grid.rows))
 
 
@@ -144,7 +144,7 @@ def _shade(cell: MapCell | None, places: int, located: frozenset[tuple[str, str,
     if cell is None:
         return Shade("", 0, "", False)
     found = (cell.signal, cell.experiment, cell.phase, cell.condition) in located
-    return Shade(rounded(cell.size, places), band(cell.sigmas), significant(cell.sigmas, 2), found)
+    return Shade(format_decimals(cell.size, places), band(cell.sigmas), format_significant(cell.sigmas, 2), found)
 
 
 def _without_unit(columns: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:

@@ -10,22 +10,22 @@ from rfca_rig.report.diagnosis_map import BAND_WORDS, maps_of
 from rfca_rig.report.diagnosis_pictures import pictures_of
 from rfca_rig.report.diagnosis_tables import before_after_table
 from rfca_rig.report.diagnosis_wording import (
-    chance,
+    describe_effect,
+    describe_moved_prior,
     entries,
+    format_p_value,
+    format_probability,
+    format_significant,
+    format_with_interval_90,
     hypothesis,
-    meaning,
-    moved_prior,
-    percent,
-    significant,
     sizes,
-    within_90,
 )
 from rfca_rig.report.law_files import describe_law
-from rfca_rig.report.law_picture import measured_law_picture
+from rfca_rig.report.law_picture import draw_law
 from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.provenance import Origin
 from rfca_rig.report.templates import template
-from rfca_rig.report.text import NOTHING, counted, unbroken
+from rfca_rig.report.text import NOTHING, count_noun, keep_units_together
 
 GRADE_WORDS = {
     "identified": ("One law holds to the usual model error in all conditions.", "probability that this is it"),
@@ -69,7 +69,7 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
         grade_meaning=GRADE_WORDS[diagnosis.grade][0],
         probability_of=GRADE_WORDS[diagnosis.grade][1],
         sentence=_text(diagnosis.sentence),
-        probability=None if probability is None else percent(probability),
+        probability=None if probability is None else format_probability(probability),
         maps=maps_of(diagnosis),
         band_words=BAND_WORDS,
         located=[_place(place, diagnosis) for place in diagnosis.located],
@@ -77,11 +77,11 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
         identified=diagnosis.grade == "identified",
         family=diagnosis.family,
         place=diagnosis.place,
-        place_probability=percent(diagnosis.place.probability) if diagnosis.place else "",
+        place_probability=format_probability(diagnosis.place.probability) if diagnosis.place else "",
         explained_share=None if diagnosis.explained_share is None else f"{100.0 * diagnosis.explained_share:.0f}\u00a0%",
         remaining=[_place(place, diagnosis) for place in diagnosis.remaining],
         law=None if diagnosis.stated_law is None else _law(diagnosis.stated_law),
-        moved_priors=[moved_prior(one) for one in diagnosis.moved_priors],
+        moved_priors=[describe_moved_prior(one) for one in diagnosis.moved_priors],
         before_after=before_after_table(diagnosis),
         pictures=pictures_of(diagnosis.overlays),
         criteria=[{"name": one.name, "passed": one.passed, "found": _text(one.found)} for one in diagnosis.criteria],
@@ -104,11 +104,11 @@ def _nuisance(name: str, value: Value, prior: Value | None) -> tuple[str, str, s
     # Parameters of the fit state their unit, which their names need not carry.
     if name in PARAMETERS:
         unit = PARAMETERS[name].unit
-    return words, unit, within_90(value), "" if prior is None else within_90(prior)
+    return words, unit, format_with_interval_90(value), "" if prior is None else format_with_interval_90(prior)
 
 
 def _text(text: str) -> str:
-    return unbroken(text).replace("->", "\u2192")
+    return keep_units_together(text).replace("->", "\u2192")
 
 
 def _place(place: Located, diagnosis: Diagnosis) -> dict[str, str]:
@@ -116,9 +116,9 @@ def _place(place: Located, diagnosis: Diagnosis) -> dict[str, str]:
         "signal": words_and_unit(place.signal)[0],
         "experiment": place.experiment,
         "phase": place.phase,
-        "size": unbroken(f"{significant(place.size)} {place.unit}"),
-        "sigmas": significant(place.sigmas, 2),
-        "p_value": chance(place.p_value),
+        "size": keep_units_together(f"{format_significant(place.size)} {place.unit}"),
+        "sigmas": format_significant(place.sigmas, 2),
+        "p_value": format_p_value(place.p_value),
         "conditions": _conditions(place, diagnosis),
     }
 
@@ -128,17 +128,17 @@ def _conditions(place: Located, diagnosis: Diagnosis) -> str:
     every = {cell.condition for cell in diagnosis.cells if (cell.signal, cell.experiment) == (place.signal, place.experiment)}
     if len(place.conditions) > 1 and every == set(place.conditions):
         return f"all {len(every)}"
-    return unbroken("; ".join(place.conditions)) or NOTHING
+    return keep_units_together("; ".join(place.conditions)) or NOTHING
 
 
 def _effect(effect: NamedEffect) -> dict[str, Any]:
     return {
         "id": effect.id,
         "left_out": effect.left_out,
-        "probability": percent(effect.probability),
+        "probability": format_probability(effect.probability),
         "wording": _text(effect.wording),
-        "parameters": [(*words_and_unit(name), within_90(value)) for name, value in effect.parameters.items()],
-        "cannot_tell_from": [{"id": other, "left_out": meaning(other)} for other in effect.cannot_tell_from],
+        "parameters": [(*words_and_unit(name), format_with_interval_90(value)) for name, value in effect.parameters.items()],
+        "cannot_tell_from": [{"id": other, "left_out": describe_effect(other)} for other in effect.cannot_tell_from],
     }
 
 
@@ -146,7 +146,7 @@ def _law(stated: StatedLaw) -> dict[str, Any]:
     law = stated.law
     memory = law.memory is not None and law.memory.has_memory
     return {
-        "picture": measured_law_picture(law, stated.curve),
+        "picture": draw_law(law, stated.curve),
         "place": law.place,
         "sentence": f"The residual law was {describe_law(stated)}.",
         "memory": "The force differs between a rising and a falling argument, see the dotted branches: no single curve is right."
@@ -164,20 +164,20 @@ def _rivals(rivals: Sequence[Rival]) -> tuple[list[dict[str, Any]], str]:
     best_evidence = max((rival.log_evidence for rival in ranked), default=0.0)
     listed = [r for place, r in enumerate(ranked) if r.ids in ((), ("unknown",)) or (place < SHOWN_RIVALS and r.probability >= NEGLIGIBLE)]
     rest = [rival.probability for rival in ranked if rival not in listed]
-    others = f"{counted(len(rest), 'other')}, together {percent(sum(rest))}" if rest else ""
+    others = f"{count_noun(len(rest), 'other')}, together {format_probability(sum(rest))}" if rest else ""
     return [_rival(rival, best_evidence) for rival in listed], others
 
 
 def _rival(rival: Rival, best_evidence: float) -> dict[str, Any]:
     return {
         "name": hypothesis(rival.ids),
-        "probability": percent(rival.probability),
+        "probability": format_probability(rival.probability),
         "bar": round(100.0 * rival.probability, 1),
-        "behind": significant(rival.log_evidence - best_evidence) if rival.log_evidence < best_evidence else "0",
-        "model_error": f"{significant(100.0 * rival.model_error, 2)} %",
+        "behind": format_significant(rival.log_evidence - best_evidence) if rival.log_evidence < best_evidence else "0",
+        "model_error": f"{format_significant(100.0 * rival.model_error, 2)} %",
     }
 
 
 def _not_seen(one: NotSeen) -> dict[str, str]:
     detectable: Mapping[str, float] = one.would_have_seen or {}
-    return {"id": one.id, "left_out": meaning(one.id), "size": sizes(detectable)}
+    return {"id": one.id, "left_out": describe_effect(one.id), "size": sizes(detectable)}

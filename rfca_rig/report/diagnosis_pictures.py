@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.named_units import shown, words_and_unit
-from rfca_rig.report.small_multiples import mark_axes, panels_of, title
+from rfca_rig.report.named_units import name_with_unit, words_and_unit
+from rfca_rig.report.small_multiples import make_panels, mark_axes, set_panel_title
 from rfca_rig.report.style import FAINT, MEASURED, OTHER, SIMULATED, drawing
-from rfca_rig.report.text import counted
+from rfca_rig.report.text import count_noun
 
 Floats = NDArray[np.float64]
 
@@ -42,14 +42,16 @@ def pictures_of(overlays: Sequence[SignalOverlay], across: int | None = None) ->
 
 
 def _picture(signal: str, overlays: Sequence[SignalOverlay], across: int | None) -> Picture:
-    conditions = counted(len(overlays), "condition")
+    conditions = count_noun(len(overlays), "condition")
     caption = f"Means over the repeats of {conditions}, all on one scale; how far repeats scatter is in the noise floor of the table above."
-    return Picture(shown(signal), _draw_panels(signal, overlays, across or _across([overlay.condition for overlay in overlays])), caption)
+    return Picture(
+        name_with_unit(signal), _draw_panels(signal, overlays, across or _across([overlay.condition for overlay in overlays])), caption
+    )
 
 
 def _draw_panels(signal: str, overlays: Sequence[SignalOverlay], across: int) -> str:
     with drawing():
-        figure, panels = panels_of(len(overlays), across)
+        figure, panels = make_panels(len(overlays), across)
         for axes, overlay in zip(panels, overlays, strict=True):
             _draw(axes, overlay, COLUMNS // across)
         words, unit = words_and_unit(signal)
@@ -75,15 +77,15 @@ def _draw(axes: Axes, overlay: SignalOverlay, columns: int) -> None:
         (overlay.before, OTHER, 1.1, DASHES, windows),
         (overlay.measured, MEASURED, 0.8, "-", gaps),
     ):
-        x, y = _broken(t_s, values, breaks, columns)
+        x, y = _with_breaks(t_s, values, breaks, columns)
         if x.size:
             axes.plot(x, y, color=color, lw=lw, ls=dashes)
     axes.vlines(starts_s, 0.0, TICK, transform=axes.get_xaxis_transform(), color=FAINT, lw=0.6)
-    title(axes, overlay.condition)
+    set_panel_title(axes, overlay.condition)
     axes.margins(x=0.0, y=0.06)
 
 
-def _broken(t_s: Floats, values: Floats, breaks: NDArray[np.intp], columns: int) -> tuple[Floats, Floats]:
+def _with_breaks(t_s: Floats, values: Floats, breaks: NDArray[np.intp], columns: int) -> tuple[Floats, Floats]:
     """Finite points of a line, with NaN at its breaks, at most two for each column.
 
     Parameters

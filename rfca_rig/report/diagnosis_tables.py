@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import isfinite
 
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Value
-from rfca_rig.report.diagnosis_wording import STDS_90, meaning
+from rfca_rig.report.diagnosis_wording import STDS_90, describe_effect
 from rfca_rig.report.named_units import words_and_unit
 from rfca_rig.report.table import Table, TableColumn, TableRow, places
 from rfca_rig.report.table import Value as Shown
@@ -101,13 +101,13 @@ def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | No
     return TableRow({"of": of, "difference": words, "unit": unit, **numbers}, digits=min(max(digits, 1), MOST_PLACES))
 
 
-def ruled_out_table(diagnosis: Diagnosis) -> Table:
+def detection_limits_table(diagnosis: Diagnosis) -> Table:
     """Detection limits: effects that were not found, with the size from which each would have been detected.
 
     An effect without a size could not have been detected in these data.
     """
     rows = [
-        TableRow({"effect": one.id.replace("_", " "), "means": meaning(one.id), **size})
+        TableRow({"effect": one.id.replace("_", " "), "means": describe_effect(one.id), **size})
         for one in diagnosis.not_seen
         for size in _sizes(one.would_have_seen)
     ]

@@ -5,10 +5,18 @@ from collections.abc import Iterable, Sequence
 
 from rfca_rig.diagnosis.candidate_effects import EXCLUDED
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, Value
-from rfca_rig.report.diagnosis_wording import SIGMA, chance, entries, moved_prior, percent, significant, within_90
+from rfca_rig.report.diagnosis_wording import (
+    SIGMA,
+    describe_moved_prior,
+    entries,
+    format_p_value,
+    format_probability,
+    format_significant,
+    format_with_interval_90,
+)
 from rfca_rig.report.law_files import describe_law
 from rfca_rig.report.named_units import words_and_unit
-from rfca_rig.report.text import counted
+from rfca_rig.report.text import count_noun
 
 WIDTH = 80
 MOST_LINES = 15
@@ -23,7 +31,7 @@ ASCII = str.maketrans({"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", 
 def terminal_lines(diagnosis: Diagnosis) -> list[str]:
     """Lines of at most 80 characters. Where there is too much to show, the last items are dropped."""
     probability = diagnosis.probability
-    verdict = diagnosis.grade.upper() + (f" ({percent(probability)})" if probability is not None else "")
+    verdict = diagnosis.grade.upper() + (f" ({format_probability(probability)})" if probability is not None else "")
     items = [(f"{verdict}: {diagnosis.sentence}", 3)]
     items += [(text, 2) for text in _body(diagnosis)]
     lines = [line for text, max_lines in items for line in _wrap(text, max_lines)]
@@ -41,8 +49,8 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
     yield from (_place("located", place) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
     yield from (_place("remains", place) for place in diagnosis.remaining[:1])
     if diagnosis.place is not None:
-        yield f"acts on the {diagnosis.place.id} ({percent(diagnosis.place.probability)}): {diagnosis.place.words}"
-    yield from (moved_prior(one) for one in diagnosis.moved_priors[:2])
+        yield f"acts on the {diagnosis.place.id} ({format_probability(diagnosis.place.probability)}): {diagnosis.place.words}"
+    yield from (describe_moved_prior(one) for one in diagnosis.moved_priors[:2])
     yield from _figures(diagnosis)
     failed = [criterion for criterion in diagnosis.criteria if not criterion.passed]
     if failed and diagnosis.grade != "nothing missing":
@@ -56,18 +64,18 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
 def _effect(effect: NamedEffect) -> str:
     values = ", ".join(_value_text(name, value) for name, value in effect.parameters.items())
     others = f"; cannot be told from {', '.join(effect.cannot_tell_from)}" if effect.cannot_tell_from else ""
-    return f"{effect.id} ({percent(effect.probability)}): {values} (90 %){others}"
+    return f"{effect.id} ({format_probability(effect.probability)}): {values} (90 %){others}"
 
 
 def _value_text(name: str, value: Value) -> str:
     words, unit = words_and_unit(name)
-    return f"{words} {within_90(value)} {unit}".strip()
+    return f"{words} {format_with_interval_90(value)} {unit}".strip()
 
 
 def _place(what: str, place: Located) -> str:
-    size = f"{significant(place.size)} {place.unit}, {significant(place.sigmas, 2)} sigma"
+    size = f"{format_significant(place.size)} {place.unit}, {format_significant(place.sigmas, 2)} sigma"
     where = f"{words_and_unit(place.signal)[0]}, {place.experiment}, {place.phase}"
-    return f"{what}: {where}: {size}, {counted(len(place.conditions), 'condition')}, p {chance(place.p_value)}"
+    return f"{what}: {where}: {size}, {count_noun(len(place.conditions), 'condition')}, p {format_p_value(place.p_value)}"
 
 
 def _figures(diagnosis: Diagnosis) -> Iterable[str]:
@@ -75,20 +83,20 @@ def _figures(diagnosis: Diagnosis) -> Iterable[str]:
         words, unit = words_and_unit(name)
         held_out = diagnosis.held_out.get(f"held_out_{name}")
         held_out_text = f"; held out {_change(held_out)}" if held_out else ""
-        floor = "" if fit.noise_floor is None else f" (noise {significant(fit.noise_floor, 2)})"
+        floor = "" if fit.noise_floor is None else f" (noise {format_significant(fit.noise_floor, 2)})"
         yield f"{words}: {_change(fit)} {unit}{floor}{held_out_text}"
     if diagnosis.valley:
         yield ", ".join(f"{words_and_unit(name)[0]} {_change(each)} %" for name, each in diagnosis.valley.items())
 
 
 def _change(figure: BeforeAfter) -> str:
-    return f"{significant(figure.before, 2)} -> {significant(figure.after, 2)}"
+    return f"{format_significant(figure.before, 2)} -> {format_significant(figure.after, 2)}"
 
 
 def _detection_summary(diagnosis: Diagnosis) -> Iterable[str]:
     ruled_out = sum(one.would_have_seen is not None for one in diagnosis.not_seen)
     if diagnosis.not_seen:
-        yield f"ruled out: {counted(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
+        yield f"ruled out: {count_noun(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
 
 
 def _wrap(text: str, most: int) -> Sequence[str]:

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig import __version__
-from rfca_rig.exam.ablation import TakenOut
+from rfca_rig.exam.ablation import AblationResult
 from rfca_rig.exam.bars import bars
-from rfca_rig.exam.score import Marks, Share
-from rfca_rig.exam.scored import Examined, MarkedCase
-from rfca_rig.report.diagnosis_json import plain
+from rfca_rig.exam.score import ExamScores, Share
+from rfca_rig.exam.scored import ExamResult, ScoredCase
+from rfca_rig.report.diagnosis_json import to_json_types
 from rfca_rig.report.exam_page import page
-from rfca_rig.report.exam_tables import bars_table, confusion_table, taken_out_table, ways_table
+from rfca_rig.report.exam_tables import ablation_table, bars_table, confusion_table, follow_up_table
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.provenance import version_text
 from rfca_rig.report.table import Table, TableColumn, TableRow
@@ -25,28 +25,28 @@ FORMAT = "rfca-exam/1"
 HEADER = ("case", "kind", "truth", "verdict", "named", "probability", "outcome", "seconds", "strength", "left_over_noise")
 
 
-def write_exam(exam: Examined, out: Path) -> None:
+def write_exam(exam: ExamResult, out: Path) -> None:
     """Writes all files into the existing folder `out`. Raises RigError where a file cannot be written."""
-    taken_out = (taken_out_table(exam.taken_out),) if exam.taken_out else ()
-    tables = (bars_table(bars(exam.marks)), ways_table(exam.ways), *taken_out, confusion_table(exam.cases))
+    taken_out = (ablation_table(exam.taken_out),) if exam.taken_out else ()
+    tables = (bars_table(bars(exam.marks)), follow_up_table(exam.ways), *taken_out, confusion_table(exam.cases))
     contents = {"exam.json": as_json(exam), "exam.csv": as_csv(exam), **table_files(tables)}
     write_all(out, {"exam.html": page(exam, tuple(contents), version_text()), **contents})
 
 
-def as_csv(exam: Examined) -> str:
+def as_csv(exam: ExamResult) -> str:
     """A line for each case. Several effects are joined by +; the probability is that of the least certain name."""
     rows = tuple(TableRow(dict(zip(HEADER, _line(case), strict=True))) for case in exam.cases)
     return table_as_csv(Table("exam", "", tuple(TableColumn(name) for name in HEADER), rows))
 
 
-def _line(case: MarkedCase) -> list[str]:
+def _line(case: ScoredCase) -> list[str]:
     probability = f"{min(case.probabilities):.4f}" if case.probabilities else ""
     seconds = "" if case.seconds is None else f"{case.seconds:.1f}"
     answer = [case.verdict, "+".join(case.named), probability, case.outcome, seconds]
     return [case.id, case.kind, "+".join(case.concealed), *answer, f"{case.strength:.3f}", f"{case.left:.3g}"]
 
 
-def as_json(exam: Examined) -> str:
+def as_json(exam: ExamResult) -> str:
     """The JSON document: required scores (bars), all scores (marks), and every case; unknown values are null."""
     document = {
         "format": FORMAT,
@@ -59,16 +59,16 @@ def as_json(exam: Examined) -> str:
         "taken_out": _ablation_scores(exam.taken_out),
         "cases": [asdict(case) for case in exam.cases],
     }
-    return json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(to_json_types(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _scores(marks: Marks) -> dict[str, Any]:
+def _scores(marks: ExamScores) -> dict[str, Any]:
     scores = {field.name: _plain_score(getattr(marks, field.name)) for field in fields(marks)}
     confused = [{"truth": true, "named": called, "count": count} for (true, called), count in sorted(marks.confusion.items())]
     return scores | {"confusion": confused}
 
 
-def _ablation_scores(found: TakenOut | None) -> dict[str, Any] | None:
+def _ablation_scores(found: AblationResult | None) -> dict[str, Any] | None:
     return None if found is None else {field.name: _plain_score(getattr(found, field.name)) for field in fields(found)}
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from rfca_rig.exam import cases
 from rfca_rig.exam.answer import VERDICTS
 from rfca_rig.exam.outcome import CLASS, EXTRA, RIGHT, WRONG
-from rfca_rig.exam.scored import MarkedCase
-from rfca_rig.exam.sizes import SPANS
+from rfca_rig.exam.scored import ScoredCase
+from rfca_rig.exam.sizes import SIZE_RANGES
 
 SEVERAL = "several names"
 # Kinds of cases with one hidden effect or none. Cases with several have no single row.
@@ -41,41 +41,41 @@ class Matrix:
     kinds: tuple[tuple[str, tuple[MatrixRow, ...]], ...]
 
 
-def matrix_of(marked: Sequence[MarkedCase]) -> Matrix:
+def matrix_of(marked: Sequence[ScoredCase]) -> Matrix:
     """Matrix of the kinds with one hidden effect or none; empty columns are omitted."""
     shown = [case for case in marked if case.kind in ROWS_OF]
     answers = {_answer(case) for case in shown}
-    names = tuple(name for name in SPANS if name in answers) + tuple(sorted(answers - set(SPANS) - {SEVERAL, *VERDICTS}))
+    names = tuple(name for name in SIZE_RANGES if name in answers) + tuple(sorted(answers - set(SIZE_RANGES) - {SEVERAL, *VERDICTS}))
     verdicts = tuple(each for each in (SEVERAL, *VERDICTS) if each in answers)
     by_kind = [(kind, [case for case in shown if case.kind == kind]) for kind in ROWS_OF]
     return Matrix(names, verdicts, tuple((kind, _rows(of_kind, (*names, *verdicts))) for kind, of_kind in by_kind if of_kind))
 
 
-def _answer(case: MarkedCase) -> str:
+def _answer(case: ScoredCase) -> str:
     if len(case.named) > 1:
         return SEVERAL
     return case.named[0] if case.named else case.verdict
 
 
-def _rows(marked: Sequence[MarkedCase], columns: Sequence[str]) -> tuple[MatrixRow, ...]:
+def _rows(marked: Sequence[ScoredCase], columns: Sequence[str]) -> tuple[MatrixRow, ...]:
     hidden_effects = sorted({_hidden(case) for case in marked}, key=_place)
     return tuple(_row(name, [case for case in marked if _hidden(case) == name], columns) for name in hidden_effects)
 
 
-def _hidden(case: MarkedCase) -> str:
+def _hidden(case: ScoredCase) -> str:
     return " and ".join(case.concealed) or "nothing"
 
 
 def _place(name: str) -> tuple[int, str]:
     """Sort key that puts effects in the order of the columns, so that right answers are on the diagonal."""
-    return (list(SPANS).index(name), "") if name in SPANS else (len(SPANS), name)
+    return (list(SIZE_RANGES).index(name), "") if name in SIZE_RANGES else (len(SIZE_RANGES), name)
 
 
-def _row(name: str, marked: Sequence[MarkedCase], columns: Sequence[str]) -> MatrixRow:
+def _row(name: str, marked: Sequence[ScoredCase], columns: Sequence[str]) -> MatrixRow:
     return MatrixRow(name, tuple(_cell([case for case in marked if _answer(case) == column]) for column in columns))
 
 
-def _cell(marked: Sequence[MarkedCase]) -> MatrixCell | None:
+def _cell(marked: Sequence[ScoredCase]) -> MatrixCell | None:
     if not marked:
         return None
     shades = [SHADES.get(case.outcome, "") for case in marked]

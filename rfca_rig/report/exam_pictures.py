@@ -12,7 +12,7 @@ from rfca_rig.exam import cases
 from rfca_rig.exam.claims import ClaimCalibration
 from rfca_rig.exam.outcome import CLASS, EXTRA, RIGHT, WRONG
 from rfca_rig.exam.score import Share
-from rfca_rig.exam.scored import Deviation, MarkedCase
+from rfca_rig.exam.scored import ParameterDeviation, ScoredCase
 from rfca_rig.report.inline_svg import inline_svg
 from rfca_rig.report.style import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing
 
@@ -32,18 +32,18 @@ PARTS = (
 )
 
 
-def reliability(found: ClaimCalibration) -> str:
+def draw_reliability(found: ClaimCalibration) -> str:
     """Reliability diagram: share of right claims over the stated probability, with 90 % bounds; numbers of claims above."""
     return _draw_figure(lambda axes: _reliability(axes, found), HEIGHT_IN, "share of claims that are right against the stated probability")
 
 
-def power(marked: Sequence[MarkedCase]) -> str:
+def draw_power(marked: Sequence[ScoredCase]) -> str:
     """Shares of outcomes for single effects over their strength, in bins of equal width."""
     single = [case for case in marked if case.kind == cases.SINGLE]
     return _draw_figure(lambda axes: _power(axes, single), HEIGHT_IN, "what came of one effect, by its strength")
 
 
-def parameter_errors(marked: Sequence[MarkedCase]) -> str:
+def draw_parameter_errors(marked: Sequence[ScoredCase]) -> str:
     """Relative error of each parameter of a right answer, by effect; hollow where the truth is outside the 90 % interval."""
     deviations = [each for case in marked if case.kind in SCORED_KINDS for each in case.deviations]
     effects = sorted({each.effect for each in deviations}, reverse=True)
@@ -51,7 +51,7 @@ def parameter_errors(marked: Sequence[MarkedCase]) -> str:
     return _draw_figure(lambda axes: _errors(axes, deviations, effects), height_in, "relative errors of parameters by effect", left_in=1.75)
 
 
-def gaps(marked: Sequence[MarkedCase]) -> str:
+def draw_gaps(marked: Sequence[ScoredCase]) -> str:
     """Histogram of the share of the misfit on held-out conditions that right answers remove; cases that got worse are left of 0."""
     right = [case for case in marked if case.kind in SCORED_KINDS and case.outcome == RIGHT]
     closed = [case.gap_closed for case in right if case.gap_closed is not None]
@@ -80,7 +80,7 @@ def _reliability(axes: Axes, found: ClaimCalibration) -> None:
     axes.set_ylabel("share right")
 
 
-def _power(axes: Axes, single: Sequence[MarkedCase]) -> None:
+def _power(axes: Axes, single: Sequence[ScoredCase]) -> None:
     # A strength of exactly 1 belongs to the last bin.
     level = np.array([min(int(case.strength * cases.LEVELS), cases.LEVELS - 1) for case in single], dtype=int)
     total = np.bincount(level, minlength=cases.LEVELS)
@@ -107,7 +107,7 @@ def _unit_axes(axes: Axes) -> None:
             each.set_clip_on(False)
 
 
-def _errors(axes: Axes, deviations: Sequence[Deviation], effects: Sequence[str]) -> None:
+def _errors(axes: Axes, deviations: Sequence[ParameterDeviation], effects: Sequence[str]) -> None:
     for covered, face, edge in ((True, MEASURED, MEASURED), (None, FAINT, FAINT), (False, "none", BAD)):
         some = [each for each in deviations if each.covered is covered]
         x = np.clip([each.error for each in some], SMALLEST, LARGEST)

@@ -3,17 +3,17 @@
 from collections.abc import Sequence
 from math import isfinite
 
-from rfca_rig.exam.ablation import Named, TakenOut
-from rfca_rig.exam.bars import Bar
-from rfca_rig.exam.follow_up import Way
-from rfca_rig.exam.scored import MarkedCase
+from rfca_rig.exam.ablation import AblationResult, WronglyNamed
+from rfca_rig.exam.bars import ScoreGoal
+from rfca_rig.exam.follow_up import ArmResult
+from rfca_rig.exam.scored import ScoredCase
 from rfca_rig.report.exam_matrix import matrix_of
 from rfca_rig.report.table import Table, TableColumn, TableRow, Value
 
 PASSED = {True: "passed", False: "failed", None: "no case"}
 
 
-def bars_table(all_bars: Sequence[Bar]) -> Table:
+def bars_table(all_bars: Sequence[ScoreGoal]) -> Table:
     """Required scores: goal, value reached, counts, and the worst value that is still compatible at 95 % confidence."""
     rows = tuple(TableRow(_bar(bar), marked=bar.passed is False) for bar in all_bars)
     columns = (
@@ -27,14 +27,14 @@ def bars_table(all_bars: Sequence[Bar]) -> Table:
     return Table("bars", "Shares of cases; the last bound is how bad the share may still be on cases that were not drawn.", columns, rows)
 
 
-def _bar(bar: Bar) -> dict[str, Value]:
+def _bar(bar: ScoreGoal) -> dict[str, Value]:
     goal = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
     reached = float(f"{bar.value:.4g}") if isfinite(bar.value) else None
     bound = None if bar.bound is None else float(f"{bar.bound:.3g}")
     return {"mark": bar.name, "goal": goal, "reached": reached, "counts": bar.counted, "bound_95": bound, "passed": PASSED[bar.passed]}
 
 
-def ways_table(ways: Sequence[Way]) -> Table:
+def follow_up_table(ways: Sequence[ArmResult]) -> Table:
     """Experiments that were proposed in undecided cases, compared with other choices."""
     rows = tuple(TableRow({"arm": way.arm, "settled": f"{way.settled} of {way.of}", "experiments": way.experiments}) for way in ways)
     columns = (
@@ -49,19 +49,19 @@ def ways_table(ways: Sequence[Way]) -> Table:
     return Table("next-experiments", caption, columns, rows)
 
 
-def taken_out_table(found: TakenOut) -> Table:
+def ablation_table(found: AblationResult) -> Table:
     """Effects that were given another name after they had been removed from the catalogue."""
     columns = (TableColumn("concealed", "Concealed"), TableColumn("named", "Named"), TableColumn("probability", "Probability", digits=3))
     caption = f"{found.words[0].upper()}{found.words[1:]}."
     return Table("taken-out", caption, columns, tuple(TableRow(_false_name(each)) for each in found.named))
 
 
-def _false_name(each: Named) -> dict[str, Value]:
+def _false_name(each: WronglyNamed) -> dict[str, Value]:
     named = " and ".join(each.named)
     return {"concealed": each.effect.replace("_", " "), "named": named.replace("_", " "), "probability": each.probability}
 
 
-def confusion_table(marked: Sequence[MarkedCase]) -> Table:
+def confusion_table(marked: Sequence[ScoredCase]) -> Table:
     """Confusion matrix: numbers of cases by hidden effect (rows) and answer (columns); empty where there is no case."""
     matrix = matrix_of(marked)
     names = (*matrix.names, *matrix.verdicts)

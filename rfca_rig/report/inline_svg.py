@@ -6,7 +6,7 @@ import re
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from rfca_rig.report.svg_paths import with_light_paths
+from rfca_rig.report.svg_paths import compress_paths
 
 # Decimals of a coordinate in points: 1/720 inch, finer than any screen or printer shows at this size.
 DECIMALS = 1
@@ -32,7 +32,7 @@ def inline_svg(figure: Figure, salt: str, label: str) -> str:
     size = re.search(r'viewBox="[^"]*"', svg)
     body = svg[svg.index(">", svg.index("<svg")) + 1 :]
     box = size.group(0) if size else ""
-    return f'<svg {box} role="img" aria-label="{label}">{with_light_paths(_slim(body))}'.strip()
+    return f'<svg {box} role="img" aria-label="{label}">{compress_paths(_slim(body))}'.strip()
 
 
 def _slim(body: str) -> str:

@@ -29,7 +29,7 @@ WORDS = {
 }
 
 
-def measured_law_picture(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
+def draw_law(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
     """The residual law as inline SVG: its band of two standard deviations, the catalogue's law, and both branches where it has memory."""
     with drawing():
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), layout="constrained")

@@ -24,7 +24,7 @@ def words_and_unit(name: str) -> tuple[str, str]:
     return words, _join_units(tokens[start:])
 
 
-def shown(name: str) -> str:
+def name_with_unit(name: str) -> str:
     """The name in words with its unit, as in "half gap, deg"."""
     words, unit = words_and_unit(name)
     return f"{words}, {unit}" if unit else words

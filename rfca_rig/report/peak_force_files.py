@@ -8,7 +8,7 @@ from typing import Any
 from rfca_rig.analysis.peak_force import PeakForceRow, PeakSpread
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.report.table import Foot, Table, TableColumn, TableRow
-from rfca_rig.report.table2_files import rounded_or_none
+from rfca_rig.report.table2_files import round_or_none
 
 FORMAT = "rfca-peak-forces/1"
 MEASURED, SIMULATED = "Measured peak", "Simulated peak"
@@ -65,16 +65,16 @@ def peaks_as_table(rows: Sequence[PeakForceRow], shaft_words: str) -> Table:
 def peak_record(row: PeakForceRow) -> dict[str, Any]:
     """A row under the keys of rfca-peak-forces/1."""
     return {
-        "height_mm": rounded_or_none(1e3 * row.height_m, 3),
-        "speed_rad_s": rounded_or_none(row.speed_rad_s, 5),
+        "height_mm": round_or_none(1e3 * row.height_m, 3),
+        "speed_rad_s": round_or_none(row.speed_rad_s, 5),
         "repeats": row.repeats,
         **_measurement(row.measured),
-        "simulated_force_N": rounded_or_none(row.simulated.force_N.mean, 4),
-        "simulated_fy_N": rounded_or_none(row.simulated.fy_N.mean, 4),
-        "simulated_fz_N": rounded_or_none(row.simulated.fz_N.mean, 4),
-        "simulated_time_s": rounded_or_none(row.simulated.time_s.mean, 6),
+        "simulated_force_N": round_or_none(row.simulated.force_N.mean, 4),
+        "simulated_fy_N": round_or_none(row.simulated.fy_N.mean, 4),
+        "simulated_fz_N": round_or_none(row.simulated.fz_N.mean, 4),
+        "simulated_time_s": round_or_none(row.simulated.time_s.mean, 6),
         "simulated_touching": row.simulated_touching,
-        "shaft_speed_rad_s": rounded_or_none(row.shaft_speed_rad_s, 5),
+        "shaft_speed_rad_s": round_or_none(row.shaft_speed_rad_s, 5),
         "source": row.source,
         "refused": list(row.refused),
     }
@@ -82,14 +82,14 @@ def peak_record(row: PeakForceRow) -> dict[str, Any]:
 
 def _measurement(peaks: PeakSpread) -> dict[str, float | None]:
     return {
-        "measured_force_N": rounded_or_none(peaks.force_N.mean, 4),
-        "measured_force_std_N": rounded_or_none(peaks.force_N.std, 4),
-        "measured_fy_N": rounded_or_none(peaks.fy_N.mean, 4),
-        "measured_fy_std_N": rounded_or_none(peaks.fy_N.std, 4),
-        "measured_fz_N": rounded_or_none(peaks.fz_N.mean, 4),
-        "measured_fz_std_N": rounded_or_none(peaks.fz_N.std, 4),
-        "measured_time_s": rounded_or_none(peaks.time_s.mean, 6),
-        "measured_time_std_s": rounded_or_none(peaks.time_s.std, 6),
+        "measured_force_N": round_or_none(peaks.force_N.mean, 4),
+        "measured_force_std_N": round_or_none(peaks.force_N.std, 4),
+        "measured_fy_N": round_or_none(peaks.fy_N.mean, 4),
+        "measured_fy_std_N": round_or_none(peaks.fy_N.std, 4),
+        "measured_fz_N": round_or_none(peaks.fz_N.mean, 4),
+        "measured_fz_std_N": round_or_none(peaks.fz_N.std, 4),
+        "measured_time_s": round_or_none(peaks.time_s.mean, 6),
+        "measured_time_std_s": round_or_none(peaks.time_s.std, 6),
     }
 
 

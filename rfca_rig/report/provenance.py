@@ -46,7 +46,7 @@ class PageLink:
 
 
 @dataclass(frozen=True)
-class Told:
+class PageContext:
     """Origin of a page, the pages beside it, and the model.
 
     `model_file` names the model that all recordings were compared with; None where each was compared with its own nominal model.
@@ -57,19 +57,19 @@ class Told:
     model_file: str | None = None
 
 
-def typed(*words: str | PurePath, options: Mapping[str, object] | None = None) -> str:
+def command_line(*words: str | PurePath, options: Mapping[str, object] | None = None) -> str:
     """The command line: `words` first, then `options` that are not None or False; True stands for a bare option.
 
     Only the last part of an absolute path is shown: pages are passed on, and need not show the folders of their author.
     """
-    given = [shown_path(word) if isinstance(word, PurePath) else word for word in words]
+    given = [path_text(word) if isinstance(word, PurePath) else word for word in words]
     for name, value in (options or {}).items():
         if value is not None and value is not False:
-            given += [name] if value is True else [name, shown_path(value) if isinstance(value, PurePath) else f"{value}"]
+            given += [name] if value is True else [name, path_text(value) if isinstance(value, PurePath) else f"{value}"]
     return shlex.join([PROGRAM, *given])
 
 
-def shown_path(path: PurePath) -> str:
+def path_text(path: PurePath) -> str:
     """A path as a page shows it: only the last part of an absolute one."""
     return path.name if path.is_absolute() else path.as_posix()
 
@@ -80,7 +80,7 @@ def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recordin
     Parameters
     ----------
     command
-        The command line, from `typed`.
+        The command line, from `command_line`.
     paths
         Where the first recordings were read.
     recordings
@@ -96,12 +96,12 @@ def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recordin
     return Origin(command, (*found, *later), version_text())
 
 
-def imported(command: str, path: Path, title: str) -> Origin:
+def origin_of_import(command: str, path: Path, title: str) -> Origin:
     """Origin of a page about imported data, read at `path`. Raises OSError."""
     return Origin(command, (_recording_source(path, "IMPORT", title),), version_text())
 
 
-def untold(recordings: Sequence[Recording]) -> Origin:
+def origin_in_memory(recordings: Sequence[Recording]) -> Origin:
     """Origin of a page about recordings in memory, which have neither path nor hash."""
     return Origin("", tuple(RecordingSource(recording.source, recording.title) for recording in recordings))
 
@@ -117,4 +117,4 @@ def version_text() -> str:
 
 def _recording_source(path: Path, mark: str, title: str) -> RecordingSource:
     known = fingerprint(path)
-    return RecordingSource(mark, title, shown_path(path), known.of, known.sha256)
+    return RecordingSource(mark, title, path_text(path), known.of, known.sha256)

@@ -36,7 +36,7 @@ class ParameterLine:
     unit: str
 
 
-def quantities_of(rig: RigModel) -> list[ParameterLine]:
+def parameter_lines(rig: RigModel) -> list[ParameterLine]:
     """Every parameter of the model that has a value and is not switched off, section by section.
 
     It goes through the fields of the dataclasses, so that new parameters appear without a change here.

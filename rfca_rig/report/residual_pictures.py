@@ -12,7 +12,7 @@ from rfca_rig.diagnosis.mechanisms.comparison import JointRemainder
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.report.diagnosis_pictures import Picture
 from rfca_rig.report.inline_svg import inline_svg
-from rfca_rig.report.named_units import shown, words_and_unit
+from rfca_rig.report.named_units import name_with_unit, words_and_unit
 from rfca_rig.report.small_multiples import BOTTOM_IN, PANEL_IN, WIDTH_IN
 from rfca_rig.report.style import FAINT, MEASURED, OTHER, SIMULATED, drawing
 
@@ -56,7 +56,7 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
         if with_fit:
             residuals.append((SIMULATED, np.concatenate([one.measured - one.after for one in here])))
         series = [_Series(color, position, speed, residual) for color, residual in residuals]
-        found.append(Picture(shown(signal), _draw(signal, position_name, series), ""))
+        found.append(Picture(name_with_unit(signal), _draw(signal, position_name, series), ""))
     return found
 
 
@@ -81,7 +81,7 @@ def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
         unit = "m" if one.is_slide else "rad"
         name = f"{one.joint} force_N" if one.is_slide else f"{one.joint} torque_Nm"
         series = [_Series(MEASURED, one.position, one.speed, one.remainder)]
-        found.append(Picture(shown(name), _draw(name, f"{one.joint}{POSITION}{unit}", series), ""))
+        found.append(Picture(name_with_unit(name), _draw(name, f"{one.joint}{POSITION}{unit}", series), ""))
     return found
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.report.run_parts import RunStory
-from rfca_rig.report.text import counted, number
+from rfca_rig.report.text import count_noun, number
 
 Pairs = list[tuple[str, str]]
 
@@ -61,7 +61,7 @@ def _tares(events: Sequence[Mapping[str, Any]]) -> str:
     if not fz_N:
         return ""
     spread = f" ± {np.std(fz_N, ddof=1):.3f}" if len(fz_N) > 1 else ""
-    return f"fz {number(float(np.mean(fz_N)), 3)}{spread} N, mean and standard deviation over {counted(len(fz_N), 'rest')} in the air"
+    return f"fz {number(float(np.mean(fz_N)), 3)}{spread} N, mean and standard deviation over {count_noun(len(fz_N), 'rest')} in the air"
 
 
 def _resume_text(known: Mapping[str, str]) -> str:
@@ -70,18 +70,18 @@ def _resume_text(known: Mapping[str, str]) -> str:
 
 
 def _changes_text(event: Mapping[str, Any]) -> str:
-    changes = ", ".join(f"{name} {brief(str(value))}" for name, value in event.get("rig_changes", {}).items())
+    changes = ", ".join(f"{name} {shorten(str(value))}" for name, value in event.get("rig_changes", {}).items())
     return f" with {changes}" if changes else ""
 
 
 def devices(kept: Mapping[str, str]) -> Pairs:
     """What the devices reported of themselves: pairs of name and text."""
-    return [(_words(name), brief(text)) for name, text in sorted(kept.items()) if name.startswith(DEVICES) and not _is_elsewhere(name)]
+    return [(_words(name), shorten(text)) for name, text in sorted(kept.items()) if name.startswith(DEVICES) and not _is_elsewhere(name)]
 
 
 def provenance(kept: Mapping[str, str]) -> Pairs:
     """Provenance that no other part of the page shows: pairs of name and text."""
-    return [(_words(n), brief(text)) for n, text in sorted(kept.items()) if not n.startswith(DEVICES) and n not in SHOWN_ELSEWHERE]
+    return [(_words(n), shorten(text)) for n, text in sorted(kept.items()) if not n.startswith(DEVICES) and n not in SHOWN_ELSEWHERE]
 
 
 def _is_elsewhere(name: str) -> bool:
@@ -92,10 +92,10 @@ def _words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def brief(text: str) -> str:
+def shorten(text: str) -> str:
     """Short text unchanged, but only the last part of an absolute path; length and hash of a long text."""
     if len(text) > LONGEST_TEXT or "\n" in text.strip():
-        return f"text of {counted(len(text.splitlines()), 'line')}, sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]}…"
+        return f"text of {count_noun(len(text.splitlines()), 'line')}, sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]}…"
     # Both kinds: a recording may come from another system. PureWindowsPath also splits at "/".
     if PurePosixPath(text).is_absolute() or PureWindowsPath(text).is_absolute():
         return PureWindowsPath(text).name

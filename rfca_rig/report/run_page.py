@@ -5,13 +5,13 @@ from dataclasses import replace
 
 from rfca_rig.errors import TRIP
 from rfca_rig.report import run_pictures
-from rfca_rig.report.provenance import Told
+from rfca_rig.report.provenance import PageContext
 from rfca_rig.report.run_health import devices, health, provenance
 from rfca_rig.report.run_parts import RunStory
-from rfca_rig.report.run_tables import MOST_ROWS, checks_table, clocks_table, done_table, events_table, stages_table
+from rfca_rig.report.run_tables import MOST_ROWS, checks_table, clocks_table, conditions_table, events_table, stages_table
 from rfca_rig.report.table import Table
 from rfca_rig.report.templates import template
-from rfca_rig.report.text import counted, in_thousands, unbroken
+from rfca_rig.report.text import count_noun, in_thousands, keep_units_together
 
 DONE = "done"
 # Stiffness checks that the page lists; the CSV has all.
@@ -31,7 +31,7 @@ LIMIT_WORDS = (
 )
 
 
-def page(story: RunStory, tables: Sequence[Table], told: Told, files: Sequence[str]) -> str:
+def page(story: RunStory, tables: Sequence[Table], told: PageContext, files: Sequence[str]) -> str:
     """The page as HTML.
 
     Parameters
@@ -47,7 +47,7 @@ def page(story: RunStory, tables: Sequence[Table], told: Told, files: Sequence[s
     """
     recording, known = story.recording, story.recording.provenance
     stages, done, checks = tables
-    shown, stages_shown = run_pictures.traced(story.parts), run_pictures.static_shown(recording.static)
+    shown, stages_shown = run_pictures.select_traces(story.parts), run_pictures.select_static_stages(recording.static)
     return template("run.html").render(
         sheets=("verdict.css",),
         origin=told.origin,
@@ -61,19 +61,19 @@ def page(story: RunStory, tables: Sequence[Table], told: Told, files: Sequence[s
         share=_share(story, done),
         done=done,
         limits=_limits(story),
-        health=[(name, unbroken(text)) for name, text in health(story)],
+        health=[(name, keep_units_together(text)) for name, text in health(story)],
         stages=_first_and_marked(stages),
         stages_file=next((name for name in files if name.endswith("-stages.csv")), ""),
         left_out=max(len(stages.rows) - MOST_ROWS, 0),
-        traces=run_pictures.traces(shown, story.rig) if shown else "",
+        traces=run_pictures.draw_traces(shown, story.rig) if shown else "",
         traced=_traces_caption(len(shown), sum(part.trace is not None for part in story.parts)),
-        static=run_pictures.static_forces(stages_shown) if stages_shown else "",
+        static=run_pictures.draw_static_forces(stages_shown) if stages_shown else "",
         static_count=_of(len(stages_shown), len(recording.static), "stage"),
-        cycles=run_pictures.over_cycles(story) if run_pictures.has_cycles(recording) else "",
-        cycle_count=counted(sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"),
+        cycles=run_pictures.draw_cycles(story) if run_pictures.has_cycles(recording) else "",
+        cycle_count=count_noun(sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"),
         checks=_thin_out(checks),
         check_count=len(checks.rows),
-        check_picture=run_pictures.over_checks(checks) if checks.rows else "",
+        check_picture=run_pictures.draw_checks(checks) if checks.rows else "",
         clocks=clocks_table(recording),
         events=events_table(story.events),
         devices=devices(known),
@@ -83,7 +83,7 @@ def page(story: RunStory, tables: Sequence[Table], told: Told, files: Sequence[s
 
 def tables_of(story: RunStory) -> tuple[Table, Table, Table]:
     """Tables that are also written as CSV and LaTeX: stages, conditions, stiffness checks."""
-    return stages_table(story), done_table(story), checks_table(story)
+    return stages_table(story), conditions_table(story), checks_table(story)
 
 
 def _limits(story: RunStory) -> list[tuple[str, str]]:
@@ -130,9 +130,11 @@ def _sentence(story: RunStory) -> str:
     if ended == DONE:
         return "The whole plan was carried out."
     if not ended:
-        return unbroken(f"{interrupted[:1].upper()}{interrupted[1:]}." if interrupted else "The run was never brought to its end.")
+        return keep_units_together(
+            f"{interrupted[:1].upper()}{interrupted[1:]}." if interrupted else "The run was never brought to its end."
+        )
     explained = f" What {known['reason']} means, and what to do: rfca-rig trip {known['reason']}." if _has_tripped(known) else ""
-    return unbroken(f"The run ended before its plan did: {ended}.{explained}")
+    return keep_units_together(f"The run ended before its plan did: {ended}.{explained}")
 
 
 def _has_tripped(kept: Mapping[str, str]) -> bool:
@@ -161,7 +163,7 @@ def _loads_sentence(story: RunStory) -> str:
     sentence = f"The largest force was {peak.force_N:.1f} N, in {part.label}"
     sentence += f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
     sentence += f"; the model expected {expected.force_N:.1f} N there" if expected else ""
-    return unbroken(f"{sentence}.")
+    return keep_units_together(f"{sentence}.")
 
 
 def _traces_caption(shown: int, of: int) -> str:
@@ -171,4 +173,4 @@ def _traces_caption(shown: int, of: int) -> str:
 
 def _of(shown: int, of: int, what: str) -> str:
     """Number of items, and how many of them are shown where that is not all."""
-    return counted(of, what) if shown == of else f"{shown} of {counted(of, what)}, evenly over the run"
+    return count_noun(of, what) if shown == of else f"{shown} of {count_noun(of, what)}, evenly over the run"

@@ -9,16 +9,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.bench.expectation import expected_loads
+from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.channels import WRENCH
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Plan, flap_label
-from rfca_rig.protocol.written_plan import plan_of
+from rfca_rig.protocol.written_plan import parse_plan
 from rfca_rig.recording.cycle_table import CYCLES
 from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stream, Stroke
 
@@ -121,7 +121,7 @@ def _events(text: str) -> Iterator[Mapping[str, Any]]:
 
 def _plan(recording: Recording) -> Plan | None:
     try:
-        return plan_of(recording.title, recording.provenance)
+        return parse_plan(recording.title, recording.provenance)
     except BadInput:
         return None
 
@@ -142,7 +142,7 @@ class _PredictedLoads:
         self._by_condition: dict[tuple[float, float], Load | None] = {}
         if plan is not None and rig is not None:
             try:
-                loads = expected_loads(plan, rig)
+                loads = predict_loads(plan, rig)
             except SimulationFailed:
                 return
             self._by_label = {stage.label: load for stage, load in loads.items()}
@@ -167,7 +167,7 @@ class _PredictedLoads:
             return None
         end_s = max(float(stream.t_s[-1]) for stream in stroke.streams.values())
         try:
-            found = stroke_at_speed(self._rig, stroke.height_m, stroke.speed_rad_s, np.arange(0.0, end_s, SAMPLE_S))
+            found = simulate_stroke_at_speed(self._rig, stroke.height_m, stroke.speed_rad_s, np.arange(0.0, end_s, SAMPLE_S))
         except SimulationFailed:
             return None
         return Load(float(np.hypot(found.fy_N, found.fz_N).max(initial=0.0)), float(np.abs(found.tx_Nm).max(initial=0.0)))

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.recording.cycle_table import cycle_table
 from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.report.envelope import envelope
 from rfca_rig.report.inline_svg import inline_svg
 from rfca_rig.report.run_parts import RunPart, RunStory
-from rfca_rig.report.small_multiples import mark_axes, panels_of, title
+from rfca_rig.report.small_multiples import make_panels, mark_axes, set_panel_title
 from rfca_rig.report.style import BAD, FAINT, MEASURED, PAPER, SIMULATED, drawing
 from rfca_rig.report.table import Table
 from rfca_rig.report.text import in_thousands
@@ -41,7 +41,7 @@ DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = ("-", (0, (4.0, 2.0)),
 FORCES = {"fy_N": "fy (N)", "fz_N": "fz (N)", "tx_Nm": "tx (N m)"}
 
 
-def traced(parts: Sequence[RunPart]) -> list[RunPart]:
+def select_traces(parts: Sequence[RunPart]) -> list[RunPart]:
     """Parts with a trace; of too many, those cut short and others evenly over the run."""
     with_trace = [part for part in parts if part.trace is not None]
     if len(with_trace) <= MOST_TRACES:
@@ -50,12 +50,12 @@ def traced(parts: Sequence[RunPart]) -> list[RunPart]:
     return [part for place, part in enumerate(with_trace) if place in evenly or part.ended]
 
 
-def traces(parts: Sequence[RunPart], rig: RigModel | None) -> str:
+def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> str:
     """fz over time, each stroke in its own panel, over the stroke that the model predicts for the commanded motion."""
     label = f"fz over time of {len(parts)} strokes, measured and expected"
     across = min(ACROSS, max(len(parts), 3))
     with drawing():
-        figure, panels = panels_of(len(parts), across)
+        figure, panels = make_panels(len(parts), across)
         for axes, part in zip(panels, parts, strict=True):
             _trace(axes, part, rig)
         mark_axes(panels, across, "time (s)", "fz (N)")
@@ -72,7 +72,7 @@ def _trace(axes: Axes, part: RunPart, rig: RigModel | None) -> None:
             axes.plot(*envelope(*expected, TRACE_COLUMNS), color=SIMULATED, lw=1.9, solid_capstyle="round")
     axes.plot(*envelope(trace.t_s, trace.fz_N, TRACE_COLUMNS), color=MEASURED, lw=0.8)
     axes.margins(x=0.0, y=0.06)
-    above = title(axes, part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (" ✗" if part.ended else ""))
+    above = set_panel_title(axes, part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (" ✗" if part.ended else ""))
     if part.ended:
         above.set_color(BAD)
 
@@ -87,13 +87,13 @@ def _height_and_speed(label: str) -> tuple[float, float] | None:
 @cache
 def _predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, end_s: float) -> tuple[Floats, Floats] | None:
     try:
-        found = stroke_at_speed(rig, height_m, speed_rad_s, np.arange(-0.1, end_s, SAMPLE_S))
+        found = simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(-0.1, end_s, SAMPLE_S))
     except SimulationFailed:
         return None
     return found.t_s, found.fz_N
 
 
-def static_shown(stages: Sequence[StaticStage]) -> list[StaticStage]:
+def select_static_stages(stages: Sequence[StaticStage]) -> list[StaticStage]:
     """All static stages, or, of too many, complete loading sequences evenly over the run with the first and the last."""
     if len(stages) <= MOST_STAGES:
         return list(stages)
@@ -103,7 +103,7 @@ def static_shown(stages: Sequence[StaticStage]) -> list[StaticStage]:
     return [stages[place] for number in chosen for place in pieces[number]]
 
 
-def static_forces(stages: Sequence[StaticStage]) -> str:
+def draw_static_forces(stages: Sequence[StaticStage]) -> str:
     """Means over the shaft angle, a line for each height; hollow markers for unloading."""
     heights = sorted({stage.height_m for stage in stages})
     with drawing():
@@ -135,7 +135,7 @@ def _sequence_starts(stages: Sequence[StaticStage]) -> list[int]:
     return [place for place, (a, b) in pairs if b.direction == "loading" and b.shaft_angle_rad < a.shaft_angle_rad]
 
 
-def over_cycles(story: RunStory) -> str:
+def draw_cycles(story: RunStory) -> str:
     """Largest force and smallest fz of each cycle over its number, with the force that the model predicts."""
     found = cycle_table(story.recording)
     order = np.argsort(found.numbers, kind="stable")
@@ -154,7 +154,7 @@ def over_cycles(story: RunStory) -> str:
         return inline_svg(figure, "cycles", "largest force and least fz of each cycle over its number")
 
 
-def over_checks(checks: Table) -> str:
+def draw_checks(checks: Table) -> str:
     """Drift of the stiffness with its interval over the number of cycles before each check, between the limits."""
     rows = [row.values for row in checks.rows]
     x, drift, half = (np.array([float(str(row[key])) for row in rows]) for key in ("cycles", "drift_pct", "half_pct"))

@@ -87,7 +87,7 @@ def _loads(part: RunPart) -> dict[str, Value]:
     }
 
 
-def done_table(story: RunStory) -> Table:
+def conditions_table(story: RunStory) -> Table:
     """A row for each condition: number planned, number done, and scatter of the peaks."""
     planned = _plan_counts(story)
     # Of what was cut short only cycles count as done, as many as were recorded.

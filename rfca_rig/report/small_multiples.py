@@ -18,7 +18,7 @@ def height_in(count: int, across: int) -> float:
     return BOTTOM_IN + -(-count // across) * (TOP_IN + PANEL_IN)
 
 
-def panels_of(count: int, across: int) -> tuple[Figure, list[Axes]]:
+def make_panels(count: int, across: int) -> tuple[Figure, list[Axes]]:
     """A figure of `count` panels, `across` side by side, with axes row by row; all share the scales of the first."""
     high_in = height_in(count, across)
     figure = Figure(figsize=(WIDTH_IN, high_in))
@@ -43,7 +43,7 @@ def mark_axes(panels: Sequence[Axes], across: int, below: str, beside: str) -> N
             axes.set_xlabel(below)
 
 
-def title(axes: Axes, text: str) -> Text:
+def set_panel_title(axes: Axes, text: str) -> Text:
     """Sets a title above the panel, aligned left."""
     # parse_math=False: a "$" in a label is a character.
     return axes.set_title(text, loc="left", fontsize=8.8, pad=3.0, parse_math=False)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 from rfca_rig.analysis.compare import ComparedCondition, compare_condition
 from rfca_rig.analysis.matched_simulation import Shaft
-from rfca_rig.analysis.peak_force import PeakForceRow, peak_row_of
-from rfca_rig.analysis.repeats import conditions_of
-from rfca_rig.analysis.table2 import Table2Row, row_of
+from rfca_rig.analysis.peak_force import PeakForceRow, make_peak_row
+from rfca_rig.analysis.repeats import group_by_condition
+from rfca_rig.analysis.table2 import Table2Row, make_table2_row
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.progress import Watcher, counted, unwatched
+from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.model import Recording
 
 
@@ -36,15 +36,15 @@ class ComparedSource:
 
     @property
     def rows(self) -> tuple[Table2Row, ...]:
-        return tuple(row_of(compared, self.name) for compared in self.compared)
+        return tuple(make_table2_row(compared, self.name) for compared in self.compared)
 
     @property
     def peaks(self) -> tuple[PeakForceRow, ...]:
-        return tuple(peak_row_of(compared, self.name) for compared in self.compared)
+        return tuple(make_peak_row(compared, self.name) for compared in self.compared)
 
 
 def compare_sources(
-    recordings: Sequence[Recording], shaft: Shaft, given: GivenModel | None = None, watcher: Watcher = unwatched
+    recordings: Sequence[Recording], shaft: Shaft, given: GivenModel | None = None, watcher: ProgressCount = ignore_progress
 ) -> tuple[ComparedSource, ...]:
     """Compares each recording with the `given` model, or with its own nominal model where none is given.
 
@@ -67,23 +67,23 @@ def compare_sources(
         Where a stroke cannot be simulated.
     """
     names = _number_equal_titles([recording.title for recording in recordings])
-    conditions = [len(conditions_of(recording.strokes)) for recording in recordings]
+    conditions = [len(group_by_condition(recording.strokes)) for recording in recordings]
     return tuple(
         _compare(name, recording, shaft, given, _offset_watcher(watcher, sum(conditions[:number]), sum(conditions)))
         for number, (name, recording) in enumerate(zip(names, recordings, strict=True))
     )
 
 
-def _offset_watcher(watcher: Watcher, before: int, of: int) -> Watcher:
+def _offset_watcher(watcher: ProgressCount, before: int, of: int) -> ProgressCount:
     """A watcher for one recording that reports to the one for all conditions; `before` is the number done before."""
     return lambda done, _: watcher(before + done, of)
 
 
-def _compare(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None, watcher: Watcher) -> ComparedSource:
+def _compare(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None, watcher: ProgressCount) -> ComparedSource:
     if given is None and not recording.strokes and not recording.nominal:
         return ComparedSource(name, recording, None, ())
     rig = nominal_model(recording.nominal) if given is None else given.rig
-    conditions = counted(conditions_of(recording.strokes), watcher)
+    conditions = iterate_with_progress(group_by_condition(recording.strokes), watcher)
     return ComparedSource(name, recording, rig, tuple(compare_condition(rig, condition, shaft) for condition in conditions))
 
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
+from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.static_source import StaticSource
-from rfca_rig.report.static_tables import whole_curve
+from rfca_rig.report.static_tables import full_curve_table
 from rfca_rig.report.table import Table, TableColumn, TableRow
 
 FORMAT = "rfca-static/1"
@@ -51,7 +51,7 @@ def _angle(result: StaticResult, row: int, hinge: int) -> dict[str, Any]:
     }
 
 
-def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold]) -> str:
+def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[PredictedHingeCurve]) -> str:
     """The JSON document; unknown values are null.
 
     Parameters
@@ -63,7 +63,7 @@ def static_json(result: StaticResult, sources: Sequence[StaticSource], elastica:
     elastica
         Curves that the elastica predicts for the paper's strip.
     """
-    curve = whole_curve(result.curve)
+    curve = full_curve_table(result.curve)
     document = {
         "format": FORMAT,
         "sources": [{"name": source.name, "source": source.recording.source} for source in sources],

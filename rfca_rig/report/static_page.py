@@ -8,19 +8,19 @@ from typing import Any
 import cv2
 import numpy as np
 
-from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
+from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.drivers.picture_file import Image, read_picture
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording.model import StaticStage
-from rfca_rig.report.provenance import Told
-from rfca_rig.report.static_pictures import DASHES, FORETOLD_STYLES, rest_picture, stiffness_picture, torque_picture
+from rfca_rig.report.provenance import PageContext
+from rfca_rig.report.static_pictures import DASHES, ELASTICA_STYLES, draw_residuals, draw_stiffness, draw_torque
 from rfca_rig.report.static_source import StaticSource
-from rfca_rig.report.static_tables import common_table, curve_table, elastica_table, hinges_table, repeats_table
+from rfca_rig.report.static_tables import curve_table, elastica_table, hinges_table, repeats_table, systematic_errors_table
 from rfca_rig.report.table import Table, TableRow, places
 from rfca_rig.report.templates import template
-from rfca_rig.report.text import NOTHING, counted, number, unbroken
+from rfca_rig.report.text import NOTHING, count_noun, keep_units_together, number
 
 # Photos are embedded in the page: reduced to this width, and with this JPEG quality, to keep it small.
 WIDTH_PX = 420
@@ -28,7 +28,7 @@ QUALITY = 82
 
 
 @dataclass(frozen=True)
-class StripPicture:
+class StagePhoto:
     """Photo of one stage: `data` is the data URI of an <img>; where there is none, `missing` states why."""
 
     stage: StaticStage
@@ -37,19 +37,19 @@ class StripPicture:
     doubts: str
 
 
-def strip_of(source: StaticSource) -> list[StripPicture]:
+def photos_of(source: StaticSource) -> list[StagePhoto]:
     """Photos of the stages that have one, preferring the overlay. A missing file is reported on the page, and is not an error."""
     with_photo = [stage for stage in source.recording.static if stage.photo or stage.overlay]
     return [_picture(source, stage) for stage in with_photo]
 
 
-def _picture(source: StaticSource, stage: StaticStage) -> StripPicture:
+def _picture(source: StaticSource, stage: StaticStage) -> StagePhoto:
     path = source.folder / (stage.overlay or stage.photo)
     try:
         image = read_picture(path)
     except BadInput as error:
-        return StripPicture(stage, "", str(error).split(";")[0].replace(f"{path.parent}/", ""), stage.photo_doubts)
-    return StripPicture(stage, _data_uri(image), "", stage.photo_doubts)
+        return StagePhoto(stage, "", str(error).split(";")[0].replace(f"{path.parent}/", ""), stage.photo_doubts)
+    return StagePhoto(stage, _data_uri(image), "", stage.photo_doubts)
 
 
 def _data_uri(image: Image) -> str:
@@ -63,12 +63,14 @@ def _data_uri(image: Image) -> str:
     return "data:image/jpeg;base64," + b64encode(content.tobytes()).decode("ascii")
 
 
-def strips_of(sources: Sequence[StaticSource]) -> list[tuple[str, list[StripPicture]]]:
+def photos_by_source(sources: Sequence[StaticSource]) -> list[tuple[str, list[StagePhoto]]]:
     """Photos by source, of the sources that have any."""
-    return [(source.name, strip) for source in sources if (strip := strip_of(source))]
+    return [(source.name, strip) for source in sources if (strip := photos_of(source))]
 
 
-def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[Foretold], told: Told, files: Sequence[str]) -> str:
+def page(
+    result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[PredictedHingeCurve], told: PageContext, files: Sequence[str]
+) -> str:
     """The page as HTML.
 
     Parameters
@@ -89,27 +91,29 @@ def page(result: StaticResult, sources: Sequence[StaticSource], elastica: Sequen
         origin=told.origin,
         files=files,
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)),
-        sources=[{"name": s.name, "mark": s.recording.source, "holds": counted(len(s.recording.static), "static stage")} for s in sources],
+        sources=[
+            {"name": s.name, "mark": s.recording.source, "holds": count_noun(len(s.recording.static), "static stage")} for s in sources
+        ],
         values=_values(result),
         standfirst=_standfirst(result),
-        remarks=[unbroken(_signs(text)) for text in remarks(result)],
-        torque=torque_picture(result, elastica),
-        stiffness=stiffness_picture(result, elastica),
-        rest=rest_picture(result),
+        remarks=[keep_units_together(_signs(text)) for text in remarks(result)],
+        torque=draw_torque(result, elastica),
+        stiffness=draw_stiffness(result, elastica),
+        rest=draw_residuals(result),
         rest_sentence=_rest_sentence(result),
-        angles=counted(int(result.data.seen.sum()), "hinge angle"),
+        angles=count_noun(int(result.data.seen.sum()), "hinge angle"),
         curve=curve_table(result.curve, int(result.data.seen.sum())),
-        elastica=[{"says": one.says, "style": style} for one, style in zip(elastica, FORETOLD_STYLES, strict=True)],
+        elastica=[{"says": one.says, "style": style} for one, style in zip(elastica, ELASTICA_STYLES, strict=True)],
         elastica_table=elastica_table(elastica, result),
         hinges=hinges_table(result),
         hinge_numbers=[check.hinge for check in result.hinges],
         loop_sentence=_loop(result),
         loop_seen=result.loop is not None and result.loop.seen,
-        common=_with_apostrophes(common_table(result)),
+        common=_with_apostrophes(systematic_errors_table(result)),
         noise=_noise(result),
         gain_counts_as_exact=all(found.says != "gain of the force sensor" for found in result.systematic_errors),
         repeats=repeats_table(result, [source.name for source in sources]),
-        strips=[{"name": name, "pictures": [_photo(picture) for picture in strip]} for name, strip in strips_of(sources)],
+        strips=[{"name": name, "pictures": [_photo(picture) for picture in strip]} for name, strip in photos_by_source(sources)],
         stages=_stages(result, sources),
         several=len(sources) > 1,
         model=f"the model in {told.model_file}" if told.model_file else "the model as it was believed",
@@ -157,9 +161,9 @@ def _standfirst(result: StaticResult) -> str:
     half = np.abs(torque) > 0.5 * np.abs(torque).max()
     share = 100 * float((curve.reach * std[half] / np.abs(torque[half])).max())
     law = "the law k₀ (φ + k₂ φ³) holds" if result.form.holds else "the law k₀ (φ + k₂ φ³) does not hold"
-    return unbroken(
+    return keep_units_together(
         f"From {low:.1f} to {high:.1f} degrees {law}; above half the largest torque the curve is known to {share:.2g} % (95 %), "
-        f"from {counted(len(result.data.stages), 'stage')} with {counted(int(result.data.seen.sum()), 'hinge angle')}. "
+        f"from {count_noun(len(result.data.stages), 'stage')} with {count_noun(int(result.data.seen.sum()), 'hinge angle')}. "
         f"{bend_sentence(result)}"
     )
 
@@ -176,12 +180,12 @@ def bend_sentence(result: StaticResult) -> str:
 def _rest_sentence(result: StaticResult) -> str:
     form = result.form
     if form.holds:
-        return unbroken(
+        return keep_units_together(
             f"Splines bring χ² down by {form.gain:.1f} for {form.more} more numbers, which chance does in {100 * form.chance:.2g} % "
             f"of cases, and part from the law by {abs(form.apart_Nm):.3f} N m at most, "
             f"{abs(100 * form.apart_relative):.2g} % of the largest torque."
         )
-    return unbroken(f"χ² is lower by {form.gain:.0f} for the {form.more} more numbers of the splines.")
+    return keep_units_together(f"χ² is lower by {form.gain:.0f} for the {form.more} more numbers of the splines.")
 
 
 def _rest_angles(result: StaticResult) -> str:
@@ -189,7 +193,7 @@ def _rest_angles(result: StaticResult) -> str:
     rests = result.rests[0 if result.form.holds else 1]
     if rests is None:
         return "The rest angles count as exact. State how well they are known as rest_angle_deg in [known_to] to have them found."
-    return unbroken(
+    return keep_units_together(
         f"The rest angles were found together with the curve; their mean is known to {np.degrees(rests.common_std_rad):.3f}° and its error "
         f"is correlated by {rests.with_stiffness:+.2f} with that of the stiffness at rest."
     )
@@ -200,8 +204,8 @@ def _loop(result: StaticResult) -> str:
     if loop is None:
         return "No hinge turned back far enough to show a loop."
     seen = "a loop is there" if loop.seen else "no loop is seen"
-    return unbroken(
-        f"Of {counted(loop.bending + loop.unbending, 'angle')} that were clearly turned to, {loop.unbending} came back. Between bending "
+    return keep_units_together(
+        f"Of {count_noun(loop.bending + loop.unbending, 'angle')} that were clearly turned to, {loop.unbending} came back. Between bending "
         f"and unbending lie {number(2 * loop.half_Nm, 3)} ± {2 * 1.96 * loop.std_Nm:.3f} N m (95 %): {seen}."
     )
 
@@ -216,16 +220,16 @@ def _noise(result: StaticResult) -> str:
         parts.append(f"hinge angles err as their photos state, {usual:.2f}° in the middle, times {errors.stated_factor:.1f}")
     parts.append(f"the mean of fz errs by {errors.force_factor * float(np.median(data.force_std[:, 1])):.3f} N")
     how = "errors of neighbouring hinges go together, as marks between them are shared" if errors.chained else "every hinge errs on its own"
-    return unbroken(f"One standard deviation: {'; '.join(parts)}; {how}.")
+    return keep_units_together(f"One standard deviation: {'; '.join(parts)}; {how}.")
 
 
-def _photo(picture: StripPicture) -> dict[str, str]:
+def _photo(picture: StagePhoto) -> dict[str, str]:
     stage = picture.stage
     return {
         "data": picture.data,
         "missing": picture.missing,
         "doubts": picture.doubts,
-        "label": unbroken(f"{1e3 * stage.height_m:g} mm, stage {stage.stage}: {np.degrees(stage.shaft_angle_rad):.0f}°"),
+        "label": keep_units_together(f"{1e3 * stage.height_m:g} mm, stage {stage.stage}: {np.degrees(stage.shaft_angle_rad):.0f}°"),
     }
 
 

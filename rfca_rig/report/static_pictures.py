@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
-from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
+from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.inline_svg import inline_svg
 from rfca_rig.report.style import FAINT, MEASURED, OTHER, PAPER, SIMULATED, SIMULATED_EDGE, drawing
@@ -25,10 +25,10 @@ DASHES: dict[str, tuple[int, tuple[float, ...]]] = {
     "held": (0, (6.0, 2.0)),
     "k0": (0, (2.0, 1.2)),
 }
-FORETOLD_STYLES = ("held", "link", "k0")
+ELASTICA_STYLES = ("held", "link", "k0")
 
 
-def torque_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str:
+def draw_torque(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -> str:
     """Torque over rotation: measured points, curve with band, the other form (law or spline) dashed, elastica thin."""
 
     def draw(axes: Axes) -> None:
@@ -44,7 +44,7 @@ def torque_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str:
     return _draw_figure(draw, SIZE_IN, BOX, "torque", "torque of a hinge over its rotation, measured points, curve with band, elastica")
 
 
-def stiffness_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str:
+def draw_stiffness(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -> str:
     """Stiffness over rotation: derivative of the curve with its band, the other form dashed, elastica thin."""
 
     def draw(axes: Axes) -> None:
@@ -59,7 +59,7 @@ def stiffness_picture(result: StaticResult, elastica: Sequence[Foretold]) -> str
     return _draw_figure(draw, SIZE_IN, BOX, "stiffness", "equivalent stiffness of a hinge over its rotation, with band")
 
 
-def rest_picture(result: StaticResult) -> str:
+def draw_residuals(result: StaticResult) -> str:
     """Residual torque of every angle in N m, with its error from angle and forces together."""
     curve, points = result.curve, result.points
 
@@ -110,8 +110,8 @@ def _draw_curve(axes: Axes, curve: TorqueCurve, of: Callable[[Floats], tuple[Flo
     axes.set_xlim(min(0.0, float(x.min())), float(x.max()) * 1.02)
 
 
-def _draw_elastica(axes: Axes, elastica: Sequence[Foretold], of: Callable[[Foretold], Floats]) -> None:
-    for one, style in zip(elastica, FORETOLD_STYLES, strict=False):
+def _draw_elastica(axes: Axes, elastica: Sequence[PredictedHingeCurve], of: Callable[[PredictedHingeCurve], Floats]) -> None:
+    for one, style in zip(elastica, ELASTICA_STYLES, strict=False):
         axes.plot(np.degrees(one.phi_rad), of(one), color=FAINT, lw=1.0, ls=DASHES[style])
 
 

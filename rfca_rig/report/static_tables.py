@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
-from rfca_rig.analysis.torque_rotation.elastica_curves import Foretold
+from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-from rfca_rig.report.table import Table, TableColumn, TableRow, Value, as_sure
+from rfca_rig.report.table import Table, TableColumn, TableRow, Value, with_common_decimals
 
 # Step of the curve's table for reading; doubled until the table has FEW_LINES lines or less.
 TABLE_STEP_DEG = 2.5
@@ -60,7 +60,7 @@ def curve_table(curve: TorqueCurve, angles: int) -> Table:
     return _curve(curve, np.radians(_round_angles(curve)) * curve.bends, f"from {angles} hinge angles")
 
 
-def whole_curve(curve: TorqueCurve) -> Table:
+def full_curve_table(curve: TorqueCurve) -> Table:
     """The curve over its whole range, for other programs; the signs are those of the hinge angles."""
     return _curve(curve, curve.grid_rad(FULL_GRID), "over the whole range", signed=True)
 
@@ -73,7 +73,7 @@ def _curve(curve: TorqueCurve, phi: NDArray[np.float64], words: str, signed: boo
     numbers = zip(np.degrees(side * phi), side * torque, torque_std, stiffness, stiffness_std, strict=True)
     rows = tuple(_curve_row(curve.reach, *(float(number) for number in each)) for each in numbers)
     caption = f"Torque and stiffness of a hinge, ± half of the 95 % band, which holds at each angle by itself; {words}."
-    return Table("curve", caption, tuple(as_sure(column, rows) for column in CURVE_COLUMNS), rows)
+    return Table("curve", caption, tuple(with_common_decimals(column, rows) for column in CURVE_COLUMNS), rows)
 
 
 def _curve_row(reach: float, angle: float, torque: float, torque_std: float, stiffness: float, stiffness_std: float) -> TableRow:
@@ -107,19 +107,20 @@ def _round_angles(curve: TorqueCurve) -> NDArray[np.float64]:
 def hinges_table(result: StaticResult) -> Table:
     """Stiffness of each hinge relative to the common curve; those that differ by more than chance are marked."""
     rows = tuple(
-        TableRow({"hinge": one.hinge, "stiffer_pct": 100.0 * one.stiffer, "std_pct": 100.0 * one.std}, marked=one.differs)
+        TableRow({"hinge": one.hinge, "stiffer_pct": 100.0 * one.stiffer, "std_pct": 100.0 * one.std}, marked=one.is_significant)
         for one in result.hinges
     )
-    stiffer = as_sure(TableColumn("stiffer_pct", "Stiffer than the curve", half="std_pct"), rows)
+    stiffer = with_common_decimals(TableColumn("stiffer_pct", "Stiffer than the curve", half="std_pct"), rows)
     columns = (TableColumn("hinge", "Hinge"), stiffer, TableColumn("std_pct", role="kept"))
     return Table("hinges", "Each hinge by itself, ± one standard deviation; bold where it differs by more than chance.", columns, rows)
 
 
-def common_table(result: StaticResult) -> Table:
+def systematic_errors_table(result: StaticResult) -> Table:
     """Systematic errors: quantities that are the same in all stages and were fitted within their priors."""
     rows = tuple(
         TableRow(
-            {"what": d.says, "off": d.value, "off_std": d.std, "known_to": float(f"{d.prior_std:.2g}"), "unit": d.unit}, marked=d.strained
+            {"what": d.says, "off": d.value, "off_std": d.std, "known_to": float(f"{d.prior_std:.2g}"), "unit": d.unit},
+            marked=d.is_implausible,
         )
         for d in result.systematic_errors
     )
@@ -148,7 +149,7 @@ def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
     return Table("recordings", "From each recording alone, ± half of a 95 % interval.", columns, rows)
 
 
-def elastica_table(foretold: Sequence[Foretold], result: StaticResult) -> Table:
+def elastica_table(foretold: Sequence[PredictedHingeCurve], result: StaticResult) -> Table:
     """Values that the elastica predicts for the paper's strip, with the measured ones below."""
     values = result.values
     rows: list[dict[str, Value]] = [

@@ -12,14 +12,14 @@ from rfca_rig.analysis.torque_rotation.calibration_file import (
     write_calibration,
     write_curve,
 )
-from rfca_rig.analysis.torque_rotation.elastica_curves import foretold
+from rfca_rig.analysis.torque_rotation.elastica_curves import predict_hinge_curves
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.files import table_files, write_all
-from rfca_rig.report.provenance import Origin, Told, untold
+from rfca_rig.report.provenance import Origin, PageContext, origin_in_memory
 from rfca_rig.report.static_files import stages_table, static_json
 from rfca_rig.report.static_page import page
 from rfca_rig.report.static_source import StaticSource
-from rfca_rig.report.static_tables import curve_table, hinges_table, values_table, whole_curve
+from rfca_rig.report.static_tables import curve_table, full_curve_table, hinges_table, values_table
 from rfca_rig.report.table_files import as_csv
 
 MODEL_NAME, CURVE_NAME = "model.toml", "model-curve.toml"
@@ -59,13 +59,13 @@ def write_static_report(
         Where a file cannot be written.
     """
     most_rad = min(max(abs(angle) for angle in result.curve.range_rad), FARTHEST_RAD)
-    elastica = foretold(result.rig.leg, result.values.k0_Nm_per_rad, most_rad)
+    elastica = predict_hinge_curves(result.rig.leg, result.values.k0_Nm_per_rad, most_rad)
     writers = {MODEL_NAME: (can_be_written(result), write_calibration), CURVE_NAME: (can_curve_be_written(result), write_curve)}
-    context = Told(origin or untold([source.recording for source in sources]), (), model_file)
+    context = PageContext(origin or origin_in_memory([source.recording for source in sources]), (), model_file)
     curve = curve_table(result.curve, int(result.data.seen.sum()))
     contents = {
         **table_files((values_table(result), hinges_table(result), curve)),
-        "curve.csv": as_csv(whole_curve(result.curve)),
+        "curve.csv": as_csv(full_curve_table(result.curve)),
         "stages.csv": as_csv(stages_table(result, sources)),
         "static.json": static_json(result, sources, elastica),
     }

@@ -8,7 +8,7 @@ LINE = re.compile(r' d="(M [\d. ML\n-]{400,}?)\s*"')
 POINT = re.compile(r"[ML] (-?[\d.]+) (-?[\d.]+)")
 
 
-def with_light_paths(svg: str) -> str:
+def compress_paths(svg: str) -> str:
     """The same drawing in fewer bytes; coordinates with one decimal, as `inline_svg` gives them, stay exact."""
     return LINE.sub(lambda found: f' d="{_in_steps(found[1])}"', svg)
 

@@ -9,9 +9,9 @@ import numpy as np
 from rfca_rig import __version__
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.report.sweep_page import page
-from rfca_rig.report.sweep_sensitivities import Explained, explained
-from rfca_rig.report.sweep_text import shown, with_unit
-from rfca_rig.report.text import counted
+from rfca_rig.report.sweep_sensitivities import OutputSensitivity, compute_sensitivities
+from rfca_rig.report.sweep_text import value_text, with_unit
+from rfca_rig.report.text import count_noun
 from rfca_rig.sweep.result import SweepResult
 
 FORMAT = "rfca-sweep-summary/1"
@@ -23,14 +23,14 @@ def write_summary(result: SweepResult, folder: Path, command: str) -> None:
 
     The same result and command give the same bytes. Raises RigError where a file cannot be written.
     """
-    sensitivities = explained(result)
+    sensitivities = compute_sensitivities(result)
     write_atomically(
         folder / JSON, (json.dumps(summary(result, sensitivities), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
     )
     write_atomically(folder / HTML, page(result, sensitivities, command).encode())
 
 
-def summary(result: SweepResult, found: list[Explained]) -> dict[str, Any]:
+def summary(result: SweepResult, found: list[OutputSensitivity]) -> dict[str, Any]:
     """Content of sweep.json: varied and fixed quantities, outputs with their extremes and where those are, failures, sensitivities."""
     plan = result.plan
     return {
@@ -66,7 +66,7 @@ def _end(result: SweepResult, values: np.ndarray[Any, Any], case: int) -> dict[s
     return {"value": float(values[case]), "case": case, "at": dict(zip(plan.varied, plan.point(case), strict=True))}
 
 
-def _sensitivity(each: Explained) -> dict[str, Any]:
+def _sensitivity(each: OutputSensitivity) -> dict[str, Any]:
     found = {"index": each.found.index, "std": each.found.std} if each.found else {"index": None, "std": None}
     return {"at": dict(each.at), "output": each.output, "of": each.name, **found}
 
@@ -74,7 +74,7 @@ def _sensitivity(each: Explained) -> dict[str, Any]:
 def lines(result: SweepResult) -> list[str]:
     """Summary for a terminal: the extremes of each output, and where they are."""
     content = summary(result, [])
-    text = [f"{result.plan.title}: {counted(result.plan.count, 'case')}{_failures(result)}"]
+    text = [f"{result.plan.title}: {count_noun(result.plan.count, 'case')}{_failures(result)}"]
     for output in content["outputs"]:
         low, high = output["lowest"], output["highest"]
         text.append(
@@ -88,7 +88,7 @@ def _end_line(result: SweepResult, end: dict[str, Any]) -> str:
     place = [
         with_unit(name, value) for name, value in end["at"].items() if result.plan.samples is None or name not in result.plan.samples.names
     ]
-    return f"{shown(end['value'])} ({', '.join(place)})" if place else shown(end["value"])
+    return f"{value_text(end['value'])} ({', '.join(place)})" if place else value_text(end["value"])
 
 
 def _failures(result: SweepResult) -> str:

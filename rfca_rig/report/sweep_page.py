@@ -5,15 +5,15 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.report.provenance import Origin, version_text
-from rfca_rig.report.sweep_pictures import drawn_points, drawn_view
-from rfca_rig.report.sweep_sensitivities import MOST_GROUPS, Explained, table_of
-from rfca_rig.report.sweep_text import formula, name_and_unit, shown, with_unit
-from rfca_rig.report.sweep_views import Drawn, View, drawn_groups, views
+from rfca_rig.report.sweep_pictures import draw_points, draw_view
+from rfca_rig.report.sweep_sensitivities import MOST_GROUPS, OutputSensitivity, sensitivities_table
+from rfca_rig.report.sweep_text import formula, name_and_unit, value_text, with_unit
+from rfca_rig.report.sweep_views import SampleGroup, View, sample_groups, views
 from rfca_rig.report.table import Table, TableColumn, TableRow
 from rfca_rig.report.templates import template
-from rfca_rig.report.text import counted, number
+from rfca_rig.report.text import count_noun, number
 from rfca_rig.sweep.outputs import RequestedOutput
-from rfca_rig.sweep.quantities import quantity
+from rfca_rig.sweep.quantities import find_quantity
 from rfca_rig.sweep.result import CSV, H5, SweepResult
 from rfca_rig.sweep.samples import points
 
@@ -24,7 +24,7 @@ DEFINITIONS = (
 )
 
 
-def page(result: SweepResult, found: list[Explained], command: str) -> str:
+def page(result: SweepResult, found: list[OutputSensitivity], command: str) -> str:
     """The page as HTML.
 
     Parameters
@@ -48,7 +48,7 @@ def page(result: SweepResult, found: list[Explained], command: str) -> str:
         figures=figures,
         left_out=left_out,
         without=without,
-        sensitivities=table_of(found) if found else None,
+        sensitivities=sensitivities_table(found) if found else None,
         varied=_quantities_table(result),
         outputs=_outputs_table(result),
         reasons=result.reasons(),
@@ -58,20 +58,20 @@ def page(result: SweepResult, found: list[Explained], command: str) -> str:
 
 def _standfirst(result: SweepResult) -> str:
     plan = result.plan
-    sides = [f"{counted(len(axis.values), 'value')} of {name_and_unit(axis.name)[0]}" for axis in plan.axes]
+    sides = [f"{count_noun(len(axis.values), 'value')} of {name_and_unit(axis.name)[0]}" for axis in plan.axes]
     if plan.samples:
         drawn = f"{plan.samples.n} points ({plan.samples.method}, seed {plan.samples.seed})"
-        sides.append(f"{drawn} in {counted(len(plan.samples.names), 'range')}")
-    text = f"{counted(plan.count, 'case')}: {' times '.join(sides)}."
+        sides.append(f"{drawn} in {count_noun(len(plan.samples.names), 'range')}")
+    text = f"{count_noun(plan.count, 'case')}: {' times '.join(sides)}."
     if result.failed:
-        text += f" {counted(result.failed, 'case')} failed."
-    return text + (f" {counted(result.incomplete, 'case')} without some output." if result.incomplete else "")
+        text += f" {count_noun(result.failed, 'case')} failed."
+    return text + (f" {count_noun(result.incomplete, 'case')} without some output." if result.incomplete else "")
 
 
-def _figures(result: SweepResult, found: list[Explained]) -> tuple[list[dict[str, Any]], int]:
+def _figures(result: SweepResult, found: list[OutputSensitivity]) -> tuple[list[dict[str, Any]], int]:
     """Figures of a grid or of samples, and the number of combinations that are not drawn."""
     if result.plan.samples is not None:
-        groups = list(drawn_groups(result.plan))
+        groups = list(sample_groups(result.plan))
         shown_groups = groups[:MOST_GROUPS]
         drawn = [_points_figure(result, asked, group, found) for group in shown_groups for asked in _with_values(result)]
         return drawn, len(groups) - len(shown_groups)
@@ -90,13 +90,13 @@ def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View) -> dic
     return {
         "title": _title(asked),
         "of": ", ".join(with_unit(*fixed_value) for fixed_value in view.facet),
-        "svg": drawn_view(view, values, asked.header),
+        "svg": draw_view(view, values, asked.header),
         "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}.{crosses}",
         "wide": False,
     }
 
 
-def _points_figure(result: SweepResult, asked: RequestedOutput, group: Drawn, found: list[Explained]) -> dict[str, Any]:
+def _points_figure(result: SweepResult, asked: RequestedOutput, group: SampleGroup, found: list[OutputSensitivity]) -> dict[str, Any]:
     samples = result.plan.samples
     assert samples is not None
     indices = [each.found for each in found if each.output == asked.header and each.at == group.at]
@@ -104,7 +104,7 @@ def _points_figure(result: SweepResult, asked: RequestedOutput, group: Drawn, fo
     return {
         "title": _title(asked),
         "of": ", ".join(with_unit(*fixed_value) for fixed_value in group.at),
-        "svg": drawn_points(samples.ranges, points(samples), result.output(asked.header)[group.cases], titles, asked.header),
+        "svg": draw_points(samples.ranges, points(samples), result.output(asked.header)[group.cases], titles, asked.header),
         "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}; above each panel the first-order share of variance.",
         "wide": len(samples.ranges) > 2,
     }
@@ -120,17 +120,19 @@ def _quantities_table(result: SweepResult) -> Table:
     for axis in plan.axes:
         # Up to eight values are listed, of more only the ends.
         some = axis.values if len(axis.values) <= 8 else (axis.values[0], axis.values[-1])
-        words = (", " if len(axis.values) <= 8 else " to ").join(map(shown, some))
+        words = (", " if len(axis.values) <= 8 else " to ").join(map(value_text, some))
         rows.append(_row(axis.name, words, "equal ratios" if axis.log else "", f"{len(axis.values)}"))
     for each in plan.samples.ranges if plan.samples else ():
-        rows.append(_row(each.name, f"{shown(each.low)} to {shown(each.high)}", "evenly in the logarithm" if each.log else "", "drawn"))
-    rows += [_row(name, shown(value), "", "fixed") for name, value in plan.fixed]
+        rows.append(
+            _row(each.name, f"{value_text(each.low)} to {value_text(each.high)}", "evenly in the logarithm" if each.log else "", "drawn")
+        )
+    rows += [_row(name, value_text(value), "", "fixed") for name, value in plan.fixed]
     columns = (TableColumn("what"), TableColumn("values"), TableColumn("how_many", "number"), TableColumn("column", "column"))
     return Table("varied", "All else is as the model believes it.", columns, tuple(rows))
 
 
 def _row(name: str, values: str, spacing: str, number: str) -> TableRow:
-    words, unit = quantity(name).words, name_and_unit(name)[1]
+    words, unit = find_quantity(name).words, name_and_unit(name)[1]
     text = ", ".join(filter(None, (f"{values} {unit}" if unit else values, spacing)))
     return TableRow({"what": f"{words[:1].upper()}{words[1:]}", "values": text, "how_many": number, "column": name})
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.report.inline_svg import inline_svg
 from rfca_rig.report.style import ALIKE, BAD, FAINT, MEASURED, OTHER, PALE, SIMULATED, SMALL, drawing
-from rfca_rig.report.sweep_text import axis_label, name_and_unit, shown, with_unit
+from rfca_rig.report.sweep_text import axis_label, name_and_unit, value_text, with_unit
 from rfca_rig.report.sweep_views import View, is_named
 from rfca_rig.sweep.plan import Axis
 from rfca_rig.sweep.samples import Range
@@ -40,7 +40,7 @@ LINES = (
 )
 
 
-def drawn_view(view: View, values: Floats, header: str) -> str:
+def draw_view(view: View, values: Floats, header: str) -> str:
     """Figure of one output as inline SVG.
 
     Parameters
@@ -126,7 +126,7 @@ def _draw_map(figure: Figure, axes: Axes, x: Axis, y: Axis, values: Floats, head
         darkest_far_from_0 = SHADES.reversed() if known.max() <= 0.0 else SHADES
         shades = axes.contourf(across, up, known, levels=levels, cmap=darkest_far_from_0)
         lines = axes.contour(across, up, known, levels=levels[1:-1], colors="#1b1b1b", linewidths=0.5, linestyles="solid")
-        axes.clabel(lines, fontsize=SMALL - 1.0, fmt=lambda level: shown(float(level)))
+        axes.clabel(lines, fontsize=SMALL - 1.0, fmt=lambda level: value_text(float(level)))
         figure.colorbar(shades, ax=axes, label=axis_label(header), aspect=30, pad=0.02)
     # Failed cases are marked: a gap in a map could be taken for a value.
     missing = np.argwhere(np.isnan(values))
@@ -137,7 +137,7 @@ def _draw_map(figure: Figure, axes: Axes, x: Axis, y: Axis, values: Floats, head
     axes.set_ylabel(axis_label(y.name))
 
 
-def drawn_points(ranges: Sequence[Range], points: Floats, values: Floats, titles: Sequence[str], header: str) -> str:
+def draw_points(ranges: Sequence[Range], points: Floats, values: Floats, titles: Sequence[str], header: str) -> str:
     """Scatter plots of one output as inline SVG, one panel for each sampled quantity.
 
     Parameters

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.report.sweep_text import name_and_unit, with_unit
-from rfca_rig.report.sweep_views import drawn_groups
+from rfca_rig.report.sweep_views import sample_groups
 from rfca_rig.report.table import Table, TableColumn, TableRow
 from rfca_rig.sweep.quantities import Value
 from rfca_rig.sweep.result import SweepResult
@@ -18,7 +18,7 @@ MOST_GROUPS = 6
 
 
 @dataclass(frozen=True)
-class Explained:
+class OutputSensitivity:
     """Sensitivity of one output to one quantity, for one combination of the grid's values; `found` is None where it is undetermined."""
 
     at: tuple[tuple[str, Value], ...]
@@ -27,26 +27,26 @@ class Explained:
     found: FirstOrder | None
 
 
-def explained(result: SweepResult) -> list[Explained]:
+def compute_sensitivities(result: SweepResult) -> list[OutputSensitivity]:
     """All sensitivities, by combination, output and quantity. The seed of the bootstrap is that of the samples."""
     return list(_compute_sensitivities(result))
 
 
-def _compute_sensitivities(result: SweepResult) -> Iterator[Explained]:
+def _compute_sensitivities(result: SweepResult) -> Iterator[OutputSensitivity]:
     samples = result.plan.samples
     if samples is None:
         return
     share = shares(samples)
-    for group in list(drawn_groups(result.plan))[:MOST_GROUPS]:
+    for group in list(sample_groups(result.plan))[:MOST_GROUPS]:
         for asked in result.plan.outputs:
             values = result.output(asked.header)[group.cases]
             for place, name in enumerate(samples.names):
                 # A generator of its own for each quantity, so that the order of computation does not matter.
                 rng = np.random.default_rng((samples.seed, place))
-                yield Explained(group.at, asked.header, name, first_order(share[:, place], values, rng))
+                yield OutputSensitivity(group.at, asked.header, name, first_order(share[:, place], values, rng))
 
 
-def table_of(found: list[Explained]) -> Table:
+def sensitivities_table(found: list[OutputSensitivity]) -> Table:
     """A row for each output, a column for each quantity, and the sum of its indices; what it lacks of 1 is due to interactions."""
     names = list(dict.fromkeys(each.name for each in found))
     columns = [TableColumn("at", role="group"), TableColumn("output")]

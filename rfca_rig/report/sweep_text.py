@@ -39,10 +39,10 @@ def axis_label(name: str) -> str:
 def with_unit(name: str, value: Value) -> str:
     """Name with value and unit, as in "height 215 mm", "strip material CFSP"."""
     words, unit = name_and_unit(name)
-    return f"{words} {shown(value)}{f' {unit}' if unit else ''}"
+    return f"{words} {value_text(value)}{f' {unit}' if unit else ''}"
 
 
-def shown(value: Value) -> str:
+def value_text(value: Value) -> str:
     """A value with four digits and a typographic minus sign."""
     return value if isinstance(value, str) else f"{value:.{DIGITS}g}".replace("-", MINUS)
 

@@ -73,18 +73,18 @@ def _as_map(x: Axis, second: Axis | None) -> bool:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class SampleGroup:
     """Sampled cases of one combination of the grid's values, as a slice of all cases."""
 
     at: tuple[tuple[str, Value], ...]
     cases: slice
 
 
-def drawn_groups(plan: SweepPlan) -> Iterator[Drawn]:
+def sample_groups(plan: SweepPlan) -> Iterator[SampleGroup]:
     """Sampled cases for each combination of the grid, in order; none without samples."""
     if plan.samples is None:
         return
     n = plan.samples.n
     names: Sequence[str] = [axis.name for axis in plan.axes]
     for place in range(prod(len(axis.values) for axis in plan.axes)):
-        yield Drawn(tuple(zip(names, plan.point(place * n), strict=False)), slice(place * n, (place + 1) * n))
+        yield SampleGroup(tuple(zip(names, plan.point(place * n), strict=False)), slice(place * n, (place + 1) * n))

@@ -136,7 +136,7 @@ def cell(column: TableColumn, row: TableRow) -> TableCell:
         return TableCell(f"{value:.6g}", is_number=True)
     known = float(half) if isinstance(half, int | float) and isfinite(half) and half > 0 else None
     digits = _digits(value, known, column.digits if row.digits is None else row.digits)
-    return TableCell(rounded(value, digits), "" if known is None else rounded(known, digits), is_number=True)
+    return TableCell(format_rounded(value, digits), "" if known is None else format_rounded(known, digits), is_number=True)
 
 
 def foot_cell(column: TableColumn, foot: Foot) -> TableCell:
@@ -149,7 +149,7 @@ def head_span(table: Table, foot: Foot) -> int:
     return next((place for place, column in enumerate(table.shown) if column.key in foot.values), len(table.shown))
 
 
-def rounded(value: float, digits: int) -> str:
+def format_rounded(value: float, digits: int) -> str:
     """A value with `digits` decimals, negative ones for tens and hundreds; no minus where all digits shown are zero."""
     # Adding 0.0 turns the -0.0 that rounding leaves into 0.0.
     return f"{round(value, digits) + 0.0:.{max(digits, 0)}f}"
@@ -173,7 +173,7 @@ def _is_number(value: Value) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def as_sure(column: TableColumn, rows: Sequence[TableRow]) -> TableColumn:
+def with_common_decimals(column: TableColumn, rows: Sequence[TableRow]) -> TableColumn:
     """The column with the same decimals in all rows, as many as show two digits of the median uncertainty."""
     halves = [row.values.get(column.half) for row in rows]
     known = sorted(float(half) for half in halves if isinstance(half, int | float) and isfinite(half) and half > 0)

@@ -7,7 +7,7 @@ from rfca_rig.analysis.repeats import Spread
 from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Table2
 from rfca_rig.analysis.table2 import Table2Row as Compared
 from rfca_rig.report.table import Foot, Table, TableColumn, TableRow
-from rfca_rig.report.text import counted
+from rfca_rig.report.text import count_noun
 
 FORMAT = "rfca-table2/1"
 MEASURED, SIMULATED, ERROR = "Measured valley", "Simulated valley", "Error"
@@ -35,8 +35,8 @@ COLUMNS = (
 def as_json(table: Table2) -> str:
     """The JSON document; unknown values are null."""
     average = {
-        "time_error_pct": rounded_or_none(table.average_time_error_pct, 4),
-        "force_error_pct": rounded_or_none(table.average_force_error_pct, 4),
+        "time_error_pct": round_or_none(table.average_time_error_pct, 4),
+        "force_error_pct": round_or_none(table.average_force_error_pct, 4),
     }
     document = {"format": FORMAT, "rows": [record(row) for row in table.rows], "average": average}
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -49,7 +49,7 @@ def as_table(table: Table2, shaft_words: str) -> Table:
     """
     paper = dict(zip(("time_error_pct", "force_error_pct"), PAPER_AVERAGE_ERROR_PCT, strict=True))
     average = {"time_error_pct": table.average_time_error_pct, "force_error_pct": table.average_force_error_pct}
-    averaged = counted(sum(row.time_error_pct is not None for row in table.rows), "condition")
+    averaged = count_noun(sum(row.time_error_pct is not None for row in table.rows), "condition")
     return Table(
         name="table2",
         caption="Valley of fz: measured as mean ± one standard deviation (n - 1) over the repeats, simulated with " + shaft_words + ". "
@@ -66,17 +66,17 @@ def as_table(table: Table2, shaft_words: str) -> Table:
 def record(row: Compared) -> dict[str, Any]:
     """A row under its keys: first those of rfca-table2/1, then additional ones."""
     return {
-        "height_mm": rounded_or_none(1e3 * row.height_m, 3),
-        "speed_rad_s": rounded_or_none(row.speed_rad_s, 5),
+        "height_mm": round_or_none(1e3 * row.height_m, 3),
+        "speed_rad_s": round_or_none(row.speed_rad_s, 5),
         "repeats": row.repeats,
         **_measurement(row.time, row.fz),
-        "simulated_time_s": rounded_or_none(row.simulated_time_s, 6),
-        "simulated_fz_N": rounded_or_none(row.simulated_fz_N, 4),
-        "time_error_pct": rounded_or_none(row.time_error_pct, 4),
-        "force_error_pct": rounded_or_none(row.force_error_pct, 4),
-        "signed_time_error_pct": rounded_or_none(row.signed_time_error_pct, 4),
-        "signed_force_error_pct": rounded_or_none(row.signed_force_error_pct, 4),
-        "shaft_speed_rad_s": rounded_or_none(row.shaft_speed_rad_s, 5),
+        "simulated_time_s": round_or_none(row.simulated_time_s, 6),
+        "simulated_fz_N": round_or_none(row.simulated_fz_N, 4),
+        "time_error_pct": round_or_none(row.time_error_pct, 4),
+        "force_error_pct": round_or_none(row.force_error_pct, 4),
+        "signed_time_error_pct": round_or_none(row.signed_time_error_pct, 4),
+        "signed_force_error_pct": round_or_none(row.signed_force_error_pct, 4),
+        "shaft_speed_rad_s": round_or_none(row.shaft_speed_rad_s, 5),
         "source": row.source,
         "refused": list(row.refused),
     }
@@ -84,14 +84,14 @@ def record(row: Compared) -> dict[str, Any]:
 
 def _measurement(time: Spread, fz: Spread) -> dict[str, float | None]:
     return {
-        "measured_time_s": rounded_or_none(time.mean, 6),
-        "measured_time_std_s": rounded_or_none(time.std, 6),
-        "measured_fz_N": rounded_or_none(fz.mean, 4),
-        "measured_fz_std_N": rounded_or_none(fz.std, 4),
+        "measured_time_s": round_or_none(time.mean, 6),
+        "measured_time_std_s": round_or_none(time.std, 6),
+        "measured_fz_N": round_or_none(fz.mean, 4),
+        "measured_fz_std_N": round_or_none(fz.std, 4),
     }
 
 
-def rounded_or_none(value: float | None, digits: int) -> float | None:
+def round_or_none(value: float | None, digits: int) -> float | None:
     """A rounded value for JSON: null where unknown, and no minus where all digits are zero."""
     # Adding 0.0 turns -0.0 into 0.0.
     return None if value is None else round(value, digits) + 0.0

@@ -7,8 +7,8 @@ from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Table2
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.report import overlay
-from rfca_rig.report.provenance import Told
-from rfca_rig.report.quantities import quantities_of
+from rfca_rig.report.provenance import PageContext
+from rfca_rig.report.quantities import parameter_lines
 from rfca_rig.report.sources import ComparedSource
 from rfca_rig.report.stage_table import stage_tables
 from rfca_rig.report.table import Table, TableColumn, TableRow
@@ -18,14 +18,14 @@ from rfca_rig.report.text import (
     DEFINITION,
     REGIONS_DEFINITION,
     SHAFT_WORDS,
-    counted,
+    count_noun,
+    keep_units_together,
     number,
     regions_sentence,
     repeats_sentence,
     rms_sentence,
     scales_sentence,
     shaft_sentence,
-    unbroken,
 )
 
 COLUMNS = (
@@ -38,11 +38,11 @@ COLUMNS = (
 
 def model_table(rig: RigModel) -> Table:
     """Parameters of a model by section, in the units of a lab."""
-    rows = [{"part": q.section, "parameter": q.name, "value": q.value, "unit": q.unit} for q in quantities_of(rig)]
+    rows = [{"part": q.section, "parameter": q.name, "value": q.value, "unit": q.unit} for q in parameter_lines(rig)]
     return Table("model", "", COLUMNS, tuple(TableRow(row) for row in rows))
 
 
-def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, told: Told) -> str:
+def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, told: PageContext) -> str:
     """The page as HTML.
 
     Parameters
@@ -91,9 +91,9 @@ def _source(source: ComparedSource) -> dict[str, Any]:
     recording = source.recording
     contents = []
     if recording.strokes:
-        contents.append(f"{counted(len(recording.strokes), 'stroke')} at {counted(len(source.compared), 'condition')}")
+        contents.append(f"{count_noun(len(recording.strokes), 'stroke')} at {count_noun(len(source.compared), 'condition')}")
     if recording.static:
-        contents.append(counted(len(recording.static), "static stage"))
+        contents.append(count_noun(len(recording.static), "static stage"))
     return {"name": source.name, "mark": recording.source, "holds": " and ".join(contents) or "nothing recorded"}
 
 
@@ -109,7 +109,7 @@ def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, 
                 "label": compared.condition.label,
                 "source": source.name if several else "",
                 "svg": drawn.svg,
-                "caption": unbroken(
+                "caption": keep_units_together(
                     f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} {regions_sentence(compared, drawn)} "
                     f"{rms_sentence(compared)} {scales_sentence(drawn)}"
                 ),

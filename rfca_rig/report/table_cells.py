@@ -43,7 +43,7 @@ class ShownTable:
     foot: tuple[ShownFoot, ...]
 
 
-def shown_cells(table: Table) -> ShownTable:
+def cells_as_text(table: Table) -> ShownTable:
     """The table with every cell as text."""
     return ShownTable(
         heads=tuple(ShownCell(column.title, column.key in table.numeric) for column in table.shown),

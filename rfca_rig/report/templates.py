@@ -8,7 +8,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 
 from rfca_rig import __version__
 from rfca_rig.report.style import colours
-from rfca_rig.report.table_cells import shown_cells
+from rfca_rig.report.table_cells import cells_as_text
 from rfca_rig.report.text import MARK_MEANINGS
 
 
@@ -30,7 +30,7 @@ def _environment() -> Environment:
         "beside": beside,
         "colours": colours(),
         "mark_meanings": MARK_MEANINGS,
-        "shown_cells": shown_cells,
+        "shown_cells": cells_as_text,
         "version": __version__,
     }
     return environment

@@ -56,20 +56,20 @@ def spread(mean: float | None, std: float | None, digits: int) -> str:
     return number(mean, digits) if std is None else f"{number(mean, digits)} ± {std:.{digits}f}"
 
 
-def unbroken(text: str) -> str:
+def keep_units_together(text: str) -> str:
     """The text with no-break spaces between numbers and units, so that no line begins with a unit."""
     # "N" before the space is for "N m": the unit itself must not be broken either.
     return re.sub(r"(?<=[\dN]) (?=(?:N|mm|ms|m|rad/s|s|%)(?![\w]))", NO_BREAK, text)
 
 
-def counted(count: int, one: str, many: str | None = None) -> str:
+def count_noun(count: int, one: str, many: str | None = None) -> str:
     """A count with its noun, as in "1 stroke", "27 strokes"."""
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 def repeats_sentence(compared: ComparedCondition) -> str:
     """Sentence on the number of strokes that are drawn."""
-    return f"fz over time, {counted(len(compared.repeats), 'repeat')}, each drawn by itself."
+    return f"fz over time, {count_noun(len(compared.repeats), 'repeat')}, each drawn by itself."
 
 
 def shaft_sentence(compared: ComparedCondition, shaft: Shaft) -> str:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.table2 import Table2
-from rfca_rig.progress import Watcher, unwatched
+from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording.model import Recording
 from rfca_rig.report.files import table_files, write_all
 from rfca_rig.report.peak_force_files import peaks_as_json, peaks_as_table
-from rfca_rig.report.provenance import Origin, PageLink, Told, untold
+from rfca_rig.report.provenance import Origin, PageContext, PageLink, origin_in_memory
 from rfca_rig.report.run_page import page as run_page
 from rfca_rig.report.run_page import tables_of
 from rfca_rig.report.run_parts import story_of
@@ -36,7 +36,7 @@ def write_report(
     shaft: Shaft = "average",
     given: GivenModel | None = None,
     origin: Origin | None = None,
-    watcher: Watcher = unwatched,
+    watcher: ProgressCount = ignore_progress,
 ) -> WrittenReport:
     """Compares recordings with their models, and writes all files of the report.
 
@@ -66,7 +66,7 @@ def write_report(
     RigError
         Where a file cannot be written.
     """
-    page_origin = origin or untold(recordings)
+    page_origin = origin or origin_in_memory(recordings)
     sources = compare_sources(recordings, shaft, given, watcher)
     table = Table2(tuple(row for source in sources for row in source.rows))
     run_sources = _run_pages(sources)
@@ -76,7 +76,7 @@ def write_report(
     peaks = tuple(row for source in sources for row in source.peaks)
     shown_peaks = peaks_as_table(peaks, SHAFT_WORDS[shaft])
     contents = {
-        "report.html": page(sources, table, shown_peaks, shaft, Told(page_origin, links, None if given is None else given.file)),
+        "report.html": page(sources, table, shown_peaks, shaft, PageContext(page_origin, links, None if given is None else given.file)),
         **table_files((shown, shown_peaks)),
         "table2.json": as_json(table),
         "peak-forces.json": peaks_as_json(peaks),
@@ -98,7 +98,7 @@ def _run(name: str, source: ComparedSource, origin: Origin, place: int) -> dict[
     # Empty tables are left out: static stages, strokes and cycles have different ones.
     files = table_files(_with_stem(name.removesuffix(".html"), table) for table in written if table.rows)
     own = replace(origin, recordings=origin.recordings[place : place + 1])
-    return {name: run_page(story, tables, Told(own, (PageLink("report.html", "Held against the model"),)), tuple(files)), **files}
+    return {name: run_page(story, tables, PageContext(own, (PageLink("report.html", "Held against the model"),)), tuple(files)), **files}
 
 
 def _with_stem(stem: str, table: Table) -> Table:

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import RigError
-from rfca_rig.sweep.computed import Computed, Missing
+from rfca_rig.sweep.computed import CaseResults, OutputMissing
 from rfca_rig.sweep.plan import SweepPlan
 
 Floats = NDArray[np.float64]
 
 # Remarks have a fixed width in the shards' files.
 LONGEST_REMARK = 200
-MISTAKE = "mistake in rfca-rig"
+INTERNAL_ERROR = "mistake in rfca-rig"
 
 
 @dataclass(frozen=True)
@@ -28,38 +28,38 @@ class CaseRange:
 
 
 @dataclass(frozen=True)
-class Rows:
+class CaseRows:
     """`values` (m, outputs), NaN where there is none, and a remark for each case that gives the reason, else ""."""
 
     values: Floats
     remarks: tuple[str, ...]
 
 
-def compute(plan: SweepPlan, span: CaseRange) -> Rows:
+def compute(plan: SweepPlan, span: CaseRange) -> CaseRows:
     """The cases of a range, in their order. A failed case gives a row too."""
     rows = [case_row(plan, case) for case in range(span.first, span.last)]
-    return Rows(np.array([values for values, _ in rows]).reshape(len(span), len(plan.outputs)), tuple(remark for _, remark in rows))
+    return CaseRows(np.array([values for values, _ in rows]).reshape(len(span), len(plan.outputs)), tuple(remark for _, remark in rows))
 
 
-def failed(plan: SweepPlan, span: CaseRange, reason: str) -> Rows:
+def make_failed_rows(plan: SweepPlan, span: CaseRange, reason: str) -> CaseRows:
     """Rows of cases that could not be computed."""
-    return Rows(np.full((len(span), len(plan.outputs)), np.nan), (_short(reason),) * len(span))
+    return CaseRows(np.full((len(span), len(plan.outputs)), np.nan), (_short(reason),) * len(span))
 
 
 def case_row(plan: SweepPlan, case: int) -> tuple[list[float], str]:
     """The outputs of one case and its remark. They depend only on the plan and the number of the case."""
-    computed = Computed(plan.design(case))
+    computed = CaseResults(plan.design(case))
     values, reasons = [], []
     for asked in plan.outputs:
         value = float("nan")
         try:
             value = asked.of(computed)
-        except (Missing, RigError) as error:
+        except (OutputMissing, RigError) as error:
             # The text after the semicolon is advice for the user of a single command.
             reasons.append(str(error).split(";")[0])
         # One case must not end a sweep of a million: it is reported and counted as failed.
         except Exception as error:
-            reasons.append(f"{MISTAKE}: {type(error).__name__}: {error}")
+            reasons.append(f"{INTERNAL_ERROR}: {type(error).__name__}: {error}")
         else:
             if not np.isfinite(value):
                 reasons.append(f"{asked.header} is not finite")

@@ -12,7 +12,7 @@ from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import set_up
 from rfca_rig.model.state import Chain
-from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
 from rfca_rig.sweep.design import SweepCase
 
 Floats = NDArray[np.float64]
@@ -24,11 +24,11 @@ SAMPLES_PER_S = 4000
 VALLEY_EVERY = 4
 
 
-class Missing(Exception):
+class OutputMissing(Exception):
     """An output that this case does not have, with the reason."""
 
 
-class Computed:
+class CaseResults:
     """One design and its stroke; arrays over the stroke are (m,)."""
 
     def __init__(self, design: SweepCase) -> None:
@@ -61,7 +61,7 @@ class Computed:
         t_s = np.arange(-round(BEFORE_S * SAMPLES_PER_S), int(self._end_s * SAMPLES_PER_S) + 1, dtype=np.float64) / SAMPLES_PER_S
         # The failure is cached too: otherwise every output of the case would simulate again.
         try:
-            return stroke_following(self.rig, self.design.height_m, self.motion, t_s)
+            return simulate_stroke(self.rig, self.design.height_m, self.motion, t_s)
         except SimulationFailed as failed:
             return failed
 
@@ -84,17 +84,17 @@ class Computed:
     def valley(self) -> Valley:
         """The valley of fz. Raises Missing where there is none."""
         if self.normal_N[0] > 0.0:
-            raise Missing("the leg lies on the ground before it starts")
+            raise OutputMissing("the leg lies on the ground before it starts")
         found = find_valley(self.stroke.t_s[::VALLEY_EVERY], self.stroke.fz_N[::VALLEY_EVERY])
         if not isinstance(found, Valley):
-            raise Missing(f"no valley: {found.reason}")
+            raise OutputMissing(f"no valley: {found.reason}")
         return found
 
     @cached_property
     def touchdown(self) -> int:
         """The first sample in contact. Raises Missing where the leg never touches."""
         if not self.normal_N.any():
-            raise Missing("the leg does not touch the ground")
+            raise OutputMissing("the leg does not touch the ground")
         return int((self.normal_N > 0.0).argmax())
 
     @cached_property
@@ -103,10 +103,10 @@ class Computed:
         stroke = self.stroke
         pressed = (stroke.t_s >= stroke.t_s[self.touchdown] + TOUCHDOWN_LASTS_S) & (self.normal_N > 0.0)
         if not pressed.any():
-            raise Missing(f"the leg does not press for longer than {1e3 * TOUCHDOWN_LASTS_S:.0f} ms")
+            raise OutputMissing(f"the leg does not press for longer than {1e3 * TOUCHDOWN_LASTS_S:.0f} ms")
         return int(np.where(pressed, -stroke.fz_N, -np.inf).argmax())
 
-    def over_time(self, values: Floats) -> float:
+    def integrate(self, values: Floats) -> float:
         """Integral of values (m,) over the stroke from the start on, by the trapezoidal rule (order 2).
 
         It is a plain sum, because the rounding of a dot product may depend on the number of threads.

@@ -41,11 +41,11 @@ class SweepCase:
 
     def _leg(self) -> Leg:
         """With its strip and first link, before it is divided into other links."""
-        leg = with_strip(self.rig, self.strip).leg
+        leg = replace_strip(self.rig, self.strip).leg
         return leg if self.first_link_m is None else with_first_link(leg, self.first_link_m)
 
 
-def with_strip(rig: RigModel, strip: Strip) -> RigModel:
+def replace_strip(rig: RigModel, strip: Strip) -> RigModel:
     """The rig with another strip in its leg: k0 scales with E I, and the change of the strips' mass is spread over the links in proportion.
 
     Hardening and hinge damping are unchanged, as in `analysis.strips`.
@@ -59,7 +59,7 @@ def with_strip(rig: RigModel, strip: Strip) -> RigModel:
     return replace(rig, leg=replace(leg, k0_Nm_per_rad=k0, link_masses_kg=tuple(heavier * mass for mass in leg.link_masses_kg)))
 
 
-def with_effect_value(rig: RigModel, id_: str, name: str, value: float) -> RigModel:
+def set_effect_value(rig: RigModel, id_: str, name: str, value: float) -> RigModel:
     """The rig with one parameter of an effect set; an effect that is absent is added."""
     if not any(present.id == id_ for present in rig.effects):
         return replace(rig, effects=(*rig.effects, PresentEffect(id_, ((name, value),))))

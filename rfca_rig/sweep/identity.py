@@ -9,9 +9,9 @@ from typing import Any
 
 from rfca_rig import analysis, model, sweep
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.environment import facts_here, source_hash
+from rfca_rig.executors.environment import collect_facts, hash_source
 from rfca_rig.model.catalogue import FOLDER_VARIABLE
-from rfca_rig.recording.atomic import refusals, write_atomically
+from rfca_rig.recording.atomic import translate_os_errors, write_atomically
 from rfca_rig.sweep.plan import SweepPlan
 
 FORMAT = "rfca-sweep/1"
@@ -19,7 +19,7 @@ PLAN_FILE = "plan.json"
 MADE_WITH = "made_with"
 
 
-def document(plan: SweepPlan) -> dict[str, Any]:
+def describe_plan(plan: SweepPlan) -> dict[str, Any]:
     """The plan and its model as plain data, with the versions of the code, because changed code gives other numbers."""
     return {
         "format": FORMAT,
@@ -35,7 +35,7 @@ def document(plan: SweepPlan) -> dict[str, Any]:
 
 def as_text(plan: SweepPlan) -> str:
     """The document as JSON text, which is compared byte by byte."""
-    return json.dumps(document(plan), indent=1, ensure_ascii=False) + "\n"
+    return json.dumps(describe_plan(plan), indent=1, ensure_ascii=False) + "\n"
 
 
 def digest(text: str) -> str:
@@ -43,11 +43,11 @@ def digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def settle(plan: SweepPlan, folder: Path) -> str:
+def claim_folder(plan: SweepPlan, folder: Path) -> str:
     """Prepare `folder` for the plan, or check that it belongs to it; returns the plan's digest. Raises BadInput for another
     sweep's folder.
     """
-    with refusals(folder, "the folder cannot be made"):
+    with translate_os_errors(folder, "the folder cannot be made"):
         folder.mkdir(parents=True, exist_ok=True)
     path, text = folder / PLAN_FILE, as_text(plan)
     if not path.exists():
@@ -56,7 +56,7 @@ def settle(plan: SweepPlan, folder: Path) -> str:
             raise BadInput(f"{folder}: holds {strangers[0]}, which is of no sweep; give a new folder with --out")
         write_atomically(path, text.encode())
     elif (existing := path.read_text("utf-8", errors="replace")) != text:
-        raise BadInput(f"{folder}: {_difference(existing, document(plan))}; give a new folder with --out, or remove this one")
+        raise BadInput(f"{folder}: {_difference(existing, describe_plan(plan))}; give a new folder with --out, or remove this one")
     return digest(text)
 
 
@@ -75,8 +75,8 @@ def _difference(found: str, wanted: dict[str, Any]) -> str:
 
 def _describe_code() -> dict[str, str]:
     # Everything that can change a result to the last digit: versions of the numerical packages, and hashes of our own sources.
-    facts = facts_here()
+    facts = collect_facts()
     versions = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
-    sources = "".join(source_hash(Path(package.__path__[0])) for package in (model, analysis, sweep))
+    sources = "".join(hash_source(Path(package.__path__[0])) for package in (model, analysis, sweep))
     own = os.environ.get(FOLDER_VARIABLE)
-    return {**versions, "source": digest(sources)[:12], "own effects": source_hash(Path(own)) if own else "none"}
+    return {**versions, "source": digest(sources)[:12], "own effects": hash_source(Path(own)) if own else "none"}

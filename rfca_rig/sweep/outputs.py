@@ -12,9 +12,9 @@ from math import isfinite
 
 from rfca_rig.errors import BadInput
 from rfca_rig.sweep import of_energy, of_forces, of_the_leg
-from rfca_rig.sweep.computed import Computed
+from rfca_rig.sweep.computed import CaseResults
 
-AT = "@"
+ANGLE_SEPARATOR = "@"
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ ALL = (
 OUTPUTS: dict[str, Output] = {output.name: output for output in ALL}
 
 # Outputs of a sweep that names none.
-DEFAULT = (
+DEFAULT_OUTPUTS = (
     "valley_time_s",
     "valley_fz_N",
     "load_capacity_kg",
@@ -109,7 +109,7 @@ class RequestedOutput:
     @property
     def header(self) -> str:
         """The column's name."""
-        return self.name if self.at_deg is None else f"{self.name}{AT}{self.at_deg:g}deg"
+        return self.name if self.at_deg is None else f"{self.name}{ANGLE_SEPARATOR}{self.at_deg:g}deg"
 
     @property
     def output(self) -> Output:
@@ -119,35 +119,35 @@ class RequestedOutput:
     def words(self) -> str:
         return self.output.words if self.at_deg is None else f"{self.output.words} at {self.at_deg:g} degrees of {self.output.at}"
 
-    def of(self, case: Computed) -> float:
+    def of(self, case: CaseResults) -> float:
         """The value. Raises Missing, SimulationFailed, BadInput."""
         value = self.output.value
         return value(case) if self.at_deg is None else value(case, self.at_deg)
 
 
-def outputs_of(names: Sequence[str]) -> tuple[RequestedOutput, ...]:
+def parse_outputs(names: Sequence[str]) -> tuple[RequestedOutput, ...]:
     """Parse the names of outputs. Raises BadInput for a name that is unknown or given twice."""
-    found = tuple(asked(name) for name in names)
+    found = tuple(parse_output(name) for name in names)
     if len(set(found)) < len(found):
         twice = next(each.header for place, each in enumerate(found) if each in found[:place])
         raise BadInput(f"the output {twice} is named twice")
     return found
 
 
-def asked(text: str) -> RequestedOutput:
+def parse_output(text: str) -> RequestedOutput:
     """Parse "valley_fz_N" or "static_torque_Nm@60". Raises BadInput."""
-    name, at, angle = text.strip().partition(AT)
+    name, at, angle = text.strip().partition(ANGLE_SEPARATOR)
     if name not in OUTPUTS:
         close = difflib.get_close_matches(name, OUTPUTS, n=1, cutoff=0.5)
         raise BadInput(f"{name!r} is no output; {f'did you mean {close[0]}? ' if close else ''}rfca-rig sweep --list prints all there are")
     if not OUTPUTS[name].at:
         if at:
-            raise BadInput(f"{text!r}: {name} takes no angle; leave {AT}{angle} out")
+            raise BadInput(f"{text!r}: {name} takes no angle; leave {ANGLE_SEPARATOR}{angle} out")
         return RequestedOutput(name)
     try:
         at_deg = float(angle.removesuffix("deg"))
     except ValueError:
         at_deg = float("nan")
     if not isfinite(at_deg):
-        raise BadInput(f"{text!r}: {name} needs a {OUTPUTS[name].at} in degrees, as in {name}{AT}60")
+        raise BadInput(f"{text!r}: {name} needs a {OUTPUTS[name].at} in degrees, as in {name}{ANGLE_SEPARATOR}60")
     return RequestedOutput(name, at_deg)

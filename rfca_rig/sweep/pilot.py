@@ -28,7 +28,7 @@ class Pace:
         return max(1, round(SHARD_S / self.seconds_per_case))
 
 
-def measured_pace(plan: SweepPlan, clock: Clock) -> Pace:
+def measure_pace(plan: SweepPlan, clock: Clock) -> Pace:
     """Pace of this process. The first case is not counted, because it loads and compiles what all cases need."""
     count = min(MAX_PILOT_CASES, plan.count)
     case_row(plan, 0)
@@ -40,12 +40,12 @@ def measured_pace(plan: SweepPlan, clock: Clock) -> Pace:
     return Pace(max((clock.now_s() - start_s) / max(done, 1), 1e-6))
 
 
-def bytes_expected(plan: SweepPlan) -> int:
+def estimate_bytes(plan: SweepPlan) -> int:
     """Rough size of sweep.h5 and sweep.csv together, in bytes."""
     columns = len(plan.varied) + len(plan.outputs) + 1
     return plan.count * columns * (BYTES_PER_NUMBER + CSV_BYTES_PER_NUMBER)
 
 
-def whole(plan: SweepPlan) -> CaseRange:
+def all_cases(plan: SweepPlan) -> CaseRange:
     """All cases."""
     return CaseRange(0, plan.count)

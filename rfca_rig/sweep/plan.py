@@ -9,10 +9,10 @@ import numpy as np
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.setup import resolved
+from rfca_rig.model.setup import resolve_effect
 from rfca_rig.sweep.design import SweepCase
 from rfca_rig.sweep.outputs import REST_AT, RequestedOutput
-from rfca_rig.sweep.quantities import Value, quantity
+from rfca_rig.sweep.quantities import Value, find_quantity
 from rfca_rig.sweep.samples import SweepSamples, points
 
 MAX_CASES = 10_000_000
@@ -27,7 +27,7 @@ class Axis:
     log: bool = False
 
 
-def spaced(low: float, high: float, steps: int, log: bool) -> tuple[float, ...]:
+def make_grid(low: float, high: float, steps: int, log: bool) -> tuple[float, ...]:
     """`steps` values from `low` to `high`, both included, rounded to 12 digits so that a step of 0.1 gives 0.3, not 0.30000000000000004."""
     values = np.geomspace(low, high, steps) if log else np.linspace(low, high, steps)
     return tuple(float(f"{value:.12g}") for value in values)
@@ -75,11 +75,11 @@ class SweepPlan:
         """The design of a case."""
         design = SweepCase(self.rig)
         for name, value in (*self.fixed, *zip(self.varied, self.point(case), strict=True)):
-            design = quantity(name).write(design, value)
+            design = find_quantity(name).write(design, value)
         return design
 
 
-def checked_plan(plan: SweepPlan) -> SweepPlan:
+def check_plan(plan: SweepPlan) -> SweepPlan:
     """Return the plan after checking all of its values. Raises BadInput."""
     if not plan.varied:
         raise BadInput('nothing is varied; name what, as in --vary height_mm=195:255:13, or in the file with [[vary]] name = "height_mm"')
@@ -107,20 +107,20 @@ def checked_plan(plan: SweepPlan) -> SweepPlan:
 def _check_names(names: Iterable[str]) -> None:
     setting: dict[str, str] = {}
     for name in names:
-        what = quantity(name).sets or quantity(name).name
+        what = find_quantity(name).sets or find_quantity(name).name
         if what in setting:
             raise BadInput(f"{name} is set twice" if setting[what] == name else f"{setting[what]} and {name} set the same; leave one out")
         setting[what] = name
 
 
 def _check_value(name: str, value: Value) -> None:
-    if (reason := quantity(name).why_not(value)) is not None:
+    if (reason := find_quantity(name).why_not(value)) is not None:
         raise BadInput(f"{name} = {value if isinstance(value, str) else f'{value:g}'}: {reason}")
 
 
 def _check_effect(present: PresentEffect) -> None:
     """Refuses an effect of which only some parameters are set."""
     try:
-        resolved(present)
+        resolve_effect(present)
     except BadInput as error:
         raise BadInput(f"{error}; set the others too, as in --set {present.id}.NAME=VALUE, or in the file under [fixed]") from None

@@ -7,16 +7,16 @@ from functools import cache, partial
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint
 from rfca_rig.analysis.fitting.space import FitParameter as ModelParameter
-from rfca_rig.description.sections import SOFTEST_K2
+from rfca_rig.description.sections import MIN_K2_PER_RAD2
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS
 from rfca_rig.model.effect import Parameter as OfEffect
 from rfca_rig.model.rediscretize import MOST_LINKS
 from rfca_rig.model.strip import table_1_materials
-from rfca_rig.sweep.design import SweepCase, with_effect_value
+from rfca_rig.sweep.design import SweepCase, set_effect_value
 
 Value = float | str
 
@@ -62,9 +62,9 @@ class Quantity:
     sets: str = ""
 
 
-def quantity(name: str) -> Quantity:
+def find_quantity(name: str) -> Quantity:
     """Look up a quantity by its name, also by its name in `fit` or in a model file. Raises BadInput for an unknown name."""
-    known = quantities()
+    known = list_quantities()
     canonical = aliases().get(name, name)
     if canonical not in known:
         close = difflib.get_close_matches(name, [*known, *aliases()], n=1, cutoff=0.5)
@@ -74,7 +74,7 @@ def quantity(name: str) -> Quantity:
 
 
 @cache
-def quantities() -> dict[str, Quantity]:
+def list_quantities() -> dict[str, Quantity]:
     """All quantities by name: stroke, strip, links, nominal values, effects."""
     own = (*_of_the_stroke(), *_of_the_strip(), *_of_the_links())
     nominal = (_nominal(parameter) for name, parameter in PARAMETERS.items() if name != HEIGHT)
@@ -134,10 +134,10 @@ def _of_the_links() -> tuple[Quantity, ...]:
     )
 
 
-def _nominal(parameter: ModelParameter[Supposed]) -> Quantity:
+def _nominal(parameter: ModelParameter[ModelPoint]) -> Quantity:
     def write(at: SweepCase, value: Value) -> SweepCase:
         # The parameters of a fit serve here too, so that both write the same value in the same way.
-        return replace(at, rig=parameter.write(Supposed(at.rig), _number(value)).rig)
+        return replace(at, rig=parameter.write(ModelPoint(at.rig), _number(value)).rig)
 
     return Quantity(
         _with_unit(parameter),
@@ -148,7 +148,7 @@ def _nominal(parameter: ModelParameter[Supposed]) -> Quantity:
     )
 
 
-def _limits_of(parameter: ModelParameter[Supposed]) -> Callable[[Value], str | None]:
+def _limits_of(parameter: ModelParameter[ModelPoint]) -> Callable[[Value], str | None]:
     if parameter.name == "start_angle":
         return _between(-180.0, 180.0)
     if parameter.name == "friction":
@@ -164,12 +164,12 @@ def _of_effect(id_: str, parameter: OfEffect) -> Quantity:
     return Quantity(
         f"{id_}.{parameter.name}",
         f"effect {id_.replace('_', ' ')}, plausible from {parameter.low:g} to {parameter.high:g}",
-        lambda at, x: replace(at, rig=with_effect_value(at.rig, id_, parameter.name, _number(x))),
+        lambda at, x: replace(at, rig=set_effect_value(at.rig, id_, parameter.name, _number(x))),
         lambda x: _finite(x) or parameter.why_not(_number(x)),
     )
 
 
-def _with_unit(parameter: ModelParameter[Supposed]) -> str:
+def _with_unit(parameter: ModelParameter[ModelPoint]) -> str:
     """Name as in model files: k0 in N m/rad is k0_Nm_per_rad, k2 in 1/rad2 is k2_per_rad2."""
     # A dot in a key would start a sub-table in TOML.
     unit = parameter.unit.replace("m1.5", "m1p5")
@@ -221,8 +221,8 @@ def _not_negative(value: Value) -> str | None:
 
 
 def _is_monotone(k2_per_rad2: Value) -> str | None:
-    softest = f"must be {SOFTEST_K2:.3f} or more: below, the torque of a hinge falls before 90 degrees"
-    return _finite(k2_per_rad2) or (None if _number(k2_per_rad2) >= SOFTEST_K2 else softest)
+    softest = f"must be {MIN_K2_PER_RAD2:.3f} or more: below, the torque of a hinge falls before 90 degrees"
+    return _finite(k2_per_rad2) or (None if _number(k2_per_rad2) >= MIN_K2_PER_RAD2 else softest)
 
 
 def _between(low: float, high: float) -> Callable[[Value], str | None]:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.recording.cooperative import at_once
-from rfca_rig.recording.hdf5_file import being_made
+from rfca_rig.recording.cooperative import run_to_completion
+from rfca_rig.recording.hdf5_file import new_hdf5_file
 from rfca_rig.recording.plain_hdf5 import open_plain
-from rfca_rig.sweep.cases import MISTAKE
+from rfca_rig.sweep.cases import INTERNAL_ERROR
 from rfca_rig.sweep.identity import FORMAT, as_text, digest
 from rfca_rig.sweep.plan import SweepPlan
-from rfca_rig.sweep.quantities import quantity
+from rfca_rig.sweep.quantities import find_quantity
 
 Floats = NDArray[np.float64]
 Strings = NDArray[np.bytes_]
@@ -56,7 +56,7 @@ class SweepResult:
     @property
     def mistakes(self) -> int:
         """Number of cases that hit an error of this program."""
-        return sum(MISTAKE in remark for remark in self.remarks)
+        return sum(INTERNAL_ERROR in remark for remark in self.remarks)
 
     def reasons(self) -> list[tuple[str, int]]:
         """Reasons in the remarks with their counts, most frequent first; reasons that differ only in numbers are counted together."""
@@ -79,10 +79,10 @@ def write_result(result: SweepResult, folder: Path) -> None:
     sweep.h5 is written last: if it exists, the sweep is complete.
     """
     write_atomically(folder / CSV, _csv(result).encode())
-    with being_made(folder / H5) as file:
+    with new_hdf5_file(folder / H5) as file:
         root, plan = file.root, result.plan
         root.attrs.update({"format": FORMAT, "title": plan.title, "plan": as_text(plan)})
-        columns: list[tuple[str, str, Any]] = [(name, quantity(name).words, result.varied(name)) for name in plan.varied]
+        columns: list[tuple[str, str, Any]] = [(name, find_quantity(name).words, result.varied(name)) for name in plan.varied]
         columns += [(asked.header, f"{asked.words}: {asked.output.equation}", result.output(asked.header)) for asked in plan.outputs]
         columns.append((REMARK, "why an output is missing", np.array(result.remarks)))
         for name, words, values in columns:
@@ -92,7 +92,7 @@ def write_result(result: SweepResult, folder: Path) -> None:
             dataset.attrs["long_name"] = words
         # Raises here what the disk refused while the content was written.
         file.check()
-        at_once(file.put_in_place())
+        run_to_completion(file.put_in_place())
 
 
 def read_result(plan: SweepPlan, folder: Path) -> SweepResult | None:

@@ -36,7 +36,7 @@ class SweepSamples:
         return tuple(each.name for each in self.ranges)
 
 
-def unbalanced(method: Method, n: int) -> str | None:
+def why_unbalanced(method: Method, n: int) -> str | None:
     """Why a Sobol sequence should not be cut off after `n` points, or None."""
     # A power of 2 has exactly one bit.
     if method != "sobol" or n.bit_count() == 1:

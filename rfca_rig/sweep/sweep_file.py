@@ -11,10 +11,10 @@ from rfca_rig.description.toml import place_of, read_toml
 from rfca_rig.description.toml_lines import Key
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.sweep.outputs import DEFAULT, outputs_of
-from rfca_rig.sweep.plan import Axis, SweepPlan, checked_plan, spaced
-from rfca_rig.sweep.quantities import Value, quantity
-from rfca_rig.sweep.samples import Method, Range, SweepSamples, unbalanced
+from rfca_rig.sweep.outputs import DEFAULT_OUTPUTS, parse_outputs
+from rfca_rig.sweep.plan import Axis, SweepPlan, check_plan, make_grid
+from rfca_rig.sweep.quantities import Value, find_quantity
+from rfca_rig.sweep.samples import Method, Range, SweepSamples, why_unbalanced
 
 Made = TypeVar("Made")
 Steps = Annotated[int, Field(ge=2, le=100_000)]
@@ -45,13 +45,13 @@ class VarySection(Section):
 
     def axis(self) -> Axis:
         """The grid. Raises BadInput for an unknown name."""
-        return Axis(quantity(self.name).name, self._values(), self.log)
+        return Axis(find_quantity(self.name).name, self._values(), self.log)
 
     def _values(self) -> tuple[Value, ...]:
         if self.values is not None:
             return self.values
         assert self.from_ is not None and self.to is not None and self.steps is not None
-        return spaced(self.from_, self.to, self.steps, self.log)
+        return make_grid(self.from_, self.to, self.steps, self.log)
 
 
 class RangeSection(Section):
@@ -71,7 +71,7 @@ class RangeSection(Section):
 
     def range(self) -> Range:
         """The range. Raises BadInput for an unknown name."""
-        return Range(quantity(self.name).name, self.from_, self.to, self.log)
+        return Range(find_quantity(self.name).name, self.from_, self.to, self.log)
 
 
 class SamplesSection(Section):
@@ -84,7 +84,7 @@ class SamplesSection(Section):
 
     @model_validator(mode="after")
     def _is_balanced(self) -> "SamplesSection":
-        if reason := unbalanced(self.method, self.n):
+        if reason := why_unbalanced(self.method, self.n):
             raise ValueError(reason)
         return self
 
@@ -98,7 +98,7 @@ class SweepFile(Section):
     title: str
     rig: str | None = None
     model: str | None = None
-    outputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = DEFAULT
+    outputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = DEFAULT_OUTPUTS
     fixed: Annotated[Fixed, Field(default_factory=dict)]
     vary: Annotated[tuple[VarySection, ...], Field(strict=False)] = ()
     samples: SamplesSection | None = None
@@ -115,7 +115,7 @@ def read_sweep(path: Path) -> SweepFile:
     return read_toml(path, SweepFile)
 
 
-def plan_of(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
+def make_plan(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
     """The plan of a file that was read from `path`. Raises BadInput with the line of the faulty key."""
     axes = tuple(_at(path, ("vary", place, "name"), section.axis) for place, section in enumerate(file.vary))
     samples = None
@@ -123,16 +123,16 @@ def plan_of(file: SweepFile, rig: RigModel, path: Path) -> SweepPlan:
         section = file.samples
         ranges = tuple(_at(path, ("samples", "vary", place, "name"), each.range) for place, each in enumerate(section.vary))
         samples = SweepSamples(ranges, section.method, section.n, section.seed)
-    fixed = _at(path, ("fixed",), lambda: tuple((quantity(name).name, value) for name, value in flat(file.fixed)))
-    outputs = _at(path, ("outputs",), lambda: outputs_of(file.outputs))
+    fixed = _at(path, ("fixed",), lambda: tuple((find_quantity(name).name, value) for name, value in flatten_names(file.fixed)))
+    outputs = _at(path, ("outputs",), lambda: parse_outputs(file.outputs))
     # The whole plan was checked, not a single key, so no line can be given.
     try:
-        return checked_plan(SweepPlan(file.title, rig, fixed, axes, samples, outputs))
+        return check_plan(SweepPlan(file.title, rig, fixed, axes, samples, outputs))
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
 
 
-def flat(fixed: Fixed) -> list[tuple[str, Value]]:
+def flatten_names(fixed: Fixed) -> list[tuple[str, Value]]:
     """Names with dots and their values: TOML reads strip.thickness_mm = 0.8 as a table in a table."""
     found: list[tuple[str, Value]] = []
     for name, value in fixed.items():

@@ -4,17 +4,17 @@ from collections.abc import Sequence
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.sweep.outputs import DEFAULT, outputs_of
-from rfca_rig.sweep.plan import Axis, SweepPlan, checked_plan, spaced
-from rfca_rig.sweep.quantities import Quantity, Value, quantity
-from rfca_rig.sweep.samples import METHODS, Method, Range, SweepSamples, unbalanced
+from rfca_rig.sweep.outputs import DEFAULT_OUTPUTS, parse_outputs
+from rfca_rig.sweep.plan import Axis, SweepPlan, check_plan, make_grid
+from rfca_rig.sweep.quantities import Quantity, Value, find_quantity
+from rfca_rig.sweep.samples import METHODS, Method, Range, SweepSamples, why_unbalanced
 
 LOG = "log"
 GRID_SYNTAX = "NAME=FROM:TO:STEPS, NAME=FROM:TO:STEPS:log, or NAME=A,B,C"
 RANGE_SYNTAX = "NAME=FROM:TO or NAME=FROM:TO:log"
 
 
-def typed_plan(
+def plan_from_options(
     rig: RigModel, vary: Sequence[str], fixed: Sequence[str], outputs: str, samples: int | None, method: str, seed: int
 ) -> SweepPlan:
     """The plan of the command line's options. Raises BadInput, naming the option."""
@@ -29,16 +29,16 @@ def typed_plan(
         )
     axes = tuple(_axis(varied, text) for varied, text in parts if (varied, text) not in ranges)
     drawn = None if samples is None else _samples([_range(varied, text) for varied, text in ranges], samples, method, seed)
-    names = outputs_of(outputs.split(",") if outputs else DEFAULT)
+    names = parse_outputs(outputs.split(",") if outputs else DEFAULT_OUTPUTS)
     set_ = tuple((varied.name, _value(varied, text)) for varied, text in (_split_option("--set", each) for each in fixed))
-    return checked_plan(SweepPlan(f"Sweep over {', '.join(varied.name for varied, _ in parts)}", rig, set_, axes, drawn, names))
+    return check_plan(SweepPlan(f"Sweep over {', '.join(varied.name for varied, _ in parts)}", rig, set_, axes, drawn, names))
 
 
 def _split_option(option: str, text: str) -> tuple[Quantity, str]:
     name, equals, value = text.partition("=")
     if not equals or not value:
         raise BadInput(f"{option} {text}: should be {GRID_SYNTAX if option == '--vary' else 'NAME=VALUE'}")
-    return quantity(name.strip()), value.strip()
+    return find_quantity(name.strip()), value.strip()
 
 
 def _axis(varied: Quantity, text: str) -> Axis:
@@ -47,7 +47,7 @@ def _axis(varied: Quantity, text: str) -> Axis:
     numbers, log = _parse_numbers(varied, text)
     if len(numbers) != 3 or not (numbers[2].is_integer() and 2 <= numbers[2] <= 100_000):
         raise BadInput(f"--vary {varied.name}={text}: should be {GRID_SYNTAX}")
-    return Axis(varied.name, spaced(numbers[0], numbers[1], int(numbers[2]), log), log)
+    return Axis(varied.name, make_grid(numbers[0], numbers[1], int(numbers[2]), log), log)
 
 
 def _range(varied: Quantity, text: str) -> Range:
@@ -70,7 +70,7 @@ def _samples(ranges: Sequence[Range], n: int, method: str, seed: int) -> SweepSa
     known: dict[str, Method] = {name.split(maxsplit=1)[0]: name for name in METHODS}
     if method not in known:
         raise BadInput(f"--method {method}: should be {' or '.join(known)}")
-    if reason := unbalanced(known[method], n):
+    if reason := why_unbalanced(known[method], n):
         raise BadInput(f"--samples: {reason.replace('a latin', '--method latin, a latin')}")
     return SweepSamples(tuple(ranges), known[method], n, seed)
 

@@ -4,17 +4,17 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from rfca_rig.twins.encoder import Encoder
-from rfca_rig.twins.thermal_model import Warmth
+from rfca_rig.twins.thermal_model import MotorThermalModel
 
 # Heating rate of the fault `drive-hot` in K/s.
-FEVER_K_s = 5.0
+HEATING_K_s = 5.0
 
 
 class Faultable(Protocol):
     """What every motor twin provides for these faults."""
 
     encoder: Encoder
-    warmth: Warmth
+    warmth: MotorThermalModel
 
     def restart(self) -> None: ...
 
@@ -23,7 +23,7 @@ def drive_events(motor: Faultable) -> Mapping[str, Callable[[], None]]:
     """One-time events inside the drive, by the name of the fault."""
 
     def start_heating() -> None:
-        motor.warmth.fever_K_s = FEVER_K_s
+        motor.warmth.fever_K_s = HEATING_K_s
 
     return {
         "drive-restart": motor.restart,

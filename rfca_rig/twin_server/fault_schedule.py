@@ -9,7 +9,7 @@ from rfca_rig.twin_server.faults import FaultPanel
 
 
 @dataclass(frozen=True, order=True)
-class Switching:
+class FaultEvent:
     """One fault switched on or off `at_s` after the start of the server."""
 
     at_s: float
@@ -17,12 +17,12 @@ class Switching:
     on: bool
 
 
-def switchings(orders: Sequence[str]) -> tuple[Switching, ...]:
+def parse_fault_events(orders: Sequence[str]) -> tuple[FaultEvent, ...]:
     """Parses all options into events in order of time. Raises BadInput for an invalid one."""
     return tuple(sorted(switching for order in orders for switching in _parse(order)))
 
 
-def _parse(order: str) -> list[Switching]:
+def _parse(order: str) -> list[FaultEvent]:
     name, at, when = order.partition("@")
     begin, dash, end = when.partition("-")
     try:
@@ -32,20 +32,20 @@ def _parse(order: str) -> list[Switching]:
     if not at or not name or not times_s or times_s != sorted(times_s) or not all(isfinite(s) and s >= 0 for s in times_s):
         raise BadInput(f"--fault {order}: write NAME@SECONDS or NAME@FROM-TO, as in force-lost@2-4")
     # With one time only, the fault stays on.
-    return [Switching(at_s, name, on) for at_s, on in zip(times_s, (True, False), strict=False)]
+    return [FaultEvent(at_s, name, on) for at_s, on in zip(times_s, (True, False), strict=False)]
 
 
-class Agenda:
+class FaultSchedule:
     """Switches each fault at its time. Raises BadInput at once for an unknown fault."""
 
-    def __init__(self, orders: Sequence[Switching], panel: FaultPanel) -> None:
+    def __init__(self, orders: Sequence[FaultEvent], panel: FaultPanel) -> None:
         for order in orders:
             # Switching off is harmless, and raises for an unknown name before the server starts.
             panel.switch_off(order.name)
         self._left = list(orders)
         self._panel = panel
 
-    def pass_to(self, now_s: float) -> list[Switching]:
+    def pass_to(self, now_s: float) -> list[FaultEvent]:
         """Switches the faults that are due by `now_s`; returns the events since the last call."""
         switched = []
         while self._left and self._left[0].at_s <= now_s:

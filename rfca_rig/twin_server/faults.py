@@ -85,7 +85,7 @@ class FaultPanel:
         self._on.discard(name)
         return is_pending
 
-    def let_happen(self, events: Mapping[str, Callable[[], None]]) -> None:
+    def run_pending(self, events: Mapping[str, Callable[[], None]]) -> None:
         """Runs each pending event once."""
         for name, happen in events.items():
             if self.take(name):

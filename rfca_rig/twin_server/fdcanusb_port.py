@@ -9,7 +9,7 @@ from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
 from rfca_rig.twin_server.shared_wire import SharedWire
 
 # Limit of the send queue in bytes.
-MOST_WAITING = 1 << 18
+MAX_QUEUED_BYTES = 1 << 18
 
 
 class FdcanusbPort:
@@ -43,13 +43,13 @@ class FdcanusbPort:
             lines, self._rest = fdcanusb.split(self._rest + self._terminal.read())
         except MalformedFrame as error:
             lines, self._rest = [], b""
-            self._waiting += fdcanusb.line(f"ERR {error}")
+            self._waiting += fdcanusb.encode_line(f"ERR {error}")
         for received in lines:
-            self._waiting += fdcanusb.line(self._answer(received))
+            self._waiting += fdcanusb.encode_line(self._answer(received))
 
     def _answer(self, line: bytes) -> str:
         try:
-            text, has_checksum = fdcanusb.checked(line)
+            text, has_checksum = fdcanusb.parse_line(line)
             # As soon as a client has sent a checksum, lines without one are refused as damaged.
             if self._checksums_asked and not has_checksum:
                 return "ERR checksum required"
@@ -66,7 +66,7 @@ class FdcanusbPort:
         """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
         while (message := self._end.recv(timeout=0)) is not None:
             # The adapter carries CAN-FD frames only.
-            if message.is_fd and not message.is_error_frame and len(self._waiting) < MOST_WAITING:
+            if message.is_fd and not message.is_error_frame and len(self._waiting) < MAX_QUEUED_BYTES:
                 self._waiting += fdcanusb.encode_received(_frame_of(message))
 
     def close(self) -> None:

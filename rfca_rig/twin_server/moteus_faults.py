@@ -10,7 +10,7 @@ from rfca_rig.codecs.moteus import Reply, Subframe
 from rfca_rig.codecs.moteus_registers import Register
 from rfca_rig.twin_server.drive_faults import drive_events
 from rfca_rig.twin_server.faults import DRIVE_FAULTS, Fault
-from rfca_rig.twin_server.tampered_bus import with_data
+from rfca_rig.twin_server.tampered_bus import replace_data
 from rfca_rig.twins.moteus import MoteusTwin
 
 JUMP_TURNS = 1.0
@@ -32,13 +32,13 @@ class MoteusDialect:
 
     def jumped(self, message: can.Message) -> can.Message:
         """The frame with the reported position shifted by one turn."""
-        return with_data(message, moteus.encode([_shift_position(item) for item in moteus.decode(message.data)]))
+        return replace_data(message, moteus.encode([_shift_position(item) for item in moteus.decode(message.data)]))
 
 
 def _shift_position(item: Subframe) -> Subframe:
     if not isinstance(item, Reply) or item.register != Register.POSITION:
         return item
-    return replace(item, value=moteus.nearest(item.register, item.width, item.value + JUMP_TURNS))
+    return replace(item, value=moteus.clip_to_register(item.register, item.width, item.value + JUMP_TURNS))
 
 
 def moteus_events(motor: MoteusTwin) -> Mapping[str, Callable[[], None]]:

@@ -7,7 +7,7 @@ import can
 from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
 from rfca_rig.codecs.odrive_messages import EncoderEstimates, OdriveCommand, OdriveFirmware
 from rfca_rig.twin_server.drive_faults import drive_events
-from rfca_rig.twin_server.tampered_bus import with_data
+from rfca_rig.twin_server.tampered_bus import replace_data
 from rfca_rig.twins.odrive import WATCHDOG_EXPIRED, OdriveTwin
 
 JUMP_TURNS = 1.0
@@ -30,7 +30,7 @@ class OdriveDialect:
             return message
         node = cansimple.node_of(message.arbitration_id)
         _, data = cansimple.encoder_estimates(node, estimates.position_turns + JUMP_TURNS, estimates.speed_turns_s)
-        return with_data(message, data)
+        return replace_data(message, data)
 
 
 def odrive_events(motor: OdriveTwin) -> Mapping[str, Callable[[], None]]:

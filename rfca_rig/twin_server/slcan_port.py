@@ -6,7 +6,7 @@ from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
 from rfca_rig.twin_server.shared_wire import SharedWire, frame_of, is_classic, message_of
 
 # Limit of the send queue in bytes.
-MOST_WAITING = 1 << 18
+MAX_QUEUED_BYTES = 1 << 18
 VERSION, SERIAL_NUMBER = b"V1013", b"NTWIN"
 
 
@@ -70,7 +70,7 @@ class SlcanPort:
     def _queue_frames(self) -> None:
         """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
         while (message := self._end.recv(timeout=0)) is not None:
-            if self._channel_open and is_classic(message) and len(self._waiting) < MOST_WAITING:
+            if self._channel_open and is_classic(message) and len(self._waiting) < MAX_QUEUED_BYTES:
                 self._waiting += slcan.encode_frame(frame_of(message))
 
     def close(self) -> None:

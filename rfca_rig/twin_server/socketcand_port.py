@@ -11,7 +11,7 @@ from rfca_rig.twins.can_wire import CanEnd
 
 NEVER = float("inf")
 # Clients expect the answer to `rawmode` alone in their next read, so frames are held back for this long.
-FIRST_FRAME_S = 0.05
+FRAME_DELAY_S = 0.05
 
 
 @dataclass
@@ -73,7 +73,7 @@ class SocketcandPort:
             member.client.send(socketcand.OK)
         elif command in {"rawmode", "bcmmode"} and member.is_open:
             # Only raw mode receives frames; `bcmmode` switches them off again.
-            member.told_from_s = now_s + FIRST_FRAME_S if command == "rawmode" else NEVER
+            member.told_from_s = now_s + FRAME_DELAY_S if command == "rawmode" else NEVER
             member.client.send(socketcand.OK)
         elif command == "echo":
             member.client.send(b"< echo >")

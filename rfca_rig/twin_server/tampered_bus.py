@@ -69,7 +69,7 @@ class TamperedBus(can.BusABC):
         self._end.shutdown()
 
 
-def with_data(message: can.Message, data: bytes) -> can.Message:
+def replace_data(message: can.Message, data: bytes) -> can.Message:
     """The same frame with other data, and the matching length."""
     return can.Message(
         arbitration_id=message.arbitration_id,
@@ -85,4 +85,4 @@ def _shorten(message: can.Message) -> can.Message:
     length = len(message.data) - 1
     if message.is_fd:
         length = max((one for one in FD_LENGTHS if one <= length), default=0)
-    return with_data(message, bytes(message.data[: max(length, 0)]))
+    return replace_data(message, bytes(message.data[: max(length, 0)]))

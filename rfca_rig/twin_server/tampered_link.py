@@ -12,7 +12,7 @@ from rfca_rig.twin_server.udp_link import STARTS
 from rfca_rig.twins.datagram_link import DatagramLink
 
 # Faults of single datagrams hit every tenth one.
-EVERY = 10
+FAULT_INTERVAL = 10
 
 
 class TamperedLink:
@@ -77,7 +77,7 @@ class TamperedLink:
     def _apply_network_faults(self, datagram: bytes) -> list[bytes]:
         """Applies the network faults, to every tenth datagram."""
         waiting, self._overtaken = self._overtaken, None
-        if self._sent % EVERY == 0:
+        if self._sent % FAULT_INTERVAL == 0:
             if self._panel.is_on("force-lost"):
                 datagrams = []
             elif self._panel.is_on("force-twice"):

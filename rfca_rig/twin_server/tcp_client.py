@@ -4,7 +4,7 @@ import socket
 from contextlib import suppress
 
 # Limit of the send queue, and largest read, in bytes.
-MOST_WAITING = 4 << 20
+MAX_QUEUED_BYTES = 4 << 20
 BLOCK = 1 << 16
 
 
@@ -42,7 +42,7 @@ class TcpClient:
             while self._waiting and self.open:
                 del self._waiting[: self._connection.send(self._waiting)]
         except BlockingIOError:
-            self.open = len(self._waiting) <= MOST_WAITING
+            self.open = len(self._waiting) <= MAX_QUEUED_BYTES
         except OSError:
             self.open = False
 

@@ -6,9 +6,9 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.ati_serial import END, LARGEST_COUNT, LINE_END, PROMPT, AtiCommand, AtiRecord, RecordForm, encode_record
+from rfca_rig.codecs.ati_serial import END, LINE_END, MAX_COUNT, PROMPT, AtiCommand, AtiRecord, RecordForm, encode_record
 from rfca_rig.twins.serial_line import SerialLine
-from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.ticks import SampleGrid
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class AtiSerialTwin:
         self._line = line
         self._settings = settings
         self._random = random
-        self._ticks = Ticks(1.0 / settings.sampling_Hz)
+        self._ticks = SampleGrid(1.0 / settings.sampling_Hz)
         self._typed = b""
         self._binary = self._with_checksum = False
         self._streaming = self._one_wanted = self._bias_wanted = False
@@ -133,6 +133,6 @@ class AtiSerialTwin:
         # The range applies to the load itself; the bias is subtracted afterwards.
         saturated = (clipped != noisy).any(axis=1)
         bias = self._biases[-1] if self._biases else np.zeros(6)
-        counts = np.clip(np.rint((clipped - bias) * self._counts_per_unit), -LARGEST_COUNT, LARGEST_COUNT).astype(int)
+        counts = np.clip(np.rint((clipped - bias) * self._counts_per_unit), -MAX_COUNT, MAX_COUNT).astype(int)
         for error, (fx, fy, fz, tx, ty, tz) in zip(saturated.tolist(), counts.tolist(), strict=True):
             self._line.write(encode_record(AtiRecord(int(error), (fx, fy, fz, tx, ty, tz)), self.form))

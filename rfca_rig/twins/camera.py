@@ -5,12 +5,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.twins.image_noise import Disturbance
+from rfca_rig.twins.image_noise import ImageDisturbance
 from rfca_rig.twins.leg_picture import render_leg
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_marks import MarkPlan
 
-__all__ = ["CameraTwin", "Disturbance", "StandingLeg", "render_leg"]
+__all__ = ["CameraTwin", "ImageDisturbance", "StandingLeg", "render_leg"]
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class CameraTwin:
     """Each picture gets new random disturbances from `random`; `disturbance` sets their kinds and sizes."""
 
     def __init__(
-        self, leg: StandingLeg, plan: MarkPlan, camera: CameraModel, disturbance: Disturbance, random: np.random.Generator
+        self, leg: StandingLeg, plan: MarkPlan, camera: CameraModel, disturbance: ImageDisturbance, random: np.random.Generator
     ) -> None:
         self._leg = leg
         self._plan = plan

@@ -11,9 +11,9 @@ from rfca_rig.codecs.cubemars_ranges import mit_ranges
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.thermal_model import Warming, Warmth
+from rfca_rig.twins.thermal_model import MotorThermalModel, ThermalParameters
 
-AT_REST = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
+ZERO_COMMAND = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
 # Time in s for which the drive does not answer after it has set its zero.
 ZEROING_S = 1.0
 # One rotor turn at the shaft: the encoder sits before the gear.
@@ -40,7 +40,7 @@ class MitTwinSettings:
     wraps: bool = True
     tells_errors: bool = True
     entering_error: int = 0
-    warming: Warming = field(default_factory=lambda: Warming(air_degC=31.0))
+    warming: ThermalParameters = field(default_factory=lambda: ThermalParameters(air_degC=31.0))
 
 
 class CubemarsMitTwin:
@@ -53,7 +53,7 @@ class CubemarsMitTwin:
         self._bus = bus
         self._settings = settings
         self._ranges = mit_ranges(settings.model)
-        self._command = AT_REST
+        self._command = ZERO_COMMAND
         self._entered = False
         self._error = 0
         self._zero_rad = settings.zero_rad
@@ -63,7 +63,7 @@ class CubemarsMitTwin:
         self._unanswered = 0
         self._restarts = False
         self.encoder = Encoder()
-        self.warmth = Warmth(settings.warming)
+        self.warmth = MotorThermalModel(settings.warming)
 
     def take_frames(self, now_s: float) -> None:
         """Executes received frames; invalid ones are ignored. Commands feed the watchdog, special frames do not."""
@@ -74,7 +74,7 @@ class CubemarsMitTwin:
         limit_s = self._settings.watchdog_s
         # Only the command is zeroed; the drive stays in MIT mode.
         if limit_s is not None and now_s - self._fed_s > limit_s:
-            self._command = AT_REST
+            self._command = ZERO_COMMAND
 
     def _take(self, data: bytearray, now_s: float) -> None:
         try:
@@ -101,7 +101,7 @@ class CubemarsMitTwin:
 
     def restart(self) -> None:
         """Power cycle: the drive is out of MIT mode and has lost its rotor turn count."""
-        self._command, self._entered, self._error, self._restarts = AT_REST, False, 0, True
+        self._command, self._entered, self._error, self._restarts = ZERO_COMMAND, False, 0, True
 
     def leap(self, by_rad: float) -> None:
         """Encoder slip: from now on the reported position is shifted by `by_rad`."""

@@ -10,16 +10,16 @@ from rfca_rig.codecs.cubemars_servo import Message, OriginMode, Status
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_messages import ControlMode
 from rfca_rig.twins.encoder import Encoder
-from rfca_rig.twins.motor import moments_between
+from rfca_rig.twins.motor import interpolate_motion
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
-from rfca_rig.twins.thermal_model import Warming, Warmth
-from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.speed_loop import LoopGains, MotorSetPoint, SpeedLoop
+from rfca_rig.twins.thermal_model import MotorThermalModel, ThermalParameters
+from rfca_rig.twins.ticks import SampleGrid
 
 # Largest temperature of the signed byte in the status frame.
-HOTTEST_degC = 127
+MAX_TEMPERATURE_degC = 127
 # End of the position range of the status frame according to the manual.
-MOST_COUNT = 32_000
+MAX_COUNT = 32_000
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ServoTwinSettings:
     watchdog_s: float | None = None
     wraps: bool = True
     ordered_error: int = 0
-    warming: Warming = field(default_factory=lambda: Warming(air_degC=31.0))
+    warming: ThermalParameters = field(default_factory=lambda: ThermalParameters(air_degC=31.0))
 
 
 class CubemarsServoTwin:
@@ -55,7 +55,7 @@ class CubemarsServoTwin:
         self._bus = bus
         self._settings = settings
         self._loop = SpeedLoop(settings.gains)
-        self._wanted = SetPoint(ControlMode.TORQUE)
+        self._wanted = MotorSetPoint(ControlMode.TORQUE)
         # Target of a position command with a speed limit; the set-point moves there.
         self._goal_rad: float | None = None
         self._pace_rad_s = 0.0
@@ -65,10 +65,10 @@ class CubemarsServoTwin:
         self._origin_wanted = False
         self._error = 0
         self._fed_s = 0.0
-        self._status_ticks = Ticks(settings.status_period_s)
+        self._status_ticks = SampleGrid(settings.status_period_s)
         self._restarts = False
         self.encoder = Encoder()
-        self.warmth = Warmth(settings.warming)
+        self.warmth = MotorThermalModel(settings.warming)
 
     def take_frames(self, now_s: float) -> None:
         """Executes received frames; invalid ones are ignored."""
@@ -105,7 +105,7 @@ class CubemarsServoTwin:
 
     def _push(self, current_A: float) -> None:
         """Current control. Zero disables the motor and clears an error."""
-        self._wanted = SetPoint(ControlMode.TORQUE, torque_Nm=current_A * self._torque_per_A)
+        self._wanted = MotorSetPoint(ControlMode.TORQUE, torque_Nm=current_A * self._torque_per_A)
         self._goal_rad, self._looping = None, False
         if current_A == 0.0:
             self._error = 0
@@ -116,7 +116,7 @@ class CubemarsServoTwin:
         if self._error:
             return
         self._starts_pacing |= goal_rad is not None and self._goal_rad is None
-        self._wanted = SetPoint(mode, angle_rad, speed_rad_s)
+        self._wanted = MotorSetPoint(mode, angle_rad, speed_rad_s)
         self._goal_rad = goal_rad
         if not self._looping:
             self._loop.reset()
@@ -162,19 +162,19 @@ class CubemarsServoTwin:
             way_rad, most_rad = self._goal_rad - self._wanted.angle_rad, self._pace_rad_s * elapsed_s
             self._wanted.angle_rad += min(max(way_rad, -most_rad), most_rad)
         due_s = self._status_ticks.until(now_s).tolist()
-        for angle_rad, speed_rad_s in moments_between(due_s, elapsed_s, now_s, before, after):
+        for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
         reported_deg, speed_rad_s = self.encoder.told(self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s)
         count = floor(reported_deg / cubemars_servo.STATUS_DEG)
-        clipped = min(max(count, -MOST_COUNT), MOST_COUNT)
+        clipped = min(max(count, -MAX_COUNT), MAX_COUNT)
         wrapped = (count + cubemars_servo.STATUS_COUNTS // 2) % cubemars_servo.STATUS_COUNTS - cubemars_servo.STATUS_COUNTS // 2
         status = Status(
             position_count=wrapped if self._settings.wraps else clipped,
             speed_erpm=speed_rad_s * self._erpm_s_per_rad,
             current_A=torque_Nm / self._torque_per_A,
-            temperature_degC=min(round(self.warmth.told_degC), HOTTEST_degC),
+            temperature_degC=min(round(self.warmth.told_degC), MAX_TEMPERATURE_degC),
             error=self._error,
         )
         frame = cubemars_servo.status(self._settings.drive_id, status)

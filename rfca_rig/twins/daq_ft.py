@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.codecs.ati_calibration import GAGES, TransducerCalibration
 from rfca_rig.codecs.gage_block import GageBlock
-from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.ticks import SampleGrid
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class DaqFtTwin:
         self._calibration = calibration
         self._settings = settings
         self._random = random
-        self._ticks = Ticks(1.0 / settings.sampling_Hz)
+        self._ticks = SampleGrid(1.0 / settings.sampling_Hz)
         self._unloaded_V, self._noise_std = np.array(settings.unloaded_V), np.array(settings.noise_std)
         self._running = False
         self._taken = 0

@@ -15,7 +15,7 @@ DARK_SHARE = 0.02
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class ImageDisturbance:
     """Image disturbances; by default there are none.
 
     `defocus_px`: radius of the disc into which a point is blurred. `noise_counts`: standard deviation at mid grey in counts of 255;
@@ -36,7 +36,7 @@ class Disturbance:
     jpeg_quality: int | None = None
 
 
-def lit(scene: Light, disturbance: Disturbance, random: np.random.Generator) -> Light:
+def apply_uneven_light(scene: Light, disturbance: ImageDisturbance, random: np.random.Generator) -> Light:
     """The scene (rows, columns, 3), in linear light, under a light that falls off from one side of the image to the other."""
     turn = random.uniform(0.0, 2.0 * np.pi)
     rows, columns = scene.shape[:2]
@@ -48,7 +48,7 @@ def lit(scene: Light, disturbance: Disturbance, random: np.random.Generator) -> 
     return np.asarray(scene * light[..., None])
 
 
-def seen_by_sensor(light: Light, disturbance: Disturbance, random: np.random.Generator) -> NDArray[np.uint8]:
+def render_sensor_image(light: Light, disturbance: ImageDisturbance, random: np.random.Generator) -> NDArray[np.uint8]:
     """Image of the sensor: defocus, noise, sRGB encoding (IEC 61966-2-1) in 256 steps, and JPEG compression.
 
     Parameters

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.twins.image_noise import Disturbance, lit, seen_by_sensor
-from rfca_rig.twins.painting import Light, covered_share, paint
+from rfca_rig.twins.image_noise import ImageDisturbance, apply_uneven_light, render_sensor_image
+from rfca_rig.twins.painting import Light, compute_coverage, paint
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_marks import MarkPlan
 
@@ -27,10 +27,10 @@ PLATE: Colour = (0.05, 0.05, 0.045)
 FRAME: Colour = (0.38, 0.38, 0.38)
 RED: Colour = (0.025, 0.03, 0.5)
 # Distance of red objects behind the plane of the leg in m.
-BEHIND_M = 0.15
+RED_THING_DISTANCE_M = 0.15
 FRAME_WIDTH_M = 0.02
 # Number of corners of the polygon for a circle.
-ROUND = 96
+CIRCLE_CORNERS = 96
 
 
 def render_leg(
@@ -38,7 +38,7 @@ def render_leg(
     link_lengths_m: Floats,
     plan: MarkPlan,
     camera: CameraModel,
-    disturbance: Disturbance,
+    disturbance: ImageDisturbance,
     random: np.random.Generator,
     ground_depth_m: float | None = None,
 ) -> NDArray[np.uint8]:
@@ -86,7 +86,7 @@ def render_leg(
     _paint_marks(scene, hinges_m, plan, camera)
     if disturbance.hidden_mark is not None:
         _paint_frame(scene, hinges_m, plan, camera, disturbance.hidden_mark, disturbance.hidden_share, random)
-    return seen_by_sensor(lit(scene, disturbance, random), disturbance, random)
+    return render_sensor_image(apply_uneven_light(scene, disturbance, random), disturbance, random)
 
 
 def _check(plan: MarkPlan, links: int, hidden_mark: int | None) -> None:
@@ -121,7 +121,7 @@ def _in_space(points_m: Floats, x_m: float) -> Floats:
 
 
 def _circle(middle_m: Floats, radius_m: float) -> Floats:
-    turn = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
+    turn = np.linspace(0.0, 2.0 * np.pi, CIRCLE_CORNERS, endpoint=False)
     return np.asarray(middle_m + radius_m * np.column_stack([np.cos(turn), np.sin(turn)]))
 
 
@@ -129,7 +129,7 @@ def _capsule(first_m: Floats, last_m: Floats, radius_m: float) -> Floats:
     """Outline (k, 2): two half circles and the straight lines between them, in small steps because lens distortion bends lines."""
     along = (last_m - first_m) / np.hypot(*(last_m - first_m))
     across = np.array([-along[1], along[0]])
-    half = np.linspace(-np.pi / 2, np.pi / 2, ROUND // 2)[:, None]
+    half = np.linspace(-np.pi / 2, np.pi / 2, CIRCLE_CORNERS // 2)[:, None]
     far = last_m + radius_m * (np.cos(half) * along + np.sin(half) * across)
     near = first_m - radius_m * (np.cos(half) * along + np.sin(half) * across)
     fraction = np.linspace(0.0, 1.0, 12)[1:-1, None]
@@ -179,7 +179,7 @@ def _paint_red_thing(scene: Light, hinges_m: Floats, plan: MarkPlan, camera: Cam
     else:
         turn = random.uniform(0.0, np.pi)
         outline = _capsule(middle_m, middle_m + random.uniform(2.0, 8.0) * size_m * np.array([np.cos(turn), np.sin(turn)]), 0.3 * size_m)
-    paint(scene, camera.project(_in_space(outline, -BEHIND_M * _toward_camera(camera))), red)
+    paint(scene, camera.project(_in_space(outline, -RED_THING_DISTANCE_M * _toward_camera(camera))), red)
 
 
 def _paint_plate(
@@ -193,7 +193,7 @@ def _paint_plate(
     face_px = camera.project(np.vstack([front, back[::-1]]))
     edge_px = camera.project(np.vstack([front, front[::-1] - np.array([0.0, 0.0, 0.01])]))
     paint(scene, face_px, PLATE)
-    covered = covered_share(scene.shape[:2], face_px)
+    covered = compute_coverage(scene.shape[:2], face_px)
     if reflection > 0.0 and covered is not None and _above(camera, depth_m):
         mirrored = scene.copy()
         # The mirror image lies as far below the plate as the leg is above it.

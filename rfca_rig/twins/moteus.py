@@ -13,11 +13,11 @@ from rfca_rig.codecs.moteus_registers import Mode, Register
 from rfca_rig.twins.encoder import Encoder
 from rfca_rig.twins.moteus_loop import MoteusGains, MoteusLoop, PositionCommand, damping
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.thermal_model import Warming, Warmth
+from rfca_rig.twins.thermal_model import MotorThermalModel, ThermalParameters
 
 # Error codes of a refused register access.
 UNKNOWN_REGISTER, NOT_WRITEABLE, NOT_ALLOWED = 1, 2, 3
-FACTS: dict[int, float] = {
+IDENTITY_REGISTERS: dict[int, float] = {
     Register.MODEL_NUMBER: 1,
     Register.FIRMWARE_VERSION: 0x010304,
     Register.REGISTER_MAP_VERSION: 5,
@@ -27,7 +27,7 @@ FACTS: dict[int, float] = {
 }
 COMMANDABLE = frozenset({Mode.STOPPED, Mode.POSITION, Mode.ZERO_VELOCITY})
 # For all other command registers NaN means the default.
-NEEDS_NUMBER = frozenset({Register.COMMAND_FEEDFORWARD_TORQUE, Register.COMMAND_KP_SCALE, Register.COMMAND_KD_SCALE})
+NAN_NOT_ALLOWED = frozenset({Register.COMMAND_FEEDFORWARD_TORQUE, Register.COMMAND_KP_SCALE, Register.COMMAND_KD_SCALE})
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class MoteusTwinSettings:
     temperature_degC: float = 30.0
     keeps_timeouts: bool = True
     arming_fault: int = 0
-    warming: Warming = field(default_factory=Warming)
+    warming: ThermalParameters = field(default_factory=ThermalParameters)
 
 
 class MoteusTwin:
@@ -72,7 +72,7 @@ class MoteusTwin:
         self._commanded_s = self._now_s = self._powered_s = 0.0
         self._started_s = 0.0
         self.encoder = Encoder()
-        self.warmth = Warmth(settings.warming)
+        self.warmth = MotorThermalModel(settings.warming)
         self._answers: list[Callable[[ShaftState], None]] = []
 
     def take_frames(self, now_s: float) -> None:
@@ -134,7 +134,7 @@ class MoteusTwin:
         change = changes.get(write.register)
         if change is None:
             return NOT_WRITEABLE if write.register in set(Register) else UNKNOWN_REGISTER
-        if isinf(value) or (isnan(value) and write.register in NEEDS_NUMBER):
+        if isinf(value) or (isnan(value) and write.register in NAN_NOT_ALLOWED):
             return NOT_ALLOWED
         self._command = replace(self._command, **change)
         return 0
@@ -208,7 +208,7 @@ class MoteusTwin:
     def _read_registers(self, reads: list[Read], mode: int, fault: int, shaft: ShaftState) -> list[Subframe]:
         values = self._values(mode, fault, shaft)
         return [
-            Reply(read.register, read.width, moteus.nearest(read.register, read.width, values[read.register]))
+            Reply(read.register, read.width, moteus.clip_to_register(read.register, read.width, values[read.register]))
             if read.register in values
             else Refusal(read.register, UNKNOWN_REGISTER, of_write=False)
             for read in reads
@@ -217,7 +217,7 @@ class MoteusTwin:
     def _values(self, mode: int, fault: int, shaft: ShaftState) -> dict[int, float]:
         angle_rad, speed_rad_s = self.encoder.told(shaft.angle_rad, shaft.speed_rad_s)
         return {
-            **FACTS,
+            **IDENTITY_REGISTERS,
             Register.MODE: mode,
             Register.POSITION: self._settings.zero_turns + angle_rad / self._rad_per_turn,
             Register.VELOCITY: speed_rad_s / self._rad_per_turn,

@@ -22,7 +22,7 @@ class MotorTwin(Protocol):
         ...
 
 
-def moments_between(
+def interpolate_motion(
     due_s: Sequence[float], elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState
 ) -> Iterator[tuple[float, float]]:
     """Yields angle and speed at the times `due_s` within a step that ended at `now_s`.

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netbox_status import SATURATED
-from rfca_rig.codecs.rdt import MOST_RECORDS, RECORD_BYTES, RdtCommand, Records, Request, decode_request, encode_records
+from rfca_rig.codecs.rdt import MAX_RECORDS, RECORD_BYTES, RdtCommand, Records, Request, decode_request, encode_records
 from rfca_rig.twins.datagram_link import DatagramLink
-from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.ticks import SampleGrid
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ class NetFtTwinSettings:
     counts_per_Nm: float = 1e6
     decimation: int = 1
     internal_rate_Hz: float = 7000.0
-    buffer_records: int = MOST_RECORDS
+    buffer_records: int = MAX_RECORDS
     noise_std: tuple[float, ...] = (0.0,) * 6
     full_scale: tuple[float, ...] = (330.0, 330.0, 990.0, 30.0, 30.0, 30.0)
     bias_stops_stream: bool = False
@@ -46,7 +46,7 @@ class _Stream:
 class NetFtTwin:
     """Executes requests, samples on its own grid n / rate since power-up, and sends records.
 
-    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `measured`. With `keeps_measuring` it also
+    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `measured`. With `samples_without_stream` it also
     samples once per step without a stream, so that `latest` is up to date.
     """
 
@@ -54,14 +54,14 @@ class NetFtTwin:
         self._link = link
         self._settings = settings
         self._random = random
-        self._ticks = Ticks(settings.decimation / settings.internal_rate_Hz)
+        self._ticks = SampleGrid(settings.decimation / settings.internal_rate_Hz)
         self._stream: _Stream | None = None
         self._due: list[Floats] = []
         self._held = 0
         self._first_held = 0
         self._bias = np.zeros(6)
         self._bias_wanted = False
-        self.keeps_measuring = False
+        self.samples_without_stream = False
         self._latest = np.zeros((1, 6))
         self._counts_per_unit = np.repeat([settings.counts_per_N, settings.counts_per_Nm], 3)
         self._noise_std, self._full_scale = np.array(settings.noise_std), np.array(settings.full_scale)
@@ -105,7 +105,7 @@ class NetFtTwin:
         if self._stream is not None or self._bias_wanted:
             return times_s
         # The grid runs on since power-up, even if no sample is needed.
-        return times_s[-1:] if self.keeps_measuring else times_s[:0]
+        return times_s[-1:] if self.samples_without_stream else times_s[:0]
 
     def measured(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends the datagrams that are full."""
@@ -127,7 +127,7 @@ class NetFtTwin:
         wrench = self._due[0] if len(self._due) == 1 else np.concatenate(self._due)
         ready, size = self._count_ready(stream, len(wrench)), stream.records_per_datagram
         # Records are encoded in blocks of whole datagrams, as numpy calls cost more than the records themselves.
-        at_once = MOST_RECORDS // size * size
+        at_once = MAX_RECORDS // size * size
         for begin in range(0, ready, at_once):
             block = self._encode(stream, wrench[begin : min(begin + at_once, ready)], self._first_held + begin)
             for at in range(0, len(block), size * RECORD_BYTES):

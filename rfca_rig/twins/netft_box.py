@@ -75,7 +75,7 @@ class NetFtBoxTwin:
         if isinstance(order, ReadCalibrationInfo):
             return encode_calibration(self._calibration_info())
         # From now on the twin samples without a stream too, so that later readings are current.
-        self._streaming.keeps_measuring = True
+        self._streaming.samples_without_stream = True
         if order.bias:
             self._streaming.bias()
         counts, status = self._streaming.latest()

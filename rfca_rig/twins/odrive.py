@@ -21,11 +21,11 @@ from rfca_rig.codecs.odrive_messages import (
     Version,
 )
 from rfca_rig.twins.encoder import Encoder
-from rfca_rig.twins.motor import moments_between
+from rfca_rig.twins.motor import interpolate_motion
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
-from rfca_rig.twins.thermal_model import Warming, Warmth
-from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.speed_loop import LoopGains, MotorSetPoint, SpeedLoop
+from rfca_rig.twins.thermal_model import MotorThermalModel, ThermalParameters
+from rfca_rig.twins.ticks import SampleGrid
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class OdriveTwinSettings:
     arming_error: int = 0
     dialect: OdriveFirmware = OdriveFirmware.V0_6
     torque_constant_Nm_per_A: float = 0.5
-    warming: Warming = field(default_factory=Warming)
+    warming: ThermalParameters = field(default_factory=ThermalParameters)
     temperature_period_s: float | None = 0.5
 
 
@@ -73,7 +73,7 @@ class OdriveTwin:
         self._bus = bus
         self._settings = settings
         self._loop = SpeedLoop(settings.gains)
-        self._wanted = SetPoint()
+        self._wanted = MotorSetPoint()
         self._state = AxisState.IDLE
         self._error = 0
         self._part_errors: dict[OdrivePart, int] = {}
@@ -83,10 +83,10 @@ class OdriveTwin:
         # Shaft angle at which the encoder last started to count from zero.
         self._counted_from_rad = 0.0
         self.encoder = Encoder()
-        self.warmth = Warmth(settings.warming)
-        self._temperature_ticks = Ticks(settings.temperature_period_s or 1.0)
-        self._encoder_ticks = Ticks(settings.encoder_period_s)
-        self._heartbeat_ticks = Ticks(settings.heartbeat_period_s)
+        self.warmth = MotorThermalModel(settings.warming)
+        self._temperature_ticks = SampleGrid(settings.temperature_period_s or 1.0)
+        self._encoder_ticks = SampleGrid(settings.encoder_period_s)
+        self._heartbeat_ticks = SampleGrid(settings.heartbeat_period_s)
 
     def take_frames(self, now_s: float) -> None:
         """Executes received frames; invalid ones are ignored. Any frame for this node feeds the watchdog."""
@@ -149,7 +149,7 @@ class OdriveTwin:
                 self.fail(ESTOP_REQUESTED[self._settings.dialect])
         # A set-point that is not finite disarms the drive, with an error that depends on the firmware.
         if not (isfinite(wanted.angle_rad) and isfinite(wanted.speed_rad_s) and isfinite(wanted.torque_Nm)):
-            self._wanted = SetPoint(wanted.mode)
+            self._wanted = MotorSetPoint(wanted.mode)
             self._fail_not_finite()
 
     def _fail_not_finite(self) -> None:
@@ -176,7 +176,7 @@ class OdriveTwin:
         """Power cycle: idle without an error; the incremental encoder counts from zero at its present position."""
         self._state, self._error, self._result = AxisState.IDLE, 0, 0
         self._part_errors.clear()
-        self._wanted, self._restarts = SetPoint(), True
+        self._wanted, self._restarts = MotorSetPoint(), True
 
     def fail_part(self, part: OdrivePart, error: int) -> None:
         """Sets an error of one part, as in firmware 0.5: the error word of the axis may stay zero."""
@@ -200,7 +200,7 @@ class OdriveTwin:
             self._loop.passed(self._wanted, elapsed_s, before, after)
         self.warmth.passed(elapsed_s, after.torque_Nm)
         due_s = self._encoder_ticks.until(now_s).tolist()
-        for angle_rad, speed_rad_s in moments_between(due_s, elapsed_s, now_s, before, after):
+        for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
         for _ in self._heartbeat_ticks.until(now_s):
             self._send(cansimple.heartbeat(self._settings.node_id, self._beat(), self._settings.dialect))

@@ -13,12 +13,12 @@ LARGE_PX = 400_000
 # Fractional bits of OpenCV's fixed-point outlines.
 SHIFT = 6
 # Coordinates are clipped here, so that they fit OpenCV's 32 bit fixed-point numbers.
-FARTHEST_PX = 30_000.0
+MAX_COORDINATE_PX = 30_000.0
 
 
 def paint(picture: Light, outline_px: Floats, colour: tuple[float, float, float], opacity: float = 1.0) -> None:
     """Paints `colour` (blue, green, red; 1 is white) over the inside of a closed outline (n, 2) in `picture` (rows, columns, 3)."""
-    covered = covered_share(picture.shape[:2], outline_px)
+    covered = compute_coverage(picture.shape[:2], outline_px)
     if covered is None:
         return
     rows, columns, share = covered
@@ -26,7 +26,7 @@ def paint(picture: Light, outline_px: Floats, colour: tuple[float, float, float]
     region += (opacity * share)[..., None] * (np.array(colour, np.float32) - region)
 
 
-def covered_share(shape: tuple[int, ...], outline_px: Floats) -> tuple[slice, slice, Light] | None:
+def compute_coverage(shape: tuple[int, ...], outline_px: Floats) -> tuple[slice, slice, Light] | None:
     """Share of each pixel that lies inside an outline.
 
     Parameters
@@ -41,7 +41,7 @@ def covered_share(shape: tuple[int, ...], outline_px: Floats) -> tuple[slice, sl
     tuple or None
         Row slice, column slice and shares (rows, columns) in 0..1 of the bounding box; None if it is outside the image.
     """
-    outline = np.clip(outline_px, -FARTHEST_PX, FARTHEST_PX)
+    outline = np.clip(outline_px, -MAX_COORDINATE_PX, MAX_COORDINATE_PX)
     first = np.clip(np.floor(outline.min(axis=0) - 1.0), 0, (shape[1], shape[0])).astype(int)
     last = np.clip(np.ceil(outline.max(axis=0) + 2.0), 0, (shape[1], shape[0])).astype(int)
     width, height = (last - first).tolist()

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.twins.serial_line import SerialLine
-from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.ticks import SampleGrid
 
 Floats = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class RecordStreamTwin(ABC):
     def __init__(self, line: SerialLine, keys: TwinnedStream, noise_std: tuple[float, ...], random: np.random.Generator) -> None:
         """`noise_std`: noise standard deviation of a sample per axis, in N and N m."""
         self._line = line
-        self._ticks = Ticks(1.0 / keys.rate_Hz)
+        self._ticks = SampleGrid(1.0 / keys.rate_Hz)
         self._noise_std, self._range = np.array(noise_std), np.array(self.full_scale)
         self._random = random
         self.is_streaming = False

@@ -9,11 +9,11 @@ import can
 
 from rfca_rig.codecs.odrive_messages import ControlMode
 from rfca_rig.twins.encoder import Encoder
-from rfca_rig.twins.motor import moments_between
+from rfca_rig.twins.motor import interpolate_motion
 from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.speed_loop import LoopGains, SetPoint, SpeedLoop
-from rfca_rig.twins.thermal_model import Warming, Warmth
-from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.speed_loop import LoopGains, MotorSetPoint, SpeedLoop
+from rfca_rig.twins.thermal_model import MotorThermalModel, ThermalParameters
+from rfca_rig.twins.ticks import SampleGrid
 
 
 class TwinnedKeys(Protocol):
@@ -43,13 +43,13 @@ class SpeedDriveTwin(ABC):
         self._bus = bus
         self._gear = keys.gear_ratio, keys.direction, keys.zero_turns
         self._loop = SpeedLoop(gains)
-        self._wanted = SetPoint(ControlMode.VELOCITY)
+        self._wanted = MotorSetPoint(ControlMode.VELOCITY)
         self._watchdog_s = watchdog_s
         self._fed_s = self.now_s = 0.0
-        self._ticks = None if keys.report_period_ms is None else Ticks(1e-3 * keys.report_period_ms)
+        self._ticks = None if keys.report_period_ms is None else SampleGrid(1e-3 * keys.report_period_ms)
         self._asked = self._restarts = False
         self._counted_from_rad = 0.0
-        self.encoder, self.warmth = Encoder(), Warmth(Warming())
+        self.encoder, self.warmth = Encoder(), MotorThermalModel(ThermalParameters())
         self.is_on = False
         self.fault = self.refuses_with = 0
 
@@ -113,7 +113,7 @@ class SpeedDriveTwin(ABC):
     def restart(self) -> None:
         """Power cycle: no torque, no error; the encoder counts from zero at its present position."""
         self.is_on, self.fault, self._restarts = False, 0, True
-        self._wanted = SetPoint(ControlMode.VELOCITY)
+        self._wanted = MotorSetPoint(ControlMode.VELOCITY)
         self._send(self.reboot())
 
     def take_frames(self, now_s: float) -> None:
@@ -143,7 +143,7 @@ class SpeedDriveTwin(ABC):
             self._loop.passed(self._wanted, elapsed_s, before, after)
         self.warmth.passed(elapsed_s, after.torque_Nm)
         due_s = [] if self._ticks is None else self._ticks.until(now_s).tolist()
-        for angle_rad, speed_rad_s in moments_between(due_s, elapsed_s, now_s, before, after):
+        for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
             self._send_shaft_report(angle_rad, speed_rad_s, law)
 
     def _send_shaft_report(self, angle_rad: float, speed_rad_s: float, law: ShaftDrive) -> None:

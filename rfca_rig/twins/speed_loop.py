@@ -17,7 +17,7 @@ class LoopGains:
 
 
 @dataclass
-class SetPoint:
+class MotorSetPoint:
     """Last commanded set-points, at the shaft. The mode decides which of them are used."""
 
     mode: int = ControlMode.POSITION
@@ -37,7 +37,7 @@ class SpeedLoop:
     def reset(self) -> None:
         self._integral_Nm = 0.0
 
-    def law(self, wanted: SetPoint, shaft: ShaftState) -> ShaftDrive:
+    def law(self, wanted: MotorSetPoint, shaft: ShaftState) -> ShaftDrive:
         """Torque law, limited at the beginning of the step.
 
         Beyond the limit the whole law is scaled down to it for that step, so that the torque still decreases with the error. A
@@ -48,7 +48,7 @@ class SpeedLoop:
         self._limited = torque_Nm > self._gains.torque_limit_Nm
         return _scale(free, self._gains.torque_limit_Nm / torque_Nm) if self._limited else free
 
-    def _unlimited_law(self, wanted: SetPoint) -> ShaftDrive:
+    def _unlimited_law(self, wanted: MotorSetPoint) -> ShaftDrive:
         gains = self._gains
         if wanted.mode == ControlMode.TORQUE:
             return ShaftDrive(feed_Nm=wanted.torque_Nm)
@@ -62,7 +62,7 @@ class SpeedLoop:
             speed_rad_s=wanted.speed_rad_s,
         )
 
-    def passed(self, wanted: SetPoint, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
+    def passed(self, wanted: MotorSetPoint, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
         """Updates the integrator with the speed error over the step. The rotation is exact, the mean angle is trapezoidal.
 
         The integrator is held while the torque is limited, the usual anti-windup of drives.

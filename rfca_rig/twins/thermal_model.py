@@ -5,7 +5,7 @@ from math import exp
 
 
 @dataclass(frozen=True)
-class Warming:
+class ThermalParameters:
     """First order: dT/dt = (T_air - T) / time_constant_s + rise_K_per_Nm2 * torque^2 / time_constant_s.
 
     The steady-state rise above the air is `rise_K_per_Nm2` times the squared torque, as copper losses grow with the squared current.
@@ -17,10 +17,10 @@ class Warming:
     rise_K_per_Nm2: float = 0.3
 
 
-class Warmth:
+class MotorThermalModel:
     """True and reported temperature. `fever_K_s` is an additional heating rate of a fault, independent of the torque."""
 
-    def __init__(self, warming: Warming) -> None:
+    def __init__(self, warming: ThermalParameters) -> None:
         self._warming = warming
         self._degC = warming.air_degC
         self._stuck_degC: float | None = None

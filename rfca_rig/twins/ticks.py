@@ -10,10 +10,10 @@ Floats = NDArray[np.float64]
 # Share of a period: a time that rounding moved just past the end of a step still belongs to it.
 SLACK = 1e-6
 
-NONE_DUE = np.empty(0)
+NO_TIMES = np.empty(0)
 
 
-class Ticks:
+class SampleGrid:
     """The times n * period, n = 1, 2 ..., each returned once. They are computed from zero, so rounding errors do not accumulate."""
 
     def __init__(self, period_s: float) -> None:
@@ -29,7 +29,7 @@ class Ticks:
         """Times (m,) in s not yet returned, none later than `to_s`."""
         first, last = self._taken + 1, floor(to_s / self._period_s + SLACK)
         if last < first:
-            return NONE_DUE
+            return NO_TIMES
         self._taken = last
         times: Floats = np.minimum(np.arange(first, last + 1) * self._period_s, to_s)
         return times

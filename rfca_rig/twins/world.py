@@ -8,8 +8,8 @@ from rfca_rig.twins.sensor import SensorTwin
 
 LONGEST_STEP_S = 2e-3
 # Steps are this many times longer while the shaft is slower than RESTING_RAD_S.
-RESTING_STEPS = 5
-RESTING_RAD_S = 1e-3
+RESTING_STEP_FACTOR = 5
+MAX_RESTING_SPEED_RAD_S = 1e-3
 
 
 class TwinWorld:
@@ -30,8 +30,8 @@ class TwinWorld:
     def process(self, to_s: float) -> None:
         """Advances everything to `to_s`."""
         began_s = self._now_s
-        resting = abs(self._plant.shaft().speed_rad_s) < RESTING_RAD_S
-        longest_s = RESTING_STEPS * self._longest_step_s if resting else self._longest_step_s
+        resting = abs(self._plant.shaft().speed_rad_s) < MAX_RESTING_SPEED_RAD_S
+        longest_s = RESTING_STEP_FACTOR * self._longest_step_s if resting else self._longest_step_s
         # The tolerance keeps rounding from adding a step of almost zero length.
         steps = ceil((to_s - began_s) / longest_s - 1e-6)
         for step in range(1, steps + 1):

@@ -24,13 +24,13 @@ class Extrema:
         """Buckets without samples, (buckets, channels)."""
         return Extrema(np.full((buckets, channels), np.nan), np.full((buckets, channels), np.nan))
 
-    def halved(self) -> "Extrema":
+    def merge_pairs(self) -> "Extrema":
         """Pairs of buckets merged, (n / 2, channels); n must be even."""
         # fmin and fmax ignore NaN: a pair is empty only where both of its buckets are.
         return Extrema(np.fmin(self.low[::2], self.low[1::2]), np.fmax(self.high[::2], self.high[1::2]))
 
 
-def in_order(buckets: Numbers, values: Floats) -> tuple[Numbers, Floats]:
+def sort_by_bucket(buckets: Numbers, values: Floats) -> tuple[Numbers, Floats]:
     """Samples (m, channels) sorted by their buckets (m,); within a bucket they keep their order."""
     # The usual case: samples of one device arrive in order, and need no sort.
     if (np.diff(buckets) >= 0).all():
@@ -39,7 +39,7 @@ def in_order(buckets: Numbers, values: Floats) -> tuple[Numbers, Floats]:
     return buckets[order], values[order]
 
 
-def gathered(buckets: Numbers, values: Floats) -> tuple[Numbers, Extrema]:
+def extrema_by_bucket(buckets: Numbers, values: Floats) -> tuple[Numbers, Extrema]:
     """Minimum and maximum of samples by bucket.
 
     Parameters
@@ -54,13 +54,13 @@ def gathered(buckets: Numbers, values: Floats) -> tuple[Numbers, Extrema]:
     buckets, extrema
         Distinct bucket numbers (n,), ascending, and their extrema (n, channels).
     """
-    buckets, values = in_order(buckets, values)
+    buckets, values = sort_by_bucket(buckets, values)
     # The prepended number differs from the first bucket, so that the first sample counts as a beginning.
     begins = np.flatnonzero(np.diff(buckets, prepend=buckets[0] - 1))
     return buckets[begins], Extrema(np.fmin.reduceat(values, begins), np.fmax.reduceat(values, begins))
 
 
-def decimated(t_s: Floats, values: Floats, dt_s: float, first: int, count: int) -> Extrema:
+def decimate(t_s: Floats, values: Floats, dt_s: float, first: int, count: int) -> Extrema:
     """Minimum and maximum of samples over a window of equal buckets.
 
     Parameters
@@ -85,6 +85,6 @@ def decimated(t_s: Floats, values: Floats, dt_s: float, first: int, count: int) 
     buckets = np.floor(t_s / dt_s).astype(np.int64) - first
     inside = (buckets >= 0) & (buckets < count)
     if inside.any():
-        inside_buckets, extrema = gathered(buckets[inside], values[inside])
+        inside_buckets, extrema = extrema_by_bucket(buckets[inside], values[inside])
         found.low[inside_buckets], found.high[inside_buckets] = extrema.low, extrema.high
     return found

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.drivers.roles import SensorScale
-from rfca_rig.engine.monitors.load import LEAST_SHARE
+from rfca_rig.engine.monitors.load import MIN_CEILING_SHARE
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
@@ -25,20 +25,20 @@ class Gauge:
     value: float = 0.0
     share: float = 0.0
     peak_share: float = 0.0
-    is_told: bool = True
+    is_reported: bool = True
 
     def show(self, value: float, limit: float | None = None) -> None:
         """Takes in a value, and the limit in force for it where that has changed."""
         limit = self.limit if limit is None else limit
         share = value / limit if limit > 0.0 else 0.0
         # The page is updated a few times a second: of the values in between, the worst is kept.
-        if self.is_told or share >= self.share:
-            self.value, self.share, self.limit, self.is_told = value, share, limit, False
+        if self.is_reported or share >= self.share:
+            self.value, self.share, self.limit, self.is_reported = value, share, limit, False
         self.peak_share = max(self.peak_share, share)
 
     def told(self) -> dict[str, float]:
         """The worst value since the last call, as numbers for the page; the next value starts a new report."""
-        self.is_told = True
+        self.is_reported = True
         numbers = {"value": self.value, "share": self.share, "peak_share": max(self.peak_share, self.share), "limit": self.limit}
         return {name: round(number, 4) for name, number in numbers.items()}
 
@@ -76,8 +76,8 @@ class Gauges:
         # The same ceilings as in `engine.monitors.load`, so that the page shows what the run is stopped by.
         load, factor = expected or Load(np.inf, np.inf), self._limits.above_expected
         self._ceilings = (
-            max(factor * load.force_N, LEAST_SHARE * self._limits.force_N),
-            max(factor * load.torque_Nm, LEAST_SHARE * self._limits.torque_Nm),
+            max(factor * load.force_N, MIN_CEILING_SHARE * self._limits.force_N),
+            max(factor * load.torque_Nm, MIN_CEILING_SHARE * self._limits.torque_Nm),
         )
         self._below_s = [np.inf, np.inf]
         for gauge in self._all:

@@ -12,7 +12,7 @@ from rfca_rig.errors import RigError
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.view.decimation import Floats
 from rfca_rig.view.leg_shape import LegShapes, leg_points
-from rfca_rig.view.scenes import Scene, Stroked
+from rfca_rig.view.scenes import Scene, SceneStroke
 
 BY_MODEL, BY_PHOTO, STRAIGHT = "model at measured shaft angle", "photo", "shaft only"
 # Decimals of a metre: micrometres.
@@ -43,10 +43,10 @@ class Legs:
     def __init__(self, nominal: Mapping[str, Any]) -> None:
         self._rig = _read_model(nominal)
         self._shapes: LegShapes | None = None
-        self._prepared: set[Stroked] = set()
+        self._prepared: set[SceneStroke] = set()
 
     @property
-    def described(self) -> dict[str, object] | None:
+    def description(self) -> dict[str, object] | None:
         """Lengths of the links and their thickness in m; None where the leg is unknown."""
         if self._rig is None:
             return None
@@ -103,7 +103,7 @@ class Legs:
             lengths_m = np.array(rig.leg.link_lengths_m)
             return leg_points(np.full(len(lengths_m), moment.shaft_rad), lengths_m), STRAIGHT
         if moment.hinge_deg is not None:
-            return self._shapes.of_hinges(moment.shaft_rad, moment.hinge_deg), BY_PHOTO
+            return self._shapes.from_hinge_angles(moment.shaft_rad, moment.hinge_deg), BY_PHOTO
         return self._at(self._shapes, moment.scene, moment.shaft_rad), BY_MODEL
 
     def _at(self, shapes: LegShapes, scene: Scene, shaft_rad: float) -> Floats:

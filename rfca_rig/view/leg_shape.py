@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.chain import at_rest
+from rfca_rig.model.chain import find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import set_up
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 
 Floats = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ class LegShapes:
         hinges = (1.0 - weight) * self._hanging_hinges(below) + weight * self._hanging_hinges(below + 1.0)
         return leg_points(shaft_rad + hinges, self._lengths_m)
 
-    def of_hinges(self, shaft_rad: float, hinge_deg: Floats) -> Floats:
+    def from_hinge_angles(self, shaft_rad: float, hinge_deg: Floats) -> Floats:
         """Shape (links + 1, 2) m with the hinge angles (links - 1,) deg of a photo, hinge 2 first."""
         # A hinge angle is that of a link relative to the previous one: sums give absolute angles.
         return leg_points(shaft_rad + np.concatenate([[0.0], np.cumsum(np.radians(hinge_deg))]), self._lengths_m)
@@ -105,7 +105,7 @@ def stroke_shapes(rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg:
     Raises BadInput, SimulationFailed.
     """
     end_s = np.radians(sweep_deg) / speed_rad_s + rig.drive.ramp_s
-    stroke = stroke_at_speed(rig, height_m, speed_rad_s, np.arange(0.0, end_s, 1.0 / ROWS_PER_S))
+    stroke = simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(0.0, end_s, 1.0 / ROWS_PER_S))
     shaft_rad = stroke.shaft_angle_rad
     # A compliant shaft may be thrown back by the contact. Only samples at a new maximum count, so that shapes are a function of the angle.
     forward = np.concatenate([[True], shaft_rad[1:] > np.maximum.accumulate(shaft_rad)[:-1]])
@@ -116,7 +116,7 @@ def hanging_angles(rig: RigModel, shaft_rad: float) -> Floats:
     """Absolute link angles (n,) rad of the leg at rest in the air. Raises SimulationFailed."""
     setup = set_up(rig, IN_THE_AIR_M, ramp_to_speed(shaft_rad, 0.0, rig.drive.ramp_s, 0.0))
     chain = setup.chain()
-    return at_rest(chain, shaft_rad, setup.compiled_laws(chain)).q[: chain.length.size]
+    return find_rest_state(chain, shaft_rad, setup.compile_laws(chain)).q[: chain.length.size]
 
 
 def _condition(height_m: float, speed_rad_s: float) -> tuple[float, float]:

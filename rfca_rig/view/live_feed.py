@@ -26,9 +26,9 @@ class LiveRun:
         self.source.look()
         self._refresh()
 
-    def gone(self) -> None:
+    def on_run_exit(self) -> None:
         """The run's process has ended."""
-        self.source.gone()
+        self.source.on_run_exit()
         # Zero makes the next refresh build a state at once, so that every page shows the end.
         self._beats = 0
         self._refresh()
@@ -69,7 +69,7 @@ class LiveFeed:
             self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
             self._begin()
 
-    def news(self) -> Sequence[Message]:
+    def new_messages(self) -> Sequence[Message]:
         shown, self._shown = self._shown, (self._run.state, self._run.leg)
         # States and legs are shared by all pages: identity tells whether this page has had the current one.
         changed = [now for before, now in zip(shown, self._shown, strict=True) if now is not None and now is not before]

@@ -13,7 +13,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.engine.stop_request import StopLevel
 from rfca_rig.protocol.check import Load
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.recording.journal import BlockKind, JournalBlock, whole_blocks
+from rfca_rig.recording.journal import BlockKind, JournalBlock, parse_blocks
 from rfca_rig.view.gauges import Gauges
 from rfca_rig.view.leg_pose import LegMoment, Legs
 from rfca_rig.view.live_health import LiveHealth
@@ -21,7 +21,7 @@ from rfca_rig.view.messages import CHANNELS, WRENCH, Message, hanging_deg, hello
 from rfca_rig.view.progress import Progress
 from rfca_rig.view.pyramid import Pyramid
 from rfca_rig.view.run_facts import RunFacts
-from rfca_rig.view.scenes import NOWHERE
+from rfca_rig.view.scenes import UNKNOWN_SCENE
 from rfca_rig.view.stream_clock import StreamClock
 from rfca_rig.view.tick_block import SeenTicks, ticks_of
 
@@ -61,7 +61,7 @@ class LiveSource:
         self._shaft_rad: float | None = None
         self._target_rad = 0.0
         self._force_N: tuple[float, float] | None = None
-        self._scene, self._stage_label = NOWHERE, "not begun"
+        self._scene, self._stage_label = UNKNOWN_SCENE, "not begun"
         self._lines: deque[str] = deque(maxlen=LINES)
         self._ended: str | None = None
         self._code = ""
@@ -79,7 +79,7 @@ class LiveSource:
 
     def hello(self) -> Message:
         facts = self._facts
-        return hello(facts.title, facts.mark, facts.stages, self._gauges.listed(), self._legs.described)
+        return hello(facts.title, facts.mark, facts.stages, self._gauges.listed(), self._legs.description)
 
     def stop(self, how: str) -> bool:
         """Requests a stop of the run; False where the run is over. Raises LookupError for an unknown kind of stop."""
@@ -94,9 +94,9 @@ class LiveSource:
 
     def look(self) -> None:
         """Reads everything in the queue. Never waits."""
-        blocks, length = whole_blocks(self._queue.look())
+        blocks, length = parse_blocks(self._queue.look())
         # Only whole blocks are released.
-        self._queue.took(length)
+        self._queue.consume(length)
         # Consecutive ticks are decoded together, which is much faster than one by one; events keep their place between them.
         oldest_s = [self._take(kind, list(some)) for kind, some in groupby(blocks, key=lambda block: block.kind)]
         wall_s = self._clock.now_s()
@@ -108,7 +108,7 @@ class LiveSource:
         """Time in s after all received samples: when the loop has stopped, its last samples must still be drawn."""
         return (max(*self._newest, self._now_s) // FLUSH_S + 1) * FLUSH_S
 
-    def gone(self) -> None:
+    def on_run_exit(self) -> None:
         """The run's process has ended."""
         # What it put into the queue before its end is still there, perhaps with the reason.
         self.look()

@@ -77,7 +77,7 @@ class LiveView:
         self._queue = BlockQueue.create(QUEUE_BYTES)
         self.run_queue = RunQueue(self._queue, plan.stages, stop_request, clock, vitals, told)
         try:
-            self._process, self._child = subprocesses.started(MODULE, ViewAssignment(facts, self._queue.name, clock, port, token))
+            self._process, self._child = subprocesses.spawn(MODULE, ViewAssignment(facts, self._queue.name, clock, port, token))
         except OSError as error:
             self._queue.remove()
             raise RigError(f"the view cannot be started: {error}") from error

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.view.decimation import Extrema, Floats
-from rfca_rig.view.progress import Listed
+from rfca_rig.view.progress import ListedStage
 
 Message = Mapping[str, Any]
 SPAN_S = 8.0
@@ -43,7 +43,7 @@ def hanging_deg(angle_rad: Floats) -> Floats:
 def hello(
     title: str,
     mark: str,
-    stages: Iterable[Listed],
+    stages: Iterable[ListedStage],
     limits: Sequence[Mapping[str, object]],
     leg: Mapping[str, object] | None,
     duration_s: float | None = None,

@@ -14,7 +14,7 @@ SHORTEST_SPAN_S = 0.05
 class Feed(Protocol):
     """Messages for one page; polled at every beat."""
 
-    def news(self) -> Sequence[Message]:
+    def new_messages(self) -> Sequence[Message]:
         """Messages that the page has not had yet."""
         ...
 

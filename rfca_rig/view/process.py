@@ -20,7 +20,7 @@ from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_feed import LiveRun
 from rfca_rig.view.live_source import LiveSource
 from rfca_rig.view.server import Pages
-from rfca_rig.view.serving import bound, port_of, serve
+from rfca_rig.view.serving import listen_on, port_of, serve
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 # Lower priority than the control loop's process.
@@ -37,7 +37,7 @@ def show(parent: Connection) -> None:
     _lower_priority()
     assignment: ViewAssignment = parent.recv()
     try:
-        listening = bound(assignment.port)
+        listening = listen_on(assignment.port)
         queue = BlockQueue.attach(assignment.queue_name)
     except RigError as error:
         parent.send((FAILED, str(error)))
@@ -68,12 +68,12 @@ def _lower_priority() -> None:
 
 
 async def _serve(run: LiveRun, assignment: ViewAssignment, parent: Connection, listening: socket.socket) -> None:
-    patience = Patience(assignment.clock)
+    patience = LingerPolicy(assignment.clock)
     loop = asyncio.get_running_loop()
 
     def on_parent_exit() -> None:
         loop.remove_reader(parent.fileno())
-        run.gone()
+        run.on_run_exit()
         patience.run_is_over()
 
     def beat(pages: Pages) -> bool:
@@ -85,7 +85,7 @@ async def _serve(run: LiveRun, assignment: ViewAssignment, parent: Connection, l
     await serve(run, assignment.token, listening, asyncio.Event(), beat)
 
 
-class Patience:
+class LingerPolicy:
     """Decides how long a view stays after its run."""
 
     def __init__(self, clock: WallClock) -> None:

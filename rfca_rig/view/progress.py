@@ -27,7 +27,7 @@ def kind_of(stage: Stage) -> str:
 
 
 @dataclass(frozen=True)
-class Listed:
+class ListedStage:
     """A stage in the page's list; `duration_s` is the planned one."""
 
     label: str
@@ -35,8 +35,8 @@ class Listed:
     duration_s: float
 
 
-def listed(stages: Sequence[Stage]) -> tuple[Listed, ...]:
-    return tuple(Listed(stage.label, kind_of(stage), stage.duration_s) for stage in stages)
+def list_stages(stages: Sequence[Stage]) -> tuple[ListedStage, ...]:
+    return tuple(ListedStage(stage.label, kind_of(stage), stage.duration_s) for stage in stages)
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Position:
 class Progress:
     """Follows the plan by wall time: planned durations are times of the rig, and operators take their own time."""
 
-    def __init__(self, stages: Sequence[Listed]) -> None:
+    def __init__(self, stages: Sequence[ListedStage]) -> None:
         self._stages = stages
         self._took: dict[str, tuple[float, float]] = defaultdict(lambda: (0.0, 0.0))
         self._planned_from_s = _sums_from([stage.duration_s for stage in stages])
@@ -92,7 +92,7 @@ class Progress:
     def _remaining_s(self, needs_s: float, elapsed_s: float) -> float:
         return max(needs_s - elapsed_s, 0.0) + sum(self._needs_s(stage) for stage in self._stages[self._now + 1 :])
 
-    def _needs_s(self, stage: Listed) -> float:
+    def _needs_s(self, stage: ListedStage) -> float:
         # Stages of one kind take a similar share of their planned time; without experience the planned time counts.
         took_s, planned_s = self._took[stage.kind]
         return stage.duration_s * (took_s / planned_s if planned_s > 0.0 else 1.0)

@@ -8,7 +8,7 @@ from math import floor
 
 import numpy as np
 
-from rfca_rig.view.decimation import Extrema, Floats, gathered
+from rfca_rig.view.decimation import Extrema, Floats, extrema_by_bucket
 
 # Width of a bucket of level 0. The shortest window of a page, 0.05 s, then has 100 buckets.
 BASE_S = 5e-4
@@ -41,7 +41,7 @@ class Pyramid:
         """Takes in samples (m, k) at `t_s` (m,) s, of the k channels in `channels`."""
         if not len(t_s):
             return
-        places, extrema = gathered(np.maximum((t_s / BASE_S).astype(np.int64), self._closed[0]), values)
+        places, extrema = extrema_by_bucket(np.maximum((t_s / BASE_S).astype(np.int64), self._closed[0]), values)
         # Samples farther ahead than the ring is long are taken in steps, closing buckets in between.
         while len(places):
             now = places < self._closed[0] + AHEAD
@@ -112,7 +112,7 @@ class Pyramid:
             # A level changes only where the one below did: all coarser ones are up to date then.
             if begin == end:
                 return
-            pairs = self._read_slots(level - 1, 2 * begin, 2 * end).halved()
+            pairs = self._read_slots(level - 1, 2 * begin, 2 * end).merge_pairs()
             slots = np.arange(begin, end) % CAPACITY
             self._levels[level].low[slots], self._levels[level].high[slots] = pairs.low, pairs.high
             self._closed[level] = end

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from math import floor
 from typing import Any
 
-from rfca_rig.campaign.stored import Stored
+from rfca_rig.campaign.stored import StoredRecording
 from rfca_rig.clock import Clock
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
@@ -14,7 +14,7 @@ from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.messages import CHANNELS, SPAN_S, Health, Message, hello, trace
 from rfca_rig.view.page_feed import BEATS_HZ, SHORTEST_SPAN_S, STATES_HZ, Feed, number_in
 from rfca_rig.view.player import Player
-from rfca_rig.view.progress import Listed
+from rfca_rig.view.progress import ListedStage
 from rfca_rig.view.pyramid import ACROSS
 from rfca_rig.view.time_line import plan_in, time_line
 
@@ -27,7 +27,7 @@ TOLD = {"sensor_records": "sensor records", "worst_loop_gap_ms": "worst loop gap
 class Replay:
     """Implements `page_feed.FeedSource` for a recording. Each page has its own playback position."""
 
-    def __init__(self, stored: Stored, legs: Legs, clock: Clock) -> None:
+    def __init__(self, stored: StoredRecording, legs: Legs, clock: Clock) -> None:
         self._stored = stored
         self._legs = legs
         self._clock = clock
@@ -38,9 +38,9 @@ class Replay:
     def hello(self) -> Message:
         recorded = self.player.channels()
         channels = [channel for channel in CHANNELS if recorded[channel.name]]
-        stages = [Listed(clip.label, clip.kind, round(clip.duration_s, 4)) for clip in self.player.clips]
+        stages = [ListedStage(clip.label, clip.kind, round(clip.duration_s, 4)) for clip in self.player.clips]
         limits = [] if self._limits is None else [_describe_gauge(gauge) for gauge in gauges(self._limits)]
-        return hello(self._stored.title, self._stored.source, stages, limits, self._legs.described, self.player.duration_s, channels)
+        return hello(self._stored.title, self._stored.source, stages, limits, self._legs.description, self.player.duration_s, channels)
 
     def feed(self) -> Feed:
         return ReplayFeed(self.player, self._limits, self._health(), self._ending(), self._clock)
@@ -122,7 +122,7 @@ class ReplayFeed:
         self._at_s = min(self._at_s + self._speed * (now_s - self._played_s), self._player.duration_s)
         self._played_s = now_s
 
-    def news(self) -> Sequence[Message]:
+    def new_messages(self) -> Sequence[Message]:
         self._play()
         if not self._player.clips:
             return [self._state()] if self._is_due() else []
@@ -184,7 +184,7 @@ class ReplayFeed:
         for gauge, value, peak in zip(gauges(self._limits), *self._player.loads(self._at_s), strict=True):
             # The peak since the stage began first, marked as reported, so that the gauge shows the current value and this peak.
             gauge.show(float(peak))
-            gauge.is_told = True
+            gauge.is_reported = True
             gauge.show(float(value))
             states[gauge.name] = gauge.told()
         return states

@@ -6,7 +6,7 @@ from typing import Any
 
 from rfca_rig.drivers.roles import SensorScale
 from rfca_rig.protocol.plan import Limits, Plan
-from rfca_rig.view.progress import Listed, listed
+from rfca_rig.view.progress import ListedStage, list_stages
 from rfca_rig.view.scenes import Scene, scenes
 
 
@@ -16,7 +16,7 @@ class RunFacts:
 
     title: str
     mark: str
-    stages: tuple[Listed, ...]
+    stages: tuple[ListedStage, ...]
     scenes: tuple[Scene, ...]
     limits: Limits
     scale: SensorScale
@@ -37,4 +37,4 @@ def run_facts(plan: Plan, mark: str, scale: SensorScale, nominal: Mapping[str, A
     nominal
         Sections of the nominal model as in recordings.
     """
-    return RunFacts(plan.title, mark, listed(plan.stages), scenes(plan), plan.limits, scale, nominal)
+    return RunFacts(plan.title, mark, list_stages(plan.stages), scenes(plan), plan.limits, scale, nominal)

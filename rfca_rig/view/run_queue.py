@@ -16,12 +16,12 @@ from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.recording.journal import BlockKind, JournalBlock, framed
+from rfca_rig.recording.journal import BlockKind, JournalBlock, frame_block
 from rfca_rig.view.tick_block import Stamp, tick_block
 
 VITALS_EVERY_S = 0.25
 # Events that wait for space in the queue; the limit bounds memory where the view is gone for good.
-MOST_OWED = 500
+MAX_WAITING = 500
 
 Vitals = Callable[[], tuple[StreamHealth, int]]
 WHY = {StopLevel.SAFE_POINT: "stopped by the operator, in the view", StopLevel.TORQUE_OFF: "stopped at once by the operator, in the view"}
@@ -53,7 +53,7 @@ class RunQueue:
         self._notify = told
         self._next = 0
         self._vitals_s = -VITALS_EVERY_S
-        self._owed: deque[bytes] = deque(maxlen=MOST_OWED)
+        self._owed: deque[bytes] = deque(maxlen=MAX_WAITING)
         self.lost = 0
 
     def stage(self, stage: Stage, expected: Load | None) -> None:
@@ -77,7 +77,7 @@ class RunQueue:
             self._vitals_s = now_s
             self._send_vitals()
         # Events that still wait come first: a tick after the start of a stage must not be counted to the stage before.
-        if not (self._send_waiting() and self._queue.put(framed(tick_block(tick, Stamp(now_s, self.lost))))):
+        if not (self._send_waiting() and self._queue.put(frame_block(tick_block(tick, Stamp(now_s, self.lost))))):
             self.lost += len(tick.force.host_s)
         self._check_stop_request()
 
@@ -95,7 +95,7 @@ class RunQueue:
         self._send_waiting()
 
     def _send_event(self, event: Mapping[str, object]) -> None:
-        self._owed.append(framed(JournalBlock(BlockKind.EVENT, json.dumps({**event, "wall_s": self._clock.now_s()}).encode())))
+        self._owed.append(frame_block(JournalBlock(BlockKind.EVENT, json.dumps({**event, "wall_s": self._clock.now_s()}).encode())))
         self._send_waiting()
 
     def _send_waiting(self) -> bool:

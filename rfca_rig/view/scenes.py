@@ -13,7 +13,7 @@ CYCLE_SWEEP_DEG = 250.0
 
 
 @dataclass(frozen=True)
-class Stroked:
+class SceneStroke:
     """A stroke that the model simulates, so that the leg's shape is known at every angle of the shaft."""
 
     height_m: float
@@ -26,10 +26,10 @@ class Scene:
     """Height of the rack, None before it was set, and the stroke in progress, None where the leg hangs in the air."""
 
     height_m: float | None = None
-    stroke: Stroked | None = None
+    stroke: SceneStroke | None = None
 
 
-NOWHERE = Scene()
+UNKNOWN_SCENE = Scene()
 
 
 def scenes(plan: Plan) -> tuple[Scene, ...]:
@@ -45,10 +45,10 @@ def _scenes(stages: Sequence[Stage]) -> Iterator[Scene]:
         speed_rad_s = stage.speed_rad_s if isinstance(stage, MoveShaft) else speed_rad_s
         match stage:
             case Flap() | Approach():
-                yield Scene(height_m, Stroked(stage.height_m, stage.speed_rad_s, degrees(stage.sweep_rad)))
+                yield Scene(height_m, SceneStroke(stage.height_m, stage.speed_rad_s, degrees(stage.sweep_rad)))
             case Cycles():
-                yield Scene(height_m, Stroked(stage.height_m, stage.speed_rad_s, CYCLE_SWEEP_DEG))
+                yield Scene(height_m, SceneStroke(stage.height_m, stage.speed_rad_s, CYCLE_SWEEP_DEG))
             case _ if height_m is not None and any(isinstance(one, Hold) for one in (stage, *neighbours)):
-                yield Scene(height_m, Stroked(height_m, speed_rad_s, STATIC_SWEEP_DEG))
+                yield Scene(height_m, SceneStroke(height_m, speed_rad_s, STATIC_SWEEP_DEG))
             case _:
                 yield Scene(height_m)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rfca_rig.recording.model import Stream
-from rfca_rig.view.decimation import Extrema, Floats, decimated
+from rfca_rig.view.decimation import Extrema, Floats, decimate
 from rfca_rig.view.messages import CHANNELS, hanging_deg
 from rfca_rig.view.scenes import Scene
 
@@ -51,7 +51,7 @@ class StageSamples:
         """Extrema (count, channels) in buckets of a time line on which the stage begins at `begin_s`."""
         found = Extrema.none(count, len(CHANNELS))
         for track in self.tracks:
-            part = decimated(track.t_s + begin_s, track.values, dt_s, first, count)
+            part = decimate(track.t_s + begin_s, track.values, dt_s, first, count)
             found.low[:, track.places], found.high[:, track.places] = part.low, part.high
         return found
 

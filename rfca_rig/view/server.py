@@ -38,7 +38,7 @@ class Beats:
     def __init__(self) -> None:
         self._next = asyncio.Event()
 
-    def strike(self) -> None:
+    def notify_pages(self) -> None:
         """Wakes all waiting pages."""
         # A new event for each beat: a page that is slow simply waits for the next one, and misses nothing.
         struck, self._next = self._next, asyncio.Event()
@@ -78,7 +78,7 @@ class Pages:
         try:
             await socket.send_text(_text(self._source.hello()))
             while not listener.done():
-                for message in feed.news():
+                for message in feed.new_messages():
                     await socket.send_text(_text(message))
                 await self._beats.heard()
         finally:
@@ -89,7 +89,7 @@ class Pages:
     async def stop(self, request: Request) -> Response:
         """HTTP handler of a stop request, which goes to the run's one `StopRequest`."""
         try:
-            is_asked = self._source.stop((await _said(request))["how"])
+            is_asked = self._source.stop((await _read_body(request))["how"])
         except (LookupError, TypeError, ValueError):
             return PlainTextResponse('say {"how": "safe point"} or {"how": "now"}\n', 400, POLICY)
         if not is_asked:
@@ -107,7 +107,7 @@ async def _listen(socket: WebSocket, feed: Feed) -> None:
                 feed.hear(message)
 
 
-async def _said(request: Request) -> Mapping[str, Any]:
+async def _read_body(request: Request) -> Mapping[str, Any]:
     body = b""
     async for piece in request.stream():
         body += piece

@@ -16,7 +16,7 @@ from rfca_rig.view.server import Beats, Pages, application
 CLOSED_WITHIN_S = 1
 
 
-def bound(port: int) -> socket.socket:
+def listen_on(port: int) -> socket.socket:
     """A socket that listens on a port of this machine, 0 for any free port. Raises BadInput where it cannot."""
     # Bound before the server starts, so that an occupied port is an error of the command and the port is known.
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -47,7 +47,7 @@ async def serve(source: FeedSource, token: str, listening: socket.socket, ended:
     token
         Token that requests must carry.
     listening
-        Socket from `bound`.
+        Socket from `listen_on`.
     ended
         Set from outside to end the server.
     beat
@@ -70,12 +70,12 @@ async def serve(source: FeedSource, token: str, listening: socket.socket, ended:
     server = uvicorn.Server(config)
     serving = asyncio.create_task(server.serve(sockets=[listening]))
     while not serving.done() and not ended.is_set() and beat(pages):
-        beats.strike()
+        beats.notify_pages()
         await _next_beat(ended)
     server.should_exit = True
     # A page notices that its socket is closed only at a beat, so beats go on until the server has ended.
     while not serving.done():
-        beats.strike()
+        beats.notify_pages()
         await asyncio.wait([serving], timeout=1.0 / BEATS_HZ)
     await serving
 

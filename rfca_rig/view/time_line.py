@@ -7,12 +7,12 @@ from math import degrees, isnan
 
 import numpy as np
 
-from rfca_rig.campaign.stored import Stored, StoredStage
+from rfca_rig.campaign.stored import StoredRecording, StoredStage
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Flap, Hold, Plan
-from rfca_rig.protocol.written_plan import plan_of
+from rfca_rig.protocol.written_plan import parse_plan
 from rfca_rig.recording.model import Column, StaticStage, Stream
-from rfca_rig.view.scenes import STATIC_SWEEP_DEG, Scene, Stroked, scenes
+from rfca_rig.view.scenes import STATIC_SWEEP_DEG, Scene, SceneStroke, scenes
 from rfca_rig.view.segment import Clip, StageSamples, samples_of
 
 PAUSE_S = 0.25
@@ -24,15 +24,15 @@ STATIC_SPEED_RAD_S = 0.5
 MORE_SWEEP_DEG = 3.0
 
 
-def plan_in(stored: Stored) -> Plan | None:
+def plan_in(stored: StoredRecording) -> Plan | None:
     """Plan of a recorded run; None for an imported campaign, and for plans of other versions."""
     try:
-        return plan_of(stored.title, stored.provenance) if "plan" in stored.provenance else None
+        return parse_plan(stored.title, stored.provenance) if "plan" in stored.provenance else None
     except BadInput:
         return None
 
 
-def time_line(stored: Stored, start_rad: float | None, ramp_s: float) -> tuple[Clip, ...]:
+def time_line(stored: StoredRecording, start_rad: float | None, ramp_s: float) -> tuple[Clip, ...]:
     """All recorded stages in the order of the plan.
 
     Parameters
@@ -51,7 +51,7 @@ def time_line(stored: Stored, start_rad: float | None, ramp_s: float) -> tuple[C
     return tuple(placed)
 
 
-def _in_order(stored: Stored, start_rad: float | None, ramp_s: float) -> Iterator[Clip]:
+def _in_order(stored: StoredRecording, start_rad: float | None, ramp_s: float) -> Iterator[Clip]:
     strokes = iter([_stroke_clip(stroke, start_rad, ramp_s) for stroke in stored.strokes])
     holds = iter(_hold_clips(stored))
     # A plan may be longer than what was recorded: `_next` then gives nothing. Without a plan, strokes come before static stages.
@@ -86,7 +86,7 @@ def _stroke_clip(stroke: StoredStage, start_rad: float | None, ramp_s: float) ->
         begin_s=0.0,
         duration_s=last_s - first_s,
         rest_s=-first_s,
-        scene=Scene(stroke.height_m, Stroked(stroke.height_m, stroke.speed_rad_s, sweep_deg)),
+        scene=Scene(stroke.height_m, SceneStroke(stroke.height_m, stroke.speed_rad_s, sweep_deg)),
         load=partial(_load_samples, stroke),
         planned_rad=None if start_rad is None else partial(_command_rad, start_rad, stroke.speed_rad_s, ramp_s),
     )
@@ -103,7 +103,7 @@ def _load_samples(stage: StoredStage) -> StageSamples:
     return samples_of(stage.samples.whole())
 
 
-def _hold_clips(stored: Stored) -> list[Clip]:
+def _hold_clips(stored: StoredRecording) -> list[Clip]:
     """Clips of static stages, with their raw samples where the recording kept them for every stage."""
     whole = [stage for stage in stored.raw if not stage.cut_short and not stage.is_cycle_table]
     behind = whole if len(whole) == len(stored.static) else [None] * len(stored.static)
@@ -120,7 +120,7 @@ def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:
         begin_s=0.0,
         duration_s=max(HOLD_S, last_s - first_s),
         rest_s=-first_s,
-        scene=Scene(stage.height_m, Stroked(stage.height_m, STATIC_SPEED_RAD_S, STATIC_SWEEP_DEG)),
+        scene=Scene(stage.height_m, SceneStroke(stage.height_m, STATIC_SPEED_RAD_S, STATIC_SWEEP_DEG)),
         load=partial(_means, stage) if raw is None else partial(_load_samples, raw),
         planned_rad=None if hinges is None else partial(_constant, shaft_rad),
         hinge_deg=hinges,

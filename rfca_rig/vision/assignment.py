@@ -32,7 +32,7 @@ class Candidates:
     std_m: Floats
     log_size: Floats
 
-    def looks_cost(self, found: int) -> float:
+    def size_cost(self, found: int) -> float:
         """Squared misfit of a mark's size; infinite where it cannot be a mark of the leg."""
         sigmas = float(self.log_size[found]) / SIZE_STD
         return np.inf if abs(sigmas) > MAX_SIZE_SIGMAS else sigmas**2
@@ -80,7 +80,7 @@ def assignments_within(
 def _extensions(so_far: MarkAssignment, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> Iterator[MarkAssignment]:
     yield MarkAssignment(so_far.cost + MISSING_COST, (*so_far.chosen, -1))
     for found in range(len(candidates.places_m)):
-        looks = candidates.looks_cost(found)
+        looks = candidates.size_cost(found)
         if found in so_far.chosen or not np.isfinite(looks):
             continue
         misfit = _misfit(so_far.chosen, found, candidates, bounds, tolerances)

@@ -32,8 +32,8 @@ class Board:
     marker_m: float
     bits: str = "4x4"
 
-    def written(self) -> str:
-        """The board as text that `board_of` reads."""
+    def to_text(self) -> str:
+        """The board as text that `parse_board` reads."""
         return f"{self.columns}x{self.rows},{1e3 * self.square_m:g},{1e3 * self.marker_m:g},{self.bits}"
 
     def size_m(self) -> tuple[float, float]:
@@ -51,7 +51,7 @@ class Board:
         return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, markers)
 
 
-def board_of(text: str) -> Board:
+def parse_board(text: str) -> Board:
     """Parse COLUMNSxROWS,SQUARE_MM,MARKER_MM, optionally followed by ,4x4, ,5x5 or ,6x6. Raises BadInput for anything else."""
     match = _WRITTEN.fullmatch(text.replace(" ", "").lower())
     if match is None:

@@ -24,7 +24,7 @@ def board_pdf(board: Board) -> bytes:
     """A PDF page with the board, a line of 100 mm for checking the printer's scale, and the option that describes the board."""
     width_m, height_m = (side + 2 * MARGIN_M for side in board.size_m())
     fills = "\n".join(_pdf_rectangle(rectangle, height_m) for rectangle in (*_black_m(board), *_ruler_m(board)))
-    caption = f"{board.written()}   the line is {1e3 * _rule_m(board):g} mm long: print at 100 %, measure it"
+    caption = f"{board.to_text()}   the line is {1e3 * _rule_m(board):g} mm long: print at 100 %, measure it"
     text = f"BT /F1 7 Tf {MARGIN_M / POINT_M:.3f} {0.2 * MARGIN_M / POINT_M:.3f} Td ({caption}) Tj ET"
     return _pdf(width_m / POINT_M, height_m / POINT_M, f"0 g\n{fills}\n{text}\n".encode("ascii"))
 

@@ -25,7 +25,7 @@ class ChainBounds:
     nearest_m: Floats
     farthest_m: Floats
 
-    def tied(self, a: int, b: int) -> bool:
+    def is_tied(self, a: int, b: int) -> bool:
         """Whether one of the two marks restricts the other to a small part of the plane, in which chance hardly puts a red thing."""
         return float(self.farthest_m[a, b] ** 2 - self.nearest_m[a, b] ** 2) < LOOSE_M2
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.vision.camera_model import CameraModel
-from rfca_rig.vision.identify import SHAFT_STD_M, Identified
+from rfca_rig.vision.identify import SHAFT_STD_M, IdentifiedMarks
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark, mark_positions
 
 Floats = NDArray[np.float64]
@@ -24,7 +24,7 @@ WEAK_LENGTH_STD_M = 2.0e-3
 # Keeps the equations regular where no mark determines an angle.
 ANGLE_PRIOR_STD_RAD = float(np.radians(60.0))
 # Angles with a larger standard deviation are reported as None.
-TELLABLE_STD_RAD = float(np.radians(0.3))
+MAX_REPORTED_STD_RAD = float(np.radians(0.3))
 STEPS = 40
 
 
@@ -53,7 +53,7 @@ class _Seen:
 
 
 def hinge_angles(
-    identified: Identified,
+    identified: IdentifiedMarks,
     camera: CameraModel,
     plan: MarkPlan,
     link_lengths_m: Sequence[float],
@@ -91,7 +91,7 @@ def hinge_angles(
     return HingeAngles(*links, *hinges)
 
 
-def _whiten(identified: Identified, camera: CameraModel, plan: MarkPlan) -> _Seen:
+def _whiten(identified: IdentifiedMarks, camera: CameraModel, plan: MarkPlan) -> _Seen:
     planned = [i for i, mark in enumerate(identified.marks) if mark is not None]
     marks = [mark for mark in identified.marks if mark is not None]
     px = np.array([mark.px for mark in marks]).reshape(-1, 2)
@@ -177,7 +177,7 @@ def _beyond(plan: MarkPlan, index: int, link: int) -> bool:
 
 def _determined(angles_rad: Floats, covariance: Floats) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
     std = np.sqrt(np.diag(covariance))
-    determined = std <= TELLABLE_STD_RAD
+    determined = std <= MAX_REPORTED_STD_RAD
     shown = np.where(determined[:, None] & determined[None, :], covariance, np.nan)
     angles = tuple(float(angle) if ok else None for angle, ok in zip(angles_rad, determined, strict=True))
     return angles, tuple(float(value) if ok else None for value, ok in zip(std, determined, strict=True)), shown

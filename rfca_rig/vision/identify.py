@@ -38,7 +38,7 @@ Kind = Literal["missing", "misplaced", "extra", "ambiguous", "refused"]
 
 
 @dataclass(frozen=True)
-class Doubt:
+class MarkDoubt:
     """One deviation from the planned marks. `planned` is the mark's index in the plan, None for a mark that is not in it."""
 
     kind: Kind
@@ -47,15 +47,15 @@ class Doubt:
 
 
 @dataclass(frozen=True)
-class Identified:
+class IdentifiedMarks:
     """The found mark for each planned one, None where it is not determined; marks that are not the leg's (`extra`); and all doubts."""
 
     marks: tuple[Mark | None, ...]
     extra: tuple[Mark, ...]
-    doubts: tuple[Doubt, ...]
+    doubts: tuple[MarkDoubt, ...]
 
     @property
-    def complete(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether every planned mark is identified."""
         return all(mark is not None for mark in self.marks)
 
@@ -69,7 +69,7 @@ def identify(
     hinge_range_rad: float = HINGE_RANGE_RAD,
     length_std_m: float = LENGTH_STD_M,
     shaft_std_m: float = SHAFT_STD_M,
-) -> Identified:
+) -> IdentifiedMarks:
     """Assign found marks to planned ones.
 
     Parameters
@@ -130,8 +130,8 @@ def _candidates(marks: Sequence[Mark], camera: CameraModel, plan: MarkPlan) -> C
     return Candidates(places, std, log_size)
 
 
-def _refuse(marks: Sequence[Mark], plan: MarkPlan, words: str) -> Identified:
-    return Identified((None,) * len(plan.marks), tuple(marks), (Doubt("refused", None, words),))
+def _refuse(marks: Sequence[Mark], plan: MarkPlan, words: str) -> IdentifiedMarks:
+    return IdentifiedMarks((None,) * len(plan.marks), tuple(marks), (MarkDoubt("refused", None, words),))
 
 
 def _find_doubtful(best: MarkAssignment, all_ones: Sequence[MarkAssignment]) -> frozenset[int]:
@@ -145,7 +145,7 @@ def _find_loose(best: MarkAssignment, doubtful: frozenset[int], bounds: ChainBou
     identified_ones = [i for i, found in enumerate(best.chosen) if found >= 0 and i not in doubtful]
     runs: list[list[int]] = [[-1]]
     for i in identified_ones:
-        tied = bounds.tied(runs[-1][-1] + 1, i + 1)
+        tied = bounds.is_tied(runs[-1][-1] + 1, i + 1)
         runs = [*runs[:-1], [*runs[-1], i]] if tied else [*runs, [i]]
     return [i for run in runs[1:] if len(run) < MIN_RUN for i in run]
 
@@ -157,16 +157,18 @@ def _find_odd_sized(best: MarkAssignment, candidates: Candidates, marks: Sequenc
     return [i for i, found in seen if marks[found].whole and abs(candidates.log_size[found] - usual) > MAX_SIZE_DEVIATION]
 
 
-def _report(marks: Sequence[Mark], best: MarkAssignment, reasons: dict[int, str], plan: MarkPlan, nearly: dict[int, str]) -> Identified:
+def _report(
+    marks: Sequence[Mark], best: MarkAssignment, reasons: dict[int, str], plan: MarkPlan, nearly: dict[int, str]
+) -> IdentifiedMarks:
     chosen = tuple(marks[found] if found >= 0 and i not in reasons else None for i, found in enumerate(best.chosen))
-    doubts = [Doubt("ambiguous", i, f"{plan.name(i)}: {words}") for i, words in sorted(reasons.items())]
+    doubts = [MarkDoubt("ambiguous", i, f"{plan.name(i)}: {words}") for i, words in sorted(reasons.items())]
     for i, found in enumerate(best.chosen):
         if found < 0 and i not in reasons:
             near = nearly.get(i)
-            doubts.append(Doubt("misplaced" if near else "missing", i, f"{plan.name(i)}: {near or 'not seen'}"))
+            doubts.append(MarkDoubt("misplaced" if near else "missing", i, f"{plan.name(i)}: {near or 'not seen'}"))
     extra = tuple(mark for number, mark in enumerate(marks) if number not in best.chosen)
-    doubts += [Doubt("extra", None, f"red mark at ({mark.px[0]:.0f}, {mark.px[1]:.0f}) px is none of the leg's") for mark in extra]
-    return Identified(chosen, extra, tuple(doubts))
+    doubts += [MarkDoubt("extra", None, f"red mark at ({mark.px[0]:.0f}, {mark.px[1]:.0f}) px is none of the leg's") for mark in extra]
+    return IdentifiedMarks(chosen, extra, tuple(doubts))
 
 
 def _describe_near_misses(best: MarkAssignment, candidates: Candidates, bounds: ChainBounds, plan: MarkPlan) -> dict[int, str]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.hinge_angles import HingeAngles, hinge_angles
-from rfca_rig.vision.identify import Identified, identify
+from rfca_rig.vision.identify import IdentifiedMarks, identify
 from rfca_rig.vision.leg_marks import MarkPlan, mark_positions
 from rfca_rig.vision.marks import find_marks
 from rfca_rig.vision.overlay import draw_overlay
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Eye:
+class PhotoSetup:
     """Everything that reading a photo needs: the calibrated camera, the positions of the marks on the leg, the link lengths (n,)."""
 
     camera: CameraModel
@@ -30,12 +30,12 @@ class Eye:
 class LegPhoto:
     """Marks and angles from a photo, and the photo (rows, columns, 3) with these drawn over it."""
 
-    identified: Identified
+    identified: IdentifiedMarks
     angles: HingeAngles
     overlay: Pixels
 
 
-def read_leg_photo(image: Pixels, eye: Eye) -> LegPhoto:
+def read_leg_photo(image: Pixels, eye: PhotoSetup) -> LegPhoto:
     """Read a photo (rows, columns, 3) uint8. Raises BadInput where it does not have the size that the camera was calibrated with."""
     size_px = (image.shape[1], image.shape[0])
     if size_px != eye.camera.image_size_px:
@@ -46,7 +46,7 @@ def read_leg_photo(image: Pixels, eye: Eye) -> LegPhoto:
     return LegPhoto(identified, angles, draw_overlay(image, identified, eye.camera, eye.plan, angles))
 
 
-def _usual_diameter_px(eye: Eye) -> float:
+def _usual_diameter_px(eye: PhotoSetup) -> float:
     """Median diameter of the marks of a leg that hangs straight down, about the middle of its range of motion."""
     down = np.full(len(eye.link_lengths_m), 0.5 * np.pi)
     return float(np.median(eye.camera.disc_diameter_px(mark_positions(down, eye.link_lengths_m, eye.plan), eye.plan.diameter_m)))

@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.outline import MarkOutline, Shape, fit_outline, likely_circle
 from rfca_rig.vision.red_mask import Patch, Pixels, red_patches, redness, rim_picture, whiteness
-from rfca_rig.vision.rim import GLARE, SMOOTHING_PX, Rays, beside_glare, cast, levels, rim_points, spill, turned_away
+from rfca_rig.vision.rim import (
+    GLARE,
+    SMOOTHING_PX,
+    Rays,
+    cast_rays,
+    color_bleed_share,
+    is_beside_glare,
+    is_oblique,
+    measure_levels,
+    rim_points,
+)
 
 Floats = NDArray[np.float64]
 
@@ -130,14 +140,14 @@ def _measure(cutout: _Cutout, middle: Floats, shape: Shape) -> MarkOutline | Non
 
 def _rim(cutout: _Cutout, middle: Floats, radius_px: float, square: bool = False) -> tuple[Floats, Rays]:
     """Rim points (n, 2) as seen from a centre, and their rays; points beside a glare, at the border or askew are rejected."""
-    rays = cast(cutout.rims, middle, radius_px)
-    white = cast(cutout.white, middle, radius_px)
-    level = levels(rays, white, radius_px)
+    rays = cast_rays(cutout.rims, middle, radius_px)
+    white = cast_rays(cutout.white, middle, radius_px)
+    level = measure_levels(rays, white, radius_px)
     points = rim_points(rays, level.half)
-    spoilt = beside_glare(points, white, radius_px, GLARE * max(MIN_CONTRAST_COUNTS, level.contrast))
+    spoilt = is_beside_glare(points, white, radius_px, GLARE * max(MIN_CONTRAST_COUNTS, level.contrast))
     spoilt |= ((points.px < cutout.inside_px[0]) | (points.px > cutout.inside_px[1])).any(axis=1)
     if square:
-        spoilt |= turned_away(points, middle, cutout.rims)
+        spoilt |= is_oblique(points, middle, cutout.rims)
     return points.px[~spoilt], rays
 
 
@@ -154,10 +164,10 @@ def _mark(cutout: _Cutout, found: MarkOutline, shape: Shape) -> Mark | None:
     outline = _measure(cutout, found.middle_px, shape)
     if outline is None:
         return None
-    rays, red = (cast(picture, outline.middle_px, outline.radius_px) for picture in (cutout.rims, cutout.red))
-    level = levels(rays, cast(cutout.white, outline.middle_px, outline.radius_px), outline.radius_px)
+    rays, red = (cast_rays(picture, outline.middle_px, outline.radius_px) for picture in (cutout.rims, cutout.red))
+    level = measure_levels(rays, cast_rays(cutout.white, outline.middle_px, outline.radius_px), outline.radius_px)
     roundness = outline.seen
-    if spill(red, outline.radius_px) > MAX_SPILL or roundness < MIN_ROUNDNESS or level.contrast < MIN_CONTRAST_COUNTS:
+    if color_bleed_share(red, outline.radius_px) > MAX_SPILL or roundness < MIN_ROUNDNESS or level.contrast < MIN_CONTRAST_COUNTS:
         return None
     # Errors that the scatter of the rim points does not show; the second term grows with the hidden share.
     systematic = PIXEL_FLOOR_PX + COVER_ERROR * outline.radius_px * (1.0 - roundness) / 0.5

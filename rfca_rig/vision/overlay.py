@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.hinge_angles import HingeAngles
-from rfca_rig.vision.identify import Doubt, Identified
+from rfca_rig.vision.identify import IdentifiedMarks, MarkDoubt
 from rfca_rig.vision.leg_marks import MarkPlan
 from rfca_rig.vision.marks import Mark
 from rfca_rig.vision.red_mask import Pixels
@@ -24,7 +24,9 @@ FINE_BITS = 4
 WIDTH_OF_PLAIN_PEN_PX = 1200.0
 
 
-def draw_overlay(photo: Pixels, identified: Identified, camera: CameraModel, plan: MarkPlan, angles: HingeAngles | None = None) -> Pixels:
+def draw_overlay(
+    photo: Pixels, identified: IdentifiedMarks, camera: CameraModel, plan: MarkPlan, angles: HingeAngles | None = None
+) -> Pixels:
     """A copy of the photo (height, width, 3) with the reading drawn over it.
 
     Green rings are identified marks, yellow ones are partly hidden; purple crosses do not belong to the leg. Every doubt is in words.
@@ -48,7 +50,7 @@ def _axis(picture: Pixels, camera: CameraModel, pen: float) -> None:
     cv2.arrowedLine(picture, _whole(start), _whole(end), TEXT, round(pen), cv2.LINE_AA, tipLength=0.2)
 
 
-def _chain(picture: Pixels, identified: Identified, pen: float) -> None:
+def _chain(picture: Pixels, identified: IdentifiedMarks, pen: float) -> None:
     for before, after in zip(identified.marks, identified.marks[1:], strict=False):
         if before is not None and after is not None:
             cv2.line(picture, _fine(before.px), _fine(after.px), WHOLE, round(pen), cv2.LINE_AA, FINE_BITS)
@@ -88,7 +90,7 @@ def _one_angle(number: int, angle: float | None, std: float | None) -> str:
     return f"{name} ?" if angle is None or std is None else f"{name} {np.degrees(angle):.2f}+-{np.degrees(std):.2f}"
 
 
-def _doubt_words(doubts: Sequence[Doubt]) -> list[str]:
+def _doubt_words(doubts: Sequence[MarkDoubt]) -> list[str]:
     return [f"{doubt.kind}: {doubt.words}" for doubt in doubts if doubt.kind != "extra"]
 
 

@@ -19,7 +19,7 @@ MAX_OFF_PX = 1.5
 
 
 @dataclass(frozen=True)
-class BoardPlace:
+class BoardPlacement:
     """Position of the board in the photo.
 
     - `corner_m`: (y, z) of its upper left corner relative to the shaft axis, z up.
@@ -48,7 +48,7 @@ class PlanePose:
     distance_std_m: float
 
 
-def find_plane(photo: BoardPhoto, matrix: Floats, distortion: Floats, place: BoardPlace) -> PlanePose:
+def find_plane(photo: BoardPhoto, matrix: Floats, distortion: Floats, place: BoardPlacement) -> PlanePose:
     """Pose of the plane with the smallest reprojection error of the board's corners.
 
     Parameters
@@ -97,7 +97,7 @@ def _board_pose(on_board: Floats, px: Floats, matrix: Floats, distortion: Floats
     return turn, shift, float(np.sqrt(2.0 * np.mean(error**2))), np.sqrt(np.diag(covariance))
 
 
-def _plane_on_board(place: BoardPlace) -> tuple[Floats, Floats]:
+def _plane_on_board(place: BoardPlacement) -> tuple[Floats, Floats]:
     """The plane's axes x, y, z as columns (3, 3) in the board's frame (right, down, away from the camera), and its origin (3,) there."""
     cosine, sine = np.cos(place.turned_rad), np.sin(place.turned_rad)
     # In the frame of a board that is turned clockwise, the horizontal is turned the other way.

@@ -74,7 +74,7 @@ class RimPoints:
     step: NDArray[np.int64]
 
 
-def cast(picture: NDArray[np.float32], middle_px: Floats, radius_px: float) -> Rays:
+def cast_rays(picture: NDArray[np.float32], middle_px: Floats, radius_px: float) -> Rays:
     """Sample a picture (height, width) along rays from `middle_px` (2,), long enough for a disc of this radius.
 
     The picture continues black beyond its border.
@@ -88,7 +88,7 @@ def cast(picture: NDArray[np.float32], middle_px: Floats, radius_px: float) -> R
     return Rays(middle_px, directions, radii, sampled.astype(np.float64))
 
 
-def levels(rays: Rays, white: Rays, radius_px: float) -> Levels:
+def measure_levels(rays: Rays, white: Rays, radius_px: float) -> Levels:
     """Red levels inside and outside, each as a median; inside, a plane follows uneven light across the mark. Glints are excluded.
 
     `white` are the same rays in the picture's whiteness.
@@ -98,7 +98,7 @@ def levels(rays: Rays, white: Rays, radius_px: float) -> Levels:
     core, lightness = rays.counts[:, ring], white.counts[:, ring]
     # A high percentile: covered parts of the core do not lower it.
     contrast = float(np.percentile(core, 85.0)) - outside
-    plain = (core > outside + 0.5 * contrast) & (lightness < own_white(white, radius_px) + GLARE * contrast)
+    plain = (core > outside + 0.5 * contrast) & (lightness < disc_whiteness(white, radius_px) + GLARE * contrast)
     if not plain.any():
         return Levels(np.full(len(core), outside), outside)
     typical = float(np.median(core[plain]))
@@ -109,7 +109,7 @@ def levels(rays: Rays, white: Rays, radius_px: float) -> Levels:
     return Levels(typical + rays.directions @ _slope(at[plain], core[plain] - typical) * radius_px, outside)
 
 
-def own_white(white: Rays, radius_px: float) -> float:
+def disc_whiteness(white: Rays, radius_px: float) -> float:
     """Whiteness of a disc without glints."""
     return float(np.percentile(white.counts[:, _between(white, *(share * radius_px for share in CORE))], OWN_WHITE_PERCENTILE))
 
@@ -135,17 +135,17 @@ def rim_points(rays: Rays, half: Floats) -> RimPoints:
     return RimPoints(rays.middle_px + rays.directions[ray] * radius[:, None], ray, step)
 
 
-def beside_glare(points: RimPoints, white: Rays, radius_px: float, threshold_counts: float) -> Flags:
+def is_beside_glare(points: RimPoints, white: Rays, radius_px: float, threshold_counts: float) -> Flags:
     """Flags (n,) of rim points near something lighter than disc and surroundings: it distorts the rim, or is mistaken for it."""
     around = float(np.median(white.counts[:, _between(white, SPILL_FROM * radius_px, SPILL_TO * radius_px)]))
     reach = round(max(GLARE_REACH_PX, GLARE_REACH * radius_px) / STEP_PX)
     near = np.clip(points.step[:, None] + np.arange(-reach, reach), 0, white.counts.shape[1] - 1)
     # The neighbouring rays count too: a glint between two rays is not missed.
     lightest = [white.counts[(points.ray[:, None] + turn) % len(white.counts), near].max(axis=1) for turn in (-1, 0, 1)]
-    return np.asarray(np.max(lightest, axis=0) > max(around, own_white(white, radius_px)) + threshold_counts)
+    return np.asarray(np.max(lightest, axis=0) > max(around, disc_whiteness(white, radius_px)) + threshold_counts)
 
 
-def turned_away(points: RimPoints, middle_px: Floats, red: NDArray[np.float32]) -> Flags:
+def is_oblique(points: RimPoints, middle_px: Floats, red: NDArray[np.float32]) -> Flags:
     """Flags (n,) of rim points whose gradient is oblique to their radius: the edge of a cover, or one that is blurred into the rim.
 
     `middle_px` is (2,), `red` the picture (height, width).
@@ -161,7 +161,7 @@ def turned_away(points: RimPoints, middle_px: Floats, red: NDArray[np.float32]) 
     return np.asarray(cosine < np.cos(SQUARE_WITHIN_RAD))
 
 
-def spill(redness: Rays, radius_px: float) -> float:
+def color_bleed_share(redness: Rays, radius_px: float) -> float:
     """Share of the rays that are still red well outside the rim; more than a few mean that the disc touches another red thing."""
     own = float(np.median(redness.counts[:, _between(redness, *(share * radius_px for share in CORE))]))
     beyond = redness.counts[:, _between(redness, SPILL_FROM * radius_px, SPILL_TO * radius_px)]

@@ -64,7 +64,7 @@ def test_a_stamp_goes_with_each_record_over_the_wrap(ring):
 def test_what_is_overwritten_while_it_is_copied_is_dropped_and_counted(ring):
     """The writer goes on between the copy and the look at its claim."""
     ring.write(0.0, numbered(0, 16))
-    claimed = ring.copied
+    claimed = ring.copy_records
 
     def overtaken(first: int, end: int):
         t_s, records, _ = claimed(first, end)
@@ -72,10 +72,10 @@ def test_what_is_overwritten_while_it_is_copied_is_dropped_and_counted(ring):
         return t_s, records, claimed(first, end)[2]
 
     reader = RingReader(ring, from_oldest=True)
-    ring.copied = overtaken
+    ring.copy_records = overtaken
     block = reader.read()
     assert (numbers(block.records), block.overrun) == (list(range(6, 16)), 6)
-    del ring.copied
+    del ring.copy_records
     assert numbers(reader.read().records) == list(range(16, 22))
 
 

@@ -11,19 +11,19 @@ import typer
 
 from rfca_rig.analysis.crosscheck import (
     PAPER_PCT,
-    TIGHT,
+    TIGHT_TOLERANCE,
     CheckedCondition,
     average_pct,
     check_condition,
     check_own_contact,
     difference_pct,
 )
-from rfca_rig.analysis.mujoco_leg import hang, mujoco_leg
+from rfca_rig.analysis.mujoco_leg import mujoco_leg, settle_at_rest
 from rfca_rig.analysis.mujoco_stroke import leg_on_springs, stroke_in_mujoco, stroke_on_springs
 from rfca_rig.cli.commands.crosscheck import crosscheck
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.model.chain import at_rest, chain_of
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.chain import find_rest_state, make_chain
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.experiments import PlannedCondition
 from rfca_rig.report.crosscheck_picture import write_crosscheck_picture
 from tests.model.legs import PAPER
@@ -98,7 +98,7 @@ def test_so_it_is_deep_in_a_soft_floor_where_friction_acts_higher_and_leaving_is
     )
     checked = check_condition(soft, QUICK, SWEEP_DEG)
     assert checked.stroke_pct < 0.01
-    without = stroke_at_speed(plain, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s)
+    without = simulate_stroke_at_speed(plain, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s)
     assert difference_pct(without.fz_N, checked.theirs.fz_N) > 3.0
 
 
@@ -107,14 +107,14 @@ def test_a_leg_that_is_bent_at_rest_agrees_with_mujoco():
     bent = replace(PAPER, leg=replace(PAPER.leg, rest_angles_rad=(0.02, -0.03, 0.05, 0.0, 0.01, -0.02)))
     checked = check_condition(bent, QUICK, SWEEP_DEG)
     assert checked.stroke_pct < 0.01
-    straight = stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s)
+    straight = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s)
     assert difference_pct(straight.fz_N, checked.theirs.fz_N) > 3.0
 
 
 @needs_mujoco
 def test_what_difference_there_is_comes_from_the_tolerance():
     checked = check_condition(PAPER, QUICK, SWEEP_DEG)
-    tight = stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s, TIGHT)
+    tight = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, checked.ours.t_s, TIGHT_TOLERANCE)
     assert difference_pct(tight.normal_N.sum(axis=1), checked.theirs.normal_N) < 0.002
 
 
@@ -135,7 +135,7 @@ def test_a_parameter_two_percent_off_on_one_side_is_seen(section, name):
     part = getattr(PAPER, section)
     other = replace(PAPER, **{section: replace(part, **{name: 1.02 * getattr(part, name)})})
     t_s = np.arange(600) * 1e-3
-    ours = stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s, TIGHT)
+    ours = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s, TIGHT_TOLERANCE)
     same, off = (stroke_in_mujoco(rig, QUICK.height_m, QUICK.speed_rad_s, t_s, COARSE_S) for rig in (PAPER, other))
     contact_N = ours.normal_N.sum(axis=1)
     assert difference_pct(contact_N, off.normal_N) > 10.0 * difference_pct(contact_N, same.normal_N)
@@ -144,8 +144,8 @@ def test_a_parameter_two_percent_off_on_one_side_is_seen(section, name):
 @needs_mujoco
 def test_both_hang_alike_and_weigh_what_they_weigh():
     leg = mujoco_leg(PAPER, 0.3, floor=False, integrator="RK4")
-    hang(leg, PAPER.leg.start_angle_rad)
-    assert np.cumsum(leg.data.qpos) == pytest.approx(at_rest(chain_of(PAPER, 0.3), PAPER.leg.start_angle_rad).q, abs=1e-9)
+    settle_at_rest(leg, PAPER.leg.start_angle_rad)
+    assert np.cumsum(leg.data.qpos) == pytest.approx(find_rest_state(make_chain(PAPER, 0.3), PAPER.leg.start_angle_rad).q, abs=1e-9)
     resting = stroke_in_mujoco(PAPER, 0.3, 1.0, np.array([-0.1, 0.0]))
     assert resting.fz_N == pytest.approx(0.32 * 9.81)
     assert resting.steps == 0
@@ -192,7 +192,7 @@ def test_a_stroke_that_has_no_contact_of_its_own_is_refused(height_m, reason):
 @needs_mujoco
 def test_a_recording_that_ends_before_the_valley_has_no_loading_phase():
     t_s = np.arange(450) * 1e-3
-    ours = stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s)
+    ours = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s)
     short = CheckedCondition(QUICK, ours, stroke_in_mujoco(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s, COARSE_S))
     assert short.loading_pct is None
     assert short.summary()["valley_mujoco"] is None
@@ -226,7 +226,7 @@ def test_a_picture_of_no_known_kind_is_refused_before_anything_is_computed(typed
 @needs_mujoco
 def test_a_picture_that_cannot_be_written_is_told(tmp_path):
     t_s = np.arange(400) * 1e-3
-    ours = stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s)
+    ours = simulate_stroke_at_speed(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s)
     theirs = stroke_on_springs(PAPER, QUICK.height_m, QUICK.speed_rad_s, t_s, 1e4, 1e-4)
     with pytest.raises(BadInput, match="cannot be written"):
         write_crosscheck_picture([CheckedCondition(QUICK, ours, theirs)], tmp_path / "nowhere" / "p.png")

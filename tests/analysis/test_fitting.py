@@ -9,22 +9,22 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from rfca_rig.analysis.fitting.errors_of_fit import covariance_of
+from rfca_rig.analysis.fitting.errors_of_fit import estimate_covariance
 from rfca_rig.analysis.fitting.fit import Search, fit
 from rfca_rig.analysis.fitting.model_file import write_model_file
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed, space_of
-from rfca_rig.analysis.fitting.residuals import StrokeWindow, problem_of
-from rfca_rig.analysis.fitting.scatter import whitening_of
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint, make_prior
+from rfca_rig.analysis.fitting.residuals import StrokeWindow, make_stroke_problem
+from rfca_rig.analysis.fitting.scatter import make_whitening
 from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
 from rfca_rig.analysis.fitting.valleys import ValleyRow, fit_valleys
 from rfca_rig.analysis.phases import StrokePhases
-from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.description.nominal_model import model_of, nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.store import write_recording
 from tests.analysis import traces
@@ -33,13 +33,13 @@ from tests.report.recordings import BELIEVED
 KNOWN_TO = {"k0_relative": 0.03, "friction_coefficient": 0.05, "height_mm": 0.2}
 NOISE = {"fy_N": 0.10, "fz_N": 0.15, "tx_Nm": 0.006}
 SECTIONS = {**BELIEVED, "sensor": {"below_shaft_mm": 45.0, "noise_std": NOISE}}
-BELIEF = Supposed(nominal_model(SECTIONS))
+BELIEF = ModelPoint(nominal_model(SECTIONS))
 TRUTH = {"k0": 11.3, "friction": 0.42, "height": 0.12}
 CONDITIONS = ((0.215, 3.25), (0.235, 4.5))
 COMMANDED = StrokeComparison("commanded")
 
 
-def supposing(**values: float) -> Supposed:
+def supposing(**values: float) -> ModelPoint:
     supposed = BELIEF
     for name, value in values.items():
         supposed = PARAMETERS[name].write(supposed, value)
@@ -55,7 +55,7 @@ def recording(seed: int, repeats: int = 2, truth: dict | None = None, scatter: b
             true = truth or TRUTH
             supposed = supposing(**{**true, "height": true["height"] + off[0], "friction": true["friction"] + off[1]})
             t_s = traces.even(1000.0, end_s=3.6 / speed_rad_s)
-            stroke = stroke_at_speed(supposed.rig, height_m + supposed.height_offset_m, speed_rad_s, t_s)
+            stroke = simulate_stroke_at_speed(supposed.rig, height_m + supposed.height_offset_m, speed_rad_s, t_s)
             noisy = {c: getattr(stroke, c) + rng.normal(0.0, NOISE[c], len(t_s)) for c in channels if c != "fz_N"}
             fz_N = stroke.fz_N + rng.normal(0.0, NOISE["fz_N"], len(t_s))
             angle_rad = stroke.shaft_angle_rad + rng.normal(0.0, 5e-4, len(t_s))
@@ -69,7 +69,7 @@ def recording(seed: int, repeats: int = 2, truth: dict | None = None, scatter: b
 class Toy:
     """Residuals by a formula of the supposed rig, so that the right answer is known; None where the formula gives None."""
 
-    formula: Callable[[Supposed], np.ndarray | None]
+    formula: Callable[[ModelPoint], np.ndarray | None]
     stroke_of_row: np.ndarray
 
     def residuals(self, supposed):
@@ -82,11 +82,11 @@ def with_encoder_off(stroke, off_rad: float):
     return replace(stroke, streams={"table": replace(stream, columns={**stream.columns, "shaft_angle_rad": column})})
 
 
-def k0_of(supposed: Supposed) -> float:
+def k0_of(supposed: ModelPoint) -> float:
     return supposed.rig.leg.k0_Nm_per_rad
 
 
-def mu_of(supposed: Supposed) -> float:
+def mu_of(supposed: ModelPoint) -> float:
     return supposed.rig.ground.friction_coefficient
 
 
@@ -152,7 +152,7 @@ def test_force_alone_is_enough_and_its_noise_need_not_be_stated():
 
 
 def test_the_prior_holds_what_the_recording_says_nothing_about():
-    space = space_of(("k0", "friction"), BELIEF, KNOWN_TO)
+    space = make_prior(("k0", "friction"), BELIEF, KNOWN_TO)
     result = fit(one_row(lambda s: np.array([(k0_of(s) - 12.0) / 1e-3])), space)
     k0, friction = result.parameters
     assert k0.value == pytest.approx(12.0, abs=1e-3)
@@ -161,7 +161,7 @@ def test_the_prior_holds_what_the_recording_says_nothing_about():
 
 
 def test_prior_and_data_meet_where_their_weights_put_them():
-    space = space_of(("friction",), BELIEF, {"friction_coefficient": 0.05})
+    space = make_prior(("friction",), BELIEF, {"friction_coefficient": 0.05})
     (friction,) = fit(one_row(lambda s: np.array([(mu_of(s) - 0.55) / 0.05])), space).parameters
     assert friction.value == pytest.approx(0.50, abs=1e-5)
     assert friction.std == pytest.approx(0.05 / np.sqrt(2.0), rel=1e-3)
@@ -169,14 +169,14 @@ def test_prior_and_data_meet_where_their_weights_put_them():
 
 
 def test_a_parameter_without_prior_is_pulled_at_by_nothing():
-    space = space_of(("friction",), BELIEF, {})
+    space = make_prior(("friction",), BELIEF, {})
     (friction,) = fit(one_row(lambda s: np.array([(mu_of(s) - 0.55) / 0.05])), space).parameters
     assert (friction.value, friction.prior_std) == (pytest.approx(0.55, abs=1e-5), None)
 
 
 @pytest.mark.parametrize(("pull", "bound"), [(-5.0, 0.0), (5.0, 0.95)])
 def test_no_value_leaves_its_bounds_and_one_that_wants_to_is_named(pull, bound):
-    space = space_of(("friction",), BELIEF, {"friction_coefficient": 0.1})
+    space = make_prior(("friction",), BELIEF, {"friction_coefficient": 0.1})
     result = fit(one_row(lambda s: np.array([(mu_of(s) - pull) / 1e-4])), space)
     assert result.parameters[0].value == pytest.approx(bound, abs=1e-3)
     assert result.parameters[0].value >= 0.0
@@ -185,15 +185,15 @@ def test_no_value_leaves_its_bounds_and_one_that_wants_to_is_named(pull, bound):
 
 
 def test_a_scaled_parameter_stays_positive():
-    space = space_of(("hinge_damping",), BELIEF, {"hinge_damping_relative": 0.5})
+    space = make_prior(("hinge_damping",), BELIEF, {"hinge_damping_relative": 0.5})
     result = fit(one_row(lambda s: np.array([(s.rig.leg.hinge_damping_Nm_s_per_rad + 1.0) / 1e-3])), space)
     assert 0.0 < result.parameters[0].value < 0.01
 
 
 def test_two_answers_show_as_starts_that_disagree():
-    space = space_of(("friction",), BELIEF, {})
+    space = make_prior(("friction",), BELIEF, {})
 
-    def two_answers(s: Supposed) -> np.ndarray:
+    def two_answers(s: ModelPoint) -> np.ndarray:
         x = (mu_of(s) - 0.45) / 0.1
         return np.array([10.0 * (x**2 - 4.0), (x + 2.0) / 10.0])
 
@@ -204,7 +204,7 @@ def test_two_answers_show_as_starts_that_disagree():
 
 
 def test_what_nothing_determines_has_a_wide_error():
-    space = space_of(("k0", "k2"), BELIEF, {"k0_relative": 0.03})
+    space = make_prior(("k0", "k2"), BELIEF, {"k0_relative": 0.03})
     k0, k2 = fit(one_row(lambda s: np.array([(k0_of(s) - 11.1) / 0.01])), space).parameters
     assert k0.std < 0.02
     assert k2.value == pytest.approx(4.2)
@@ -212,9 +212,9 @@ def test_what_nothing_determines_has_a_wide_error():
 
 
 def test_a_warm_start_begins_where_it_is_told():
-    space, at = space_of(("k0",), BELIEF, {}), []
+    space, at = make_prior(("k0",), BELIEF, {}), []
 
-    def watched(s: Supposed) -> np.ndarray:
+    def watched(s: ModelPoint) -> np.ndarray:
         at.append(k0_of(s))
         return np.array([k0_of(s) - 12.0])
 
@@ -223,7 +223,7 @@ def test_a_warm_start_begins_where_it_is_told():
 
 
 def test_a_side_where_the_model_has_no_answer_is_done_without():
-    space = space_of(("friction",), BELIEF, {"friction_coefficient": 0.05})
+    space = make_prior(("friction",), BELIEF, {"friction_coefficient": 0.05})
     result = fit(one_row(lambda s: np.array([(mu_of(s) - 0.5) / 1e-3]) if mu_of(s) <= 0.4505 else None), space)
     assert 0.45 <= result.parameters[0].value <= 0.4505
     with pytest.raises(SimulationFailed, match="as believed"):
@@ -231,7 +231,7 @@ def test_a_side_where_the_model_has_no_answer_is_done_without():
 
 
 def test_correlated_parameters_are_named():
-    space = space_of(("k0", "friction"), BELIEF, KNOWN_TO)
+    space = make_prior(("k0", "friction"), BELIEF, KNOWN_TO)
     result = fit(one_row(lambda s: np.array([(k0_of(s) / 11.0 + mu_of(s) / 0.45 - 2.0) / 1e-4])), space)
     assert [(a, b) for a, b, c in result.high_correlations() if c < -0.9] == [("k0", "friction")]
 
@@ -239,7 +239,7 @@ def test_correlated_parameters_are_named():
 def test_whitening_makes_strokes_that_move_together_independent():
     rng = np.random.default_rng(0)
     effect, stroke_of_row = rng.normal(0.0, 3.0, (30, 2)), np.repeat([0, 1, 2], 10)
-    white = whitening_of(effect, stroke_of_row)
+    white = make_whitening(effect, stroke_of_row)
     for stroke in range(3):
         mine = stroke_of_row == stroke
         covariance = np.zeros((30, 30))
@@ -255,7 +255,7 @@ def test_errors_widen_where_strokes_differ_by_more_than_noise(strokes):
     for _ in range(200):
         residuals = rng.normal(size=40 * strokes) + np.repeat(rng.normal(0.0, 2.0, strokes), 40)
         off = residuals.mean()
-        covariance, _ = covariance_of(residuals - off, jacobian, has_prior, stroke_of_row)
+        covariance, _ = estimate_covariance(residuals - off, jacobian, has_prior, stroke_of_row)
         z.append(off / np.sqrt(covariance[0, 0]))
     assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.5
 
@@ -271,10 +271,10 @@ def test_only_what_the_window_says_counts():
 
 def test_repeats_are_simulated_once_unless_their_recorded_turns_differ():
     made = recording(5, repeats=3)
-    assert len(problem_of(conditions_of(made.strokes), 0.05, NOISE, "commanded").turns) == 2
-    assert len(problem_of(conditions_of(made.strokes), 0.05, NOISE, "recorded").turns) == 2
+    assert len(make_stroke_problem(group_by_condition(made.strokes), 0.05, NOISE, "commanded").turns) == 2
+    assert len(make_stroke_problem(group_by_condition(made.strokes), 0.05, NOISE, "recorded").turns) == 2
     other = with_encoder_off(made.strokes[0], 0.01)
-    assert len(problem_of(conditions_of([other, *made.strokes[1:]]), 0.05, NOISE, "recorded").turns) == 3
+    assert len(make_stroke_problem(group_by_condition([other, *made.strokes[1:]]), 0.05, NOISE, "recorded").turns) == 3
 
 
 def test_a_stroke_that_cannot_be_used_is_left_out_and_named():
@@ -312,7 +312,9 @@ def test_valleys_alone_are_fitted():
 
 
 def test_the_fitted_model_is_read_back_as_it_was_written(tmp_path):
-    space = space_of(("k0", "mass", "friction", "start_angle", "height", "k2", "link_radius"), BELIEF, {**KNOWN_TO, "start_angle_deg": 0.3})
+    space = make_prior(
+        ("k0", "mass", "friction", "start_angle", "height", "k2", "link_radius"), BELIEF, {**KNOWN_TO, "start_angle_deg": 0.3}
+    )
     toy = one_row(lambda s: np.array([(k0_of(s) - 11.4) / 0.1]))
     result = fit(toy, space, Search(start={"mass": 325.0, "start_angle": 13.3}))
     nominal = {**SECTIONS, "sensor": {**SECTIONS["sensor"], "tared": 'without "the" leg\n'}}
@@ -340,7 +342,7 @@ def test_effects_that_were_believed_stay_and_a_fitted_height_adds_to_a_believed_
     rack = PresentEffect("height_offset", (("offset_mm", 1.5),))
     play = PresentEffect("hinge_backlash", (("half_gap_deg", 0.7),))
     centre = replace(BELIEF, rig=replace(BELIEF.rig, effects=(rack, play)))
-    result = fit(one_row(lambda s: np.array([(1e3 * s.height_offset_m - 0.4) / 0.01])), space_of(("height",), centre, {"height_mm": 0.2}))
+    result = fit(one_row(lambda s: np.array([(1e3 * s.height_offset_m - 0.4) / 0.01])), make_prior(("height",), centre, {"height_mm": 0.2}))
     nominal = {**SECTIONS, "effects": [{"id": "height_offset", "parameters": {"offset_mm": 1.5}}]}
     write_model_file(tmp_path / "model.toml", result, nominal, KNOWN_TO, [])
     play_again, offset = read_model_file(tmp_path / "model.toml").model().effects

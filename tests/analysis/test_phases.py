@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.phases import PHASES, StrokePhases, StrokeRegion, simulated_phases
+from rfca_rig.analysis.phases import PHASES, StrokePhases, StrokeRegion, phases_of_simulation
 from rfca_rig.analysis.valley import valley_and_phases
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.analysis import traces
 from tests.model.legs import PAPER
 
@@ -46,12 +46,12 @@ def test_a_region_ends_with_the_recording_and_one_that_was_not_reached_is_left_o
 @pytest.mark.parametrize(("height_m", "speed_rad_s"), [(0.215, 2.433), (0.215, 3.249), (0.235, 2.478), (0.235, 4.5)])
 def test_contact_read_from_noisy_force_agrees_with_the_models_own(height_m, speed_rad_s):
     t = traces.even(1000.0)
-    simulated = stroke_at_speed(PAPER, height_m, speed_rad_s, t)
+    simulated = simulate_stroke_at_speed(PAPER, height_m, speed_rad_s, t)
     _, seen = valley_and_phases(t, simulated.fz_N + np.random.default_rng(5).normal(0.0, 0.15, len(t)))
-    true = simulated_phases(simulated, seen.valley_s)
+    true = phases_of_simulation(simulated, seen.valley_s)
     assert seen.touchdown_s == pytest.approx(true.touchdown_s, abs=0.010)
     assert seen.lift_off_s == pytest.approx(true.lift_off_s, abs=0.010)
 
 
 def test_a_simulated_stroke_in_the_air_is_free_throughout():
-    assert simulated_phases(stroke_at_speed(PAPER, 1.0, 2.433, traces.even(1000.0)), np.inf) == StrokePhases()
+    assert phases_of_simulation(simulate_stroke_at_speed(PAPER, 1.0, 2.433, traces.even(1000.0)), np.inf) == StrokePhases()

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.repeats import Spread, conditions_of, spread_of
+from rfca_rig.analysis.repeats import Spread, compute_spread, group_by_condition
 from rfca_rig.analysis.shaft_speed import average_speed
 from tests.analysis import traces
 
@@ -14,14 +14,14 @@ def flap(height_m, speed_rad_s, repeat):
 
 def test_strokes_of_one_height_and_speed_belong_together_in_order():
     strokes = [flap(0.235, 2.433, 1), flap(0.215, 3.25, 2), flap(0.215, 3.25, 1), flap(0.21500001, 2.433, 1)]
-    found = [(c.label, [s.repeat for s in c.strokes]) for c in conditions_of(strokes)]
+    found = [(c.label, [s.repeat for s in c.strokes]) for c in group_by_condition(strokes)]
     assert found == [("215 mm, 2.433 rad/s", [1]), ("215 mm, 3.25 rad/s", [1, 2]), ("235 mm, 2.433 rad/s", [1])]
 
 
 def test_spread_is_the_samples_own():
-    assert spread_of([1.0, 2.0, 3.0]) == Spread(2.0, 1.0, 3)
-    assert spread_of([4.0]) == Spread(4.0, None, 1)
-    assert spread_of([]) == Spread(None, None, 0)
+    assert compute_spread([1.0, 2.0, 3.0]) == Spread(2.0, 1.0, 3)
+    assert compute_spread([4.0]) == Spread(4.0, None, 1)
+    assert compute_spread([]) == Spread(None, None, 0)
 
 
 def turned(speed_rad_s, ramp_s=0.05, until_s=np.inf):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from rfca_rig.analysis.swings import Nuisance, shifted, swings_of
+from rfca_rig.analysis.swings import Nuisance, apply_nuisances, make_swing_problem
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
 from rfca_rig.errors import BadInput
 from rfca_rig.model.joint_drive import torque_trace
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.pendulum import Pendulum, PendulumLink, driven
+from rfca_rig.model.pendulum import Pendulum, PendulumLink, make_driven_pendulum
 
 DATA = Path(__file__).parents[1] / "data" / "dfki-pendulum"
 BELIEVED = Pendulum((PendulumLink(0.2, 0.6, 0.18, 0.022, 0.004), PendulumLink(0.3, 0.55, 0.25, 0.038, 0.002)))
@@ -27,7 +27,9 @@ def recorded(seed: int, nuisances: dict[str, float], effects: tuple[PresentEffec
     random = np.random.default_rng(seed)
     t_s = np.arange(0.0, 4.0, 0.004)
     torque = np.column_stack([0.7 * np.sin(5 * t_s + seed), 0.3 * np.sin(7 * t_s)])
-    after = driven(shifted(BELIEVED, nuisances), effects).swing(torque_trace(t_s, torque), np.array([0.5, 0.2]), np.zeros(2), t_s[1:])
+    after = make_driven_pendulum(apply_nuisances(BELIEVED, nuisances), effects).swing(
+        torque_trace(t_s, torque), np.array([0.5, 0.2]), np.zeros(2), t_s[1:]
+    )
     angle, speed = np.vstack([[[0.5, 0.2]], after.angle_rad]), np.vstack([np.zeros((1, 2)), after.speed_rad_s])
     noisy = angle + random.normal(0, ANGLE_NOISE, angle.shape), speed + random.normal(0, SPEED_NOISE, speed.shape)
     return PendulumRun(f"seed {seed}, repeat 1", f"seed {seed}", 1, t_s, *noisy, torque)
@@ -48,7 +50,7 @@ def chi2(problem, nuisances=None, **effects):
 
 
 def test_rows_say_which_run_signal_and_moment_they_are():
-    problem = swings_of(campaign())
+    problem = make_swing_problem(campaign())
     m = problem.measured.size
     assert m == 2 * 7 * 4 * 25
     rows = (problem.noise_std, problem.groups, problem.windows_of_row, problem.signal_of_row, problem.t_s, problem.predicted({}))
@@ -62,12 +64,12 @@ def test_rows_say_which_run_signal_and_moment_they_are():
 
 
 def test_nothing_left_out_leaves_noise_and_no_more_than_is_stated():
-    assert 0.3 < chi2(swings_of(campaign())) < MET
+    assert 0.3 < chi2(make_swing_problem(campaign())) < MET
 
 
 @pytest.mark.parametrize("nuisance", [{"link1.mass_relative": 0.1}, {"link2.torque_offset_Nm": 0.1}])
 def test_a_believed_value_that_is_off_shows_and_is_allowed_for(nuisance):
-    problem = swings_of(campaign(nuisance))
+    problem = make_swing_problem(campaign(nuisance))
     assert chi2(problem) > 5.0
     assert chi2(problem, nuisance) < MET
 
@@ -82,7 +84,7 @@ def test_a_believed_value_that_is_off_shows_and_is_allowed_for(nuisance):
     ],
 )
 def test_an_effect_that_was_concealed_shows_and_is_found_at_its_size(id_, name, value):
-    problem = swings_of(campaign(**{id_: {name: value}}))
+    problem = make_swing_problem(campaign(**{id_: {name: value}}))
     assert chi2(problem) > 5.0
     found = least_squares(lambda x: normalised(problem, **{id_: {name: x[0]}}), [0.7 * value], diff_step=1e-2, xtol=1e-4)
     assert found.x[0] == pytest.approx(value, rel=0.03)
@@ -90,7 +92,7 @@ def test_an_effect_that_was_concealed_shows_and_is_found_at_its_size(id_, name, 
 
 
 def test_nuisances_are_those_of_known_to_for_each_link():
-    problem = swings_of(campaign())
+    problem = make_swing_problem(campaign())
     assert problem.nuisances[:2] == (Nuisance("link1.mass_relative", 0.05), Nuisance("link1.torque_offset_Nm", 0.02))
     assert [n.name for n in problem.nuisances[2:]] == ["link2.mass_relative", "link2.torque_offset_Nm"]
 
@@ -99,22 +101,22 @@ def test_every_key_of_known_to_moves_what_it_names():
     from rfca_rig.campaign.pendulum_layout import KnownToPendulum
 
     for key in set(KnownToPendulum.model_fields) - {"torque_error_relative"}:  # that is the scale of the model's error
-        moved = shifted(BELIEVED, {f"link2.{key}": 0.01})
+        moved = apply_nuisances(BELIEVED, {f"link2.{key}": 0.01})
         assert moved.links[0] == BELIEVED.links[0]
         assert moved.links[1] != BELIEVED.links[1]
-    centre = shifted(BELIEVED, {"link1.centre_of_mass_m": 0.02}).links[0]
+    centre = apply_nuisances(BELIEVED, {"link1.centre_of_mass_m": 0.02}).links[0]
     assert centre.inertia_kg_m2 - 0.6 * centre.centre_of_mass_m**2 == pytest.approx(0.022 - 0.6 * 0.18**2)
 
 
 @pytest.mark.parametrize("name", ["link3.mass_relative", "link0.mass_relative", "mass_relative", "link1.colour", "linkx.mass_relative"])
 def test_another_nuisance_is_refused(name):
     with pytest.raises(BadInput, match="is no nuisance of a pendulum of 2"):
-        shifted(BELIEVED, {name: 0.0})
+        apply_nuisances(BELIEVED, {name: 0.0})
 
 
 def test_runs_too_short_for_a_window_are_refused():
     with pytest.raises(BadInput, match="no run of simulated is longer than"):
-        swings_of(campaign(), window_s=5.0)
+        make_swing_problem(campaign(), window_s=5.0)
 
 
 REAL = 5e-3, 0.05  # rad, rad/s that no model of a real rig is expected to meet
@@ -137,7 +139,9 @@ def fitted(problem, id_, name, low, high):
 
 
 def test_in_a_real_pendulum_the_friction_that_was_left_out_explains_most_and_other_effects_do_not():
-    problem = swings_of(read_pendulum_campaign(DATA / "simple"))  # in one run alone, an inertia with more damping imitates friction
+    problem = make_swing_problem(
+        read_pendulum_campaign(DATA / "simple")
+    )  # in one run alone, an inertia with more damping imitates friction
     torque_Nm, with_friction = fitted(problem, "joint_friction", "torque_Nm", 0.0, 0.5)
     assert 0.08 < torque_Nm < 0.25
     for other in (("joint_inertia", "inertia_kg_m2", 0.0, 0.05), ("torque_scale", "factor", 0.8, 1.2), ("added_mass", "mass_kg", 0.0, 0.5)):
@@ -156,7 +160,7 @@ OTHERS = {
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["simple", "double"])
 def test_no_single_effect_explains_a_real_pendulum_as_friction_does(name):
-    problem = swings_of(read_pendulum_campaign(DATA / name))
+    problem = make_swing_problem(read_pendulum_campaign(DATA / name))
     torque_Nm, with_friction = fitted(problem, "joint_friction", "torque_Nm", 0.0, 0.5)
     assert 0.08 < torque_Nm < 0.25
     assert min(fitted(problem, id_, *other)[1] for id_, other in OTHERS.items()) > 2.5 * with_friction
@@ -164,7 +168,7 @@ def test_no_single_effect_explains_a_real_pendulum_as_friction_does(name):
 
 @pytest.mark.long
 def test_a_real_weight_that_was_added_shows_as_more_mass_or_less_torque_and_as_nothing_else():
-    problem = swings_of(read_pendulum_campaign(DATA / "simple-heavier"))
+    problem = make_swing_problem(read_pendulum_campaign(DATA / "simple-heavier"))
     mass_kg, with_mass = fitted(problem, "added_mass", "mass_kg", 0.0, 2.0)
     assert 0.3 < mass_kg < 1.2
     friction, drag, inertia = (

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.valley import Valley, find_valley, stroke_valley, valley_and_phases
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.analysis import traces
 from tests.model.legs import PAPER
 
@@ -51,7 +51,7 @@ def test_a_leg_that_snaps_free_leaves_no_false_minimum_before_the_jump():
 
 def test_the_valley_of_the_models_own_stroke_is_its_minimum_and_found_again_in_noise():
     t = traces.even(1000.0)
-    simulated = stroke_at_speed(PAPER, 0.215, 2.433, t)
+    simulated = simulate_stroke_at_speed(PAPER, 0.215, 2.433, t)
     clean = find_valley(t, simulated.fz_N)
     assert clean.fz_N == pytest.approx(simulated.fz_N.min(), abs=0.1)
     assert clean.time_s == pytest.approx(t[simulated.fz_N.argmin()], abs=0.003)
@@ -64,7 +64,7 @@ def test_the_valley_of_the_models_own_stroke_is_its_minimum_and_found_again_in_n
 def test_a_recording_that_ends_while_the_force_still_falls_is_refused():
     t = traces.even(1000.0, end_s=0.9)
     refused = find_valley(t, traces.fz(t) + np.random.default_rng(0).normal(0.0, 0.15, len(t)))
-    assert isinstance(refused, Refused)
+    assert isinstance(refused, Undetermined)
     assert "still falls" in refused.reason and "record longer" in refused.reason
 
 
@@ -72,16 +72,16 @@ def test_a_spike_that_outweighs_the_loading_is_refused():
     t = traces.even(1000.0)
     fz = np.where(t < traces.TOUCHDOWN_S, 3.0, -40.0 + 30.0 * (t - traces.TOUCHDOWN_S))
     refused = find_valley(t, fz)
-    assert isinstance(refused, Refused)
+    assert isinstance(refused, Undetermined)
     assert "spike outweighs" in refused.reason
 
 
 def test_a_swing_in_the_air_has_no_contact():
     t = traces.even(1000.0)
     for speed_rad_s in (2.433, 4.5):
-        simulated = stroke_at_speed(PAPER, 1.0, speed_rad_s, t)
+        simulated = simulate_stroke_at_speed(PAPER, 1.0, speed_rad_s, t)
         refused = find_valley(t, simulated.fz_N + np.random.default_rng(0).normal(0.0, 0.15, len(t)))
-        assert isinstance(refused, Refused) and "no contact" in refused.reason
+        assert isinstance(refused, Undetermined) and "no contact" in refused.reason
 
 
 def test_gaps_and_scraps_are_refused_with_their_place():
@@ -90,7 +90,7 @@ def test_gaps_and_scraps_are_refused_with_their_place():
     assert "at 0.5" in find_valley(t[gap], traces.fz(t)[gap]).reason
     assert "0.010 s only" in find_valley(t[:11], t[:11]).reason
     assert "0.000 s only" in find_valley(t[:0], t[:0]).reason
-    assert stroke_valley(traces.stroke(t, None)) == Refused("fz was not recorded")
+    assert stroke_valley(traces.stroke(t, None)) == Undetermined("fz was not recorded")
 
 
 def test_the_valley_divides_loading_from_release():

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rfca_rig.bench.rig_compatibility import rig_to_go_on
+from rfca_rig.bench.rig_compatibility import read_compatible_rig
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from tests.description.test_torque_rotation import CSV, TWIN
@@ -27,13 +27,13 @@ def begun_with(rig, **more):
 
 def test_a_curve_that_reads_otherwise_is_refused_by_its_key(rig):
     begun = begun_with(rig)
-    assert rig_to_go_on(begun, rig, deliberately=False).changes == {}
+    assert read_compatible_rig(begun, rig, deliberately=False).changes == {}
     (rig.parent / "measured.csv").write_text(CSV.replace("1.67", "1.70"), encoding="utf-8")
     with pytest.raises(BadInput, match=r"leg\.torque_rotation\.curve is not as the run began with; one run has one belief"):
-        rig_to_go_on(begun, rig, deliberately=True)
+        read_compatible_rig(begun, rig, deliberately=True)
 
 
 def test_a_run_with_a_model_file_does_not_ask_for_the_curve(rig):
     begun = begun_with(rig, model_file="the values of another file")
     (rig.parent / "measured.csv").write_text(CSV.replace("1.67", "1.70"), encoding="utf-8")
-    assert rig_to_go_on(begun, rig, deliberately=False).changes == {}
+    assert read_compatible_rig(begun, rig, deliberately=False).changes == {}

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos, with_photos_read
+from rfca_rig.bench.stage_photos import photo_hashes, read_missing_photos, read_stage_photos
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.recording.model import Recording, StaticStage
-from rfca_rig.twins.camera import Disturbance, render_leg
+from rfca_rig.twins.camera import ImageDisturbance, render_leg
 from rfca_rig.vision.leg_marks import MarkPlan, mark_positions
-from rfca_rig.vision.leg_photo import Eye
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 ROOT = Path(__file__).parents[2]
 CALIBRATION = ROOT / "calibration"
@@ -26,7 +26,9 @@ ANGLES = np.radians(90.0) + np.concatenate([[0.0], np.cumsum(np.radians(HINGES_D
 def photographed(folder, disturbance=None, plan=EYE.plan, angles=ANGLES, **changes):
     """A stage of a leg that stands at 90 degrees, with a photo of it in the run's folder."""
     lengths = np.array(EYE.link_lengths_m)
-    picture = render_leg(angles, lengths, plan, EYE.camera, disturbance or Disturbance(noise_counts=1.0), np.random.default_rng(3), 0.235)
+    picture = render_leg(
+        angles, lengths, plan, EYE.camera, disturbance or ImageDisturbance(noise_counts=1.0), np.random.default_rng(3), 0.235
+    )
     (folder / "photos").mkdir(exist_ok=True)
     cv2.imwrite(str(folder / "photos" / "001.png"), picture)
     stage = StaticStage(0.235, 1, "loading", np.radians(90.0), (math.nan,) * 6, -1.0, -2.0, 0.3, photo="photos/001.png")
@@ -57,7 +59,7 @@ def test_a_missing_mark_is_told_and_its_hinges_are_not(tmp_path):
 
 
 def test_a_half_hidden_mark_leaves_out_what_it_tells_too_badly_and_says_so(tmp_path):
-    half = Disturbance(defocus_px=2.5, noise_counts=7.0, uneven_light=0.8, hidden_mark=5, hidden_share=0.5)
+    half = ImageDisturbance(defocus_px=2.5, noise_counts=7.0, uneven_light=0.8, hidden_mark=5, hidden_share=0.5)
     seen = read(photographed(tmp_path, half), tmp_path)
     told = np.isfinite(seen.hinge_deg)
     left_out = ", ".join(str(number) for number in np.flatnonzero(~told) + 2)
@@ -137,7 +139,7 @@ def test_another_plan_of_marks_is_read_as_well(tmp_path):
     marks = tuple(replace(EYE.plan.marks[0], link=link, along_m=along_m) for link, along_m in places)
     plan = MarkPlan(marks, 0.006)
     assert mark_positions(ANGLES, EYE.link_lengths_m, plan).shape == (14, 2)
-    seen = read(photographed(tmp_path, plan=plan), tmp_path, Eye(EYE.camera, plan, EYE.link_lengths_m))
+    seen = read(photographed(tmp_path, plan=plan), tmp_path, PhotoSetup(EYE.camera, plan, EYE.link_lengths_m))
     assert np.abs(np.array(seen.hinge_deg) - HINGES_DEG).max() < 0.3
 
 
@@ -151,9 +153,9 @@ def test_hashes_are_those_of_the_files(tmp_path):
 def test_a_run_that_ended_before_its_photos_were_read_is_read_with_what_it_kept(tmp_path):
     kept = {"rig_file": (CALIBRATION / "twin.toml").read_text(), "camera_file": (CALIBRATION / "twin-camera.toml").read_text()}
     ended = Recording("a", "SIM", {}, {}, (), (photographed(tmp_path),), kept)
-    whole = with_photos_read(ended, tmp_path)
+    whole = read_missing_photos(ended, tmp_path)
     assert np.abs(np.array(whole.static[0].hinge_deg) - HINGES_DEG).max() < 0.1
     assert whole.provenance.items() > kept.items()
     assert "photos/001.png" in whole.provenance["photos_sha256"]
-    assert with_photos_read(whole, tmp_path) is whole
-    assert with_photos_read(replace(ended, provenance={}), tmp_path).static == ended.static
+    assert read_missing_photos(whole, tmp_path) is whole
+    assert read_missing_photos(replace(ended, provenance={}), tmp_path).static == ended.static

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.bench.expectation import expected_loads
+from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.description.protocol_file import read_static
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.static_stages import StageMoves, static_stages
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.static_stages import StageMoves, simulate_static_stages
+from rfca_rig.model.stroke import simulate_stroke
 from rfca_rig.protocol.check import check_plan
 from rfca_rig.protocol.experiments import static_plan
 from rfca_rig.protocol.plan import Hold, MoveShaft
@@ -33,7 +33,7 @@ def test_behind_a_stiff_drive_the_plant_is_the_model():
     for t_s in times:
         felt.append(leg.advance(t_s, ShaftDrive(speed_gain_Nm_s_per_rad=1e4, speed_rad_s=speed), np.array([t_s]))[0])
     _, motion = pressed_and_held()
-    model = stroke_following(twin_rig().model(), 0.215, motion, times)
+    model = simulate_stroke(twin_rig().model(), 0.215, motion, times)
     assert leg.shaft().angle_rad == pytest.approx(model.shaft_angle_rad[-1], abs=1e-3)
     pressing = times > 0.6
     assert np.array(felt)[pressing, 2] == pytest.approx(model.fz_N[pressing], abs=0.05)
@@ -59,7 +59,7 @@ def test_a_hand_on_the_lead_screws_is_not_exact():
 
 def test_expected_loads_name_every_stroke():
     plan = one_condition(twin_rig(), repeats=2)
-    loads = expected_loads(plan, twin_rig().model())
+    loads = predict_loads(plan, twin_rig().model())
     assert set(loads) == set(plan.flaps)
     assert all(50.0 < load.force_N < 75.0 for load in loads.values())
 
@@ -68,12 +68,12 @@ def test_the_bending_protocol_bends_the_twin_beyond_130_degrees_within_its_limit
     rig = twin_rig()
     protocol = read_static(ROOT / "protocols" / "bending.toml").static_stages()
     plan = static_plan(protocol, rig.facts())
-    expected = expected_loads(plan, rig.model())
+    expected = predict_loads(plan, rig.model())
     check_plan(plan, expected)
     assert max(load.force_N for load in expected.values()) < 0.5 * plan.limits.force_N
     (height_m,) = protocol.heights_m
     angles_rad = [angle_rad for angle_rad, _ in protocol.angles_rad]
-    states = static_stages(rig.model(), height_m, angles_rad, StageMoves(protocol.move_speed_rad_s, 0.05))
+    states = simulate_static_stages(rig.model(), height_m, angles_rad, StageMoves(protocol.move_speed_rad_s, 0.05))
     bends_deg = [abs(float(np.degrees(state.q_rad[-1] - state.q_rad[0]))) for state in states]
     assert bends_deg == sorted(bends_deg)
     assert bends_deg[0] < 40.0
@@ -85,11 +85,11 @@ def test_a_leg_pushed_back_under_load_is_seen_to_wedge_beforehand():
     rig = twin_rig()
     protocol = read_static(ROOT / "protocols" / "static-angle.toml").static_stages()
     plan = static_plan(replace(protocol, heights_m=(0.235,)), rig.facts())
-    safe = expected_loads(plan, rig.model())
+    safe = predict_loads(plan, rig.model())
     assert max(load.force_N for load in safe.values()) < 150.0
     assert {stage for stage in plan.stages if isinstance(stage, Hold)} <= set(safe)
     back = [replace(stage, forwards=False) if isinstance(stage, MoveShaft) else stage for stage in plan.stages]
-    wedged = expected_loads(replace(plan, stages=tuple(back)), rig.model())
+    wedged = predict_loads(replace(plan, stages=tuple(back)), rig.model())
     assert max(load.force_N for load in wedged.values()) > 300.0
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from rfca_rig.campaign.opening import open_recordings
 from rfca_rig.engine.run import run_plan
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.report.writing import write_report
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
 from tests.model.legs import PAPER
@@ -39,8 +39,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true", help="fewer rounds")
     rounds = 3 if parser.parse_args().short else 11
-    stroke_s = median_s(lambda: stroke_at_speed(PAPER, 0.215, 2.433, T), 5 * rounds)
-    ice_s = median_s(lambda: stroke_at_speed(ICE, 0.215, 2.433, T), 5 * rounds)
+    stroke_s = median_s(lambda: simulate_stroke_at_speed(PAPER, 0.215, 2.433, T), 5 * rounds)
+    ice_s = median_s(lambda: simulate_stroke_at_speed(ICE, 0.215, 2.433, T), 5 * rounds)
     lsoda_s = median_s(lambda: fz_by_lsoda(ICE, 0.215, 2.433, T, 1e-5), rounds)
     run_s, rig_s = _run(rounds)
     report_s = _report(rounds)

@@ -6,7 +6,7 @@ Also the discrete elastica against elliptic integrals, by angle of the tip.
 import numpy as np
 
 from rfca_rig.model.elastica import cantilever_tip
-from rfca_rig.model.hinge_curve import HeldHinge, fit_hardening, fixed_curve, sliding_curve
+from rfca_rig.model.hinge_curve import HeldHinge, compute_fixed_curve, compute_sliding_curve, fit_hardening
 from rfca_rig.model.strip import paper_strips, table_1_materials
 from tests.benchmarks.__main__ import median_s
 from tests.model.exact_beam import chain_tip, strip_between_shells
@@ -42,8 +42,8 @@ def _hinges() -> None:
     phi = np.radians(np.arange(1.0, 46.0))
     for free_m in (EI / 10.98, 0.0393):
         for offset_m in (0.0, 0.002, 0.005):
-            pair = sum(sliding_curve(HeldHinge(EI / 2, free_m, side * offset_m), phi).torque_Nm for side in (1, -1))
-            fixed = fit_hardening(phi, fixed_curve(HeldHinge(EI, free_m, offset_m), phi).torque_Nm)
+            pair = sum(compute_sliding_curve(HeldHinge(EI / 2, free_m, side * offset_m), phi).torque_Nm for side in (1, -1))
+            fixed = fit_hardening(phi, compute_fixed_curve(HeldHinge(EI, free_m, offset_m), phi).torque_Nm)
             slid = fit_hardening(phi, pair)
             print(
                 f"free {1e3 * free_m:5.1f} mm, offset {1e3 * offset_m:3.1f} mm: sliding pair at +- offset {slid[0]:6.2f} {slid[1]:6.3f}, "
@@ -55,7 +55,7 @@ def _chains(free_m: float):
     k = EI / free_m
     plain = (lambda phi: 0.5 * k * phi**2, lambda phi: k * phi)
     hinge = HeldHinge(EI, free_m)
-    slid = (lambda phi: sliding_curve(hinge, phi).energy_J, lambda phi: sliding_curve(hinge, phi).torque_Nm)
+    slid = (lambda phi: compute_sliding_curve(hinge, phi).energy_J, lambda phi: compute_sliding_curve(hinge, phi).torque_Nm)
     return plain, slid
 
 

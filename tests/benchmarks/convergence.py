@@ -16,11 +16,11 @@ from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from rfca_rig.analysis.valley import Valley, find_valley
-from rfca_rig.model.chain import LONGEST_STEP_S, Tolerance, chain_of, room_for
+from rfca_rig.model.chain import LONGEST_STEP_S, Tolerance, allocate_samples, make_chain
 from rfca_rig.model.integrator import DONE, FIRST_STEP_S, integrate
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Chain, Samples
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.report.style import FAINT, MEASURED, STYLE
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 from tests.model.test_equations_of_motion import energy_J, free_shaft, released, vector_mechanics
@@ -61,8 +61,8 @@ def free_motion(
     chain: Chain, start: Sequence[float], t_s: np.ndarray, tolerance: Tolerance, first_s: float, longest_s: float
 ) -> tuple[Samples, float]:
     """Samples of a chain let go, and the mean step."""
-    samples, bounds = room_for(t_s, len(start)), np.array([tolerance.angle_rad, tolerance.speed_rad_s])
-    end_s, work = float(t_s[-1]), room_to_work(len(start), len(start))
+    samples, bounds = allocate_samples(t_s, len(start)), np.array([tolerance.angle_rad, tolerance.speed_rad_s])
+    end_s, work = float(t_s[-1]), allocate_workspace(len(start), len(start))
     status, _, accepted, _ = integrate(
         chain, None, free_shaft(), released(start), 0.0, end_s, first_s, longest_s, 10**9, bounds, work, samples
     )
@@ -73,7 +73,7 @@ def free_motion(
 
 def swing_curves() -> list[Curve]:
     """The paper's leg let go bent, without ground, against DOP853 on equations of its own: angles at the end."""
-    chain, end = chain_of(PAPER, NO_GROUND_M), np.array([SWING_S])
+    chain, end = make_chain(PAPER, NO_GROUND_M), np.array([SWING_S])
     start = np.concatenate([SWING_FROM, np.zeros(7)])
     true = solve_ivp(vector_mechanics(PAPER), (0.0, SWING_S), start, "DOP853", rtol=1e-12, atol=1e-13).y[:7, -1]
 
@@ -95,7 +95,7 @@ def valley_curves() -> list[Curve]:
     t_s = np.arange(1, 1401) * 1e-3
 
     def valley(factor: float) -> Valley:
-        found = find_valley(t_s, stroke_at_speed(PAPER, *VALLEY_AT, t_s, factored(factor)).fz_N)
+        found = find_valley(t_s, simulate_stroke_at_speed(PAPER, *VALLEY_AT, t_s, factored(factor)).fz_N)
         if not isinstance(found, Valley):
             raise SystemExit(f"no valley at {factor:g} of the default tolerance: {found.reason}")
         return found
@@ -111,7 +111,7 @@ def valley_curves() -> list[Curve]:
 
 def energy_curve() -> Curve:
     """Three links on springs, let go, no damping: change of energy within two seconds over the most that weight gave."""
-    chain, t_s = chain_of(CHAIN, NO_GROUND_M), np.linspace(0.01, CHAIN_S, 200)
+    chain, t_s = make_chain(CHAIN, NO_GROUND_M), np.linspace(0.01, CHAIN_S, 200)
     lost = []
     for factor in FACTORS:
         samples, _ = free_motion(chain, CHAIN_FROM, t_s, factored(factor), FIRST_STEP_S, LONGEST_STEP_S)

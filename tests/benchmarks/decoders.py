@@ -129,7 +129,7 @@ def _slcan_allowed(data: bytes) -> bool:
 
 def _fdcanusb(data: bytes) -> object:
     lines, _ = fdcanusb.split(data)
-    return [fdcanusb.decode_received(fdcanusb.checked(line)[0]) for line in lines] or None
+    return [fdcanusb.decode_received(fdcanusb.parse_line(line)[0]) for line in lines] or None
 
 
 def _fdcanusb_allowed(data: bytes) -> bool:
@@ -178,7 +178,7 @@ DECODERS = (
     _stream("F/T stream of records", lambda: BinaryStream(ati_serial.RecordForm.BINARY_CHECKSUM), ati_serial.RecordForm.BINARY_CHECKSUM),
     Decoder("socketcand", _socketcand, (b"< send 123 2 1 ff >", b"< send 1 0 >"), _socketcand_allowed),
     Decoder("serial CAN (slcan)", _slcan, (b"t1232AABB\r", b"T0000012310A\r", b"r1230\r"), _slcan_allowed),
-    Decoder("fdcanusb", _fdcanusb, (fdcanusb.line("rcv 0123 AABB e b f"), b"rcv 12 0011\n"), _fdcanusb_allowed),
+    Decoder("fdcanusb", _fdcanusb, (fdcanusb.encode_line("rcv 0123 AABB e b f"), b"rcv 12 0011\n"), _fdcanusb_allowed),
 )
 
 

@@ -18,11 +18,11 @@ import numpy as np
 
 from rfca_rig.clock import WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
-from rfca_rig.drivers.cubemars_last_word import MitLastWord
+from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames
 from rfca_rig.drivers.cubemars_settings import MitSettings
 from rfca_rig.guardian.guarded_bus import GuardedBus
 
-LAST_WORD = MitLastWord(MitSettings(1, "AK80-9"))
+LAST_WORD = MitTorqueOffFrames(MitSettings(1, "AK80-9"))
 COMMAND = can.Message(arbitration_id=1, data=bytes(8), is_extended_id=False)
 REPLY = b"t00080102030405060708\r"
 SILENCE_S = 0.05

@@ -14,7 +14,7 @@ from rfca_rig.analysis.valley import find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed, stroke_following
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
 from tests.model.legs import PAPER
 
 HEIGHT_M, SPEED_RAD_S, RATE_HZ = 0.155, 15.0, 15000  # the paper's test and its sensor's rate
@@ -46,7 +46,7 @@ class Peak:
 def passes(rig: RigModel, height_m: float = HEIGHT_M, speed_rad_s: float = SPEED_RAD_S, count: int = PASSES) -> SimulatedStroke:
     """The shaft turned on and on, from rest at the start angle."""
     end_s = (2.0 * np.pi * count - rig.leg.start_angle_rad - np.pi / 2.0) / speed_rad_s
-    return stroke_at_speed(rig, height_m, speed_rad_s, np.arange(1, int(end_s * RATE_HZ)) / RATE_HZ)
+    return simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(1, int(end_s * RATE_HZ)) / RATE_HZ)
 
 
 def peaks(stroke: SimulatedStroke, number: int) -> dict[str, Peak]:
@@ -77,7 +77,7 @@ def table_2_errors_pct(rig: RigModel) -> np.ndarray:
     """(4, 2) errors of the valley's time and force; NaN where there is no valley."""
     errors, t_s = np.full((4, 2), np.nan), np.arange(1, 1401) * 1e-3
     for row, (height_m, speed_rad_s, time_s, fz_N) in zip(errors, TABLE_2, strict=True):
-        valley = find_valley(t_s, stroke_at_speed(rig, height_m, speed_rad_s, t_s).fz_N)
+        valley = find_valley(t_s, simulate_stroke_at_speed(rig, height_m, speed_rad_s, t_s).fz_N)
         row[:] = 100.0 * (getattr(valley, "time_s", np.nan) / time_s - 1.0), 100.0 * (getattr(valley, "fz_N", np.nan) / fz_N - 1.0)
     return errors
 
@@ -145,7 +145,7 @@ def reversed_under_load(turn_deg: float, rig: RigModel = PAPER) -> Peak:
     breaks_s = np.array([-1.0, 0.0, ramp_s, turn_s, turn_s + back_s, end_s])
     pieces = [[start, 0, 0, 0], [start, 0, 0.5 * w / ramp_s, 0], [start + 0.5 * w * ramp_s, w, 0, 0], [turn_rad, w, -w / back_s, 0]]
     motion = ShaftMotion(breaks_s, np.array([*pieces, [turn_rad, -w, 0, 0]], dtype=float), breaks_s[1:-1])
-    stroke = stroke_following(rig, HEIGHT_M, motion, np.arange(1, int(end_s * RATE_HZ)) / RATE_HZ)
+    stroke = simulate_stroke(rig, HEIGHT_M, motion, np.arange(1, int(end_s * RATE_HZ)) / RATE_HZ)
     return _largest(stroke, stroke.t_s > turn_s, 0.0)
 
 

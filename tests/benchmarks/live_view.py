@@ -39,7 +39,7 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Plan, Rest, Stage
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import Recording, Stroke
-from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.view.live_view import LiveView
 from rfca_rig.view.messages import WRENCH
 from rfca_rig.view.run_facts import run_facts
@@ -146,7 +146,7 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
     with open_bench(rig, None) as opened, ExitStack() as things:
         bench = replace(opened, sensor=things.enter_context(restless_sensor(opened.clock)))
         run_folder.create(folder, Recording("live view", "REAL", rig.nominal(), {}, (), ()))
-        keeper, stop_request = ProcessKeeper(folder, patient=False), StopRequest()
+        keeper, stop_request = RecorderClient(folder, patient=False), StopRequest()
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         processes: dict[str, int | str] = {"loop": "self", "recorder": keeper.process_id}
         view, file = None, None

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.atomic import GrowingFile, remove
+from rfca_rig.recording.atomic import AppendOnlyFile, remove
 from rfca_rig.recording.blocks import Begin, End, samples_block, start_block
 from rfca_rig.recording.checking import check_run
-from rfca_rig.recording.cooperative import at_once
-from rfca_rig.recording.journal import JournalBlock, framed
+from rfca_rig.recording.cooperative import run_to_completion
+from rfca_rig.recording.journal import JournalBlock, frame_block
 from rfca_rig.recording.layout import journal_path, stage_path
 from rfca_rig.recording.rows import CommandedStart, Rows
 from rfca_rig.recording.run_writer import RunWriter
@@ -59,10 +59,10 @@ def blocks(seconds: int) -> Iterator[JournalBlock]:
 
 def make_journal(folder: Path, seconds: int) -> None:
     run_folder.create(folder, header())
-    journal = GrowingFile(journal_path(folder, 1))
+    journal = AppendOnlyFile(journal_path(folder, 1))
     waiting: list[bytes] = []
     for block in blocks(seconds):
-        waiting.append(framed(block))
+        waiting.append(frame_block(block))
         if len(waiting) >= TICKS_HZ:
             journal.append(b"".join(waiting))
             waiting = []
@@ -85,7 +85,7 @@ def in_this_process(phase: str, folder: Path) -> None:
         case "stage file":
             take_up(folder)
         case "run.h5":
-            run_folder.build(folder)
+            run_folder.build_recording(folder)
         case _:
             assert all(finding.is_sound for finding in check_run(folder))
     print(time.perf_counter() - began_s, time.process_time() - began_cpu_s, peak_MB(), began_MB)
@@ -118,7 +118,7 @@ def whole(folder: Path, seconds: int) -> None:
     print(f"{seconds} s, {seconds * RATE_HZ} records of force: journal of {1e-9 * size:.2f} GB, made in {made_s:.0f} s", flush=True)
     again = journal.with_name("0009.h5")
     if seconds <= 60:  # an hour needs the disk for other things
-        at_once(write_stage(journal, again, header()))
+        run_to_completion(write_stage(journal, again, header()))
     print(measured("stage file", folder, size), flush=True)
     print(f"stage file of {1e-9 * stage.stat().st_size:.2f} GB, {digest(stage)}")
     if again.is_file():

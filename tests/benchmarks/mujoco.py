@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.analysis.crosscheck import TIGHT, CheckedCondition, check_own_contact, difference_pct
-from rfca_rig.analysis.mujoco_leg import FLYWHEEL_KG_M2, hang
+from rfca_rig.analysis.crosscheck import TIGHT_TOLERANCE, CheckedCondition, check_own_contact, difference_pct
+from rfca_rig.analysis.mujoco_leg import FLYWHEEL_KG_M2, settle_at_rest
 from rfca_rig.analysis.mujoco_stroke import MujocoStroke, leg_on_springs, stroke_in_mujoco, stroke_on_springs
 from rfca_rig.analysis.valley import find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.chain import Tolerance
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.experiments import PlannedCondition
 from tests.model.legs import PAPER
 from tests.model.lsoda import ICE, fz_by_lsoda
@@ -59,7 +59,7 @@ def peaks(t_s: np.ndarray, contact_N: np.ndarray, fz_N: np.ndarray) -> np.ndarra
 
 
 def ours(condition: PlannedCondition, tolerance=None):
-    return stroke_at_speed(PAPER, condition.height_m, condition.speed_rad_s, times_s(condition), tolerance)
+    return simulate_stroke_at_speed(PAPER, condition.height_m, condition.speed_rad_s, times_s(condition), tolerance)
 
 
 def outer_forces(integrator: str) -> Contestant:
@@ -75,7 +75,7 @@ def own_springs() -> Contestant:
 
     def prepare_and_step(condition: PlannedCondition, step_s: float) -> None:
         leg = leg_on_springs(PAPER, condition.height_m, SPRING_N_PER_M)
-        hang(leg, PAPER.leg.start_angle_rad)
+        settle_at_rest(leg, PAPER.leg.start_angle_rad)
         began = time.perf_counter()
         leg.model.opt.timestep = step_s
         for until_s, torque in (
@@ -127,7 +127,7 @@ def agreement() -> None:
     print("contact force, difference from MuJoCo in percent: whole stroke, loading; at the default and at a tight tolerance")
     for one in CONDITIONS:
         theirs = stroke_in_mujoco(PAPER, one.height_m, one.speed_rad_s, times_s(one))
-        plain, tight = (CheckedCondition(one, ours(one, tolerance), theirs) for tolerance in (None, TIGHT))
+        plain, tight = (CheckedCondition(one, ours(one, tolerance), theirs) for tolerance in (None, TIGHT_TOLERANCE))
         halved = stroke_in_mujoco(PAPER, one.height_m, one.speed_rad_s, times_s(one), 1e-5)
         stiff = check_own_contact(PAPER, one, 200.0)
         print(
@@ -143,13 +143,15 @@ def beside_lsoda(rounds: int) -> None:
         t_s = times_s(one)[1:]
         t_s = t_s[t_s != ICE.drive.ramp_s]  # where the ramp ends, the force has two values
         other = fz_by_lsoda(ICE, one.height_m, one.speed_rad_s, t_s, 1e-9)
-        plain, tight = (stroke_at_speed(ICE, one.height_m, one.speed_rad_s, t_s, tolerance).fz_N for tolerance in (None, TIGHT))
+        plain, tight = (
+            simulate_stroke_at_speed(ICE, one.height_m, one.speed_rad_s, t_s, tolerance).fz_N for tolerance in (None, TIGHT_TOLERANCE)
+        )
         label = f"{1e3 * one.height_m:g} mm, {one.speed_rad_s:g} rad/s"
         print(f"  {label:<22} {difference_pct(plain, other):8.4f}   {difference_pct(tight, other):8.5f}")
     one = CONDITIONS[0]
     mine, slow = taking_turns_s(
         [
-            lambda: stroke_at_speed(ICE, one.height_m, one.speed_rad_s, times_s(one)[1:]),
+            lambda: simulate_stroke_at_speed(ICE, one.height_m, one.speed_rad_s, times_s(one)[1:]),
             lambda: fz_by_lsoda(ICE, one.height_m, one.speed_rad_s, times_s(one)[1:], 1e-5),
         ],
         rounds,
@@ -158,7 +160,7 @@ def beside_lsoda(rounds: int) -> None:
 
 
 def speed(rounds: int) -> None:
-    worst = max(np.abs(_our_peaks(one, None) / _our_peaks(one, TIGHT) - 1.0).max() for one in CONDITIONS)
+    worst = max(np.abs(_our_peaks(one, None) / _our_peaks(one, TIGHT_TOLERANCE) - 1.0).max() for one in CONDITIONS)
     print(f"time of one stroke, one core, mean of the four conditions; this model's worst peak is off by {100 * worst:.2f} %")
     contestants = [own_springs(), outer_forces("implicitfast"), outer_forces("RK4")]
     truths = [[_peaks_of(one.stroke(condition, FINEST_S)) for condition in CONDITIONS] for one in contestants]
@@ -183,7 +185,7 @@ def _mean_times_s(contestants: Sequence[Contestant], steps_s: Sequence[float], l
 
 def loosest_factor(which: slice) -> int:
     """How many times its default tolerance this model may have until the peaks `which` are off by 1 %."""
-    truth = [_our_peaks(one, TIGHT) for one in CONDITIONS]
+    truth = [_our_peaks(one, TIGHT_TOLERANCE) for one in CONDITIONS]
     passing = 1
     for factor in (1, 2, 3, 5, 10, 20, 30, 50, 100):
         if any(

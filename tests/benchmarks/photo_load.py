@@ -18,7 +18,7 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.blocks import Begin, End, samples_block
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.picture import write_picture
-from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.recording.process_keeper import RecorderClient
 from tests.recording.growing import FORCE, FORMS, SHAFT, static_stage
 
 TICK_S, PER_TICK, WATCHDOG_S = 2e-3, 30, 0.1
@@ -26,7 +26,7 @@ ROWS, COLUMNS = 1080, 1920
 Photographed = Callable[[np.ndarray], str]
 
 
-def gaps_ms(keeper: ProcessKeeper, seconds: float, every_s: float, photographed: Photographed) -> np.ndarray:
+def gaps_ms(keeper: RecorderClient, seconds: float, every_s: float, photographed: Photographed) -> np.ndarray:
     """Between the ticks of a loop that ends a stage, with its photo, again and again."""
     clock, random = WallClock(), np.random.default_rng(1)
     pictures = [random.integers(0, 255, (ROWS, COLUMNS, 3), dtype=np.uint8) for _ in range(3)]
@@ -63,7 +63,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / "run"
             run_folder.create(folder, Recording("benchmark", "REAL", {}, {}, (), ()))
-            keeper = ProcessKeeper(folder, patient=False)
+            keeper = RecorderClient(folder, patient=False)
             photographed = {"no photos": lambda _: "", "photos to the recorder": keeper.keep_photo}.get(name, in_the_loop(folder))
             found = gaps_ms(keeper, words.seconds, words.every, photographed)
             keeper.finish("done")

@@ -20,12 +20,12 @@ from rfca_rig.clock import WallClock
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import run_plan
-from rfca_rig.engine.sink import Recorded, Sink
+from rfca_rig.engine.sink import Sink, StageSamples
 from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.recording.store import write_recording
 from tests.engine.rigs import nothing, one_condition, twin_rig
 
@@ -98,7 +98,7 @@ class WrittenByTheLoop(Sink):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def flap(self, stage: Flap, recorded: Recorded) -> None:
+    def flap(self, stage: Flap, recorded: StageSamples) -> None:
         stroke = stroke_of(stage, recorded, SCALE)
         write_recording(replace(HEADER, strokes=(stroke,)), self._folder / f"{stage.repeat}.h5")
 
@@ -107,7 +107,7 @@ class ThreadKeeper:
     """The recorder process's work, done by a thread."""
 
     def __init__(self, folder: Path) -> None:
-        self._keeper = DirectKeeper(folder)
+        self._keeper = InProcessRecorder(folder)
         self._queue: queue.SimpleQueue = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work)
         self._thread.start()
@@ -153,7 +153,7 @@ def ways(folder: Path):
     yield "nothing recorded", lambda _clock: (Nothing(), lambda: None)
     yield "by the loop itself", lambda _clock: (WrittenByTheLoop(folder), lambda: None)
     yield "by a thread", recorder(ThreadKeeper, "thread")
-    yield "by the recorder process", recorder(lambda place: ProcessKeeper(place, patient=False), "process")
+    yield "by the recorder process", recorder(lambda place: RecorderClient(place, patient=False), "process")
 
 
 def main() -> None:

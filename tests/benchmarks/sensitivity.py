@@ -21,7 +21,7 @@ from typing import Any
 import cloudpickle
 
 from rfca_rig.diagnosis import config
-from rfca_rig.exam.outcome import truth_in
+from rfca_rig.exam.outcome import parse_truth
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.executors.cores import ONE_THREAD, machine_cores
 
@@ -92,7 +92,7 @@ def apply_change(change: str) -> None:
 def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
     """The cases under one change, each a line of JSON in a file of its own."""
     apply_change(change)
-    from rfca_rig.campaign.opening import open_with_belief
+    from rfca_rig.campaign.opening import open_with_nominal_model
     from rfca_rig.diagnosis.decision.decide import decide
     from rfca_rig.diagnosis.diagnose import find_omissions
     from rfca_rig.diagnosis.leg.simulator import LegSimulator
@@ -115,7 +115,7 @@ def answer(exam: Path, change: str, cases: Sequence[str]) -> None:
             search = cloudpickle.loads(saved.read_bytes())
             found = decide(search)
         else:
-            _, findings = find_omissions(open_with_belief([exam / "campaigns" / case]), lambda *_: None)
+            _, findings = find_omissions(open_with_nominal_model([exam / "campaigns" / case]), lambda *_: None)
             search, found = findings.leg, findings.leg_decision
         simulated = next(simulations) - before - 1
         if change == BASE:
@@ -156,7 +156,7 @@ def run_all(exam: Path, asked: Sequence[str], cases: Sequence[str]) -> None:
 def describe(exam: Path, change: str, cases: Sequence[str]) -> str:
     """One line: answers that differ, how many of them became right or wrong, evidence lost, and simulations over those as shipped."""
     before, after = (_read(exam, one, cases) for one in (BASE, change))
-    truths = {truth.case: set(truth.effects) for truth in map(truth_in, open_all(exam))}
+    truths = {truth.case: set(truth.effects) for truth in map(parse_truth, open_all(exam))}
     both = [case for case in cases if case in before and case in after]
     if not both:
         return f"{change}: failed"

@@ -34,7 +34,7 @@ from rfca_rig.protocol.plan import Flap, Plan
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.recording.process_keeper import RecorderClient
 from tests.acquisition.sender import sending
 from tests.engine.rigs import ROOT, one_condition
 from tests.twin_server.server import Server, serving
@@ -111,7 +111,7 @@ def one_run(rig: RigFile, folder: Path, seen: Watched, lenient: bool, rate_Hz: f
     with open_bench(rig, None) as opened, ExitStack() as things:
         bench = opened if rate_Hz <= BOX_RATE_HZ else replace(opened, sensor=things.enter_context(fast_sensor(opened.clock, rate_Hz)))
         run_folder.create(folder, Recording("soak", "REAL", rig.nominal(), {}, (), ()))
-        keeper = ProcessKeeper(folder, patient=False)
+        keeper = RecorderClient(folder, patient=False)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         reported_s = time.monotonic()
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rfca_rig.model.batch import Job, strokes
+from rfca_rig.model.batch import Job, simulate_strokes
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.benchmarks.__main__ import median_s
 from tests.model.legs import PAPER
 
@@ -27,7 +27,7 @@ FIRST += "stroke_at_speed(PAPER, 0.215, 2.433, np.arange(1, 1401) * 1e-3)"
 
 
 def stroke(rig: RigModel) -> object:
-    return stroke_at_speed(rig, 0.215, 2.433, T)
+    return simulate_stroke_at_speed(rig, 0.215, 2.433, T)
 
 
 def many_links(links: int) -> RigModel:
@@ -61,7 +61,7 @@ def batch(size: int) -> float:
     ]
     motion = ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, PAPER.drive.ramp_s, float(T[-1]))
     begin = time.perf_counter()
-    strokes([Job(rig, 0.215, motion, T) for rig in rigs])
+    simulate_strokes([Job(rig, 0.215, motion, T) for rig in rigs])
     return size / (time.perf_counter() - begin)
 
 

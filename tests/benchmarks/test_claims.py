@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.model.chain import Tolerance, chain_of
+from rfca_rig.model.chain import Tolerance, make_chain
 from tests.benchmarks.convergence import SPEED_TOLERANCE_PER_S3, SWING_FROM, free_motion
 from tests.benchmarks.impact import changed, passes, peaks, reversed_under_load, table_2_errors_pct, with_stop
 from tests.model.legs import NO_GROUND_M, PAPER
@@ -44,7 +44,7 @@ def test_the_speed_of_the_stroke_hardly_matters_to_the_loading():
 
 
 def test_half_the_step_leaves_an_eighth_of_the_error_or_less():
-    chain, end_s = chain_of(PAPER, NO_GROUND_M), np.array([0.2])
+    chain, end_s = make_chain(PAPER, NO_GROUND_M), np.array([0.2])
 
     def swung(step_s: float) -> np.ndarray:
         tolerance = Tolerance(1e9, SPEED_TOLERANCE_PER_S3 * step_s**3)

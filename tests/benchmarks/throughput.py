@@ -18,12 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.executors.base import TaskExecutor
-from rfca_rig.executors.cluster import connected
+from rfca_rig.executors.cluster import connect_to_scheduler
 from rfca_rig.executors.local import process_executor
 from rfca_rig.executors.mapping import BATCH_S, map_unordered
-from rfca_rig.executors.optional import distributed
-from rfca_rig.model.stroke import stroke_at_speed
-from rfca_rig.progress import silent
+from rfca_rig.executors.optional import import_distributed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
+from rfca_rig.progress import ignore_named_progress
 from tests.executors.work import facts
 from tests.model.legs import PAPER
 
@@ -48,7 +48,7 @@ class Simulated:
 def simulated(strokes: int) -> Simulated:
     begin, cpu = time.perf_counter(), time.process_time()
     for _ in range(strokes):
-        stroke_at_speed(PAPER, 0.215, 2.433, T_S)
+        simulate_stroke_at_speed(PAPER, 0.215, 2.433, T_S)
     end, at = time.perf_counter(), time.process_time()
     return Simulated(strokes, end - begin, at - cpu, os.getpid(), at)
 
@@ -104,8 +104,8 @@ def dask_workers(hands: int) -> Iterator[TaskExecutor]:
     """Workers of a scheduler, in processes of their own."""
     asked = {"n_workers": hands, "threads_per_worker": 1, "processes": True, "dashboard_address": "127.0.0.1:0", "silence_logs": 60}
     with (
-        distributed().LocalCluster(**asked) as cluster,
-        connected(cluster.scheduler_address, None, facts, silent, print) as workers,
+        import_distributed().LocalCluster(**asked) as cluster,
+        connect_to_scheduler(cluster.scheduler_address, None, facts, ignore_named_progress, print) as workers,
     ):
         yield workers
 

@@ -17,7 +17,7 @@ from rfca_rig.campaign.recorded_columns import ColumnRequest
 from rfca_rig.campaign.recorded_files import find_recordings, list_columns, read_columns
 from rfca_rig.errors import BadInput
 from rfca_rig.export.mcap_file import export_mcap
-from rfca_rig.progress import unwatched
+from rfca_rig.progress import ignore_progress
 from tests.campaign import bags
 from tests.campaign.drafts import drafted
 from tests.campaign.small import SMALL
@@ -350,7 +350,7 @@ def test_a_byte_that_changed_on_the_disk_is_found_by_its_sum(tmp_path):
 
 
 def test_what_this_package_exports_as_json_is_read_back(tmp_path):
-    export_mcap(SMALL, tmp_path / "small.mcap", unwatched)
+    export_mcap(SMALL, tmp_path / "small.mcap", ignore_progress)
     found = read(tmp_path / "small.mcap", "/static:fz_N", "/static:shaft_angle_rad", time="log time", longest_gap_s=2.0)
     static = read_campaign(SMALL).static
     assert found.t_s == pytest.approx(np.arange(len(static)))

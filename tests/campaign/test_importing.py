@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.campaign.importing import import_campaign
-from rfca_rig.campaign.opening import open_recordings, open_with_belief
+from rfca_rig.campaign.opening import open_recordings, open_with_nominal_model
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording import atomic
@@ -71,8 +71,8 @@ def test_a_belief_that_makes_no_model_is_told_with_the_place_of_its_recording(tm
     (tmp_path / "run").mkdir()
     write_recording(recording(1, 0), tmp_path / "run" / "run.h5")
     with pytest.raises(BadInput, match=rf"{tmp_path}/run: the nominal model: .*missing"):
-        open_with_belief([SMALL, tmp_path / "run"])
-    assert len(open_with_belief([SMALL])) == 1
+        open_with_nominal_model([SMALL, tmp_path / "run"])
+    assert len(open_with_nominal_model([SMALL])) == 1
 
 
 def test_anything_else_is_refused(tmp_path: Path):

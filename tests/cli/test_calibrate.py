@@ -8,11 +8,11 @@ import pytest
 
 from rfca_rig.description.camera_file import read_camera_file
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.board import board_of
+from rfca_rig.vision.board import parse_board
 from tests.cli.typed import typed
 from tests.vision.board_scenes import TrueCamera, board_photo, tilted_all_ways, turn
 
-BOARD = board_of("10x7,25,18")
+BOARD = parse_board("10x7,25,18")
 SMALL = TrueCamera((655.0, 652.0), (327.0, 235.0), (-0.21, 0.09, 0.0007, -0.0005, 0.0), (640, 480))
 PLANE = (turn(4.0, -7.0, 0.0), np.array([-0.11, -0.07, 0.5]))
 

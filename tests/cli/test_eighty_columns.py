@@ -13,7 +13,7 @@ import typer
 from rfca_rig.analysis.fitting.parameters import PARAMETERS
 from rfca_rig.analysis.fitting.result import FittedParameter, _line
 from rfca_rig.cli.encoding import use_ascii_fallback
-from rfca_rig.cli.lines import fitted
+from rfca_rig.cli.lines import wrap_line
 from rfca_rig.cli.main import app
 from rfca_rig.errors import BadInput
 from tests.cli.typed import typed
@@ -80,9 +80,9 @@ def test_a_fitted_parameter_fits_whatever_its_size(parameter):
 
 def test_prose_goes_on_between_words_and_a_path_stays_whole():
     path = "runs/" + "x" * 90
-    assert fitted("a " * 60, 80) == ["a " * 39 + "a", "  " + "a " * 19 + "a"]
-    assert f"  {path}" in fitted(f"the recording is in {path} now", 80)
-    assert fitted("short") == ["short"]
+    assert wrap_line("a " * 60, 80) == ["a " * 39 + "a", "  " + "a " * 19 + "a"]
+    assert f"  {path}" in wrap_line(f"the recording is in {path} now", 80)
+    assert wrap_line("short") == ["short"]
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])

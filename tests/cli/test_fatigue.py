@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.bench.predicted_loads import expected_bending
+from rfca_rig.bench.predicted_loads import predict_bending
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.description.protocol_file import read_fatigue
 from rfca_rig.description.rig_file import read_rig
@@ -37,9 +37,9 @@ def protocol(here, *changes):
 def test_110_degrees_is_what_the_protocol_s_height_bends_the_twin_s_leg_by():
     asked = read_fatigue(ROOT / "protocols" / "fatigue.toml").fatigue()
     rig = read_rig(ROOT / "calibration" / "twin.toml").model()
-    bending = expected_bending(rig, asked.height_m, asked.speed_rad_s)
+    bending = predict_bending(rig, asked.height_m, asked.speed_rad_s)
     assert np.degrees(bending.bending_rad) == pytest.approx(110.0, abs=0.1)
-    assert expected_bending(rig, 0.215, asked.speed_rad_s).bending_rad > bending.bending_rad
+    assert predict_bending(rig, 0.215, asked.speed_rad_s).bending_rad > bending.bending_rad
 
 
 def test_a_dry_run_of_a_million_says_what_a_cycle_is_how_many_there_are_and_how_long_they_take(here, monkeypatch, capsys):

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from rfca_rig.cli.progress import progress
-from rfca_rig.progress import counted
+from rfca_rig.progress import iterate_with_progress
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def shown(err: str) -> list[str]:
 
 def test_items_are_counted_and_what_remains_is_told(terminal, capsys):
     with progress(quiet=False) as bars:
-        for item in counted(list("abcd"), bars.counting("letters")):
+        for item in iterate_with_progress(list("abcd"), bars.counting("letters")):
             assert item in "abcd"
     lines = shown(capsys.readouterr().err)
     assert lines
@@ -33,12 +33,12 @@ def test_items_are_counted_and_what_remains_is_told(terminal, capsys):
 
 def test_of_work_without_a_known_end_its_own_words_and_the_time_so_far_until_something_is_counted(terminal, capsys):
     with progress(quiet=False) as bars:
-        bars.going_on("compiling", lambda: "7 functions")
+        bars.show_unbounded("compiling", lambda: "7 functions")
         bars.told("strips", 0, 8)
     lines = shown(capsys.readouterr().err)
     assert re.search(r"compiling .* 7 functions 00:0\d$", next(line for line in lines if "compiling" in line))
     with progress(quiet=False) as bars:
-        bars.going_on("compiling", lambda: "7 functions")
+        bars.show_unbounded("compiling", lambda: "7 functions")
         bars.told("strips", 1, 8)
     assert "compiling" not in shown(capsys.readouterr().err)[-1]
 
@@ -60,7 +60,7 @@ def test_nothing_is_said_where_nobody_watches(quiet, capsys, monkeypatch):
     with progress(quiet=quiet) as bars:
         bars.told("letters", 1, 2)
         bars.share("part", 0.5)
-        bars.going_on("more", lambda: "")
+        bars.show_unbounded("more", lambda: "")
     said = capsys.readouterr()
     assert (said.out, said.err) == ("", "")
 
@@ -76,6 +76,6 @@ def test_results_go_to_standard_output_while_a_bar_is_there(terminal, capsys):
 
 def test_counting_tells_before_each_and_behind_the_last():
     said = []
-    assert list(counted("abc", lambda done, of: said.append((done, of)))) == list("abc")
+    assert list(iterate_with_progress("abc", lambda done, of: said.append((done, of)))) == list("abc")
     assert said == [(0, 3), (1, 3), (2, 3), (3, 3)]
-    assert list(counted([], lambda *_: pytest.fail("nothing to count"))) == []
+    assert list(iterate_with_progress([], lambda *_: pytest.fail("nothing to count"))) == []

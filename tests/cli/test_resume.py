@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.recording.atomic import GrowingFile
+from rfca_rig.recording.atomic import AppendOnlyFile
 from rfca_rig.recording.cycle_table import cycle_table
-from rfca_rig.recording.journal import BlockKind, whole_blocks
+from rfca_rig.recording.journal import BlockKind, parse_blocks
 from rfca_rig.recording.layout import journals, stage_files
 from rfca_rig.recording.run_lock import lock
 from rfca_rig.recording.run_text import events_of
@@ -107,7 +107,7 @@ def rows(folder):
     """Cycles in the journal of the stage in progress; it may be gone by the time it is looked at."""
     for journal in journals(folder)[-1:]:
         with suppress(FileNotFoundError):
-            return sum(block.kind is BlockKind.SAMPLES for block in whole_blocks(journal.read_bytes())[0])
+            return sum(block.kind is BlockKind.SAMPLES for block in parse_blocks(journal.read_bytes())[0])
     return 0
 
 
@@ -176,7 +176,7 @@ def test_another_rig_is_refused_by_the_names_of_its_keys_unless_it_is_meant(stop
 
 def test_a_run_that_still_goes_on_is_left_alone(stopped, monkeypatch, capsys):
     run = stopped("")
-    events = GrowingFile(run / "events.jsonl")
+    events = AppendOnlyFile(run / "events.jsonl")
     lock(events)
     said = typed(monkeypatch, capsys, "resume", run)
     events.close()

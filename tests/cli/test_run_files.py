@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.run_lock import check_over
+from rfca_rig.recording.run_lock import check_not_running
 from rfca_rig.recording.store import read_recording
 from tests.cli.test_commands import FILES, ROOT
 from tests.cli.typed import typed
@@ -136,7 +136,7 @@ def test_a_run_killed_without_warning_is_recovered_with_the_stage_that_was_in_pr
 
 def is_over(folder):
     try:
-        check_over(folder)
+        check_not_running(folder)
     except BadInput:
         return False
     return True

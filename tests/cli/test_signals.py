@@ -5,13 +5,13 @@ import signal
 
 import pytest
 
-from rfca_rig.cli.signals import heard
-from rfca_rig.cli.terminal import marked
+from rfca_rig.cli.signals import handle_signals
+from rfca_rig.cli.terminal import make_marked_say
 from rfca_rig.engine.stop_request import StopLevel, StopRequest
 
 
 def sent(stop_request, *signals, say=lambda _: None):
-    with heard(stop_request, say):
+    with handle_signals(stop_request, say):
         for one in signals:
             os.kill(os.getpid(), one)
     return stop_request
@@ -48,7 +48,7 @@ def test_the_stop_itself_is_not_interrupted():
 
 def test_while_the_recording_is_finished_only_a_second_key_ends_the_run():
     said = []
-    with heard(StopRequest(is_over=True), said.append) as ear:
+    with handle_signals(StopRequest(is_over=True), said.append) as ear:
         ear.begin_closing()
         os.kill(os.getpid(), signal.SIGTERM)
         os.kill(os.getpid(), signal.SIGINT)
@@ -66,7 +66,7 @@ def test_a_terminal_that_is_gone_keeps_nobody_from_stopping(monkeypatch):
             raise OSError("Input/output error")
 
     monkeypatch.setattr("sys.stderr", Gone())
-    assert sent(StopRequest(is_ticking=True), signal.SIGINT, say=marked("SIM", quiet=False)).level is StopLevel.SAFE_POINT
+    assert sent(StopRequest(is_ticking=True), signal.SIGINT, say=make_marked_say("SIM", quiet=False)).level is StopLevel.SAFE_POINT
 
 
 def test_afterwards_everything_is_as_before():

@@ -11,7 +11,7 @@ from rfca_rig.executors import local
 from rfca_rig.executors.base import InProcessExecutor
 from rfca_rig.report.text import MINUS
 from rfca_rig.sweep.outputs import OUTPUTS
-from rfca_rig.sweep.quantities import quantities
+from rfca_rig.sweep.quantities import list_quantities
 from tests.cli.typed import typed
 from tests.report.outline import Outline
 
@@ -67,7 +67,7 @@ def test_what_would_be_done(monkeypatch, capsys, here):
 
 def test_all_that_can_be_varied_and_put_out_is_listed(monkeypatch, capsys):
     said = sweep(monkeypatch, capsys, "--list").out
-    for name in (*quantities(), *OUTPUTS):
+    for name in (*list_quantities(), *OUTPUTS):
         assert f"\n  {name}" in said
 
 

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from rfca_rig.cli import attach_view
-from rfca_rig.cli.attach_view import viewing_of
+from rfca_rig.cli.attach_view import parse_viewing
 from rfca_rig.view import live_view
 from tests.cli.typed import typed
 from tests.view.pages import opened, stream_of
@@ -49,14 +49,14 @@ def test_a_run_with_a_view_prints_its_address_once_and_leaves_the_page_behind(mo
 
 
 def test_without_the_option_nothing_is_started(monkeypatch, capsys, tmp_path, views):
-    assert viewing_of(False, None, 1.0) is None
+    assert parse_viewing(False, None, 1.0) is None
     said = typed(monkeypatch, capsys, *RUN, "--dry-run", "--runs", tmp_path)
     assert said.exit_code == 0 and not views
 
 
 def test_who_names_a_port_wants_the_view():
-    assert viewing_of(False, 8650, 1.0).port == 8650
-    assert viewing_of(True, None, 2.0).port == 0
+    assert parse_viewing(False, 8650, 1.0).port == 8650
+    assert parse_viewing(True, None, 2.0).port == 0
 
 
 def test_a_port_that_is_taken_is_said_before_anything_is_recorded(monkeypatch, capsys, tmp_path, views):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.exif_time import taken_at
+from rfca_rig.codecs.exif_time import read_time_taken
 
 
 def tiff(order: str, texts: dict[int, bytes]) -> bytes:
@@ -44,31 +44,31 @@ FULL = {0x9003: b"2024:05:06 07:08:09", 0x9011: b"+02:00", 0x9291: b"25"}
 @pytest.mark.parametrize("wrapped", [jpeg, png, lambda exif: exif], ids=["jpeg", "png", "tiff"])
 def test_the_moment_with_its_fraction_and_offset(order, wrapped):
     there = timezone(timedelta(hours=2))
-    assert taken_at(wrapped(tiff(order, FULL))) == datetime(2024, 5, 6, 7, 8, 9, 250_000, there)
+    assert read_time_taken(wrapped(tiff(order, FULL))) == datetime(2024, 5, 6, 7, 8, 9, 250_000, there)
 
 
 def test_a_moment_without_offset_is_taken_as_utc():
-    assert taken_at(jpeg(tiff("<", {0x9003: b"2024:05:06 07:08:09"}))) == datetime(2024, 5, 6, 7, 8, 9, tzinfo=UTC)
+    assert read_time_taken(jpeg(tiff("<", {0x9003: b"2024:05:06 07:08:09"}))) == datetime(2024, 5, 6, 7, 8, 9, tzinfo=UTC)
 
 
 def test_an_offset_to_the_west():
     texts = FULL | {0x9011: b"-09:30"}
-    assert taken_at(jpeg(tiff("<", texts))) == datetime(2024, 5, 6, 16, 38, 9, 250_000, UTC)
+    assert read_time_taken(jpeg(tiff("<", texts))) == datetime(2024, 5, 6, 16, 38, 9, 250_000, UTC)
 
 
 @pytest.mark.parametrize("text", [b"0000:00:00 00:00:00", b"    :  :     :  :  ", b"2024-05-06", b"2024:13:01 00:00:00"])
 def test_a_clock_that_was_never_set_says_nothing(text):
-    assert taken_at(jpeg(tiff(">", {0x9003: text}))) is None
+    assert read_time_taken(jpeg(tiff(">", {0x9003: text}))) is None
 
 
 @given(st.binary(max_size=300))
 def test_no_bytes_make_it_fail(content):
     for begun in (content, b"II*\0" + content, b"MM\0*" + content, b"\xff\xd8" + content, b"\x89PNG\r\n\x1a\n" + content, jpeg(content)):
-        taken_at(begun)
+        read_time_taken(begun)
 
 
 @given(st.integers(0, 200), st.integers(0, 255))
 def test_no_changed_byte_makes_it_fail(at, value):
     content = bytearray(jpeg(tiff("<", FULL)))
     content[at % len(content)] = value
-    taken_at(bytes(content))
+    read_time_taken(bytes(content))

@@ -40,7 +40,7 @@ frames = st.builds(
 def test_frames_survive_both_ways(frame: FdFrame) -> None:
     for encode, decode in ((fdcanusb.encode_send, fdcanusb.decode_send), (fdcanusb.encode_received, fdcanusb.decode_received)):
         ((said,), rest) = fdcanusb.split(encode(frame))
-        text, has_checksum = fdcanusb.checked(said)
+        text, has_checksum = fdcanusb.parse_line(said)
         assert (decode(text), has_checksum, rest) == (frame, True, b"")
 
 
@@ -50,7 +50,7 @@ def test_a_flipped_bit_is_never_taken_for_another_frame(frame: FdFrame, at: int,
     at %= len(said) - 3
     flipped = said[:at] + bytes([said[at] ^ 1 << bit]) + said[at + 1 :]
     with pytest.raises(MalformedFrame, match="checksum"):
-        fdcanusb.checked(flipped)
+        fdcanusb.parse_line(flipped)
 
 
 @given(st.binary(max_size=300))
@@ -58,7 +58,7 @@ def test_no_bytes_raise_anything_but_the_codecs_own_error(received: bytes) -> No
     try:
         lines, _ = fdcanusb.split(received)
         for said in lines:
-            text, _ = fdcanusb.checked(said)
+            text, _ = fdcanusb.parse_line(said)
             fdcanusb.decode_send(text)
     except MalformedFrame:
         pass

@@ -192,12 +192,12 @@ def test_a_plain_number_that_does_not_fit_is_refused(width: Width, value: float)
 
 @given(st.sampled_from(list(Register)), st.sampled_from(list(Width)), st.floats(-1e38, 1e38).map(round))
 def test_the_nearest_value_can_always_be_carried(register: Register, width: Width, value: int) -> None:
-    moteus.encode([Reply(register, width, moteus.nearest(register, width, value))])
+    moteus.encode([Reply(register, width, moteus.clip_to_register(register, width, value))])
 
 
 def test_what_is_no_number_becomes_none_in_a_quantity() -> None:
-    assert math.isnan(moteus.nearest(Register.POSITION, INT16, math.inf))
-    assert moteus.nearest(Register.POSITION, INT16, 100.0) == pytest.approx(3.2767)
+    assert math.isnan(moteus.clip_to_register(Register.POSITION, INT16, math.inf))
+    assert moteus.clip_to_register(Register.POSITION, INT16, 100.0) == pytest.approx(3.2767)
 
 
 def test_codes_have_words() -> None:

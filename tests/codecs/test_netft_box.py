@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from rfca_rig.codecs import netft_commands as nc
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
-from rfca_rig.codecs.netft_configuration import LARGEST_BYTES, NetFtConfiguration, decode_configuration, encode_configuration
+from rfca_rig.codecs.netft_configuration import MAX_PAGE_BYTES, NetFtConfiguration, decode_configuration, encode_configuration
 
 # Bytes worked out by hand from the field tables of the manual: big-endian.
 READ = bytes.fromhex("00 000000000000000000000000000000 0000 0000")
@@ -133,7 +133,7 @@ def test_a_page_that_cannot_be_is_malformed(old: bytes, new: bytes, said: str) -
 
 def test_a_page_beyond_measure_is_not_read() -> None:
     with pytest.raises(MalformedFrame):
-        decode_configuration(PAGE + b" " * LARGEST_BYTES)
+        decode_configuration(PAGE + b" " * MAX_PAGE_BYTES)
 
 
 @given(*NAMES, st.floats(1.0, 1e9), st.sampled_from([None, True, False]), st.sampled_from([None, 1.0, 7000.0]))

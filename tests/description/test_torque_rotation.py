@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.model_file import fitted_sections
-from rfca_rig.analysis.fitting.parameters import Supposed, space_of
+from rfca_rig.analysis.fitting.model_file import make_fitted_sections
+from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import read_model_file, write_model
 from rfca_rig.description.nominal_model import nominal_model
@@ -15,7 +15,7 @@ from rfca_rig.description.torque_rotation import read_curve, splines_of
 from rfca_rig.errors import BadInput
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.sweep.design import SweepCase
-from rfca_rig.sweep.quantities import quantity
+from rfca_rig.sweep.quantities import find_quantity
 from tests.description.test_sections import RIG
 
 TWIN = Path("calibration/twin.toml").read_text(encoding="utf-8")
@@ -100,12 +100,12 @@ def test_each_hinge_may_have_a_curve_of_its_own(tmp_path):
 
 def test_a_fit_scales_the_curve_within_its_band_and_the_file_that_it_writes_holds_the_result(tmp_path):
     file = read(tmp_path)
-    space = space_of((), Supposed(file.model()), file.known_to.model_dump(exclude_none=True))
+    space = make_prior((), ModelPoint(file.model()), file.known_to.model_dump(exclude_none=True))
     assert space.names == ("k0",)
     assert space.prior_std[0] == pytest.approx(BAND * file.model().leg.k0_Nm_per_rad)
     moved = space.at(np.array([2.0])).rig
     factor = float(np.exp(2.0 * BAND))
-    sections = fitted_sections(file.nominal(), moved)
+    sections = make_fitted_sections(file.nominal(), moved)
     write_model(tmp_path / "fitted.toml", sections, {"k0_relative": 0.001}, ["fitted"])
     fitted = read_model_file(tmp_path / "fitted.toml")
     assert fitted.leg.torque_rotation is not None
@@ -118,10 +118,10 @@ def test_a_fit_scales_the_curve_within_its_band_and_the_file_that_it_writes_hold
 def test_k2_of_a_curve_can_be_neither_fitted_nor_swept(tmp_path):
     rig = read(tmp_path).model()
     with pytest.raises(BadInput, match=r"k2: the hinges of this leg follow a measured curve"):
-        space_of(("k2",), Supposed(rig), {})
+        make_prior(("k2",), ModelPoint(rig), {})
     with pytest.raises(BadInput, match=r"k2: the hinges of this leg follow a measured curve"):
-        quantity("k2").write(SweepCase(rig), 3.0)
-    scaled = quantity("k0").write(SweepCase(rig), 1.1 * rig.leg.k0_Nm_per_rad).rig
+        find_quantity("k2").write(SweepCase(rig), 3.0)
+    scaled = find_quantity("k0").write(SweepCase(rig), 1.1 * rig.leg.k0_Nm_per_rad).rig
     assert bending_torque_Nm(scaled.leg, np.radians(14.0)) == pytest.approx(1.1 * 3.37)
 
 

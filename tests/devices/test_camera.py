@@ -9,8 +9,8 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.camera import OpenCvCamera
-from rfca_rig.drivers.photo_folder import PhotoFolder, photos_in
-from rfca_rig.drivers.picture_file import moment_of, read_picture
+from rfca_rig.drivers.photo_folder import PhotoFolder, list_photos
+from rfca_rig.drivers.picture_file import read_picture, read_picture_time
 from rfca_rig.errors import BadInput, DeviceError
 from tests.codecs.test_exif_time import tiff
 
@@ -117,14 +117,14 @@ def test_a_broken_photo_is_passed_over_after_its_line(folder):
 def test_moment_of_a_picture_without_exif_is_its_last_change(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), picture())
     os.utime(tmp_path / "a.png", (1e9, 1e9))
-    assert moment_of(tmp_path / "a.png").at == datetime.fromtimestamp(1e9, UTC)
+    assert read_picture_time(tmp_path / "a.png").at == datetime.fromtimestamp(1e9, UTC)
 
 
 def test_a_folder_without_photos_or_none_at_all(tmp_path):
     with pytest.raises(BadInput, match="holds no picture"):
-        photos_in(tmp_path)
+        list_photos(tmp_path)
     with pytest.raises(BadInput, match="No such file or directory; name the folder"):
-        photos_in(tmp_path / "nowhere")
+        list_photos(tmp_path / "nowhere")
 
 
 class Capture:

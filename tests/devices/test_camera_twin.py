@@ -9,9 +9,9 @@ import pytest
 from rfca_rig.bench.cameras import TwinCamera
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput
-from rfca_rig.twins.camera import CameraTwin, Disturbance, render_leg
-from rfca_rig.twins.image_noise import seen_by_sensor
-from rfca_rig.twins.painting import covered_share
+from rfca_rig.twins.camera import CameraTwin, ImageDisturbance, render_leg
+from rfca_rig.twins.image_noise import render_sensor_image
+from rfca_rig.twins.painting import compute_coverage
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark
 
@@ -19,7 +19,7 @@ LENGTHS_M = np.array([0.054, *[0.03933] * 6])
 ANGLES = np.radians([20.0, 14.0, 6.0, -3.0, -10.0, -20.0, -28.0])
 PLAN = MarkPlan.at_hinges(LENGTHS_M.tolist())
 FOCAL, SIZE = 2000.0, (1024, 768)
-ALL = Disturbance(
+ALL = ImageDisturbance(
     defocus_px=2.0,
     noise_counts=4.0,
     uneven_light=0.5,
@@ -41,7 +41,7 @@ def straight_on(side: int = -1, distortion=(0.0,) * 5) -> CameraModel:
 
 def rendered(disturbance=None, seed=1, angles=ANGLES, plan=PLAN, camera=None, ground=None):
     camera = camera or straight_on()
-    return render_leg(angles, LENGTHS_M, plan, camera, disturbance or Disturbance(), np.random.default_rng(seed), ground)
+    return render_leg(angles, LENGTHS_M, plan, camera, disturbance or ImageDisturbance(), np.random.default_rng(seed), ground)
 
 
 def red_light(image):
@@ -100,7 +100,7 @@ def test_the_same_chance_gives_the_same_picture():
     assert not np.array_equal(first, rendered(ALL, seed=2, ground=0.12))
 
 
-@pytest.mark.parametrize("name", [field.name for field in fields(Disturbance) if field.name != "hidden_share"])
+@pytest.mark.parametrize("name", [field.name for field in fields(ImageDisturbance) if field.name != "hidden_share"])
 def test_every_disturbance_changes_the_picture(name):
     turned = cv2.Rodrigues(np.array([0.3, 0.0, 0.0]))[0] @ straight_on().rotation
     from_above = replace(straight_on(), rotation=turned, translation_m=np.array([0.0, 0.0, 0.8]) - turned @ [0.0, 0.15, -0.05])
@@ -112,7 +112,7 @@ def test_every_disturbance_changes_the_picture(name):
 
 
 def test_out_of_focus_keeps_the_light_and_the_place():
-    sharp, soft = rendered(), rendered(Disturbance(defocus_px=5.0))
+    sharp, soft = rendered(), rendered(ImageDisturbance(defocus_px=5.0))
     for px in by_hand():
         (here, light), (there, same) = centre_near(sharp, px), centre_near(soft, px)
         assert there == pytest.approx(here, abs=0.05)
@@ -123,7 +123,7 @@ def test_out_of_focus_keeps_the_light_and_the_place():
 def test_noise_is_as_strong_as_it_says_at_mid_grey_and_grows_with_the_light():
     random = np.random.default_rng(3)
     grey, bright = (np.full((200, 200, 3), light, np.float32) for light in (0.2, 0.6))
-    spread = [seen_by_sensor(light, Disturbance(noise_counts=5.0), random).std() for light in (grey, bright)]
+    spread = [render_sensor_image(light, ImageDisturbance(noise_counts=5.0), random).std() for light in (grey, bright)]
     assert spread[0] == pytest.approx(5.0, rel=0.05)
     slope = (0.6 / 0.2) ** (1 / 2.4 - 1.0)  # of sRGB's curve, that much flatter there
     assert spread[1] == pytest.approx(5.0 * slope * np.sqrt(0.62 / 0.22), rel=0.05)
@@ -132,7 +132,7 @@ def test_noise_is_as_strong_as_it_says_at_mid_grey_and_grows_with_the_light():
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
 def test_the_frame_hides_the_share_it_says(share):
     """Of a disc's diameter; the area left is a segment's."""
-    hidden = rendered(Disturbance(hidden_mark=2, hidden_share=share))
+    hidden = rendered(ImageDisturbance(hidden_mark=2, hidden_share=share))
     px = by_hand()[2]
     depth = 1.0 - 2.0 * share
     left = (np.pi - np.arccos(depth) + depth * np.sqrt(1.0 - depth**2)) / np.pi
@@ -140,7 +140,7 @@ def test_the_frame_hides_the_share_it_says(share):
 
 
 def test_light_falls_off_by_the_share_it_says():
-    even, uneven = (rendered(Disturbance(uneven_light=share), plan=PLAN)[..., 1].astype(float) for share in (0.0, 0.6))
+    even, uneven = (rendered(ImageDisturbance(uneven_light=share), plan=PLAN)[..., 1].astype(float) for share in (0.0, 0.6))
     linear = [np.where(image <= 10.0, image / 255 / 12.92, ((image / 255 + 0.055) / 1.055) ** 2.4) for image in (even, uneven)]
     ratio = linear[1][even > 20] / linear[0][even > 20]
     assert ratio.max() < 1.05
@@ -148,7 +148,7 @@ def test_light_falls_off_by_the_share_it_says():
 
 
 def test_red_things_stand_behind_the_leg():
-    things = rendered(Disturbance(red_things=60))
+    things = rendered(ImageDisturbance(red_things=60))
     clean = rendered()
     for px in by_hand():
         column, row = np.round(px).astype(int)
@@ -157,7 +157,7 @@ def test_red_things_stand_behind_the_leg():
 
 
 def test_glints_leave_the_marks_as_they_are():
-    shining, clean = rendered(Disturbance(glints=80)), rendered()
+    shining, clean = rendered(ImageDisturbance(glints=80)), rendered()
     assert (shining.min(axis=2) > 200).sum() > 200
     for px in by_hand():
         column, row = np.round(px).astype(int)
@@ -167,7 +167,7 @@ def test_glints_leave_the_marks_as_they_are():
 @pytest.mark.parametrize("middle", [(20.0, 20.0), (20.3, 19.6), (20.5, 20.5), (0.0, 11.0)])
 def test_covered_shares_have_the_area_and_the_middle_of_the_shape(middle):
     turn = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
-    rows, columns, share = covered_share((60, 60), np.array(middle) + 7.0 * np.column_stack([np.cos(turn), np.sin(turn)]))
+    rows, columns, share = compute_coverage((60, 60), np.array(middle) + 7.0 * np.column_stack([np.cos(turn), np.sin(turn)]))
     if middle[0] > 10.0:
         where = np.mgrid[rows, columns]
         assert [(share * where[1]).sum() / share.sum(), (share * where[0]).sum() / share.sum()] == pytest.approx(middle, abs=0.01)
@@ -177,7 +177,7 @@ def test_covered_shares_have_the_area_and_the_middle_of_the_shape(middle):
 
 
 def test_a_shape_outside_covers_nothing():
-    assert covered_share((60, 60), np.array([[-9.0, -9.0], [-5.0, -9.0], [-5.0, -5.0]])) is None
+    assert compute_coverage((60, 60), np.array([[-9.0, -9.0], [-5.0, -9.0], [-5.0, -5.0]])) is None
 
 
 @dataclass
@@ -196,7 +196,7 @@ class Leg:
 
 def test_the_twin_shows_the_leg_as_it_stands_at_the_time():
     leg, clock = Leg(ANGLES), TwinClock()
-    camera = TwinCamera(CameraTwin(leg, PLAN, straight_on(), Disturbance(), np.random.default_rng(1)), clock)
+    camera = TwinCamera(CameraTwin(leg, PLAN, straight_on(), ImageDisturbance(), np.random.default_rng(1)), clock)
     first = camera.photo()
     leg.angles = ANGLES + 0.2
     clock.wait_until(2.5)
@@ -207,7 +207,7 @@ def test_the_twin_shows_the_leg_as_it_stands_at_the_time():
     assert centre_near(second.image, px)[0] == pytest.approx(px, abs=0.02)
 
 
-@pytest.mark.parametrize("asked", [{"plan": MarkPlan((PlannedMark(8, 0.0),))}, {"disturbance": Disturbance(hidden_mark=8)}])
+@pytest.mark.parametrize("asked", [{"plan": MarkPlan((PlannedMark(8, 0.0),))}, {"disturbance": ImageDisturbance(hidden_mark=8)}])
 def test_marks_that_are_not_there_are_refused(asked):
     with pytest.raises(BadInput, match=r"marks: one is to be on link 8, the leg has 7|hidden_mark 8: should be 0 to 7"):
         rendered(**asked)

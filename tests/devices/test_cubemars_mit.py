@@ -14,7 +14,7 @@ from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs.cubemars_mit import MitCommand, Special, decode_command, decode_reply, encode_command, encode_special
 from rfca_rig.codecs.cubemars_ranges import MIT_RANGES
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, drained, joined, motor_rig
+from rfca_rig.contracts.motor_rig import MotorRig, concatenate_samples, drain, motor_rig
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.roles import ShaftSamples
@@ -63,7 +63,7 @@ def rig(rotor: Rotor | None = None, settings: MitSettings | None = None, **twin)
 
 
 def orders_heard(bus: can.BusABC) -> list[MitCommand | Special]:
-    return [decode_command(RANGES, message.data) for message in drained(bus) if message.arbitration_id == 1]
+    return [decode_command(RANGES, message.data) for message in drain(bus) if message.arbitration_id == 1]
 
 
 def test_no_torque_is_ever_made_from_a_position_by_the_drive() -> None:
@@ -221,7 +221,7 @@ def test_after_a_lost_reply_times_are_a_tick_off_for_20_ms_and_right_again() -> 
             r.motor.command_speed(3.0)
             r.tick(deaf=True)
             blocks.append(r.run(0.2, speed_rad_s=3.0))
-        wrong_s = off_s(r, joined(blocks))
+        wrong_s = off_s(r, concatenate_samples(blocks))
         assert wrong_s.max() < 2.3e-3
         assert (wrong_s > 0.3e-3).sum() <= 5 * 11
         assert r.motor.identity()["replies_lost"] == "5"
@@ -239,7 +239,7 @@ class Slow(can.BusABC):
         self._bus.send(msg, timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002
-        for message in drained(self._bus):
+        for message in drain(self._bus):
             self._count += 1
             self._held.append((self._clock.now_s() + (0.011 if self._count % 50 == 0 else 0.0), message))
         ready = self._held and self._held[0][0] <= self._clock.now_s()
@@ -305,7 +305,7 @@ def test_a_command_before_enabling_is_refused_and_not_sent(act) -> None:
     with can_wire() as (here, there):
         with pytest.raises(DeviceError, match="not enabled; nothing was sent"):
             act(CubemarsMitMotor(here, TwinClock(), MitSettings(1, "AK80-9")))
-        assert drained(there) == []
+        assert drain(there) == []
 
 
 def test_a_speed_beyond_the_range_is_refused_and_an_angle_far_away_is_not() -> None:
@@ -387,14 +387,14 @@ def test_zeroing_makes_the_present_position_zero_and_mutes_the_twin_for_a_second
     with rig() as r:
         send(r.observer, encode_special(Special.ZERO))
         r.tick()
-        drained(r.observer)
+        drain(r.observer)
         send(r.observer, encode_special(Special.EXIT))
         r.tick()
-        assert drained(r.observer) == []
+        assert drain(r.observer) == []
         r.clock.wait_until(1.1)
         send(r.observer, encode_special(Special.EXIT))
         r.tick()
-        assert decode_reply(RANGES, drained(r.observer)[0].data).position_rad == pytest.approx(0.0, abs=4e-4)
+        assert decode_reply(RANGES, drain(r.observer)[0].data).position_rad == pytest.approx(0.0, abs=4e-4)
 
 
 def test_the_twin_ignores_what_is_not_for_it_or_cannot_be_read() -> None:
@@ -404,7 +404,7 @@ def test_the_twin_ignores_what_is_not_for_it_or_cannot_be_read() -> None:
         r.observer.send(can.Message(arbitration_id=2, data=bytes(8), is_extended_id=False))
         r.observer.send(can.Message(arbitration_id=1, is_remote_frame=True, dlc=8, is_extended_id=False))
         r.tick()
-        assert drained(r.observer) == []
+        assert drain(r.observer) == []
 
 
 @pytest.mark.parametrize(

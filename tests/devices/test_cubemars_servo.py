@@ -11,7 +11,7 @@ from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import SetCurrent, SetPosition, SetPositionSpeed, Status
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, drained, motor_rig
+from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import BadInput, DeviceError
@@ -65,7 +65,7 @@ def rig(rotor: Rotor | None = None, settings: ServoSettings | None = None, **twi
 
 
 def orders_heard(bus: can.BusABC) -> list[cubemars_servo.Message]:
-    said = [cubemars_servo.decode(message.arbitration_id, message.data) for message in drained(bus)]
+    said = [cubemars_servo.decode(message.arbitration_id, message.data) for message in drain(bus)]
     return [order for order in said if not isinstance(order, Status)]
 
 
@@ -128,7 +128,7 @@ def test_a_status_period_other_than_configured_is_refused_with_both(true_ms: int
 @pytest.mark.parametrize("held_up_s", [0.0, 0.03, 0.1])
 def test_status_frames_that_are_held_up_for_a_moment_do_not_refuse_a_drive(held_up_s: float) -> None:
     with rig() as r:
-        r.clock.carry(lambda now_s: drained(r.wire) if now_s < held_up_s else None)
+        r.clock.carry(lambda now_s: drain(r.wire) if now_s < held_up_s else None)
         r.motor.enable()
         began_rad = r.rotor.angle_rad
         r.run(0.5, speed_rad_s=1.0)
@@ -174,7 +174,7 @@ def test_a_command_before_enabling_is_refused_and_not_sent(act) -> None:
     with can_wire() as (here, there):
         with pytest.raises(DeviceError, match="not enabled; nothing was sent"):
             act(CubemarsServoMotor(here, TwinClock(), ServoSettings(1, **MOTOR)))
-        assert drained(there) == []
+        assert drain(there) == []
 
 
 def test_a_speed_beyond_the_drives_is_refused_with_the_limit() -> None:
@@ -198,7 +198,7 @@ def test_a_supply_that_is_cut_by_silence_is_proof_enough() -> None:
     with rig() as r:
         r.motor.enable()
         r.run(0.1, angle_rad=0.3)
-        r.clock.carry(lambda _: drained(r.wire))
+        r.clock.carry(lambda _: drain(r.wire))
         assert r.motor.prove_watchdog(0.3) < 0.1
 
 
@@ -259,7 +259,7 @@ def test_the_twin_takes_a_current_as_torque_and_a_new_origin_as_zero() -> None:
         r.rotor.speed_rad_s = 0.0
         send(r.observer, cubemars_servo.set_origin(1, cubemars_servo.OriginMode.TEMPORARY))
         r.tick()
-        last = drained(r.observer)[-1]
+        last = drain(r.observer)[-1]
         assert cubemars_servo.decode(last.arbitration_id, last.data).position_count in {-1, 0}
 
 

@@ -18,7 +18,7 @@ from rfca_rig.contracts.force_sensor import ForceSensorContract
 from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
 from rfca_rig.drivers.daq_ft import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings
 from rfca_rig.drivers.nidaqmx_gages import NidaqmxGages
-from rfca_rig.drivers.sensor_health import FrozenCount
+from rfca_rig.drivers.sensor_health import FrozenRecordCounter
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
 
@@ -137,7 +137,7 @@ def test_the_twins_converter_ends_at_its_rails() -> None:
 
 def test_fifty_equal_samples_in_a_row_are_frozen_and_one_less_are_not() -> None:
     for length, frozen in ((50, 0), (51, 50), (60, 59)):
-        count = FrozenCount()
+        count = FrozenRecordCounter()
         count.take(np.arange(12.0).reshape(2, 6))
         for _ in range(length):
             count.take(np.ones((1, 6)))
@@ -147,7 +147,7 @@ def test_fifty_equal_samples_in_a_row_are_frozen_and_one_less_are_not() -> None:
 
 @pytest.mark.parametrize(("length", "frozen"), [(50, 0), (51, 50)])
 def test_the_first_sample_repeats_none(length: int, frozen: int) -> None:
-    count = FrozenCount()
+    count = FrozenRecordCounter()
     count.take(np.ones((length, 6)))
     assert count.frozen == frozen
 

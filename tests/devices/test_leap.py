@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.drivers.encoder_jump import LeapWatch
+from rfca_rig.drivers.encoder_jump import EncoderJumpMonitor
 from rfca_rig.drivers.frame_count import FrameCount
-from rfca_rig.drivers.temperature import ToldTemperature
+from rfca_rig.drivers.temperature import TemperatureTelemetry
 
 
-def followed(angles_rad: np.ndarray, speeds_rad_s: np.ndarray, period_s: float = 2e-3) -> LeapWatch:
-    watch = LeapWatch()
+def followed(angles_rad: np.ndarray, speeds_rad_s: np.ndarray, period_s: float = 2e-3) -> EncoderJumpMonitor:
+    watch = EncoderJumpMonitor()
     for at, (angle_rad, speed_rad_s) in enumerate(zip(angles_rad.tolist(), speeds_rad_s.tolist(), strict=True)):
         watch.follow(period_s * at, period_s * at, angle_rad, speed_rad_s)
     return watch
@@ -42,7 +42,7 @@ def test_a_leap_is_told_with_how_far_and_stays(by_rad: float, speed_rad_s: float
 
 def test_lost_reports_are_no_leap() -> None:
     """The device's time does not know of them yet, the host's does."""
-    watch = LeapWatch()
+    watch = EncoderJumpMonitor()
     watch.follow(0.0, 0.0, 0.0, 5.0)
     watch.follow(0.1, 0.002, 0.5, 5.0)
     assert watch.fault is None
@@ -81,7 +81,7 @@ def test_what_a_long_pause_has_dammed_up_is_not_too_many_though_its_tail_comes_l
 
 
 def test_the_warmest_of_what_is_told_counts_and_that_it_is_told_no_more() -> None:
-    temperature = ToldTemperature()
+    temperature = TemperatureTelemetry()
     assert temperature.fault(100.0) is None
     temperature.hear(1.0, 35.0, float("nan"))
     assert temperature.warmest_C == 35.0

@@ -13,7 +13,7 @@ from rfca_rig.codecs import moteus
 from rfca_rig.codecs.moteus import Refusal, Reply, Route, Subframe, Write
 from rfca_rig.codecs.moteus_registers import Mode, Register, Width
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, drained, motor_rig
+from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.errors import BadInput, DeviceError
@@ -92,7 +92,7 @@ def orders_in(messages: list[can.Message]) -> list[dict[int, float]]:
 def test_enabling_stops_first_and_then_starts_from_where_the_drive_finds_itself() -> None:
     with rig() as r:
         r.motor.enable()
-        orders = [order for order in orders_in(drained(r.observer)) if Register.MODE in order]
+        orders = [order for order in orders_in(drain(r.observer)) if Register.MODE in order]
         assert orders[0] == {Register.MODE: Mode.STOPPED}
         assert {order[Register.MODE] for order in orders[1:]} == {Mode.POSITION}
         assert all(np.isnan(order[Register.COMMAND_POSITION]) and order[Register.COMMAND_VELOCITY] == 0.0 for order in orders[1:])
@@ -101,11 +101,11 @@ def test_enabling_stops_first_and_then_starts_from_where_the_drive_finds_itself(
 def test_every_command_carries_its_own_watchdog_and_switches_trajectories_off() -> None:
     with rig(settings=MoteusSettings(watchdog_s=0.25, torque_limit_Nm=6.0)) as r:
         r.motor.enable()
-        drained(r.observer)
+        drain(r.observer)
         r.motor.command_speed(1.0)
         r.motor.command_angle(0.5, 1.0)
         r.motor.command_angle(0.5)
-        for order in orders_in(drained(r.observer)):
+        for order in orders_in(drain(r.observer)):
             assert order[Register.COMMAND_TIMEOUT] == 0.25
             assert order[Register.COMMAND_MAXIMUM_TORQUE] == 6.0
             assert order[Register.COMMAND_VELOCITY_LIMIT] < 0.0
@@ -116,7 +116,7 @@ def test_every_command_carries_its_own_watchdog_and_switches_trajectories_off() 
 def test_frames_are_can_fd_with_an_extended_id_and_of_a_length_that_exists() -> None:
     with rig(settings=MoteusSettings(bitrate_switch=False)) as r:
         r.motor.enable()
-        for message in drained(r.observer):
+        for message in drain(r.observer):
             assert message.is_fd
             assert len(message.data) in moteus.FD_LENGTHS
             assert not message.bitrate_switch or message.arbitration_id >> 8 & 0x7F == 1
@@ -166,7 +166,7 @@ def test_a_drive_that_never_gets_to_position_mode_is_not_enabled() -> None:
     with rig(starting_s=5.0) as r:
         with pytest.raises(DeviceError, match="not in position mode after 1 s: mode calibrating"):
             r.motor.enable()
-        assert orders_in(drained(r.observer))[-1] == {Register.MODE: Mode.STOPPED}
+        assert orders_in(drain(r.observer))[-1] == {Register.MODE: Mode.STOPPED}
 
 
 # -- asking ------------------------------------------------------------------------------------------------------------------
@@ -176,14 +176,14 @@ def test_a_command_asks_and_a_read_without_one_asks_by_itself() -> None:
     with rig() as r:
         r.motor.enable()
         r.motor.read()
-        drained(r.observer)
+        drain(r.observer)
         r.motor.command_speed(0.0)
         r.tick()
         assert len(r.motor.read().angle_rad) == 1
-        assert len([m for m in drained(r.observer) if m.arbitration_id & 0x8000]) == 1
+        assert len([m for m in drain(r.observer) if m.arbitration_id & 0x8000]) == 1
         r.tick()
         assert len(r.motor.read().angle_rad) == 0
-        (question,) = (m for m in drained(r.observer) if m.arbitration_id & 0x8000)
+        (question,) = (m for m in drain(r.observer) if m.arbitration_id & 0x8000)
         assert orders_in([question]) == [{}]
         r.tick()
         assert len(r.motor.read().angle_rad) == 1
@@ -306,10 +306,10 @@ def test_being_stopped_from_elsewhere_is_a_fault_and_commands_do_not_start_the_d
         r.run(0.1, speed_rad_s=1.0)
         send(r.observer, Write(Register.MODE, Width.INT8, Mode.STOPPED))
         r.run(0.01, speed_rad_s=1.0)
-        drained(r.observer)
+        drain(r.observer)
         r.run(0.2, speed_rad_s=1.0)
         assert r.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
-        assert {order.get(Register.MODE) for order in orders_in(drained(r.observer)) if order} == {Mode.STOPPED}
+        assert {order.get(Register.MODE) for order in orders_in(drain(r.observer)) if order} == {Mode.STOPPED}
         assert re.search("left position mode for stopped without a fault", r.motor.status().fault or "")
 
 
@@ -382,17 +382,17 @@ def test_the_twin_refuses_what_the_drive_would(subframes: list[Subframe], refusa
     with rig() as r:
         send(r.observer, *subframes, wants_reply=True)
         r.tick()
-        (reply,) = drained(r.observer)
+        (reply,) = drain(r.observer)
         assert moteus.decode(reply.data) == refusals
 
 
 def test_the_twin_tells_the_mode_that_it_had_before_the_command_that_asks() -> None:
     with rig() as r:
         r.motor.enable()
-        drained(r.observer)
+        drain(r.observer)
         send(r.observer, Write(Register.MODE, Width.INT8, Mode.STOPPED), moteus.Read(Register.MODE, Width.INT8), wants_reply=True)
         r.tick()
-        (reply,) = (m for m in drained(r.observer) if m.arbitration_id == 0x105)
+        (reply,) = (m for m in drain(r.observer) if m.arbitration_id == 0x105)
         assert moteus.decode(reply.data) == [Reply(Register.MODE, Width.INT8, Mode.POSITION)]
         assert r.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
 
@@ -403,7 +403,7 @@ def test_the_twin_answers_only_who_wants_a_reply_and_ignores_what_it_cannot_read
         send(r.observer, moteus.Read(Register.MODE, Width.INT8), wants_reply=True, destination=2)
         r.observer.send(can.Message(arbitration_id=0x8001, is_extended_id=True, is_fd=True, data=bytes.fromhex("42 01 30 00 00 00 00 ff")))
         r.tick()
-        assert drained(r.observer) == []
+        assert drain(r.observer) == []
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.netft_commands import COMMAND_BYTES, CalibrationInfo, ReadForce, decode_reading, encode_command
 from rfca_rig.codecs.rdt import RdtCommand, decode_request
-from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES, receive_buffer_advice
+from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES, advise_receive_buffer
 from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.netft_box import CommandBox, HttpBox
 from rfca_rig.errors import BadInput, DeviceError, RigError
@@ -202,7 +202,7 @@ def test_a_bias_is_sent_and_the_stream_begun_anew(buffered: bool, command: RdtCo
 
 
 def test_a_small_receive_buffer_comes_with_what_to_type() -> None:
-    assert receive_buffer_advice(RECEIVE_BUFFER_BYTES) == receive_buffer_advice(2 * RECEIVE_BUFFER_BYTES) == ""
-    line = receive_buffer_advice(212_992)
+    assert advise_receive_buffer(RECEIVE_BUFFER_BYTES) == advise_receive_buffer(2 * RECEIVE_BUFFER_BYTES) == ""
+    line = advise_receive_buffer(212_992)
     assert "gives 208 KiB of receive buffer where 4096 were asked for" in line
     assert "sudo sysctl -w net.core.rmem_max=4194304" in line

@@ -12,7 +12,7 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.odrive_messages import ControlMode
-from rfca_rig.contracts.failing_buses import Failing
+from rfca_rig.contracts.failing_buses import UnpluggedBus
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
@@ -383,12 +383,12 @@ def test_a_drive_that_falls_silent_is_a_fault() -> None:
 
 @pytest.mark.parametrize("act", [OdriveMotor.enable, OdriveMotor.disable, lambda m: m.command_speed(1.0), lambda m: m.command_angle(1.0)])
 def test_a_frame_that_cannot_be_sent_is_an_error(act) -> None:
-    with Failing() as bus, pytest.raises(DeviceError, match="not sent: transmit buffer full"):
+    with UnpluggedBus() as bus, pytest.raises(DeviceError, match="not sent: transmit buffer full"):
         act(OdriveMotor(bus, TwinClock(), OdriveSettings(0)))
 
 
 def test_a_failing_bus_is_an_error_when_reading() -> None:
-    with Failing() as bus, pytest.raises(DeviceError, match="CAN bus failed while reading the drive: no such device"):
+    with UnpluggedBus() as bus, pytest.raises(DeviceError, match="CAN bus failed while reading the drive: no such device"):
         OdriveMotor(bus, TwinClock(), OdriveSettings(0)).read()
 
 

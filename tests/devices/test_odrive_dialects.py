@@ -11,7 +11,7 @@ from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.odrive_messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, drained, motor_rig
+from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.can_wire import can_wire
@@ -78,7 +78,7 @@ def test_an_error_that_only_a_part_has_is_asked_for_and_told_with_its_meaning() 
         rig.run(0.2, speed_rad_s=1.0)
         said = "error 0x00000000 (none); encoder error 0x00000080 (ABS_SPI_COM_FAIL: the absolute encoder's answers are damaged)"
         assert rig.motor.status().fault == said
-        asked = [m for m in drained(rig.observer) if m.arbitration_id == 0x04 and m.dlc == 0]
+        asked = [m for m in drain(rig.observer) if m.arbitration_id == 0x04 and m.dlc == 0]
         assert len(asked) == 1
 
 
@@ -100,7 +100,7 @@ def test_a_refusal_by_a_part_names_its_error() -> None:
             send(there, cansimple.encoder_estimates(0, 0.0, 0.0))
             send(there, cansimple.iq(0, 0.0, 0.0))
             send(there, cansimple.heartbeat(0, Heartbeat(0, 1, 0, False, (OdrivePart.MOTOR,)), OdriveFirmware.V0_5))
-            if any(m.arbitration_id == 0x03 for m in drained(there)):
+            if any(m.arbitration_id == 0x03 for m in drain(there)):
                 send(there, cansimple.part_error(0, PartError(OdrivePart.MOTOR, 1 << 35)))
 
         clock.carry(drive)
@@ -122,7 +122,7 @@ def test_torque_is_the_current_times_its_constant() -> None:
         rig.rotor.load_Nm = 2.0
         shaft = rig.run(1.5, angle_rad=0.3)
         assert shaft.torque_Nm[-1] == pytest.approx(-2.0, rel=0.02)
-        currents = [cansimple.decode(m.arbitration_id, m.data) for m in drained(rig.observer) if m.arbitration_id == 0x14]
+        currents = [cansimple.decode(m.arbitration_id, m.data) for m in drain(rig.observer) if m.arbitration_id == 0x14]
         assert currents[-1].measured_A == pytest.approx(-2.0 / 0.0827, rel=0.02)
 
 
@@ -130,7 +130,7 @@ def test_clearing_errors_takes_no_byte_and_nothing_of_0_6_is_on_the_wire() -> No
     with older_rig() as rig:
         rig.motor.enable()
         rig.run(0.2, speed_rad_s=1.0)
-        heard = drained(rig.observer)
+        heard = drain(rig.observer)
         assert {m.dlc for m in heard if m.arbitration_id == 0x18} == {0}
         assert not [m for m in heard if m.arbitration_id in {0x1C, 0x15} or (m.arbitration_id == 0 and not m.is_remote_frame)]
 
@@ -172,5 +172,5 @@ def test_the_twin_answers_requests_without_a_byte_as_firmware_0_5_6_does() -> No
         rig.twin.fail_part(OdrivePart.MOTOR, 8)
         send(rig.observer, (0x03, b""))
         rig.tick()
-        (told,) = (m for m in drained(rig.observer) if m.arbitration_id == 0x03)
+        (told,) = (m for m in drain(rig.observer) if m.arbitration_id == 0x03)
         assert cansimple.decode(told.arbitration_id, told.data, OdriveFirmware.V0_5) == odrive_messages.PartError(OdrivePart.MOTOR, 8)

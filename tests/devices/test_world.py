@@ -9,7 +9,7 @@ from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.frame_count import FrameCount
 from rfca_rig.drivers.record_sequence import RecordSequence
 from rfca_rig.twins.netft import NetFtTwinSettings
-from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.ticks import SampleGrid
 from tests.devices.rig import twin_rig
 
 
@@ -82,7 +82,7 @@ def test_encoder_reports_within_a_step_lie_on_the_true_motion() -> None:
 @given(st.lists(st.floats(1e-5, 0.1), min_size=1, max_size=50), st.sampled_from([1e-3, 1.0 / 7000.0, 0.01]))
 @settings(max_examples=50, deadline=None)
 def test_every_moment_of_a_grid_is_handed_out_once_and_never_late(waits_s: list[float], period_s: float) -> None:
-    ticks, now_s, handed = Ticks(period_s), 0.0, []
+    ticks, now_s, handed = SampleGrid(period_s), 0.0, []
     for wait_s in waits_s:
         now_s += wait_s
         due_s = ticks.until(now_s)
@@ -93,7 +93,7 @@ def test_every_moment_of_a_grid_is_handed_out_once_and_never_late(waits_s: list[
 
 
 def test_rounding_does_not_lose_a_moment_at_the_end_of_a_step() -> None:
-    ticks, now_s = Ticks(1e-3), 0.0
+    ticks, now_s = SampleGrid(1e-3), 0.0
     for n in range(1, 10_001):
         now_s += 1e-3
         assert len(ticks.until(now_s)) == 1, n

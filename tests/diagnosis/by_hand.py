@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.diagnose import Findings, PreparedData
@@ -16,16 +16,16 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of
-from rfca_rig.diagnosis.leg.simulator import leg_dataset
-from rfca_rig.diagnosis.leg.stages import stage_tables
-from rfca_rig.diagnosis.leg.strokes import FlapCondition, flap_condition, turn_of
+from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
+from rfca_rig.diagnosis.leg.stages import make_stage_tables
+from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
-from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
+from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter
 from rfca_rig.diagnosis.result import NamedEffect
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.static_stages import StageMoves
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.recording.model import Column, StaticStage, Stream, Stroke
 
 RIG_FILE = read_rig(Path(__file__).parents[2] / "calibration" / "twin.toml")
@@ -41,7 +41,7 @@ def recorded(rig: RigModel, conditions: Sequence[tuple[float, float]], with_shaf
     strokes = []
     for height_mm, speed_rad_s in conditions:
         t_s = np.arange(-0.1, 3.4 / speed_rad_s, 1e-3)
-        found = stroke_at_speed(rig, 1e-3 * height_mm, speed_rad_s, t_s)
+        found = simulate_stroke_at_speed(rig, 1e-3 * height_mm, speed_rad_s, t_s)
         noisy = {name: Column(getattr(found, name) + std * random.standard_normal(len(t_s)), "") for name, std in NOISE.items()}
         if with_shaft:
             noisy["shaft_angle_rad"] = Column(found.shaft_angle_rad + encoder_rad * random.standard_normal(len(t_s)), "rad")
@@ -54,9 +54,9 @@ def late(stroke: Stroke, late_s: float) -> Stroke:
     return replace(stroke, streams={name: Stream(s.t_s + late_s, s.columns) for name, s in stroke.streams.items()})
 
 
-def flaps_of(strokes: Sequence[Stroke]) -> tuple[FlapCondition, ...]:
-    found = [flap_condition(condition, NOISE, turn_of(condition, False)) for condition in conditions_of(strokes)]
-    assert all(isinstance(flap, FlapCondition) for flap in found)
+def flaps_of(strokes: Sequence[Stroke]) -> tuple[DynamicCondition, ...]:
+    found = [make_dynamic_condition(condition, NOISE, make_turn(condition, False)) for condition in group_by_condition(strokes)]
+    assert all(isinstance(flap, DynamicCondition) for flap in found)
     return tuple(found)  # type: ignore[arg-type]
 
 
@@ -66,7 +66,7 @@ def present(effect: str, **values: float) -> PresentEffect:
 
 def found_among(parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel = RIG) -> ModelSelectionResult:
     """What a search over these effects alone would leave, "" for nothing missing, all equally likely before."""
-    dataset, coordinates = leg_dataset(parts), Parameterization(nuisances_of(rig, known_to, 0.0))
+    dataset, coordinates = make_leg_dataset(parts), Parameterization(nuisances_of(rig, known_to, 0.0))
     likelihood = make_marginal_likelihood(dataset.rows, np.empty((len(dataset.rows.measured), 0)))
     optimizer = GaussNewton(dataset, likelihood)
     base = optimizer.at(coordinates, np.zeros(coordinates.size))
@@ -84,7 +84,7 @@ def found_among(parts, rivals: Sequence[str], known_to=KNOWN_TO, rig: RigModel =
         probes=(),
         coarse=likelihood,
         in_coarse=np.ones(len(dataset.rows.measured), dtype=bool),
-        scatter=Scatter(STD, np.empty((len(dataset.rows.measured), 0))),
+        scatter=RepeatScatter(STD, np.empty((len(dataset.rows.measured), 0))),
         likelihood=likelihood,
         dataset=dataset,
     )
@@ -128,11 +128,11 @@ def verdicts_of(
     return Findings((), (), leg, decision, drive, drive_decision)
 
 
-def read_at_rest(supposed: Supposed, moves: StageMoves, turned_deg: Sequence[float]) -> list[StaticStage]:
+def read_at_rest(supposed: ModelPoint, moves: StageMoves, turned_deg: Sequence[float]) -> list[StaticStage]:
     """Stages of a static table as this rig would be read without noise, the shaft turned to these angles one after the other."""
     ways = ["loading", *("loading" if there > here else "unloading" for here, there in pairwise(turned_deg))]
     turned = enumerate(zip(turned_deg, ways, strict=True), start=1)
     blank = [StaticStage(0.215, i, way, float(np.radians(deg)), (), 0.0, 0.0, 0.0) for i, (deg, way) in turned]
-    (table,) = stage_tables(blank, {}, moves)
+    (table,) = make_stage_tables(blank, {}, moves)
     forces = table.simulated(supposed).reshape(3, -1).T
     return [replace(s, fy_N=float(fy), fz_N=float(fz), tx_Nm=float(tx)) for s, (fy, fz, tx) in zip(blank, forces, strict=True)]

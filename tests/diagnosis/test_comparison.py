@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, LAW_ERROR, LAWS_SIZE
+from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, IMPLAUSIBLE, LAW_ERROR, LAW_SIZE_ERROR
 from rfca_rig.diagnosis.decision import decide, sizes
 from rfca_rig.diagnosis.decision.comparison import Comparison, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, decide_from, support_of_best
@@ -88,9 +88,9 @@ def test_strain_is_the_least_of_the_explanations_that_are_as_good(gained):
         alike = replace(strained(crosstalk, 1.0), log_joint=gained.best.log_joint - gap)
         return _with(Comparison(gained.result, (best, alike, *others)), "_signatures", gained._signatures).support(ids).strain
 
-    assert strain(AS_GOOD - 1.0, ("sensor_gain", "sensor_crosstalk")) == 1.0
-    assert strain(AS_GOOD - 1.0, ("sensor_gain",)) == 4.0
-    assert strain(AS_GOOD + 1.0, ("sensor_gain", "sensor_crosstalk")) == 4.0
+    assert strain(AS_GOOD_LOG_ODDS - 1.0, ("sensor_gain", "sensor_crosstalk")) == 1.0
+    assert strain(AS_GOOD_LOG_ODDS - 1.0, ("sensor_gain",)) == 4.0
+    assert strain(AS_GOOD_LOG_ODDS + 1.0, ("sensor_gain", "sensor_crosstalk")) == 4.0
 
 
 def test_what_an_exact_law_removes_beside_its_rival_is_nearly_all_that_can_be_removed(gained, uneven):
@@ -125,7 +125,7 @@ def test_a_size_counts_from_where_the_effect_does_nothing(gained):
     """The law leaves a share of what a gain of 1.2 changes, not of 1.2."""
     factor = estimate_sizes(gained, gained.best.hypothesis, 0)[0]["factor"]
     assert abs(factor.value - GAIN) < 2.0 * factor.std
-    assert LAWS_SIZE * (GAIN - 1.0) * 0.9 < factor.std < LAWS_SIZE * GAIN
+    assert LAW_SIZE_ERROR * (GAIN - 1.0) * 0.9 < factor.std < LAW_SIZE_ERROR * GAIN
 
 
 def test_intervals_widen_with_what_the_law_leaves(uneven, gained):
@@ -138,8 +138,8 @@ def test_two_estimates_of_one_deviation_are_not_added(gained, monkeypatch):
     """With a jackknife as wide as the posterior, and a law that leaves nothing, an interval is as wide as either."""
     hypothesis = gained.best.hypothesis
     posterior_std = np.sqrt(np.diag(hypothesis.marginal.posterior.covariance))
-    monkeypatch.setattr(sizes, "LAWS_SIZE", 0.0)
-    monkeypatch.setattr(sizes, "LAW_SHARE", 0.0)
+    monkeypatch.setattr(sizes, "LAW_SIZE_ERROR", 0.0)
+    monkeypatch.setattr(sizes, "LAW_MISFIT_SHARE", 0.0)
     std = []
     for share in (0.0, 1.0, 3.0):
         monkeypatch.setattr(sizes, "_jackknife_std", lambda *_, share=share: share * posterior_std)
@@ -305,7 +305,7 @@ def test_a_law_of_which_the_effect_is_a_special_case_is_no_rival(gained):
         return replace(one, hypothesis=replace(one.hypothesis, fitted=fitted))
 
     crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
-    behind = replace(as_variant(crosstalk, ""), log_joint=gained.best.log_joint - AS_GOOD - 1.0)
+    behind = replace(as_variant(crosstalk, ""), log_joint=gained.best.log_joint - AS_GOOD_LOG_ODDS - 1.0)
     others = [one for one in gained.ranked if one.ids not in (("sensor_gain",), ("sensor_crosstalk",))]
     ranked = (as_variant(gained.best, "sensor_crosstalk"), behind, *others)
     comparison = _with(Comparison(gained.result, ranked), "_signatures", gained._signatures)
@@ -324,7 +324,7 @@ def test_effects_that_explain_the_data_as_well_form_a_class(gained):
         replace(
             gained, ranked=tuple(replace(one, log_joint=gained.best.log_joint - gap) if one is crosstalk else one for one in gained.ranked)
         )
-        for gap in (AS_GOOD - 1.0, AS_GOOD + 1.0)
+        for gap in (AS_GOOD_LOG_ODDS - 1.0, AS_GOOD_LOG_ODDS + 1.0)
     )
     assert near.as_good_as("sensor_gain") == ("sensor_crosstalk",) and far.as_good_as("sensor_gain") == ()
     assert near.support(("sensor_gain", "sensor_crosstalk")).rival == ()

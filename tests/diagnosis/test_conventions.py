@@ -7,8 +7,8 @@ import pytest
 
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of
-from rfca_rig.diagnosis.leg.simulator import MOVES, LegSimulator, leg_dataset
-from rfca_rig.diagnosis.leg.stages import stage_tables
+from rfca_rig.diagnosis.leg.simulator import MOVES, LegSimulator, make_leg_dataset
+from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, read_at_rest
 
@@ -39,22 +39,22 @@ def table(moves, coordinates, x):
 @pytest.mark.parametrize("true", MOVES)
 def test_the_moves_are_told_around_the_leg_that_was_there(hypothesis, true):
     stages = table(true, *hypothesis)
-    supposed = [leg_dataset(stage_tables(stages, {}, moves)) for moves in MOVES]
+    supposed = [make_leg_dataset(make_stage_tables(stages, {}, moves)) for moves in MOVES]
     found = [inferred(dataset, hypothesis) for dataset in supposed]
     assert [dataset.parts[0].moves for dataset in found] == [true] * len(MOVES)
     assert found[MOVES.index(true)] is supposed[MOVES.index(true)]
 
 
 def test_strokes_alone_are_left_as_they_are(hypothesis):
-    dataset = leg_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[0]))
+    dataset = make_leg_dataset(make_stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[0]))
     without = replace(dataset, parts=())
     assert inferred(without, hypothesis) is without and forgotten(without) is without
 
 
 def test_before_the_moves_are_known_friction_is_left_open_and_afterwards_it_counts(hypothesis):
-    dataset = leg_dataset(stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[1]))
+    dataset = make_leg_dataset(make_stage_tables(table(MOVES[0], *hypothesis), {}, MOVES[1]))
     extra_directions = forgotten(dataset)
-    assert extra_directions.rows.jolt.max() > 0.0 and not dataset.rows.jolt.any()
+    assert extra_directions.rows.transient_scale.max() > 0.0 and not dataset.rows.transient_scale.any()
     known = inferred(extra_directions, hypothesis)
-    assert not known.rows.jolt.any() and known.parts[0].moves == MOVES[0]
-    assert inferred(extra_directions, hypothesis, stopped_as_told=False).rows.jolt.max() > 0.0
+    assert not known.rows.transient_scale.any() and known.parts[0].moves == MOVES[0]
+    assert inferred(extra_directions, hypothesis, stopped_as_told=False).rows.transient_scale.max() > 0.0

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.analysis.fitting.parameters import Supposed, space_of
+from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization, coordinate_of, std_of, value_of
 from rfca_rig.diagnosis.inference.screening import grid_of, terms_of
 from rfca_rig.model.catalogue import catalogue
@@ -30,7 +30,7 @@ def test_most_of_the_prior_of_a_scale_lies_within_its_plausible_bounds():
 
 
 def test_effects_are_supposed_beside_nuisances_in_the_order_of_the_coordinates():
-    space = space_of(["k0", "friction"], Supposed(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
+    space = make_prior(["k0", "friction"], ModelPoint(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
     relaxation, tilt = catalogue()["spring_relaxation"], catalogue()["ground_tilt"]
     coordinates = Parameterization(space, (EffectTerm(relaxation), EffectTerm(tilt)))
     assert coordinates.size == 5
@@ -59,7 +59,7 @@ def test_a_neutral_shape_is_typical_of_its_prior_and_survives_the_coordinates():
 
 
 def test_only_the_size_of_an_effect_can_do_just_what_a_nuisance_does():
-    space = space_of(["k0", "friction"], Supposed(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
+    space = make_prior(["k0", "friction"], ModelPoint(PAPER), {"k0_relative": 0.03, "friction_coefficient": 0.05})
     coordinates = Parameterization(space, (EffectTerm(catalogue()["ground_compliance"]),))
     assert coordinates.same_as == ["contact_stiffness", ""]
 

@@ -5,48 +5,48 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.leg.simulator import MOVES, leg_dataset, tables_of
-from rfca_rig.diagnosis.leg.stages import stage_tables
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.diagnosis.leg.simulator import MOVES, make_leg_dataset, select_tables
+from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.model.parameters import Swing
 from tests.diagnosis.by_hand import RIG, flaps_of, present, read_at_rest, recorded
 
-STIFF = Supposed(replace(RIG, leg=replace(RIG.leg, k0_Nm_per_rad=1.1 * RIG.leg.k0_Nm_per_rad)))
-IN_THE_FLOOR = Supposed(RIG, height_offset_m=-0.4)
+STIFF = ModelPoint(replace(RIG, leg=replace(RIG.leg, k0_Nm_per_rad=1.1 * RIG.leg.k0_Nm_per_rad)))
+IN_THE_FLOOR = ModelPoint(RIG, height_offset_m=-0.4)
 
 
 @pytest.fixture(scope="module")
 def dataset():
     """Two strokes and a table."""
     strokes = recorded(RIG, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)
-    tables = stage_tables(read_at_rest(Supposed(RIG), MOVES[0], (60.0, 90.0, 120.0)), {}, MOVES[0])
-    return leg_dataset([*flaps_of(strokes), *tables])
+    tables = make_stage_tables(read_at_rest(ModelPoint(RIG), MOVES[0], (60.0, 90.0, 120.0)), {}, MOVES[0])
+    return make_leg_dataset([*flaps_of(strokes), *tables])
 
 
 def test_the_answer_to_one_question_has_the_conditions_in_their_order(dataset):
     """Each condition's rows are its own, whichever is ready first."""
     below_each_other = np.concatenate([part.simulated(STIFF) for part in dataset.parts])
     assert np.array_equal(dataset.predicted(STIFF), below_each_other)
-    assert [np.array_equal(rows, below_each_other) for rows in dataset.predicted_all([Supposed(RIG), STIFF])] == [False, True]
+    assert [np.array_equal(rows, below_each_other) for rows in dataset.predict_all([ModelPoint(RIG), STIFF])] == [False, True]
 
 
 def test_where_one_condition_has_no_answer_there_is_none(dataset):
     assert dataset.predicted(IN_THE_FLOOR) is None
-    assert [rows is None for rows in dataset.predicted_all([IN_THE_FLOOR, STIFF])] == [True, False]
+    assert [rows is None for rows in dataset.predict_all([IN_THE_FLOOR, STIFF])] == [True, False]
 
 
 @pytest.mark.parametrize("changed", [Swing(0.5, 0.3, 1.0), present("sensor_lag", time_constant_s=0.02)])
 def test_a_table_answers_alike_to_what_only_a_stroke_shows(dataset, changed):
     rig = replace(RIG, swing=changed) if isinstance(changed, Swing) else replace(RIG, effects=(changed,))
-    same = [np.array_equal(part.simulated(Supposed(rig)), part.simulated(Supposed(RIG))) for part in dataset.parts]
+    same = [np.array_equal(part.simulated(ModelPoint(rig)), part.simulated(ModelPoint(RIG))) for part in dataset.parts]
     assert same == [False, False, True]
 
 
 def test_a_table_that_was_asked_before_answers_to_what_is_asked_now(dataset):
-    (table,) = tables_of(dataset.parts)
-    asked = (Supposed(RIG), STIFF, Supposed(RIG, height_offset_m=1e-3), Supposed(RIG, turn_offset_rad=1e-3))
+    (table,) = select_tables(dataset.parts)
+    asked = (ModelPoint(RIG), STIFF, ModelPoint(RIG, height_offset_m=1e-3), ModelPoint(RIG, turn_offset_rad=1e-3))
     answers = [table.simulated(supposed) for supposed in (*asked, *asked)]
     assert all(np.array_equal(first, again) for first, again in zip(answers[:4], answers[4:], strict=True))
     others = replace(table, moves=MOVES[2]), replace(table, height_m=table.height_m + 0.002), replace(table, stages=table.stages[:2])
-    answers = [*answers[:4], *(other.simulated(Supposed(RIG)) for other in others)]
+    answers = [*answers[:4], *(other.simulated(ModelPoint(RIG)) for other in others)]
     assert len({answer.tobytes() for answer in answers}) == len(answers)

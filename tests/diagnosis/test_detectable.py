@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.diagnosis.decision.detection_limits import _threshold, find_detection_limits
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
 from rfca_rig.diagnosis.inference.screening import EffectProbe
-from rfca_rig.diagnosis.leg.drive_tracking import excluded_by_tracking
-from rfca_rig.diagnosis.leg.shaft_observations import shaft_condition, tracking_error
+from rfca_rig.diagnosis.leg.drive_tracking import find_excluded_sizes
+from rfca_rig.diagnosis.leg.shaft_observations import make_shaft_condition, tracking_error
 from rfca_rig.diagnosis.residual_force.mismatch_map import _holm
 from rfca_rig.diagnosis.result import NotSeen, join_not_seen
 from rfca_rig.model.catalogue import catalogue
@@ -67,8 +67,8 @@ def test_nothing_is_said_of_a_stiffness_beyond_what_is_plausible():
 
 
 def shafts_of(rig):
-    conditions = conditions_of(recorded(rig, [(205.0, 2.433), (220.0, 3.249)]))
-    return [shaft_condition(condition, 1.2, RIG.drive.ramp_s) for condition in conditions]
+    conditions = group_by_condition(recorded(rig, [(205.0, 2.433), (220.0, 3.249)]))
+    return [make_shaft_condition(condition, 1.2, RIG.drive.ramp_s) for condition in conditions]
 
 
 def disobeyed(effect, **values):
@@ -78,7 +78,7 @@ def disobeyed(effect, **values):
 
 def test_an_obedient_shaft_rules_out_drives_that_would_have_moved_it_otherwise():
     drives = [catalogue()[name] for name in ("motor_speed_droop", "motor_speed_ripple")]
-    soft, rippling = (one.would_have_seen for one in excluded_by_tracking(shafts_of(RIG), RIG, drives))
+    soft, rippling = (one.would_have_seen for one in find_excluded_sizes(shafts_of(RIG), RIG, drives))
     assert soft == {"kp_Nm_s_per_rad": 200.0}  # the stiffest that is plausible, and even that
     assert disobeyed("motor_speed_droop", kp_Nm_s_per_rad=200.0, ki_Nm_per_rad=70.7) > 2.0
     (amplitude,) = rippling.values()
@@ -97,12 +97,12 @@ def test_an_effect_that_forces_and_shaft_would_have_shown_is_listed_once():
 
 def test_a_drive_that_the_rig_is_believed_to_have_is_not_ruled_out():
     soft = replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=8.0, ki_Nm_per_rad=60.0),))
-    assert excluded_by_tracking(shafts_of(RIG), soft, [catalogue()["motor_speed_droop"]]) == ()
+    assert find_excluded_sizes(shafts_of(RIG), soft, [catalogue()["motor_speed_droop"]]) == ()
 
 
 def test_a_shaft_that_is_late_disobeys_as_little_as_one_that_is_not():
-    (condition,) = conditions_of([late(stroke, 2.5e-3) for stroke in recorded(RIG, [(205.0, 2.433)])])
-    assert tracking_error(shaft_condition(condition, 1.2, RIG.drive.ramp_s), RIG.drive.ramp_s) < 0.2
+    (condition,) = group_by_condition([late(stroke, 2.5e-3) for stroke in recorded(RIG, [(205.0, 2.433)])])
+    assert tracking_error(make_shaft_condition(condition, 1.2, RIG.drive.ramp_s), RIG.drive.ramp_s) < 0.2
 
 
 def test_holm_multiplies_the_smallest_chance_by_all_and_never_falls():

@@ -4,20 +4,20 @@ from dataclasses import replace
 
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.diagnosis.data.observations import rms
 from rfca_rig.diagnosis.decision.decide import decide, join_decisions
-from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, drive_found
+from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, search_drive
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.leg.result import _late
-from rfca_rig.diagnosis.leg.shaft_observations import late_s, shaft_condition, tracks_command, turns_as_commanded
-from rfca_rig.diagnosis.leg.strokes import turn_of
+from rfca_rig.diagnosis.leg.result import _describe_delay
+from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, make_shaft_condition, tracks_command, turns_as_commanded
+from rfca_rig.diagnosis.leg.strokes import make_turn
 from rfca_rig.diagnosis.result import Criterion
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import simulate_stroke
 from tests.diagnosis.by_hand import (
     RIG,
     body_of,
@@ -43,7 +43,7 @@ def test_a_drive_that_sags_is_looked_for_though_the_forces_look_a_little_like_a_
     shafts = shafts_of(strokes, flaps)
     leg = found_among(flaps, ["shaft_compliance"])
     soft = replace(leg, named=tuple(replace(h, log_prior=1e6) for h in leg.named))
-    drive = drive_found(body_of(flaps, soft, shafts), soft, EFFECTS, lambda *_: None)
+    drive = search_drive(body_of(flaps, soft, shafts), soft, EFFECTS, lambda *_: None)
     assert drive.named[0].ids == ("motor_speed_droop",)
 
 
@@ -51,15 +51,15 @@ LATE_S = 3e-3
 
 
 def shafts_of(strokes, flaps):
-    return [shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s) for c, f in zip(conditions_of(strokes), flaps, strict=True)]
+    return [make_shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s) for c, f in zip(group_by_condition(strokes), flaps, strict=True)]
 
 
 def found_late(rig: RigModel) -> tuple[ModelSelectionResult, ModelSelectionResult]:
     """What is found in the leg and in the drive where all of the rig does everything 3 ms after it was told to."""
     strokes = [late(stroke, LATE_S) for stroke in recorded(rig, THREE)]
-    flaps = [replace(f, turn=turn_of(c, True)) for c, f in zip(conditions_of(strokes), flaps_of(strokes), strict=True)]
+    flaps = [replace(f, turn=make_turn(c, True)) for c, f in zip(group_by_condition(strokes), flaps_of(strokes), strict=True)]
     leg = found_among(flaps, [""])
-    return leg, drive_found(body_of(flaps, leg, shafts_of(strokes, flaps)), leg, EFFECTS, lambda *_: None)
+    return leg, search_drive(body_of(flaps, leg, shafts_of(strokes, flaps)), leg, EFFECTS, lambda *_: None)
 
 
 def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
@@ -67,7 +67,7 @@ def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
     decision = decide(drive)
     assert decision.verdict == "nothing missing"
     body = replace(body_of(drive.dataset.parts, leg, drive.dataset.parts), as_commanded=False)
-    (said,) = _late(body, verdicts_of(leg, nothing_missing(leg), drive, decision))
+    (said,) = _describe_delay(body, verdicts_of(leg, nothing_missing(leg), drive, decision))
     assert said.startswith("the drive does what it is told 3.0 ms late")
 
 
@@ -76,24 +76,26 @@ def test_a_shaft_that_is_only_late_is_no_case_for_the_drive():
     (shaft,) = shafts_of(strokes, flaps_of(strokes))
     assert not turns_as_commanded(shaft)
     assert tracks_command(shaft, RIG.drive.ramp_s)
-    assert late_s(shaft, RIG.drive.ramp_s) == pytest.approx(3e-3, rel=0.01)
+    assert estimate_delay_s(shaft, RIG.drive.ramp_s) == pytest.approx(3e-3, rel=0.01)
 
 
 def test_a_leg_behind_a_late_shaft_that_obeys_turns_by_its_command():
     """Along the recorded turn it would be shaken by the encoder's noise."""
     strokes = [late(stroke, LATE_S) for stroke in recorded(RIG, THREE, encoder_rad=3e-4)]
-    conditions, flaps = conditions_of(strokes), flaps_of(strokes)
+    conditions, flaps = group_by_condition(strokes), flaps_of(strokes)
     shafts = shafts_of(strokes, flaps)
     assert all(tracks_command(shaft, RIG.drive.ramp_s) for shaft in shafts)
 
     def missed(turns):
         behind = [replace(f, turn=turn) for f, turn in zip(flaps, turns, strict=True)]
-        return max(rms((flap.simulated(Supposed(RIG)) - flap.rows().measured) / flap.rows().noise) for flap in behind)
+        return max(rms((flap.simulated(ModelPoint(RIG)) - flap.rows().measured) / flap.rows().noise) for flap in behind)
 
-    by_command = missed([turn_of(c, False, late_s(shaft, RIG.drive.ramp_s)) for c, shaft in zip(conditions, shafts, strict=True)])
+    by_command = missed(
+        [make_turn(c, False, estimate_delay_s(shaft, RIG.drive.ramp_s)) for c, shaft in zip(conditions, shafts, strict=True)]
+    )
     assert by_command < 1.15
-    assert missed([turn_of(c, True) for c in conditions]) > 1.15 * by_command
-    assert missed([turn_of(c, False) for c in conditions]) > 10.0 * by_command
+    assert missed([make_turn(c, True) for c in conditions]) > 1.15 * by_command
+    assert missed([make_turn(c, False) for c in conditions]) > 10.0 * by_command
 
 
 @pytest.mark.parametrize("effects", [(), (present("motor_speed_ripple", amplitude_relative=0.1, cycles_per_turn=9.0),)])
@@ -102,10 +104,10 @@ def test_a_shaft_that_the_leg_does_not_act_on_turns_as_in_the_whole_stroke(effec
     (shaft,) = shafts_of(strokes, flaps_of(strokes))
     rig = replace(RIG, effects=effects)
     motion = ramp_to_speed(shaft.start_rad, shaft.speed_rad_s, rig.drive.ramp_s, float(shaft.t_s[-1]))
-    whole = stroke_following(rig, shaft.height_m, motion, shaft.t_s).shaft_angle_rad
+    whole = simulate_stroke(rig, shaft.height_m, motion, shaft.t_s).shaft_angle_rad
     stood_rad = whole[shaft.t_s <= 0.0].mean()
-    assert shaft.simulated(Supposed(rig)) == pytest.approx(
-        shaft._binned(whole - stood_rad - motion.angle_rad(shaft.t_s) + shaft.start_rad), abs=1e-7
+    assert shaft.simulated(ModelPoint(rig)) == pytest.approx(
+        shaft._bin_means(whole - stood_rad - motion.angle_rad(shaft.t_s) + shaft.start_rad), abs=1e-7
     )
 
 

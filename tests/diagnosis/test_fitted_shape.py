@@ -7,7 +7,7 @@ import pytest
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.decision.comparison import compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
-from rfca_rig.diagnosis.model_files import _found
+from rfca_rig.diagnosis.model_files import _to_found_effect
 from rfca_rig.diagnosis.result import NamedEffect, Value
 from rfca_rig.diagnosis.result_builder import present_effects
 from rfca_rig.model.parameters import PresentEffect
@@ -39,7 +39,7 @@ def test_the_fitted_shape_is_in_the_model_file_and_under_its_own_key_in_the_docu
     effect = NamedEffect(
         "ground_stribeck", "", 0.9, {"rise_relative": Value(0.5, 0.1), "speed_m_s": Value(0.3, 0.0)}, (), "", {"exponent": Value(1.9, 0.2)}
     )
-    path = written(tmp_path, found=[_found(effect)])
+    path = written(tmp_path, found=[_to_found_effect(effect)])
     assert "exponent is known to 0.2" in path.read_text()
     values = {"rise_relative": 0.5, "speed_m_s": 0.3, "exponent": 1.9}
     assert read_model_file(path).model().effects[-1] == PresentEffect("ground_stribeck", tuple(values.items()))

@@ -5,19 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.phases import StrokePhases
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.inference.model_selection import search_models
-from rfca_rig.diagnosis.leg.simulator import leg_dataset
-from rfca_rig.diagnosis.leg.strokes import FlapCondition, ShaftTurn
-from rfca_rig.diagnosis.residual_force.force_inputs import nominal_conditions, places_of
-from rfca_rig.diagnosis.residual_force.free_form import FreeForm, free_form, place_of
+from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
+from rfca_rig.diagnosis.leg.strokes import DynamicCondition, ShaftTurn
+from rfca_rig.diagnosis.residual_force.force_inputs import list_force_inputs, nominal_conditions
+from rfca_rig.diagnosis.residual_force.free_form import FreeForm, estimate_free_force, state_place
 from rfca_rig.diagnosis.residual_force.sparse_law import SERIES, SURE_OF_SIGN_RAD_S, series
-from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, SplineBasis, bump_in_turn, forced_stroke, tick, torque
-from rfca_rig.exam.cases import NOTHING, drawn_cases
+from rfca_rig.diagnosis.residual_force.spline_force import (
+    AT_REST_S,
+    SplineBasis,
+    advance_time,
+    bump_in_turn,
+    simulate_forced_stroke,
+    torque,
+)
+from rfca_rig.exam.cases import NOTHING, draw_cases
 from rfca_rig.exam.designs import ExamDesign
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.model.motion import ramp_to_speed
@@ -30,10 +37,10 @@ BUMPS = SplineBasis(0.03, 8)
 
 def told(folder, **concealed):
     """The free form for a campaign that hides this, without a look at the catalogue."""
-    (case,) = drawn_cases(7, {NOTHING: 1})
+    (case,) = draw_cases(7, {NOTHING: 1})
     write_campaign(replace(case, design=SHORT, **concealed), folder / "campaign")
     body, _ = prepare_data([read_campaign(folder / "campaign")])
-    return free_form(search_models(leg_dataset(body.flaps), body.coordinates, [], lambda *_: None))
+    return estimate_free_force(search_models(make_leg_dataset(body.flaps), body.coordinates, [], lambda *_: None))
 
 
 def test_bumps_add_up_to_a_force_that_is_there_before_the_start():
@@ -49,8 +56,8 @@ def test_the_law_follows_its_bump_by_its_own_clock(number):
     for _ in range(100):
         t_s = -0.3 + memory[0]
         assert torque(0.0, 0.0, 0.002, 0.0, 0.0, memory, row)[0] == pytest.approx(2.0 * BUMPS.at(np.array([t_s + 0.002]))[0, number])
-        tick(0.0, 0.0, 0.006, 0.0, 0.0, memory, row)
-    tick(0.0, 0.0, 2.0 * AT_REST_S, 0.0, 0.0, memory, row)
+        advance_time(0.0, 0.0, 0.006, 0.0, 0.0, memory, row)
+    advance_time(0.0, 0.0, 2.0 * AT_REST_S, 0.0, 0.0, memory, row)
     assert memory[0] == pytest.approx(0.6)
 
 
@@ -66,7 +73,7 @@ def resting_condition():
     first = np.arange(0, len(t_s), 10, dtype=np.intp)
     signals = ("fy_N", "fz_N", "tx_Nm")
     nothing = np.zeros((2, 3 * len(first)))
-    return FlapCondition(
+    return DynamicCondition(
         "",
         0.5,
         ShaftTurn(0.01, None),
@@ -81,8 +88,8 @@ def resting_condition():
 
 
 def test_the_mount_bears_what_pulls_at_the_tip_of_a_resting_leg():
-    (here,) = nominal_conditions([resting_condition()], Supposed(PAPER))
-    places = {place.id: place for place in places_of(here.in_hinge.shape[2])}
+    (here,) = nominal_conditions([resting_condition()], ModelPoint(PAPER))
+    places = {place.id: place for place in list_force_inputs(here.in_hinge.shape[2])}
     at_rest = slice(0, 5)
     down = places["tip_down"].response(here).sum(axis=1).reshape(3, -1)[:, at_rest]
     along = places["tip_along"].response(here).sum(axis=1).reshape(3, -1)[:, at_rest]
@@ -93,11 +100,13 @@ def test_the_mount_bears_what_pulls_at_the_tip_of_a_resting_leg():
 
 
 def test_a_pull_at_the_tip_bends_the_leg_as_a_weight_there_does():
-    (here,) = nominal_conditions([resting_condition()], Supposed(PAPER))
-    place = next(place for place in places_of(here.in_hinge.shape[2]) if place.id == "tip_down")
+    (here,) = nominal_conditions([resting_condition()], ModelPoint(PAPER))
+    place = next(place for place in list_force_inputs(here.in_hinge.shape[2]) if place.id == "tip_down")
     grams = 3.0
     heavier = replace(PAPER, effects=(PresentEffect("tip_mass", (("mass_g", grams),)),))
-    weigh_models = here.change_to(forced_stroke(here.flap, Supposed(heavier), ()), 1e-3 * grams * GRAVITY_M_S2).reshape(3, -1)[2, :5]
+    weigh_models = here.change_to(simulate_forced_stroke(here.flap, ModelPoint(heavier), ()), 1e-3 * grams * GRAVITY_M_S2).reshape(3, -1)[
+        2, :5
+    ]
     assert place.response(here).sum(axis=1).reshape(3, -1)[2, :5] == pytest.approx(weigh_models, rel=5e-3)
 
 
@@ -119,20 +128,20 @@ def ranked(*places, is_located=True):
 
 
 def test_the_part_is_stated_that_is_clearly_more_probable_than_the_others():
-    stated = place_of(ranked(("tip_along", 50.0), ("tip_down", 30.0), ("hinge2", 40.0)))
+    stated = state_place(ranked(("tip_along", 50.0), ("tip_down", 30.0), ("hinge2", 40.0)))
     assert stated is not None and (stated.id, stated.words) == ("ground", "at tip_along")
     assert 0.8 < stated.probability <= 0.9
-    assert place_of(ranked(("tip_along", 50.0), ("hinge2", 49.0))) is None
+    assert state_place(ranked(("tip_along", 50.0), ("hinge2", 49.0))) is None
 
 
 def test_a_part_with_many_places_is_no_more_probable_for_that():
     """Six hinges as good as one channel."""
-    assert place_of(ranked(*((f"hinge{i}", 50.0) for i in range(2, 8)), ("fz_N", 48.5))) is None
-    assert place_of(ranked(*((f"hinge{i}", 50.0) for i in range(2, 8)), ("fz_N", 46.0))).id == "hinges"
+    assert state_place(ranked(*((f"hinge{i}", 50.0) for i in range(2, 8)), ("fz_N", 48.5))) is None
+    assert state_place(ranked(*((f"hinge{i}", 50.0) for i in range(2, 8)), ("fz_N", 46.0))).id == "hinges"
 
 
 def test_where_no_force_explains_the_misfit_no_part_is_stated():
-    assert place_of(ranked(("fz_N", 500.0), ("hinge2", 10.0), is_located=False)) is None
+    assert state_place(ranked(("fz_N", 500.0), ("hinge2", 10.0), is_located=False)) is None
 
 
 @pytest.mark.long

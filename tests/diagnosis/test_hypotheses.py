@@ -11,7 +11,7 @@ from rfca_rig.diagnosis.inference.hypotheses import weigh_models
 from rfca_rig.diagnosis.inference.map_fit import without_scatter
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of
-from rfca_rig.diagnosis.leg.simulator import leg_dataset
+from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, recorded
 
@@ -22,7 +22,7 @@ DAMPED, HEAVY = (EffectTerm(catalogue()[name]) for name in ("hinge_viscous_dampi
 def fits_of(times_damping):
     """Nothing missing, more damping and a heavier tip, each where it fits best to a leg whose hinges are damped so many times."""
     leg = replace(RIG.leg, hinge_damping_Nm_s_per_rad=times_damping * RIG.leg.hinge_damping_Nm_s_per_rad)
-    dataset = leg_dataset(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
+    dataset = make_leg_dataset(flaps_of(recorded(replace(RIG, leg=leg), CONDITIONS, with_shaft=False)))
     optimizer = without_scatter(dataset)
     base = Parameterization(nuisances_of(RIG, KNOWN_TO | {"hinge_damping_relative": 0.5}, 0.0))
     fits = [optimizer.at(base.with_terms(choices), np.zeros(base.size + len(choices))) for choices in ((), (DAMPED,), (HEAVY,))]
@@ -59,7 +59,7 @@ def test_it_does_where_the_effect_needs_what_nobody_believes_as_well(far):
     optimizer, base, damped, _ = far
     idle = np.column_stack([base.jacobian, np.zeros(len(base.predicted))])
     strained = replace(damped, predicted=base.predicted, x=np.append(base.x, 0.0), jacobian=idle)
-    assert optimizer.evaluate(strained).farthest(base.coordinates.nuisances) > IMPLAUSIBLE
+    assert optimizer.evaluate(strained).max_nuisance_shift(base.coordinates.nuisances) > IMPLAUSIBLE
     nothing, _ = weigh_models(optimizer, base, [strained], 20)
     assert nothing.marginal.log_evidence == pytest.approx(optimizer.log_evidence(base))
 

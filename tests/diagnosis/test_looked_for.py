@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
 from rfca_rig.diagnosis.diagnose import _candidates as candidates
 from rfca_rig.diagnosis.diagnose import prepare_data
-from rfca_rig.diagnosis.leg.stages import stage_tables
+from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.errors import BadInput
-from rfca_rig.exam.cases import POOR_DATA, drawn_cases
+from rfca_rig.exam.cases import POOR_DATA, draw_cases
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect
@@ -61,10 +61,10 @@ def test_conditions_and_tables_are_simulated_after_the_strokes_before_them():
     fading = PresentEffect("stiffness_fading", (("loss_per_decade_relative", 0.2),))
     for condition, before in [(flap, 9), (table, 4)]:
         leg = replace(RIG.leg, k0_Nm_per_rad=RIG.leg.k0_Nm_per_rad * 0.8 ** np.log10(1.0 + before))
-        softer = condition.simulated(Supposed(replace(RIG, leg=leg)))
-        assert condition.simulated(Supposed(replace(RIG, effects=(fading,)))) == pytest.approx(softer, rel=1e-6, abs=1e-6)
+        softer = condition.simulated(ModelPoint(replace(RIG, leg=leg)))
+        assert condition.simulated(ModelPoint(replace(RIG, effects=(fading,)))) == pytest.approx(softer, rel=1e-6, abs=1e-6)
     later = [replace(stage, strokes_before=9) for stage in table.stages]
-    assert len(stage_tables([*table.stages, *later], {}, table.moves)) == 2
+    assert len(make_stage_tables([*table.stages, *later], {}, table.moves)) == 2
 
 
 def test_one_that_is_in_no_catalogue_is_refused_before_anything_is_read(monkeypatch, capsys, tmp_path):
@@ -76,7 +76,7 @@ def test_one_that_is_in_no_catalogue_is_refused_before_anything_is_read(monkeypa
 
 
 def test_the_answer_says_so_and_does_not_speak_of_them(monkeypatch, capsys, tmp_path):
-    (case,) = drawn_cases(7, {POOR_DATA: 1})
+    (case,) = draw_cases(7, {POOR_DATA: 1})
     write_campaign(case, tmp_path / "campaign")
     words = ("diagnose", tmp_path / "campaign", "--without", "tip_mass", "--without", "fluid_drag", "--out", tmp_path / "out")
     said = typed(monkeypatch, capsys, *words)

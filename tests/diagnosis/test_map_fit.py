@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of
-from rfca_rig.diagnosis.leg.simulator import leg_dataset
+from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, recorded
@@ -20,7 +20,7 @@ HALF = {"contact_stiffness_relative": 0.5}
 @pytest.fixture(scope="module")
 def found():
     """A soft floor fitted to a leg on one, the nominal contact known to a half."""
-    dataset = leg_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
+    dataset = make_leg_dataset(flaps_of(recorded(SOFT, [(205.0, 2.433), (220.0, 3.249)], with_shaft=False)))
     optimizer = without_scatter(dataset)
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | HALF, 0.0), (EffectTerm(catalogue()["ground_compliance"]),))
     x = np.zeros(coordinates.size)
@@ -62,7 +62,7 @@ def test_an_effect_and_a_nuisance_that_both_move_nothing_have_no_slope(found):
     contact, size = best.coordinates.space.names.index("contact_stiffness"), best.coordinates.nuisances
     jacobian = best.jacobian.copy()
     jacobian[:, [contact, size]] = 0.0
-    assert not optimizer._aligned(best.coordinates, jacobian)[:, [contact, size]].any()
+    assert not optimizer._align_nuisances(best.coordinates, jacobian)[:, [contact, size]].any()
 
 
 def test_a_fit_is_judged_once_by_each_that_judges(found):

@@ -6,32 +6,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.swings import swings_of
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.swings import make_swing_problem
 from rfca_rig.campaign.pendulum import read_pendulum_campaign
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import read_model_file
-from rfca_rig.diagnosis.config import NEAR
+from rfca_rig.diagnosis.config import CLOSE_LOG_EVIDENCE
 from rfca_rig.diagnosis.diagnose import prepare_data, search_base
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization, coordinate_of, value_of
-from rfca_rig.diagnosis.leg.simulator import leg_dataset
-from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of
+from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
+from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, make_basis
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel
 from rfca_rig.diagnosis.model_files import write_measured_model
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
-from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, cut_stretches, make_pendulum_dataset
 from rfca_rig.diagnosis.residual_force.catalogue_curve import catalogue_curve
-from rfca_rig.diagnosis.residual_force.law_arguments import knots_over, make_argument
-from rfca_rig.diagnosis.residual_force.law_prior import NONE, root_of
+from rfca_rig.diagnosis.residual_force.law_arguments import make_argument, place_knots
+from rfca_rig.diagnosis.residual_force.law_prior import NONE, prior_root
 from rfca_rig.diagnosis.residual_force.measured_law import TableTerm, base_without, fit_law, measure_law, with_memory_test
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import simulate_campaign
-from rfca_rig.exam.cases import NOTHING, drawn_cases
+from rfca_rig.exam.cases import NOTHING, draw_cases
 from rfca_rig.exam.designs import ExamDesign
-from rfca_rig.exam.sampled_rig import world_of
-from rfca_rig.executors.cores import algebra_on_one_thread
+from rfca_rig.exam.sampled_rig import build_world
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import LawTable, PresentEffect
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
@@ -44,7 +44,7 @@ PENDULUM = Path(__file__).parents[1] / "data" / "dfki-pendulum" / "simple"
 
 def campaign(folder, design, **concealed):
     """A campaign of the exam's own engine that conceals this."""
-    (case,) = drawn_cases(7, {NOTHING: 1})
+    (case,) = draw_cases(7, {NOTHING: 1})
     simulate_campaign.write_campaign(replace(case, design=design, **concealed), folder)
     return read_campaign(folder)
 
@@ -96,19 +96,19 @@ def squared_stribeck(tmp_path_factory):
     folder = tmp_path_factory.mktemp("squared")
 
     def squared(*args):
-        world = world_of(*args)
+        world = build_world(*args)
         return replace(world, floor=replace(world.floor, stribeck_power=2.0))
 
     concealed = {"ground_stribeck": {"rise_relative": 0.5, "speed_m_s": 0.28}}
-    with pytest.MonkeyPatch.context() as patch, algebra_on_one_thread():
-        patch.setattr(simulate_campaign, "world_of", squared)
+    with pytest.MonkeyPatch.context() as patch, single_threaded_blas():
+        patch.setattr(simulate_campaign, "build_world", squared)
         return *searched(folder, effects=concealed), campaign(folder / "other heights", OTHER, effects=concealed)
 
 
 @pytest.mark.long
 def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_new_heights(tmp_path, squared_stribeck):
     found, recording, at_other_heights = squared_stribeck
-    with algebra_on_one_thread():
+    with single_threaded_blas():
         law = measure_law(found, "floor_friction", found.nothing, ["slip_m_s"])
     truth = np.array([0.45 * (1.0 + 0.5 * np.exp(-((u / 0.28) ** 2))) for u in law.knots])
     inner = np.abs(law.knots) < 1.5
@@ -119,18 +119,18 @@ def test_a_stribeck_law_of_another_exponent_is_measured_and_its_model_predicts_n
     again = read_model_file(tmp_path / "model.toml").model()
     assert again.effects[-1].table.values == pytest.approx(law.present.table.values, abs=1e-6)
     body, _ = prepare_data([at_other_heights])
-    others = leg_dataset(body.flaps)
-    nominal, with_law = (np.std(others.rows.measured - others.predicted(Supposed(rig))) for rig in (body.rig, again))
+    others = make_leg_dataset(body.flaps)
+    nominal, with_law = (np.std(others.rows.measured - others.predicted(ModelPoint(rig))) for rig in (body.rig, again))
     assert with_law < 0.5 * nominal
 
 
 @pytest.mark.long
 def test_a_friction_law_is_the_same_within_its_band_wherever_its_fit_begins(squared_stribeck):
     found, _, _ = squared_stribeck
-    with algebra_on_one_thread():
+    with single_threaded_blas():
         laws = [fit_law(found, make_argument("floor_friction", "slip_m_s"), moved_a_little(found, seed)) for seed in range(5)]
     log_evidence = [law.hypothesis.marginal.log_evidence for law in laws]
-    assert np.ptp(log_evidence) < NEAR
+    assert np.ptp(log_evidence) < CLOSE_LOG_EVIDENCE
     u = laws[0].knots
     whole = np.array([np.interp(u, law.knots, law.whole) for law in laws])
     std = np.array([np.interp(u, law.knots, law.whole_std) for law in laws])
@@ -199,10 +199,10 @@ def test_an_argument_that_a_place_lacks_is_refused(crosstalk):
 
 
 def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
-    problem = swings_of(read_pendulum_campaign(PENDULUM), WINDOW_S, BIN_S)
+    problem = make_swing_problem(read_pendulum_campaign(PENDULUM), WINDOW_S, BIN_S)
     coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
-    with algebra_on_one_thread():
-        found = search_models(pendulum_dataset(stretches_of(problem)), coordinates, [], lambda *_: None)
+    with single_threaded_blas():
+        found = search_models(make_pendulum_dataset(cut_stretches(problem)), coordinates, [], lambda *_: None)
         law = measure_law(found, "joint1", found.nothing)
     assert law.argument == "rate_rad_s"
     sliding = (np.abs(law.knots) > 0.4) & (np.abs(law.knots) < 4.0)
@@ -214,10 +214,10 @@ def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
 
 def test_the_log_density_of_a_condition_is_that_of_all_rows_less_that_of_the_others():
     flaps = flaps_of(recorded(RIG, CONDITIONS[:2]))
-    rows = leg_dataset(flaps).rows
+    rows = make_leg_dataset(flaps).rows
     count, random = len(rows.measured), np.random.default_rng(1)
     linear = LinearModel(random.standard_normal(count), random.standard_normal((count, 3)))
-    whitening = AtError(basis_of(rows, 0.1 * random.standard_normal((count, 2))), 0.02)
+    whitening = DiscrepancyWhitening(make_basis(rows, 0.1 * random.standard_normal((count, 2))), 0.02)
     covariance = whitening.covariance() + linear.jacobian @ linear.jacobian.T
 
     def log_density(kept):
@@ -230,7 +230,7 @@ def test_the_log_density_of_a_condition_is_that_of_all_rows_less_that_of_the_oth
 
 
 def test_knots_of_a_speed_stand_denser_around_zero_which_is_one_of_them():
-    knots = knots_over((-2.0, 0.7), is_signed=True)
+    knots = place_knots((-2.0, 0.7), is_signed=True)
     assert (knots[0], knots[-1]) == pytest.approx((-2.0, 0.7))
     assert 0.0 in knots
     steps, near = np.diff(knots), int(np.flatnonzero(knots == 0.0)[0])
@@ -240,12 +240,12 @@ def test_knots_of_a_speed_stand_denser_around_zero_which_is_one_of_them():
 
 def test_a_smooth_prior_leaves_a_straight_line_free_and_may_know_that_nothing_is_nothing():
     knots = np.linspace(-1.0, 1.0, 9)
-    root = root_of(knots, 2.0, 0.03)
+    root = prior_root(knots, 2.0, 0.03)
     covariance = root @ root.T
     bend = np.diff(np.eye(9), 2, axis=0)
     assert np.sqrt(np.diag(bend @ covariance @ bend.T)).max() <= 2.0 * 0.03
     assert np.sqrt(covariance[0, 0]) > 1.0
-    known = root_of(knots, 2.0, 0.3, zero_at_zero=True)
+    known = prior_root(knots, 2.0, 0.3, zero_at_zero=True)
     assert np.sqrt((known @ known.T)[4, 4]) == pytest.approx(2.0 * NONE, rel=0.1)
 
 

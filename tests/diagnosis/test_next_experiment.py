@@ -7,15 +7,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.repeats import conditions_of
-from rfca_rig.bench.expectation import expected_loads
+from rfca_rig.analysis.repeats import group_by_condition
+from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.description.protocol_file import read_dynamic, read_static
 from rfca_rig.diagnosis.experiment_design.expected_information import ExpectedInformation
-from rfca_rig.diagnosis.experiment_design.leg_experiment import SEQUENCES, FeasibleRegion, _list_options, next_experiment, stage_design
-from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL, protocol_of, write_next_protocol
+from rfca_rig.diagnosis.experiment_design.leg_experiment import (
+    SEQUENCES,
+    FeasibleRegion,
+    _list_options,
+    make_stage_design,
+    propose_experiment,
+)
+from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL, make_protocol, write_next_protocol
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypotheses
-from rfca_rig.diagnosis.leg.shaft_observations import shaft_condition
-from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
+from rfca_rig.diagnosis.leg.shaft_observations import make_shaft_condition
+from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.experiments import flapping_plan, static_plan
@@ -70,7 +76,7 @@ def nothing_open():
 
 
 def proposed(case, limits=None, enough=True):
-    return next_experiment(case.body, case.verdicts, enough, limits)
+    return propose_experiment(case.body, case.verdicts, enough, limits)
 
 
 def test_a_small_lag_and_a_clock_are_told_apart_by_a_tap():
@@ -100,10 +106,10 @@ def test_a_drive_seen_at_one_speed_only_is_asked_at_another():
     rig = replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=5.0, ki_Nm_per_rad=40.0),))
     strokes = recorded(rig, ONE_SPEED)
     flaps = flaps_of(strokes)
-    shafts = [shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s) for c, f in zip(conditions_of(strokes), flaps, strict=True)]
+    shafts = [make_shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s) for c, f in zip(group_by_condition(strokes), flaps, strict=True)]
     leg, drive = found_among(flaps, []), found_among(shafts, ["motor_speed_droop", "motor_speed_ripple"])
     body = body_of(flaps, leg, shafts)
-    proposal = next_experiment(body, verdicts_of(leg, nothing_missing(leg), drive, undecided(drive)), True, LIMITS)
+    proposal = propose_experiment(body, verdicts_of(leg, nothing_missing(leg), drive, undecided(drive)), True, LIMITS)
     assert proposal["kind"] == "dynamic"
     assert abs(proposal["speed_rad_s"] / 2.433 - 1.0) > 0.15
 
@@ -115,7 +121,7 @@ def test_nothing_is_proposed_where_nothing_is_open(nothing_open):
 def test_too_few_conditions_ask_for_one_that_is_unlike_them(nothing_open):
     flaps = nothing_open.body.flaps[:2]
     found = found_among(flaps, [])
-    proposal = next_experiment(body_of(flaps, found), verdicts_of(found, nothing_missing(found)), False, LIMITS)
+    proposal = propose_experiment(body_of(flaps, found), verdicts_of(found, nothing_missing(found)), False, LIMITS)
     assert (proposal["kind"], proposal["separates"], proposal["repeats"]) == ("dynamic", [], 3)
     assert all(
         abs(1e3 * f.height_m - proposal["height_mm"]) > 15.0 or abs(f.turn.speed_rad_s - proposal["speed_rad_s"]) > 1.0 for f in flaps
@@ -129,7 +135,7 @@ def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
     options = [o for o in _list_options(case.body, case.verdicts, contest, True, limits) if "height_mm" in o.design.settings]
     assert options
     for option in options:
-        protocol = protocol_of({**option.design.settings, "repeats": option.repeats})
+        protocol = make_protocol({**option.design.settings, "repeats": option.repeats})
         plan = (
             flapping_plan(protocol.flapping(), facts)
             if option.design.settings["kind"] == "dynamic"
@@ -137,7 +143,7 @@ def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
         )
         for hypothesis in contest.open:
             rig = hypothesis.fitted.coordinates.supposed(hypothesis.fitted.x).rig
-            check_plan(plan, expected_loads(plan, rig))
+            check_plan(plan, predict_loads(plan, rig))
 
 
 def test_a_rig_without_known_limits_is_asked_for_no_more_than_it_did(gain_or_spring):
@@ -164,7 +170,7 @@ def test_recorded_conditions_are_not_asked_for_again(gain_or_spring):
 
 def test_pushing_a_bent_leg_back_is_refused_where_it_wedges_beyond_the_limit():
     def back(force_N):
-        design = stage_design("slow reversal", 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(force_N, 50.0)), NOISE)
+        design = make_stage_design("slow reversal", 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(force_N, 50.0)), NOISE)
         return design.simulate(SimpleNamespace(rig=RIG, height_offset_m=0.0, turn_offset_rad=0.0))
 
     assert back(300.0) is not None
@@ -173,7 +179,7 @@ def test_pushing_a_bent_leg_back_is_refused_where_it_wedges_beyond_the_limit():
 
 @pytest.mark.parametrize("kind", SEQUENCES)
 def test_a_static_proposal_is_a_protocol_that_a_run_takes(tmp_path, kind):
-    settings = stage_design(kind, 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(1e3, 1e3)), NOISE).settings
+    settings = make_stage_design(kind, 0.215, FeasibleRegion(0.2, 0.25, 5.0, Load(1e3, 1e3)), NOISE).settings
     path = write_next_protocol(tmp_path, {**settings, "repeats": 1, "why": "to see", "protocol": NEXT_PROTOCOL})
     protocol = read_static(path)
     assert protocol.heights_mm == (215.0,)
@@ -198,7 +204,7 @@ def test_a_protocol_that_is_no_longer_proposed_is_taken_away(tmp_path):
 
 def test_a_protocol_that_no_rig_could_take_is_refused():
     with pytest.raises(BadInput, match="height_mm"):
-        protocol_of({"height_mm": -1.0, "speed_rad_s": 2.0})
+        make_protocol({"height_mm": -1.0, "speed_rad_s": 2.0})
 
 
 ROWS = 6
@@ -212,7 +218,7 @@ def linear_view():
     slopes[1, :, 0] = slopes[0, :, 0]
     predicted = random.standard_normal((2, ROWS))
     rivals = [_rival(slopes[k], np.diag([0.3, 0.2 + 0.1 * k])) for k in range(2)]
-    contest = SimpleNamespace(open=rivals, found=SimpleNamespace(scatter=Scatter({"height": 0.05}, np.empty((ROWS, 0)))))
+    contest = SimpleNamespace(open=rivals, found=SimpleNamespace(scatter=RepeatScatter({"height": 0.05}, np.empty((ROWS, 0)))))
     dataset = SimpleNamespace(
         predicted_all=lambda points: [predicted[k] + slopes[k] @ x for k, x in points],
         flaps=(),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.description.sections import KnownToSection
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of, nuisances_of_drive
 from tests.diagnosis.by_hand import RIG
@@ -21,7 +21,7 @@ EVERY = {
 def priors(**known_to):
     """The standard deviations of the leg's nuisance parameters and of the drive's, by name."""
     KnownToSection(**known_to)
-    leg, drive = nuisances_of(RIG, known_to, 0.5), nuisances_of_drive(RIG, Supposed(RIG), known_to)
+    leg, drive = nuisances_of(RIG, known_to, 0.5), nuisances_of_drive(RIG, ModelPoint(RIG), known_to)
     return dict(zip(drive.names, drive.std, strict=True)) | dict(zip(leg.names, leg.std, strict=True))
 
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.fitting.space import never_below
-from rfca_rig.analysis.swings import swings_of
+from rfca_rig.analysis.swings import make_swing_problem
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
 from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
-from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum, space_of_pendulum
-from rfca_rig.diagnosis.pendulums.windows import stretches_of
+from rfca_rig.diagnosis.pendulums.nuisances import PendulumInput, space_of_pendulum
+from rfca_rig.diagnosis.pendulums.windows import cut_stretches
 from rfca_rig.model.joint_drive import torque_trace
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.pendulum import Pendulum, PendulumLink, driven, rods
+from rfca_rig.model.pendulum import Pendulum, PendulumLink, make_driven_pendulum, rods
 
 DATA = Path(__file__).parents[1] / "data" / "dfki-pendulum"
 REAL_FREE = Path(__file__).parents[1] / "data" / "pendulums" / "free-swing"
@@ -164,7 +164,7 @@ def recorded(seed: int, pendulum: Pendulum, effects: tuple[PresentEffect, ...]) 
     random = np.random.default_rng(seed)
     t_s = np.arange(0.0, 4.3, 0.004)
     torque = 1.2 * np.sin((4.0 + seed) * t_s + seed)[:, None]
-    after = driven(pendulum, effects).swing(torque_trace(t_s, torque), np.array([0.8]), np.zeros(1), t_s[1:])
+    after = make_driven_pendulum(pendulum, effects).swing(torque_trace(t_s, torque), np.array([0.8]), np.zeros(1), t_s[1:])
     angle, speed = np.append(0.8, after.angle_rad)[:, None], np.append(0.0, after.speed_rad_s)[:, None]
     noisy = angle + random.normal(0, ANGLE_NOISE, angle.shape), speed + random.normal(0, SPEED_NOISE, speed.shape)
     return PendulumRun(f"sine {seed}, repeat 1", f"sine {seed}", 1, t_s, *noisy, torque)
@@ -198,8 +198,8 @@ def test_too_short_a_recording_is_not_enough_data():
 
 
 def test_rows_lie_beside_what_the_model_says_of_them():
-    problem = swings_of(simulated(), 0.5, 0.05)
-    stretches = stretches_of(problem)
+    problem = make_swing_problem(simulated(), 0.5, 0.05)
+    stretches = cut_stretches(problem)
     assert len(stretches) == 4
     assert stretches[0].named == "sine 1, repeat 1, 0.1 to 2.1 s"
     supposed = space_of_pendulum(BELIEVED, problem.nuisances).at(np.zeros(3))
@@ -211,8 +211,8 @@ def test_rows_lie_beside_what_the_model_says_of_them():
 
 @pytest.mark.parametrize("which", [0, 1], ids=["angle", "speed"])
 def test_what_an_uncertain_start_does_is_taken_off_as_far_as_it_can_be_told_from_noise(which):
-    first = stretches_of(swings_of(simulated(), 0.5, 0.05))[0].windows[0]
-    ready, effect = driven(BELIEVED), first.window.start_effect[which]
+    first = cut_stretches(make_swing_problem(simulated(), 0.5, 0.05))[0].windows[0]
+    ready, effect = make_driven_pendulum(BELIEVED), first.window.start_effect[which]
     usual = np.hypot(first.window.sensor_std, 0.01 * first.scale)
     told = np.sum((effect / usual) ** 2)
     moved = replace(first, window=replace(first.window, measured=first.window.predicted(ready) + effect))
@@ -221,7 +221,7 @@ def test_what_an_uncertain_start_does_is_taken_off_as_far_as_it_can_be_told_from
 
 
 def test_the_model_s_error_grows_as_a_wrong_torque_makes_it_grow():
-    window = stretches_of(swings_of(simulated(), 0.5, 0.05))[0].windows[0]
+    window = cut_stretches(make_swing_problem(simulated(), 0.5, 0.05))[0].windows[0]
     t_s = window.window.middles_s
     growth = window.scale[0, 0] / t_s**2
     assert growth[2:5] == pytest.approx(growth[1], rel=0.1)
@@ -230,9 +230,9 @@ def test_the_model_s_error_grows_as_a_wrong_torque_makes_it_grow():
 
 
 def test_effects_of_a_supposed_pendulum_are_in_its_rig():
-    problem = swings_of(simulated(), 0.5, 0.05)
-    stretch = stretches_of(problem)[0]
-    plain = SupposedPendulum(rods(BELIEVED))
+    problem = make_swing_problem(simulated(), 0.5, 0.05)
+    stretch = cut_stretches(problem)[0]
+    plain = PendulumInput(rods(BELIEVED))
     friction = replace(plain, rig=replace(plain.rig, effects=(PresentEffect("joint_friction", (("torque_Nm", 0.3),)),)))
     assert np.abs(stretch.simulated(friction) - stretch.simulated(plain)).max() > 0.05
     shifted = replace(plain, off=(("link1.torque_offset_Nm", 0.3),))

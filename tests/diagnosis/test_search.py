@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.diagnosis.config import SearchConfig
 from rfca_rig.diagnosis.inference import model_selection
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.inference.screening import EffectProbe, grid_of, grid_points, promising_points, terms_of
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of
-from rfca_rig.diagnosis.leg.simulator import MOVES, leg_dataset, tables_of
-from rfca_rig.diagnosis.leg.stages import stage_tables
+from rfca_rig.diagnosis.leg.simulator import MOVES, make_leg_dataset, select_tables
+from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, present, read_at_rest, recorded
@@ -31,10 +31,10 @@ def search(effects, candidates=CANDIDATES, tables=False, config=SearchConfig()):
     rig = replace(RIG, effects=effects)
     parts = flaps_of(recorded(rig, CONDITIONS, with_shaft=False))
     if tables:
-        stages = read_at_rest(Supposed(rig), SOFTLY, (60.0, 80.0, 100.0, 120.0))
-        parts = [*parts, *stage_tables(stages, {}, BRISKLY)]
+        stages = read_at_rest(ModelPoint(rig), SOFTLY, (60.0, 80.0, 100.0, 120.0))
+        parts = [*parts, *make_stage_tables(stages, {}, BRISKLY)]
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0))
-    return search_models(leg_dataset(parts), coordinates, [catalogue()[name] for name in candidates], lambda *_: None, config=config)
+    return search_models(make_leg_dataset(parts), coordinates, [catalogue()[name] for name in candidates], lambda *_: None, config=config)
 
 
 @pytest.mark.parametrize("effects", [(HEAVY,), (HEAVY, LEAKING)], ids=["one", "two"])
@@ -64,7 +64,7 @@ def test_an_effect_that_promises_too_little_is_not_fitted():
 
 def test_the_static_approach_is_learnt_from_what_fits_well():
     found = search((HEAVY,), ("tip_mass",), tables=True)
-    assert {table.moves for table in tables_of(found.dataset.parts)} == {SOFTLY}
+    assert {table.moves for table in select_tables(found.dataset.parts)} == {SOFTLY}
     assert found.named[0].ids == ("tip_mass",)
 
 
@@ -93,7 +93,7 @@ def test_an_effect_promises_what_it_does_though_nuisance_parameters_are_off():
     rig = replace(RIG, leg=leg, effects=(present("stiffness_hardening", k2_per_rad2=3.8),))
     flaps = flaps_of(recorded(rig, [(height_mm - 0.4, speed) for height_mm, speed in CONDITIONS], with_shaft=False))
     parts = [replace(flap, height_m=flap.height_m + 4e-4) for flap in flaps]
-    state = model_selection._fit_nominal(leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), SearchConfig())
+    state = model_selection._fit_nominal(make_leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), SearchConfig())
 
     def promise(base, name):
         screen = model_selection._screen(state, base, model_selection._projection(state, base), points_of(name))
@@ -114,7 +114,7 @@ def looped():
     parts = flaps_of(recorded(replace(RIG, effects=(DRY,)), CONDITIONS, with_shaft=False))
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0))
     config = SearchConfig()
-    state = model_selection._fit_nominal(leg_dataset(parts), coordinates, config)
+    state = model_selection._fit_nominal(make_leg_dataset(parts), coordinates, config)
     (loop,) = terms_of(catalogue()["spring_hysteresis"])
     start = model_selection.FitStart((loop,), np.concatenate([state.nothing.x, grid_of(loop)[0]]), state.nothing.jacobian)
     return state.with_fits([state.optimizer.converge(model_selection._fit(state.optimizer, state, start, 5))])
@@ -137,16 +137,16 @@ def test_a_strained_nuisance_gives_way_to_the_effect_that_does_the_same():
     """A rack that stands 4 mm higher than stated, its height known to 0.5 mm."""
     parts = flaps_of(recorded(replace(RIG, effects=(present("height_offset", offset_mm=4.0),)), CONDITIONS, with_shaft=False))
     coordinates = Parameterization(nuisances_of(RIG, KNOWN_TO | {"height_mm": 0.5}, 0.0))
-    state = model_selection._fit_nominal(leg_dataset(parts), coordinates, SearchConfig())
+    state = model_selection._fit_nominal(make_leg_dataset(parts), coordinates, SearchConfig())
     found = exchange(state, "height_offset")
     assert found.best.ids == ("height_offset",)
-    assert state.nothing.farthest > 2.5 > found.best.farthest
+    assert state.nothing.max_nuisance_shift > 2.5 > found.best.max_nuisance_shift
 
 
 def begun_with(effect, found_as, known_to):
     """The search where so far only a wrong effect has been fitted."""
     parts = flaps_of(recorded(replace(RIG, effects=(effect,)), CONDITIONS, with_shaft=False))
-    state = model_selection._fit_nominal(leg_dataset(parts), Parameterization(nuisances_of(RIG, known_to, 0.0)), SearchConfig())
+    state = model_selection._fit_nominal(make_leg_dataset(parts), Parameterization(nuisances_of(RIG, known_to, 0.0)), SearchConfig())
     (term,) = terms_of(catalogue()[found_as])
     start = model_selection.FitStart((term,), np.concatenate([state.nothing.x, grid_of(term)[0]]), state.nothing.jacobian)
     return state.with_fits([model_selection._fit(state.optimizer, state, start, 5)])
@@ -157,7 +157,7 @@ def test_an_effect_gives_way_to_one_that_does_the_same_as_a_strained_nuisance(mo
     monkeypatch.setattr(model_selection, "LARGEST_SET", 1)  # nothing can be added
     monkeypatch.setattr(type(state), "best", property(lambda self: max(self.fits, key=self.optimizer.free_log_evidence)))
     state = replace(state, exchanged=frozenset({frozenset()}))
-    assert state.best.ids == ("tip_mass",) and state.best.farthest > 2.5
+    assert state.best.ids == ("tip_mass",) and state.best.max_nuisance_shift > 2.5
     assert exchange(state, "height_offset").best.ids == ("height_offset",)
 
 

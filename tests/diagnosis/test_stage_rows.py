@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.leg.stages import stage_tables
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.recording.model import StaticStage
@@ -29,12 +29,12 @@ STAGES = [
 
 @pytest.fixture
 def table():
-    return stage_tables(STAGES, {}, StageMoves(1.0, 0.05))[0]
+    return make_stage_tables(STAGES, {}, StageMoves(1.0, 0.05))[0]
 
 
 def test_a_table_creeps_for_as_long_as_it_says_that_its_stages_were_held(table):
     arm = PresentEffect("spring_relaxation", (("strength_relative", 0.3), ("time_constant_s", 2.0)))
-    creeping = Supposed(replace(RIG, effects=(arm,)))
+    creeping = ModelPoint(replace(RIG, effects=(arm,)))
     pressed = tuple(replace(stage, shaft_angle_rad=stage.shaft_angle_rad + 1.2) for stage in table.stages)
     table = replace(table, stages=pressed)
     held = replace(table, stages=tuple(replace(stage, held_s=4.0) for stage in pressed))
@@ -45,11 +45,11 @@ def test_a_table_creeps_for_as_long_as_it_says_that_its_stages_were_held(table):
 
 
 def test_a_shaft_that_stops_as_told_leaves_nothing_loose(table):
-    assert not table.rows().jolt.any()
+    assert not table.rows().transient_scale.any()
 
 
 def test_friction_of_a_shaft_that_does_not_is_foretold_to_three_tenths_of_the_usual_and_angles_as_before(table):
-    rows = replace(table, stopped_as_told=False).rows()
+    rows = replace(table, stopped_as_commanded=False).rows()
     loose_N = 0.3 * np.sqrt((3.0**2 + 6.0**2) / 2.0)
     for signal, expected in (("fy_N", loose_N), ("fz_N", loose_N), ("tx_Nm", 0.2 * loose_N), ("hinge2_deg", 0.0)):
-        assert 0.01 * rows.jolt[rows.signal == signal] == pytest.approx(expected)
+        assert 0.01 * rows.transient_scale[rows.signal == signal] == pytest.approx(expected)

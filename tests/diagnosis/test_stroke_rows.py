@@ -30,7 +30,7 @@ def check_rows(*strokes: Stroke) -> None:
     (flap,) = flaps_of(strokes)
     rows, signals = flap.rows(), len(NOISE)
     assert flap.counts.min() >= 1
-    assert np.all(np.isfinite([rows.measured, rows.noise, rows.scale, rows.jolt, rows.progress, rows.t_s]))
+    assert np.all(np.isfinite([rows.measured, rows.noise, rows.scale, rows.transient_scale, rows.progress, rows.t_s]))
     assert len(rows.measured) == signals * len(flap.first)
     t_s, stroke = flap.t_s, strokes[0].streams["table"]
     for name, part in zip(NOISE, rows.measured.reshape(signals, -1), strict=True):

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rfca_rig.analysis.fitting.space import FitParameter as Nuisance
-from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.diagnosis.decision.decide import decide
@@ -80,7 +80,7 @@ class Shaking:
             measured=self.read,
             noise=np.repeat(list(NOISE.values()), each),
             scale=scale,
-            jolt=0.1 * scale,
+            transient_scale=0.1 * scale,
             progress=np.tile(t_s, 2),
             t_s=np.tile(t_s, 2),
             phase=np.full(2 * each, "shaking"),
@@ -132,7 +132,7 @@ def diagnosed(friction):
         Nuisance("stiffness", "N/m", True, 0.01, lambda at: at.stiffness_N_per_m, lambda at, k: replace(at, stiffness_N_per_m=k)),
         Nuisance("damping", "N s/m", True, 0.1, lambda at: at.damping_N_s_per_m, lambda at, c: replace(at, damping_N_s_per_m=c)),
     )
-    space = Space(nuisances, Oscillator(), np.array([p.spread for p in nuisances]), np.ones(2, dtype=bool))
+    space = Prior(nuisances, Oscillator(), np.array([p.spread for p in nuisances]), np.ones(2, dtype=bool))
     dataset = make_dataset(conditions, OscillatorSimulator())
     found = search_models(dataset, Parameterization(space), list(CATALOGUE.values()), lambda *_: None)
     return decide(found)

@@ -9,7 +9,7 @@ from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.diagnose import diagnose
 from rfca_rig.diagnosis.model_files import write_fitted_model
-from rfca_rig.exam.cases import NOTHING, drawn_cases
+from rfca_rig.exam.cases import NOTHING, draw_cases
 from rfca_rig.exam.designs import ExamDesign
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.report.diagnosis_files import write_diagnosis
@@ -19,7 +19,7 @@ SHORT = ExamDesign(tuple((height, speed) for height in (195.0, 215.0) for speed 
 
 
 def campaign(folder, effects):
-    (case,) = drawn_cases(7, {NOTHING: 1})
+    (case,) = draw_cases(7, {NOTHING: 1})
     write_campaign(replace(case, design=SHORT, effects=effects), folder / "campaign")
     return read_campaign(folder / "campaign")
 

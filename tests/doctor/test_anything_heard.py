@@ -15,12 +15,12 @@ from rfca_rig.doctor.judging.cubemars_servo import judge_servo
 from rfca_rig.doctor.judging.moteus import judge_moteus
 from rfca_rig.doctor.judging.netft import judge_stream
 from rfca_rig.doctor.judging.odrive import OdriveWanted, judge_odrive
-from rfca_rig.doctor.looking.can_bus import HeardFrame
-from rfca_rig.doctor.looking.cubemars_mit import mit_seen
-from rfca_rig.doctor.looking.cubemars_servo import servo_seen
-from rfca_rig.doctor.looking.moteus import moteus_seen
-from rfca_rig.doctor.looking.netft import stream_seen
-from rfca_rig.doctor.looking.odrive import odrive_seen
+from rfca_rig.doctor.looking.can_bus import ReceivedFrame
+from rfca_rig.doctor.looking.cubemars_mit import observe_mit
+from rfca_rig.doctor.looking.cubemars_servo import observe_servo
+from rfca_rig.doctor.looking.moteus import observe_moteus
+from rfca_rig.doctor.looking.netft import observe_stream
+from rfca_rig.doctor.looking.odrive import observe_odrive
 from rfca_rig.drivers.netft import NetFtSettings
 from tests.doctor.said import whole
 
@@ -29,11 +29,11 @@ DATA = st.one_of(st.binary(max_size=8), st.binary(min_size=8, max_size=8), st.bi
 
 
 @st.composite
-def heard(draw) -> HeardFrame:
+def heard(draw) -> ReceivedFrame:
     identifier, data = draw(IDS), draw(DATA)
     extended = identifier > 0x7FF or draw(st.booleans())
     message = can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=len(data) > 8)
-    return HeardFrame(draw(st.floats(0.0, 1.0)), message)
+    return ReceivedFrame(draw(st.floats(0.0, 1.0)), message)
 
 
 @settings(deadline=None, max_examples=300)
@@ -41,16 +41,16 @@ def heard(draw) -> HeardFrame:
 def test_any_frames_are_judged(frames):
     for dialect in OdriveFirmware:
         wanted = OdriveWanted(1, 2e-3, dialect)
-        assert all(whole(one) for one in judge_odrive(odrive_seen(frames, wanted), wanted))
+        assert all(whole(one) for one in judge_odrive(observe_odrive(frames, wanted), wanted))
     for asked in (True, False):
-        assert all(whole(one) for one in judge_mit(mit_seen(frames, 1, mit_ranges("AK80-9"), asked), 1))
-    assert all(whole(one) for one in judge_servo(servo_seen(frames, 1), 1, 2e-3))
-    assert all(whole(one) for one in judge_moteus(moteus_seen(frames, 1, 0), 1))
+        assert all(whole(one) for one in judge_mit(observe_mit(frames, 1, mit_ranges("AK80-9"), asked), 1))
+    assert all(whole(one) for one in judge_servo(observe_servo(frames, 1), 1, 2e-3))
+    assert all(whole(one) for one in judge_moteus(observe_moteus(frames, 1, 0), 1))
 
 
 @given(st.lists(st.one_of(st.binary(max_size=80), st.binary(min_size=36, max_size=36)), max_size=10))
 def test_any_datagrams_are_judged(datagrams):
-    assert all(whole(one) for one in judge_stream(stream_seen("h:1", 0.5, datagrams), NetFtSettings(), True))
+    assert all(whole(one) for one in judge_stream(observe_stream("h:1", 0.5, datagrams), NetFtSettings(), True))
 
 
 @given(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=300).filter(str.strip))

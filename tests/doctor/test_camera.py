@@ -11,7 +11,7 @@ from rfca_rig.description.rig_file import read_rig
 from rfca_rig.doctor.rig_checks import check_camera
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import DeviceError
-from rfca_rig.twins.camera import Disturbance, render_leg
+from rfca_rig.twins.camera import ImageDisturbance, render_leg
 from tests.doctor.said import colours, whole
 
 CALIBRATION = Path(__file__).parents[2] / "calibration"
@@ -54,7 +54,7 @@ def shows(monkeypatch):
 
 def hanging(**disturbance):
     lengths = np.array(EYE.link_lengths_m)
-    return render_leg(HANGING, lengths, EYE.plan, EYE.camera, Disturbance(**disturbance), np.random.default_rng(1))
+    return render_leg(HANGING, lengths, EYE.plan, EYE.camera, ImageDisturbance(**disturbance), np.random.default_rng(1))
 
 
 def test_a_leg_in_the_picture_is_green(tmp_path, shows):

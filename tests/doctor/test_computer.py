@@ -14,12 +14,12 @@ from rfca_rig.doctor.judging.packages import ExtraSeen, PackageSeen, judge_extra
 from rfca_rig.doctor.judging.receive_buffer import judge_receive_buffer
 from rfca_rig.doctor.looking.can_interface import look_at_can_interface
 from rfca_rig.doctor.looking.computer import (
-    granted_receive_buffer,
     look_at_clock,
     look_at_compiled_cache,
     look_at_disk,
     look_at_extras,
     look_at_packages,
+    probe_receive_buffer,
 )
 from rfca_rig.doctor.looking.serial_port import look_at_serial_port
 from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
@@ -66,7 +66,7 @@ def test_a_small_receive_buffer_is_told_in_milliseconds_with_the_line_that_raise
     assert "34 ms of single records" in finding.seen  # 512 datagrams of one record
     assert finding.commands == ("sudo sysctl -w net.core.rmem_max=4194304",)
     assert judge_receive_buffer(8 << 20, 4 << 20, 15_000.0).colour == "green"
-    assert granted_receive_buffer() > 0
+    assert probe_receive_buffer() > 0
 
 
 def test_packages_that_do_not_fit_are_named_as_pip_takes_them():

@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.doctor.finding import Colour
-from rfca_rig.doctor.judging.can_bus import CanBusSeen, judge_can_bus
-from rfca_rig.doctor.judging.can_interface import CanInterfaceSeen, judge_can_interface
+from rfca_rig.doctor.judging.can_bus import CanBusObservation, judge_can_bus
+from rfca_rig.doctor.judging.can_interface import CanInterfaceObservation, judge_can_interface
 from rfca_rig.doctor.judging.found import judge_found_adapters, judge_found_interfaces
 from rfca_rig.doctor.judging.serial_port import SerialPortSeen, judge_found_port, judge_serial_port
 from tests.doctor.said import whole
 
-UP = CanInterfaceSeen("can0", True, is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000)
+UP = CanInterfaceObservation("can0", True, is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000)
 FD = replace(UP, is_fd=True, data_bitrate=5_000_000)
 KNOWN = ("socketcan", "socketcand", "pcan")
 
@@ -21,8 +21,8 @@ KNOWN = ("socketcan", "socketcand", "pcan")
     [
         (UP, None, "green", "can0 is up, 1000000 bit/s"),
         (FD, 5_000_000, "green", "data 5000000 bit/s"),
-        (CanInterfaceSeen("can0", False), None, "red", "sudo slcand -o -c -s8 /dev/ttyACM0 can0"),
-        (CanInterfaceSeen("can0", False, ("can1", "can2")), None, "red", 'channel = "can1"'),
+        (CanInterfaceObservation("can0", False), None, "red", "sudo slcand -o -c -s8 /dev/ttyACM0 can0"),
+        (CanInterfaceObservation("can0", False, ("can1", "can2")), None, "red", 'channel = "can1"'),
         (replace(UP, is_can=False), None, "red", "not CAN"),
         (replace(UP, is_up=False), None, "red", "sudo ip link set can0 up type can bitrate 1000000"),
         (replace(UP, is_up=False), 5_000_000, "red", "bitrate 1000000 dbitrate 5000000 fd on"),
@@ -45,14 +45,14 @@ def test_an_interface_is_judged_with_the_command_that_mends_it(seen, data_bitrat
 @pytest.mark.parametrize(
     ("seen", "interface", "colour", "says"),
     [
-        (CanBusSeen(), "pcan", "green", "pcan ch opens"),
-        (CanBusSeen("refused"), "socketcand", "red", "socketcand ch cannot be opened: refused"),
-        (CanBusSeen("refused"), "socketcand", "red", "| export CAN_CONFIG="),
-        (CanBusSeen("no such library"), "pcan", "red", "no such library | install PEAK's driver"),
-        (CanBusSeen(), "socktcan", "red", "must be one of socketcan, socketcand, pcan"),
-        (CanBusSeen(frames=5, error_frames=3), "pcan", "yellow", "3 error frames beside 5 good ones"),
-        (CanBusSeen(went_off=True, error_frames=1), "pcan", "red", "too many errors"),
-        (CanBusSeen(failed="Network is down"), "pcan", "red", "Network is down"),
+        (CanBusObservation(), "pcan", "green", "pcan ch opens"),
+        (CanBusObservation("refused"), "socketcand", "red", "socketcand ch cannot be opened: refused"),
+        (CanBusObservation("refused"), "socketcand", "red", "| export CAN_CONFIG="),
+        (CanBusObservation("no such library"), "pcan", "red", "no such library | install PEAK's driver"),
+        (CanBusObservation(), "socktcan", "red", "must be one of socketcan, socketcand, pcan"),
+        (CanBusObservation(frames=5, error_frames=3), "pcan", "yellow", "3 error frames beside 5 good ones"),
+        (CanBusObservation(went_off=True, error_frames=1), "pcan", "red", "too many errors"),
+        (CanBusObservation(failed="Network is down"), "pcan", "red", "Network is down"),
     ],
 )
 def test_a_bus_is_judged(seen, interface, colour, says):

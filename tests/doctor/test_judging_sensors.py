@@ -8,13 +8,13 @@ from rfca_rig.codecs.netft_configuration import NetFtConfiguration
 from rfca_rig.doctor.judging.ati_daq import CardsSeen, judge_calibration, judge_card
 from rfca_rig.doctor.judging.ati_serial import ControllerSeen, judge_controller
 from rfca_rig.doctor.judging.found import judge_found_sensor
-from rfca_rig.doctor.judging.netft import BoxSeen, StreamSeen, judge_box, judge_stream
+from rfca_rig.doctor.judging.netft import BoxObservation, StreamObservation, judge_box, judge_stream
 from rfca_rig.drivers.netft import NetFtSettings
 from tests.doctor.said import colours, whole
 
 SETTINGS = NetFtSettings()
 PAGE = NetFtConfiguration("Net F/T", "FT12345", "N", "Nm", 1e6, 1e6, True, 7000.0, 7000.0, 40)
-STREAM = StreamSeen("10.0.0.7:49152", 0.5, received=3500, step=1, words=(0,))
+STREAM = StreamObservation("10.0.0.7:49152", 0.5, received=3500, step=1, words=(0,))
 
 
 @pytest.mark.parametrize(
@@ -28,16 +28,16 @@ STREAM = StreamSeen("10.0.0.7:49152", 0.5, received=3500, step=1, words=(0,))
     ],
 )
 def test_a_box_is_held_against_the_rig_file(says, colour, said):
-    finding = judge_box(BoxSeen("10.0.0.7", says), SETTINGS)
+    finding = judge_box(BoxObservation("10.0.0.7", says), SETTINGS)
     assert finding.colour == colour
     assert said in whole(finding)
 
 
 def test_a_box_that_is_not_there_is_red_in_a_rig_file_and_yellow_in_a_scan():
-    away = BoxSeen("10.0.0.7", None, "timed out")
+    away = BoxObservation("10.0.0.7", None, "timed out")
     assert (judge_box(away, SETTINGS).colour, judge_found_sensor(away).colour) == ("red", "yellow")
     assert "timed out" in whole(judge_box(away, SETTINGS)) and "ping -c 3 10.0.0.7" in whole(judge_box(away, SETTINGS))
-    assert "counts_per_N = 1000000" in whole(judge_found_sensor(BoxSeen("192.168.1.1", PAGE)))
+    assert "counts_per_N = 1000000" in whole(judge_found_sensor(BoxObservation("192.168.1.1", PAGE)))
 
 
 def test_a_healthy_stream_is_all_green():
@@ -48,10 +48,10 @@ def test_a_healthy_stream_is_all_green():
 @pytest.mark.parametrize(
     ("seen", "box_answers", "colour", "says"),
     [
-        (StreamSeen("h:1", 0.5, "refused"), True, "red", "the box answers, but not on UDP port 1"),
-        (StreamSeen("h:1", 0.5), True, "red", "sudo ufw allow proto udp from h"),
-        (StreamSeen("h:1", 0.5, "refused"), None, "red", "ping -c 3 h"),
-        (StreamSeen("h:1", 0.5, malformed=9), None, "red", "9 datagrams from h:1, none with records"),
+        (StreamObservation("h:1", 0.5, "refused"), True, "red", "the box answers, but not on UDP port 1"),
+        (StreamObservation("h:1", 0.5), True, "red", "sudo ufw allow proto udp from h"),
+        (StreamObservation("h:1", 0.5, "refused"), None, "red", "ping -c 3 h"),
+        (StreamObservation("h:1", 0.5, malformed=9), None, "red", "9 datagrams from h:1, none with records"),
         (replace(STREAM, lost=3), True, "yellow", "3 lost"),
         (replace(STREAM, step=7), True, "red", "1000 records/s, the rig file says 7000 | put rate_Hz = 1000"),
         (replace(STREAM, step=0), True, "red", "stands still"),

@@ -12,7 +12,7 @@ from rfca_rig.codecs import cansimple, moteus
 from rfca_rig.codecs.cubemars_mit import Special, encode_special
 from rfca_rig.codecs.moteus import Read
 from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart, OlderCommand
-from rfca_rig.contracts.motor_rig import MotorRig, drained, motor_rig
+from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
 from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
 from rfca_rig.doctor.finding import Finding
 from rfca_rig.doctor.looking.can_bus import Listener
@@ -66,7 +66,7 @@ def test_a_healthy_odrive_is_green_and_was_only_asked_for_its_version():
     with wired(odrive()) as rig:
         findings = checked(rig, ODRIVE)
         assert set(colours(findings).values()) == {"green"} and len(findings) == 5, said(findings)
-        sent = [message for message in drained(rig.observer) if message.is_remote_frame]
+        sent = [message for message in drain(rig.observer) if message.is_remote_frame]
         assert [message.arbitration_id for message in sent] == [5 << 5 | OdriveCommand.VERSION]
 
 
@@ -76,7 +76,7 @@ def test_an_odrive_that_somebody_runs_is_only_listened_to():
         identifier, data = cansimple.heartbeat(5, Heartbeat(0, AxisState.CLOSED_LOOP, 0, False))
         rig.observer.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
         assert "not idle: closed loop" in said(checked(rig, ODRIVE))
-        assert not [message for message in drained(rig.observer) if message.is_remote_frame]
+        assert not [message for message in drain(rig.observer) if message.is_remote_frame]
 
 
 def test_a_wrong_node_id_is_named():
@@ -84,7 +84,7 @@ def test_a_wrong_node_id_is_named():
         findings = checked(rig, ODRIVE)
         assert "heard node 3, the rig file says 5" in said(findings)
         assert colours(findings) == {"CAN bus": "green", "drive": "red"}
-        assert not [message for message in drained(rig.observer) if message.is_remote_frame]
+        assert not [message for message in drain(rig.observer) if message.is_remote_frame]
 
 
 def test_a_wrong_period_is_told():
@@ -106,7 +106,7 @@ def test_the_error_of_a_part_is_asked_for_and_others_are_not():
         identifier, data = cansimple.heartbeat(5, Heartbeat(0x40, 1, 0, False, (OdrivePart.MOTOR,)), OdriveFirmware.V0_5)
         rig.observer.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
         assert "motor error" in said(checked(rig, OLDER))
-        asked = {message.arbitration_id for message in drained(rig.observer) if message.is_remote_frame}
+        asked = {message.arbitration_id for message in drain(rig.observer) if message.is_remote_frame}
         assert asked == {5 << 5 | OdriveCommand.VERSION, 5 << 5 | OlderCommand.MOTOR_ERROR}
 
 
@@ -114,7 +114,7 @@ def test_a_drive_in_mit_mode_is_asked_by_the_frame_that_switches_it_off():
     with wired(lambda bus: CubemarsMitTwin(bus, MitTwinSettings())) as rig:
         findings = checked(rig, MIT)
         assert set(colours(findings).values()) == {"green"}, said(findings)
-        sent = [bytes(message.data) for message in drained(rig.observer) if message.arbitration_id == 1]
+        sent = [bytes(message.data) for message in drain(rig.observer) if message.arbitration_id == 1]
         assert sent == [encode_special(Special.EXIT)]
 
 
@@ -122,7 +122,7 @@ def test_a_drive_in_mit_mode_is_not_asked_while_others_speak():
     with wired(odrive()) as rig:
         findings = checked(rig, MIT)
         assert "it was not asked while others speak" in said(findings)
-        assert not [message for message in drained(rig.observer) if message.arbitration_id == 1]
+        assert not [message for message in drain(rig.observer) if message.arbitration_id == 1]
 
 
 def test_a_silent_drive_in_mit_mode_is_told():
@@ -137,7 +137,7 @@ def test_a_drive_in_servo_mode_is_only_listened_to(drive_id, says):
         findings = checked(rig, SERVO)
         assert says in said(findings)
         assert (colours(findings)["drive"] == "green") == (drive_id == 1)
-        assert all(message.arbitration_id >> 8 == 0x29 for message in drained(rig.observer))
+        assert all(message.arbitration_id >> 8 == 0x29 for message in drain(rig.observer))
 
 
 @pytest.mark.parametrize(("drive_id", "says"), [(1, "moteus 1, 24.0 V"), (3, "heard drive 3, the rig file says 1")])
@@ -146,7 +146,7 @@ def test_a_moteus_is_only_asked_to_read(drive_id, says):
         findings = checked(rig, MOTEUS)
         assert says in said(findings)
         assert (colours(findings)["drive"] == "green") == (drive_id == 1)
-        asked = [message for message in drained(rig.observer) if message.arbitration_id & 0x8000]
+        asked = [message for message in drain(rig.observer) if message.arbitration_id & 0x8000]
         assert asked
         assert all(isinstance(item, Read) for message in asked for item in moteus.decode(message.data))
 

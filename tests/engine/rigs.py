@@ -13,7 +13,7 @@ from rfca_rig.engine.bench import Bench
 from rfca_rig.protocol.experiments import flapping_plan
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.store import read_recording
 
@@ -41,7 +41,7 @@ class Kept:
     def __init__(self, folder: Path, header: Recording) -> None:
         run_folder.create(folder, header)
         self.folder = folder
-        self.keeper = DirectKeeper(folder)
+        self.keeper = InProcessRecorder(folder)
 
     def so_far(self) -> Recording:
         """What is on disk."""
@@ -50,7 +50,7 @@ class Kept:
     def finish(self) -> Recording:
         """What the run's file holds."""
         self.keeper.finish("done")
-        return read_recording(run_folder.build(self.folder))
+        return read_recording(run_folder.build_recording(self.folder))
 
 
 @contextmanager

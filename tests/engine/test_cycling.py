@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
-from rfca_rig.engine.cycling import BEFORE_START_RAD, MOST_TURNS, CycleTally, Turning, check_turns
+from rfca_rig.engine.cycling import BEFORE_START_RAD, MAX_TURNS, CycleProfile, CycleTally, check_turns
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.engine.stages import MOVE_TICK_S
 from rfca_rig.engine.stop_request import StopLevel
@@ -29,17 +29,17 @@ def turned(turning, ends_soon_after=None):
     while not turning.is_over:
         speeds.append(turning.speed_rad_s(angle))
         angle += speeds[-1] * MOVE_TICK_S
-        if turning.has_passed(angle):
+        if turning.count_if_complete(angle):
             numbers.append(turning.number)
             if turning.number == ends_soon_after:
-                turning.end_soon()
+                turning.end_after_next()
     return numbers, angle, max(speeds), speeds[-1]
 
 
 @settings(max_examples=30)
 @given(st.integers(1, 10**6), st.integers(1, 5), st.floats(2.0, 20.0))
 def test_the_shaft_turns_as_often_as_asked_and_stops_in_the_air_before_the_start(first, count, speed):
-    numbers, angle, fastest, last = turned(Turning(0.25, Cycles(HEIGHT_M, speed, first, count)))
+    numbers, angle, fastest, last = turned(CycleProfile(0.25, Cycles(HEIGHT_M, speed, first, count)))
     assert numbers == list(range(first, first + count))
     assert angle == pytest.approx(0.25 + TURN * count - BEFORE_START_RAD, abs=0.05 + last * MOVE_TICK_S)
     assert angle < 0.25 + TURN * count
@@ -50,7 +50,7 @@ def test_the_shaft_turns_as_often_as_asked_and_stops_in_the_air_before_the_start
 @settings(max_examples=30)
 @given(st.integers(2, 6), st.integers(1, 5))
 def test_a_stop_that_is_wished_for_comes_with_the_end_of_the_next_cycle(count, wished_after):
-    numbers, _, _, last = turned(Turning(0.25, Cycles(HEIGHT_M, SPEED_RAD_S, 1, count)), wished_after)
+    numbers, _, _, last = turned(CycleProfile(0.25, Cycles(HEIGHT_M, SPEED_RAD_S, 1, count)), wished_after)
     assert numbers == list(range(1, min(count, wished_after + 1) + 1))
     assert last < 0.25 * SPEED_RAD_S
 
@@ -77,14 +77,14 @@ def test_a_tally_is_what_all_samples_of_the_cycle_together_say():
         assert (done.number, done.host_s) == (cycle, pytest.approx(0.005 * (10 * cycle + 10)))
 
 
-@pytest.mark.parametrize("turns", [MOST_TURNS - 1, -MOST_TURNS + 1])
+@pytest.mark.parametrize("turns", [MAX_TURNS - 1, -MAX_TURNS + 1])
 def test_a_drive_may_turn_as_far_as_it_can_tell(turns):
     check_turns(TURN * turns)
 
 
 def test_a_drive_that_has_turned_further_is_to_be_switched_off_and_on():
     with pytest.raises(Stopped, match="switch the drive off and on again, check its zero, then go on with rfca-rig resume"):
-        check_turns(TURN * (MOST_TURNS + 1))
+        check_turns(TURN * (MAX_TURNS + 1))
 
 
 def plan_of(cycles):

@@ -6,7 +6,7 @@ import pytest
 from rfca_rig.analysis.valley import Valley, stroke_valley
 from rfca_rig.engine.run import run_plan
 from rfca_rig.model.motion import follow
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import simulate_stroke
 from tests.engine.rigs import changed, nothing, one_condition, recorder_on, twin_rig
 
 
@@ -56,7 +56,7 @@ def test_the_recorded_shaft_explains_the_recorded_force_through_the_model(flappe
     t_shaft, angle = stroke.channel("shaft_angle_rad")
     t, fz = stroke.channel("fz_N")
     rig = twin_rig().model()
-    model = stroke_following(rig, 0.215, follow(t_shaft, angle), t[t < 0.8])
+    model = simulate_stroke(rig, 0.215, follow(t_shaft, angle), t[t < 0.8])
     loading = (t[t < 0.8] > 0.35) & (t[t < 0.8] < 0.78)
     misfit = (fz[t < 0.8] - model.fz_N)[loading]
     assert abs(misfit.mean()) < 0.6  # friction of the floor scatters by 0.008 from touchdown to touchdown

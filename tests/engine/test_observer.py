@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.clock import HURRIES_S, TwinClock, WatchedTwinClock
+from rfca_rig.clock import MAX_CATCH_UP_S, TwinClock, WatchedTwinClock
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.errors import Stopped, Tripped
@@ -89,4 +89,4 @@ def test_a_watched_twin_that_was_held_up_does_not_rush_on():
     wall.wait_until(6.0)
     clock.wait_until(2.0)
     clock.wait_until(3.0)
-    assert wall.now_s() == pytest.approx(7.0 - HURRIES_S, abs=1e-9)
+    assert wall.now_s() == pytest.approx(7.0 - MAX_CATCH_UP_S, abs=1e-9)

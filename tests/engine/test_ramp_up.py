@@ -24,22 +24,22 @@ def test_a_force_that_goes_with_the_square_is_foretold_exactly():
     approaches = RampUp(LIMITS, {})
     approaches.take(HALF, energy(2.0))
     approaches.take(MORE, energy(3.0))
-    assert approaches.foretold(MORE, energy(3.0)).force_N == pytest.approx(energy(4.0).force_N)
+    assert approaches.predict_full_speed(MORE, energy(3.0)).force_N == pytest.approx(energy(4.0).force_N)
 
 
 def test_the_model_s_proportion_counts_where_it_is_larger():
     expected = {HALF: Load(30.0, 3.0), MORE: Load(40.0, 4.0), FULL: Load(80.0, 6.0)}
     approaches = RampUp(LIMITS, expected)
     approaches.take(HALF, Load(33.0, 3.0))
-    assert approaches.foretold(HALF, Load(33.0, 3.0)).force_N == pytest.approx(33.0 * 80.0 / 30.0)
-    assert approaches.foretold(HALF, Load(33.0, 3.0)).torque_Nm == pytest.approx(6.0)
+    assert approaches.predict_full_speed(HALF, Load(33.0, 3.0)).force_N == pytest.approx(33.0 * 80.0 / 30.0)
+    assert approaches.predict_full_speed(HALF, Load(33.0, 3.0)).torque_Nm == pytest.approx(6.0)
 
 
 def test_it_never_foretells_less_than_was_felt():
     approaches = RampUp(LIMITS, {HALF: Load(60.0, 6.0), FULL: Load(30.0, 3.0)})
     approaches.take(HALF, Load(50.0, 5.0))
     approaches.take(MORE, Load(45.0, 4.0))
-    assert approaches.foretold(MORE, Load(45.0, 4.0)) == Load(45.0, 4.0)
+    assert approaches.predict_full_speed(MORE, Load(45.0, 4.0)) == Load(45.0, 4.0)
 
 
 @pytest.mark.parametrize(("limit_N", "goes_on"), [(281.0, True), (279.0, False)])
@@ -58,4 +58,4 @@ def test_conditions_do_not_speak_for_one_another():
     approaches = RampUp(LIMITS, {})
     approaches.take(HALF, energy(2.0))
     elsewhere = replace(MORE, height_m=0.235)
-    assert approaches.foretold(elsewhere, Load(5.0, 0.5)) == Load(5.0, 0.5)
+    assert approaches.predict_full_speed(elsewhere, Load(5.0, 0.5)) == Load(5.0, 0.5)

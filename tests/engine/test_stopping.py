@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.stopping import WATCHED_S, let_go, stop
+from rfca_rig.engine.stopping import WATCH_LIMIT_S, disable_motor, stop
 from rfca_rig.errors import DeviceError
 
 
@@ -57,7 +57,7 @@ def test_standstill_is_what_was_measured():
 def test_a_shaft_that_swings_on_is_not_waited_for():
     one = bench(stands_after_s=10.0)
     assert np.isnan(stop(one).latency_s)
-    assert one.clock.now_s() == pytest.approx(WATCHED_S, abs=0.011)
+    assert one.clock.now_s() == pytest.approx(WATCH_LIMIT_S, abs=0.011)
 
 
 def test_a_drive_that_tells_nothing_is_said_to():
@@ -84,5 +84,5 @@ def test_stopping_twice_is_stopping_once():
 
 def test_letting_go_does_not_wait_where_the_drive_obeys():
     one = replace(bench())
-    let_go(one.motor, one.clock)
+    disable_motor(one.motor, one.clock)
     assert one.clock.now_s() == 0.0

@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import MoveShaft, SetHeight
-from rfca_rig.protocol.remaining import Done, remaining
+from rfca_rig.protocol.remaining import PlanProgress, make_remaining_plan
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
 
 HEIGHT_M = 0.235  # where a leg that is pushed back wedges
@@ -43,7 +43,7 @@ class Braked:
 def home_from_mid_stroke(folder, forwards):
     """The first two stages of what remains, with the shaft bent to 135 degrees; the largest force of each tick from then on."""
     plan = one_condition(twin_rig(), repeats=2)
-    rack, home = remaining(plan, Done(strokes=1)).stages[:2]
+    rack, home = make_remaining_plan(plan, PlanProgress(strokes=1)).stages[:2]
     assert home.forwards
     there = (SetHeight(HEIGHT_M), replace(home, forwards=False), MoveShaft(np.radians(135.0), 0.4))
     with recorder_on(twin_rig(), folder) as (bench, recorder, _):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.bench.expectation import expected_loads
+from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput, Tripped
 from rfca_rig.protocol.check import check_plan
@@ -25,12 +25,12 @@ def test_the_check_refuses_it_with_stage_force_and_limit():
         r"hold 2 at 60.0 deg, 235 mm, unloading: the model expects 3\d\d N and .* limits are 300 N and 25 N m; .*turn the shaft back less"
     )
     with pytest.raises(BadInput, match=said):
-        check_plan(plan, expected_loads(plan, twin_rig().model()))
+        check_plan(plan, predict_loads(plan, twin_rig().model()))
 
 
 def test_a_small_step_back_passes():
     plan = pushed_back(133.0)
-    check_plan(plan, expected_loads(plan, twin_rig().model()))
+    check_plan(plan, predict_loads(plan, twin_rig().model()))
 
 
 def test_the_force_limit_trips_in_flight_and_what_was_measured_is_kept(tmp_path):

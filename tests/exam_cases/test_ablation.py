@@ -8,7 +8,7 @@ import pytest
 
 from rfca_rig.errors import RigError
 from rfca_rig.exam import cases
-from rfca_rig.exam.ablation import FOLDER, take_out_each, taken_out
+from rfca_rig.exam.ablation import FOLDER, run_ablation, taken_out
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.outcome import DETECTABLE
 from rfca_rig.exam.sealing import open_all
@@ -49,14 +49,14 @@ def fresh(exam):
 def test_those_that_show_are_asked_again_each_without_its_own_effect(exam):
     folder, visible = fresh(exam)
     diagnose, asked = saying("unexplained")
-    take_out_each(folder, diagnose, InProcessExecutor())
+    run_ablation(folder, diagnose, InProcessExecutor())
     assert dict(asked) == visible
     found = taken_out(folder)
     assert found is not None
     assert (found.confident_wrong.hits, found.unexplained.hits, found.silent.hits) == (0, len(visible), 0)
     assert found.confident_wrong.of == len(visible) and found.named == ()
     again, asked = saying("unexplained")
-    take_out_each(folder, again, InProcessExecutor())
+    run_ablation(folder, again, InProcessExecutor())
     assert asked == []
 
 
@@ -64,7 +64,7 @@ def test_those_that_show_are_asked_again_each_without_its_own_effect(exam):
 @pytest.mark.parametrize(("probability", "wrong"), [(0.97, 1.0), (0.6, 0.0)])
 def test_any_sure_name_is_wrong(exam, probability, wrong):
     folder, visible = fresh(exam)
-    take_out_each(folder, saying("named", ("gravity_tilt", probability))[0], InProcessExecutor())
+    run_ablation(folder, saying("named", ("gravity_tilt", probability))[0], InProcessExecutor())
     found = taken_out(folder)
     assert found is not None
     assert found.confident_wrong.value == wrong
@@ -75,7 +75,7 @@ def test_any_sure_name_is_wrong(exam, probability, wrong):
 @pytest.mark.slow
 def test_nothing_missing_is_counted_by_itself(exam):
     folder, visible = fresh(exam)
-    take_out_each(folder, saying("nothing missing")[0], InProcessExecutor())
+    run_ablation(folder, saying("nothing missing")[0], InProcessExecutor())
     found = taken_out(folder)
     assert found is not None
     assert found.silent.hits == len(visible) and found.unexplained.hits == 0
@@ -89,7 +89,7 @@ def test_one_that_cannot_be_diagnosed_is_told_and_tried_again(exam):
         raise ZeroDivisionError(f"{campaign} {into} {without}")
 
     with pytest.raises(RigError, match=r"entries taken out: all but .* as case-000. not with ZeroDivisionError"):
-        take_out_each(folder, crashing, InProcessExecutor())
+        run_ablation(folder, crashing, InProcessExecutor())
     diagnose, asked = saying("unexplained")
-    take_out_each(folder, diagnose, InProcessExecutor())
+    run_ablation(folder, diagnose, InProcessExecutor())
     assert dict(asked) == visible

@@ -7,46 +7,46 @@ import numpy as np
 import pytest
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, drawn_cases, shared_out
+from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, draw_cases, split_numbers
 from rfca_rig.exam.injected_faults import EFFECTS, with_effect
 from rfca_rig.exam.labels import MISLABELLED
-from rfca_rig.exam.sampled_rig import ExamScatter, world_of
-from rfca_rig.exam.sizes import SPANS, STRANGER_SPANS
+from rfca_rig.exam.sampled_rig import ExamScatter, build_world
+from rfca_rig.exam.sizes import SIZE_RANGES, UNKNOWN_FAULT_RANGES
 from rfca_rig.exam.unknown_faults import NAMES
-from rfca_rig.exam.visible import size_of
+from rfca_rig.exam.visible import measure_visibility
 from rfca_rig.model.catalogue import catalogue
 
 
 def test_the_exam_is_large_enough():
-    drawn = Counter(case.kind for case in drawn_cases(1))
+    drawn = Counter(case.kind for case in draw_cases(1))
     assert sum(drawn.values()) >= 400
     for kind in (cases.NOTHING, cases.MODEL_ERROR, cases.SINGLE, cases.PAIR, cases.STRANGER, cases.WRONG_LAW):
         assert drawn[kind] >= 60
 
 
 def test_same_seed_same_cases_other_seed_others():
-    assert drawn_cases(7) == drawn_cases(7)
-    assert drawn_cases(7) != drawn_cases(8)
+    assert draw_cases(7) == draw_cases(7)
+    assert draw_cases(7) != draw_cases(8)
 
 
 def test_a_case_does_not_depend_on_how_many_there_are():
-    few, many = (drawn_cases(3, {cases.SINGLE: n}) for n in (5, 50))
+    few, many = (draw_cases(3, {cases.SINGLE: n}) for n in (5, 50))
     assert {case.seed for case in few} <= {case.seed for case in many}
 
 
 def test_every_effect_at_every_level():
-    drawn = Counter((next(iter(case.effects)), int(5 * case.strength)) for case in drawn_cases(1) if case.kind == cases.SINGLE)
+    drawn = Counter((next(iter(case.effects)), int(5 * case.strength)) for case in draw_cases(1) if case.kind == cases.SINGLE)
     assert len(drawn) == 5 * len(EFFECTS) and set(drawn.values()) == {1}
 
 
 def test_pairs_are_pairs_that_a_model_can_hold():
-    for case in drawn_cases(2, {cases.PAIR: 200}):
+    for case in draw_cases(2, {cases.PAIR: 200}):
         assert len(case.effects) == 2
         assert set(case.effects) not in NEVER_TOGETHER
 
 
 def test_cases_without_effects_have_none():
-    legs = [case for case in drawn_cases(4) if case.kind in cases.LEG_KINDS]
+    legs = [case for case in draw_cases(4) if case.kind in cases.LEG_KINDS]
     for case in legs:
         if case.kind in (cases.NOTHING, cases.MODEL_ERROR, cases.MISLABEL):
             assert not case.effects and not case.strangers
@@ -55,13 +55,13 @@ def test_cases_without_effects_have_none():
 
 def test_numbers_are_shared_out_exactly():
     for total in (1, 8, 40, 123):
-        assert sum(shared_out(total).values()) == total
-    assert shared_out(sum(DEFAULT_NUMBERS.values())) == DEFAULT_NUMBERS
+        assert sum(split_numbers(total).values()) == total
+    assert split_numbers(sum(DEFAULT_NUMBERS.values())) == DEFAULT_NUMBERS
 
 
 def test_effects_and_parameters_are_those_of_the_catalogue():
     known = catalogue()
-    for effect, spans in SPANS.items():
+    for effect, spans in SIZE_RANGES.items():
         parameters = {parameter.name: parameter for parameter in known[effect].parameters}
         assert set(spans) == {name for name, parameter in parameters.items() if not parameter.whole}
         for name, span in spans.items():
@@ -71,25 +71,25 @@ def test_effects_and_parameters_are_those_of_the_catalogue():
 
 
 def test_strangers_are_in_no_catalogue_and_all_have_sizes():
-    assert set(NAMES) == set(STRANGER_SPANS) and len(NAMES) >= 8
+    assert set(NAMES) == set(UNKNOWN_FAULT_RANGES) and len(NAMES) >= 8
     assert not set(NAMES) & set(catalogue())
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_every_stranger_shows(name):
-    case = next(case for case in drawn_cases(5, {cases.STRANGER: len(NAMES)}) if name in case.strangers)
-    assert size_of(case).shift > 0.5
+    case = next(case for case in draw_cases(5, {cases.STRANGER: len(NAMES)}) if name in case.strangers)
+    assert measure_visibility(case).shift > 0.5
 
 
 @pytest.mark.parametrize("said", MISLABELLED)
 def test_every_wrong_label_changes_what_is_written_or_what_is(said):
-    from rfca_rig.exam.labels import columns_as_written, really, speed_as_written
+    from rfca_rig.exam.labels import columns_as_written, speed_as_written, true_world
 
-    case = drawn_cases(1, {cases.NOTHING: 1})[0]
-    world = world_of(case, 0.215, ExamScatter(), 1)
+    case = draw_cases(1, {cases.NOTHING: 1})[0]
+    world = build_world(case, 0.215, ExamScatter(), 1)
     columns = {"fy_N": np.array([1.0]), "fz_N": np.array([2.0]), "tx_Nm": np.array([3.0])}
-    changed = really(world, said) != world, columns_as_written(columns, said) != columns, speed_as_written(2.0, (2.0, 3.0), said) != 2.0
+    changed = true_world(world, said) != world, columns_as_written(columns, said) != columns, speed_as_written(2.0, (2.0, 3.0), said) != 2.0
     assert sum(changed) == 1
 
 
@@ -99,18 +99,18 @@ def test_strength_is_what_shifts_the_forces():
     for level in range(5):
         case = next(
             case
-            for case in drawn_cases(1)
+            for case in draw_cases(1)
             if case.kind == cases.SINGLE and "hinge_backlash" in case.effects and int(5 * case.strength) == level
         )
-        sizes.append(size_of(case).shift)
+        sizes.append(measure_visibility(case).shift)
     assert sizes == sorted(sizes)
 
 
 def test_what_believed_values_can_imitate_is_hardly_left():
     """A little more damping is within what damping is known to; play is not."""
-    case = drawn_cases(1, {cases.SINGLE: 1})[0]
-    soft = size_of(replace(case, effects={"hinge_viscous_damping": {"coefficient_Nm_s_per_rad": 0.03}}))
-    play = size_of(replace(case, effects={"hinge_backlash": {"half_gap_deg": 0.8}}))
+    case = draw_cases(1, {cases.SINGLE: 1})[0]
+    soft = measure_visibility(replace(case, effects={"hinge_viscous_damping": {"coefficient_Nm_s_per_rad": 0.03}}))
+    play = measure_visibility(replace(case, effects={"hinge_backlash": {"half_gap_deg": 0.8}}))
     assert soft.left < 0.2 * soft.shift and play.left > 4.0
     assert soft.above < soft.left and 1.0 < play.above < play.left
 
@@ -123,4 +123,4 @@ def test_an_unknown_effect_is_refused():
     from rfca_rig.errors import BadInput
 
     with pytest.raises(BadInput, match="nonsense"):
-        with_effect(world_of(drawn_cases(1, {cases.NOTHING: 1})[0], 0.215, ExamScatter(), 1), "nonsense", {})
+        with_effect(build_world(draw_cases(1, {cases.NOTHING: 1})[0], 0.215, ExamScatter(), 1), "nonsense", {})

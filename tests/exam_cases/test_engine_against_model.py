@@ -7,13 +7,13 @@ import pytest
 
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.exam.engine import RELEASED_S, simulate
-from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, STEP_S, staged, stroke_traces
+from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, STEP_S, plan_stages, stroke_traces
 from rfca_rig.exam.injected_faults import EFFECTS, with_effect
 from rfca_rig.exam.nominal_world import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, nominal_world
-from rfca_rig.exam.sensor import felt
+from rfca_rig.exam.sensor import sense
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount, Swing
-from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, staged_motion
-from rfca_rig.model.stroke import stroke_at_speed, stroke_following
+from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, make_stage_motion
+from rfca_rig.model.stroke import simulate_stroke, simulate_stroke_at_speed
 
 HEIGHT_M, SPEED_RAD_S = 0.215, 2.433
 STROKES_BEFORE = 30
@@ -71,8 +71,8 @@ def rig(effect: str | None) -> RigModel:
 def both(effect: str | None):
     world = replace(nominal_world(HEIGHT_M), strokes_before=STROKES_BEFORE)
     traces = stroke_traces(with_effect(world, effect, VALUES[effect]) if effect else world, SPEED_RAD_S)
-    fy, fz, tx = felt(with_effect(world, effect, VALUES[effect]) if effect else world, traces)
-    model = stroke_at_speed(rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s, strokes_before=(STROKES_BEFORE,))
+    fy, fz, tx = sense(with_effect(world, effect, VALUES[effect]) if effect else world, traces)
+    model = simulate_stroke_at_speed(rig(effect), HEIGHT_M, SPEED_RAD_S, traces.t_s, strokes_before=(STROKES_BEFORE,))
     return traces.t_s, (fy, fz, tx), (model.fy_N, model.fz_N, model.tx_Nm)
 
 
@@ -113,10 +113,10 @@ def test_a_frame_that_sways_under_a_sensor_that_carries_a_part_of_it_agrees(monk
 
 def test_static_stages_agree():
     from rfca_rig.exam.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, UNLOADING_RAD, static_table
-    from rfca_rig.model.static_stages import StageMoves, static_stages
+    from rfca_rig.model.static_stages import StageMoves, simulate_static_stages
 
     mine = static_table(nominal_world(HEIGHT_M), 215.0, 0.0075, np.random.default_rng(1))
-    theirs = static_stages(rig(None), HEIGHT_M, (*LOADING_RAD, *UNLOADING_RAD), StageMoves(MOVE_RAD_S, 0.0075, HOLD_S))
+    theirs = simulate_static_stages(rig(None), HEIGHT_M, (*LOADING_RAD, *UNLOADING_RAD), StageMoves(MOVE_RAD_S, 0.0075, HOLD_S))
     off = np.array([(a.fy_N - b.fy_N, a.fz_N - b.fz_N, 10.0 * (a.tx_Nm - b.tx_Nm)) for a, b in zip(mine, theirs, strict=True)])
     hinges = np.array([np.array(a.hinge_deg) - np.degrees(b.hinge_angles_rad) for a, b in zip(mine, theirs, strict=True)])
     assert np.abs(off).max() < 0.25  # what the tip is thrown back by depends on how it sticks
@@ -128,12 +128,12 @@ def test_an_arm_relaxes_alike_from_stage_to_stage(monkeypatch):
     monkeypatch.setitem(VALUES, "spring_relaxation", {"strength_relative": 0.3, "time_constant_s": 2.0})
     smooth = nominal_world(HEIGHT_M)
     smooth = replace(smooth, floor=replace(smooth.floor, mu=0.0))
-    knots, read_s = staged(START_RAD, LOADING_RAD, 0.0075)
+    knots, read_s = plan_stages(START_RAD, LOADING_RAD, 0.0075)
     creeping = with_effect(smooth, "spring_relaxation", VALUES["spring_relaxation"])
-    mine, without = (felt(world, simulate(world, knots, read_s, step_s=STEP_S)) for world in (creeping, smooth))
+    mine, without = (sense(world, simulate(world, knots, read_s, step_s=STEP_S)) for world in (creeping, smooth))
     let_go = replace(rig("spring_relaxation"), ground=Ground(1e5, 1.0, 0.0, 1e-4, 2.0), swing=Swing(-RELEASED_S, 1.0, 0.0))
-    motion, _ = staged_motion(START_RAD, LOADING_RAD, StageMoves(MOVE_RAD_S, 0.0075, HOLD_S - STILL_AFTER_S))
-    theirs = stroke_following(let_go, HEIGHT_M, motion, read_s)
+    motion, _ = make_stage_motion(START_RAD, LOADING_RAD, StageMoves(MOVE_RAD_S, 0.0075, HOLD_S - STILL_AFTER_S))
+    theirs = simulate_stroke(let_go, HEIGHT_M, motion, read_s)
     assert np.abs(mine[1] - without[1]).max() > 2.0
     assert mine[1] == pytest.approx(theirs.fz_N, abs=5e-3)
     assert mine[2] == pytest.approx(theirs.tx_Nm, abs=1e-3)

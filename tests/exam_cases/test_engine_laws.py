@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from rfca_rig.exam.engine import _floor
-from rfca_rig.exam.engine_drive import CYCLES, RIPPLE, START, asked_speed, rippled
-from rfca_rig.exam.engine_floor import BUMP, BUMP_AT, BUMP_WIDTH, LEVER, LEVER_POWER, elevation, less_lever, normal_force
-from rfca_rig.exam.engine_hinge import arm, dahl, loop
+from rfca_rig.exam.engine_drive import CYCLES, RIPPLE, START, add_ripple, command_speed
+from rfca_rig.exam.engine_floor import BUMP, BUMP_AT, BUMP_WIDTH, LEVER, LEVER_POWER, elevation, lever_reduction, normal_force
+from rfca_rig.exam.engine_hinge import bouc_wen, dahl, dashpot_angle
 from rfca_rig.exam.nominal_world import nominal_world
 
 
@@ -29,14 +29,14 @@ def test_dry_friction_does_not_depend_on_the_steps():
 def test_loop_is_the_exponential_of_bouc_and_wen():
     z, width = -1.0, 0.1
     for _ in range(20000):
-        z = loop(z, 1e-5, width)
+        z = bouc_wen(z, 1e-5, width)
     assert z == pytest.approx(1.0 - 2.0 * np.exp(-0.2 / width), abs=2e-4)
 
 
 def test_dashpot_relaxes_exponentially_after_a_step():
     x, tau, h = 0.0, 0.2, 1e-3
     for _ in range(300):
-        x = arm(x, 1.0, 1.0, h, tau)
+        x = dashpot_angle(x, 1.0, 1.0, h, tau)
     assert x == pytest.approx(1.0 - np.exp(-0.3 / tau), abs=1e-5)
 
 
@@ -52,8 +52,8 @@ def test_normal_force_is_the_campaigns_law():
 def test_friction_acts_higher_in_a_deeper_print_by_a_share_of_a_typical_depth(power):
     floor = _floor(nominal_world(0.215))
     floor[LEVER], floor[LEVER_POWER] = 0.5, power
-    assert less_lever(floor, 3e-3) == pytest.approx(1.5e-3)
-    assert less_lever(floor, 12e-3) == pytest.approx(1.5e-3 * 4.0**power)
+    assert lever_reduction(floor, 3e-3) == pytest.approx(1.5e-3)
+    assert lever_reduction(floor, 12e-3) == pytest.approx(1.5e-3 * 4.0**power)
 
 
 def test_a_bump_has_its_own_slope():
@@ -66,7 +66,7 @@ def test_a_bump_has_its_own_slope():
 
 def test_command_ramps_and_ripples():
     knots = np.array([[0.0, 0.05, 2.0], [0.0, 2.0, 2.0]])
-    assert [asked_speed(knots, t) for t in (-0.1, 0.0, 0.025, 0.05, 1.0, 2.1)] == pytest.approx([0.0, 0.0, 1.0, 2.0, 2.0, 0.0])
+    assert [command_speed(knots, t) for t in (-0.1, 0.0, 0.025, 0.05, 1.0, 2.1)] == pytest.approx([0.0, 0.0, 1.0, 2.0, 2.0, 0.0])
     drive = np.zeros(16)
     drive[START], drive[RIPPLE], drive[CYCLES] = 0.2, 0.1, 4.0
-    assert rippled(drive, 0.2 + np.pi / 4.0, 2.0) == pytest.approx(1.8)
+    assert add_ripple(drive, 0.2 + np.pi / 4.0, 2.0) == pytest.approx(1.8)

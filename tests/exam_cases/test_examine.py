@@ -12,7 +12,7 @@ from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.plan import FILE
-from rfca_rig.exam.scored import examined, examined_so_far
+from rfca_rig.exam.scored import score_exam, score_exam_so_far
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.executors.local import process_executor
 from tests.exam_cases.examinees import tells_its_process, wants_more_data
@@ -60,7 +60,7 @@ def exam(done, tmp_path) -> Path:
 
 
 def test_one_who_wants_more_data_is_right_about_poor_data(exam):
-    assert examined(exam).marks.outcomes == {cases.POOR_DATA: {"right": 2}}
+    assert score_exam(exam).marks.outcomes == {cases.POOR_DATA: {"right": 2}}
 
 
 def test_one_who_sees_nothing_misses_what_is_there(exam):
@@ -158,24 +158,24 @@ class Slow(TwinClock):
 
 
 def test_time_is_told_by_the_clock_that_is_passed_in(exam):
-    assert [case.seconds for case in examined(exam).cases] == [None, None]
+    assert [case.seconds for case in score_exam(exam).cases] == [None, None]
     shutil.rmtree(exam / "diagnoses")
     examine(exam, 1, NUMBERS, wants_more_data, clocks=Slow)
-    assert [case.seconds for case in examined(exam).cases] == [7.0, 7.0]
+    assert [case.seconds for case in score_exam(exam).cases] == [7.0, 7.0]
 
 
 def test_what_is_diagnosed_so_far_is_marked_and_the_other_truths_stay_sealed(exam):
     shutil.rmtree(exam / "diagnoses" / "case-0001")
     (exam / "sealed" / "case-0001.sealed").write_text("never looked at")
-    found = examined_so_far(exam)
+    found = score_exam_so_far(exam)
     assert [case.id for case in found.cases] == ["case-0002"]
     assert found.marks.outcomes == {cases.POOR_DATA: {"right": 1}}
     assert found.words == "seed 1, 2 cases of the kind 'poor data', 1 of them so far"
     with pytest.raises(BadInput, match="is not what was sealed"):
-        examined(exam)
+        score_exam(exam)
     shutil.rmtree(exam / "diagnoses")
     with pytest.raises(BadInput, match="nothing is diagnosed yet"):
-        examined_so_far(exam)
+        score_exam_so_far(exam)
 
 
 def test_workers_have_one_thread_each(exam):

@@ -10,7 +10,7 @@ from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import cases
 from rfca_rig.exam.examine import examine
-from rfca_rig.exam.follow_up import FOLDER, MOST, follow_up, ways
+from rfca_rig.exam.follow_up import FOLDER, MAX_EXPERIMENTS, follow_up, ways
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.executors.base import InProcessExecutor
 
@@ -77,7 +77,7 @@ def test_a_case_that_nothing_settles_counts_as_given_up(exam):
     follow_up(folder, naming(truths, 99, None), InProcessExecutor())
     proposed, lot = ways(folder)
     assert proposed.settled == lot.settled == 0
-    assert proposed.experiments == lot.experiments == MOST
+    assert proposed.experiments == lot.experiments == MAX_EXPERIMENTS
 
 
 def test_what_was_followed_is_not_followed_again(exam):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.campaign.pendulum import read_pendulum_campaign
-from rfca_rig.exam.cases import drawn_cases
+from rfca_rig.exam.cases import draw_cases
 from rfca_rig.exam.pendulum_campaign import truth_of_pendulum, write_pendulum_campaign
 from rfca_rig.exam.pendulum_cases import (
     PENDULUM_KINDS,
@@ -23,7 +23,7 @@ from rfca_rig.exam.pendulum_world import Friction, PendulumWorld, Tones, swing
 from rfca_rig.model.joint_drive import torque_trace
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
-from rfca_rig.model.pendulum import swing as swing_of_model
+from rfca_rig.model.pendulum import simulate_pendulum as swing_of_model
 
 RIG = PendulumWorld((0.4, 0.3), (0.6, 0.4), (0.3, 0.2), (0.06, 0.018), (0.004, 0.003))
 ONE = PendulumWorld((0.4,), (0.6,), (0.3,), (0.06,), (0.004,))
@@ -77,15 +77,15 @@ def test_a_delay_and_a_lag_move_the_tones_as_they_move_a_signal():
 
 def test_cases_of_every_kind_are_drawn_the_same_again():
     numbers = dict.fromkeys(PENDULUM_KINDS, 3)
-    cases = drawn_cases(7, numbers)
-    assert cases == drawn_cases(7, numbers)
+    cases = draw_cases(7, numbers)
+    assert cases == draw_cases(7, numbers)
     assert sorted(case.kind for case in cases) == sorted(3 * PENDULUM_KINDS)
     sizes = {case.kind: len(case.effects) + len(case.strangers) for case in cases}
     assert sizes == dict(zip(PENDULUM_KINDS, (0, 1, 2, 1), strict=True))
 
 
 def test_a_campaign_is_read_as_believed_and_tells_nothing_of_what_is_concealed(tmp_path):
-    case = drawn_cases(7, {PENDULUM_PAIR: 1})[0]
+    case = draw_cases(7, {PENDULUM_PAIR: 1})[0]
     write_pendulum_campaign(case, tmp_path / "one")
     found = read_pendulum_campaign(tmp_path / "one")
     assert len(found.runs) == 3 and [run.powered for run in found.runs] == list(case.driven)
@@ -96,7 +96,7 @@ def test_a_campaign_is_read_as_believed_and_tells_nothing_of_what_is_concealed(t
 
 @pytest.mark.slow
 def test_the_truth_says_how_much_shows():
-    case = replace(drawn_cases(7, {PENDULUM_NOTHING: 1})[0], kind=PENDULUM_SINGLE)
+    case = replace(draw_cases(7, {PENDULUM_NOTHING: 1})[0], kind=PENDULUM_SINGLE)
     sizes = []
     for share in (0.01, 0.1):
         values = {"torque_Nm": share * torque_scale_Nm(case.world)}

@@ -5,9 +5,9 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import cases
-from rfca_rig.exam.answer import Claim, Said, read_said, said_in
+from rfca_rig.exam.answer import Claim, ParsedDiagnosis, parse_diagnosis, read_diagnosis
 from rfca_rig.exam.claims import calibration, values
-from rfca_rig.exam.outcome import CAUTIOUS, CLASS, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, outcome, truth_in
+from rfca_rig.exam.outcome import CAUTIOUS, CLASS, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, outcome, parse_truth
 from rfca_rig.exam.score import Share, score
 
 
@@ -35,7 +35,7 @@ PLAY_AND_LAG = {**PLAY, "sensor_lag": {"time_constant_s": 0.01}}
 
 
 def named(*claims, **others):
-    return Said("named", tuple(claims), **others)
+    return ParsedDiagnosis("named", tuple(claims), **others)
 
 
 def claim(effect, p=0.95, parameters=None, like=()):
@@ -52,28 +52,28 @@ def claim(effect, p=0.95, parameters=None, like=()):
         (truth(effects=PLAY_AND_LAG), named(claim("hinge_backlash")), PARTIAL),
         (truth(effects=PLAY_AND_LAG), named(claim("hinge_backlash"), claim("sensor_lag")), RIGHT),
         (truth(effects=PLAY_AND_LAG), named(claim("hinge_backlash"), claim("tip_mass")), WRONG),
-        (truth(effects=PLAY), Said("nothing missing"), SILENT),
-        (truth(effects=PLAY), Said("unexplained"), CAUTIOUS),
-        (truth(kind=cases.NOTHING), Said("nothing missing"), RIGHT),
-        (truth(kind=cases.NOTHING), Said("unexplained"), CAUTIOUS),
+        (truth(effects=PLAY), ParsedDiagnosis("nothing missing"), SILENT),
+        (truth(effects=PLAY), ParsedDiagnosis("unexplained"), CAUTIOUS),
+        (truth(kind=cases.NOTHING), ParsedDiagnosis("nothing missing"), RIGHT),
+        (truth(kind=cases.NOTHING), ParsedDiagnosis("unexplained"), CAUTIOUS),
         (truth(kind=cases.NOTHING), named(claim("tip_mass")), WRONG),
-        (truth(kind=cases.MODEL_ERROR, structured={}), Said("unexplained"), RIGHT),
-        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), Said("unexplained"), RIGHT),
-        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), Said("nothing missing"), SILENT),
+        (truth(kind=cases.MODEL_ERROR, structured={}), ParsedDiagnosis("unexplained"), RIGHT),
+        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), ParsedDiagnosis("unexplained"), RIGHT),
+        (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), ParsedDiagnosis("nothing missing"), SILENT),
         (truth(kind=cases.STRANGER, strangers={"shaking_floor": {}}), named(claim("tip_mass")), WRONG),
-        (truth(kind=cases.MISLABEL, mislabelled="sign of fy"), Said("refused"), RIGHT),
+        (truth(kind=cases.MISLABEL, mislabelled="sign of fy"), ParsedDiagnosis("refused"), RIGHT),
         (truth(kind=cases.MISLABEL, mislabelled="heights", also_right=["height_offset"]), named(claim("height_offset")), RIGHT),
         (truth(kind=cases.MISLABEL, mislabelled="heights", also_right=["height_offset"]), named(claim("tip_mass")), WRONG),
-        (truth(kind=cases.MISLABEL, mislabelled="speeds", silence_is_right=True), Said("nothing missing"), RIGHT),
-        (truth(kind=cases.WRONG_LAW, effects=PLAY, uneven={}), Said("unexplained"), RIGHT),
-        (truth(kind=cases.POOR_DATA, design={"conditions": [[215.0, 2.0]]}), Said("not enough data"), RIGHT),
-        (truth(effects=PLAY), Said("not enough data"), CAUTIOUS),
+        (truth(kind=cases.MISLABEL, mislabelled="speeds", silence_is_right=True), ParsedDiagnosis("nothing missing"), RIGHT),
+        (truth(kind=cases.WRONG_LAW, effects=PLAY, uneven={}), ParsedDiagnosis("unexplained"), RIGHT),
+        (truth(kind=cases.POOR_DATA, design={"conditions": [[215.0, 2.0]]}), ParsedDiagnosis("not enough data"), RIGHT),
+        (truth(effects=PLAY), ParsedDiagnosis("not enough data"), CAUTIOUS),
         # what is listed without the verdict "named" is no claim
-        (truth(kind=cases.NOTHING), Said("nothing missing", (claim("tip_mass", 0.2),)), RIGHT),
+        (truth(kind=cases.NOTHING), ParsedDiagnosis("nothing missing", (claim("tip_mass", 0.2),)), RIGHT),
     ],
 )
 def test_outcome(true, said, expected):
-    assert outcome(truth_in(true), said) == expected
+    assert outcome(parse_truth(true), said) == expected
 
 
 def test_shares_and_their_bounds():
@@ -95,10 +95,10 @@ def test_marks_of_a_small_exam():
         truth("g", cases.STRANGER, strangers={"shaking_floor": {}}),
     ]
     said = {
-        "a": Said("nothing missing"),
+        "a": ParsedDiagnosis("nothing missing"),
         "b": named(claim("hinge_backlash", parameters={"half_gap_deg": (1.1, 0.1)}), held_out_fz_N=(3.0, 0.4, 0.2)),
         "c": named(claim("tip_mass", 0.8)),
-        "d": Said("nothing missing"),
+        "d": ParsedDiagnosis("nothing missing"),
         "e": named(claim("sensor_gain", 0.92)),
         "f": named(claim("hinge_backlash"), claim("sensor_lag", like=["clock_offset"])),
         "g": named(claim("ground_tilt", 0.7)),
@@ -144,7 +144,7 @@ def test_a_case_without_diagnosis_counts():
 
 def test_calibration_of_an_honest_and_of_a_boastful_diagnosis():
     def judged(p, right, wrong):
-        hit, miss = truth_in(truth(effects=PLAY)), truth_in(truth(kind=cases.NOTHING))
+        hit, miss = parse_truth(truth(effects=PLAY)), parse_truth(truth(kind=cases.NOTHING))
         return [(hit, named(claim("hinge_backlash", p)))] * right + [(miss, named(claim("tip_mass", p)))] * wrong
 
     honest, boastful = calibration(judged(0.75, 3, 1)), calibration(judged(0.99, 1, 1))
@@ -155,18 +155,18 @@ def test_calibration_of_an_honest_and_of_a_boastful_diagnosis():
 
 
 def test_an_effect_that_was_not_listed_is_no_claim():
-    only = calibration([(truth_in(truth(effects=PLAY)), Said("nothing missing"))])
+    only = calibration([(parse_truth(truth(effects=PLAY)), ParsedDiagnosis("nothing missing"))])
     assert np.isnan(only.ece) and only.confident == 0
 
 
 def test_values_are_judged_by_what_the_effect_changes():
     gain = truth(effects={"sensor_gain": {"factor": 1.03}})
-    found = values([(truth_in(gain), named(claim("sensor_gain", parameters={"factor": (1.02, 0.005)})))])
+    found = values([(parse_truth(gain), named(claim("sensor_gain", parameters={"factor": (1.02, 0.005)})))])
     assert found.median_error == pytest.approx(1.0 / 3.0)
     assert found.coverage_90 == 0.0
     hinge = truth(effects={"damaged_hinge": {"hinge": 4.0, "stiffness_factor": 0.5}})
     said = named(claim("damaged_hinge", parameters={"hinge": (4.0, 0.0), "stiffness_factor": (0.55, 0.05)}))
-    both = values([(truth_in(hinge), said)])
+    both = values([(parse_truth(hinge), said)])
     assert both.count == 2 and both.coverage_90 == 1.0 and both.median_error == pytest.approx(0.05)
 
 
@@ -180,21 +180,24 @@ def test_reading_the_file_of_a_diagnosis(tmp_path):
         ],
         "fit": {"held_out_rms_fz_N": {"before": 3.3, "after": 0.35, "noise_floor": 0.2}},
     }
-    said = said_in(data)
+    said = parse_diagnosis(data)
     assert said.named[0].members == {"tip_mass", "x"}
     assert said.held_out_fz_N == (3.3, 0.35, 0.2)
-    assert read_said(tmp_path / "none.json").verdict == "refused"
+    assert read_diagnosis(tmp_path / "none.json").verdict == "refused"
     for wrong in ({"format": "rfca-diagnosis/3"}, {"verdict": "maybe"}, {"effects": [{"id": "tip_mass"}]}):
         with pytest.raises(BadInput):
-            said_in({**data, **wrong})
+            parse_diagnosis({**data, **wrong})
     (tmp_path / "broken.json").write_text("{")
     with pytest.raises(BadInput, match="is not JSON"):
-        read_said(tmp_path / "broken.json")
+        read_diagnosis(tmp_path / "broken.json")
 
 
 def test_power_counts_by_multiples_of_what_can_be_seen():
     shows = (0.4, 2.5, 2.6, 100.0)
     truths = [truth(f"case-{n}", effects=PLAY, above_of_each={"hinge_backlash": above}) for n, above in enumerate(shows)]
-    said = {"case-1": Said("unexplained"), "case-2": Said("unexplained", grade="family", family="hinge_stiffness", probability=0.9)}
+    said = {
+        "case-1": ParsedDiagnosis("unexplained"),
+        "case-2": ParsedDiagnosis("unexplained", grade="family", family="hinge_stiffness", probability=0.9),
+    }
     found = score(truths, said | {"case-3": named(claim("hinge_backlash"))}).power
     assert [(share.hits, share.of) for share in found] == [(0, 1), (0, 0), (1, 2), (0, 0), (0, 0), (0, 0), (1, 1)]

@@ -3,10 +3,10 @@
 import pytest
 
 from rfca_rig.exam import cases, pendulum_cases
-from rfca_rig.exam.answer import Claim, Said
-from rfca_rig.exam.outcome import truth_in
+from rfca_rig.exam.answer import Claim, ParsedDiagnosis
+from rfca_rig.exam.outcome import parse_truth
 from rfca_rig.exam.score import score
-from rfca_rig.exam.sizes import STRANGER_SPANS
+from rfca_rig.exam.sizes import UNKNOWN_FAULT_RANGES
 from rfca_rig.exam.statements import STRANGERS, score_statements, statements
 from rfca_rig.model.families import FAMILIES
 from tests.exam_cases.test_score import PLAY, PLAY_AND_LAG, truth
@@ -15,7 +15,7 @@ FRICTION = {"hinge_coulomb_friction": {"torque_Nm": 0.1}}
 
 
 def stated(*claims, grade="mostly", **others):
-    return Said("unexplained", tuple(claims), grade=grade, **others)
+    return ParsedDiagnosis("unexplained", tuple(claims), grade=grade, **others)
 
 
 def claim(effect, p=0.9, like=(), **parameters):
@@ -23,7 +23,7 @@ def claim(effect, p=0.9, like=(), **parameters):
 
 
 def scored(*pairs):
-    return score_statements([(truth_in(true), said) for true, said in pairs])
+    return score_statements([(parse_truth(true), said) for true, said in pairs])
 
 
 def family(name, p=0.9):
@@ -45,12 +45,14 @@ def family(name, p=0.9):
     ],
 )
 def test_which_statements_are_true(true, said, expected):
-    assert list(statements(truth_in(true), said)) == expected
+    assert list(statements(parse_truth(true), said)) == expected
 
 
 def test_what_is_stated_of_nothing_and_wrongly():
     nothing = truth(kind=cases.NOTHING)
-    found = scored((nothing, family("leg_mass")), (nothing, Said("nothing missing")), (truth(effects=PLAY), stated(claim("tip_mass", 0.7))))
+    found = scored(
+        (nothing, family("leg_mass")), (nothing, ParsedDiagnosis("nothing missing")), (truth(effects=PLAY), stated(claim("tip_mass", 0.7)))
+    )
     assert found.claims_on_nothing == (1, 2)
     assert found.wrong == (1, 1)  # what is stated with less than 80 % is no sure statement
 
@@ -93,7 +95,7 @@ def test_places_and_calibration():
 
 
 def test_every_effect_outside_the_catalogue_has_a_place_and_a_known_family():
-    assert set(STRANGERS) == {*STRANGER_SPANS, *pendulum_cases.STRANGERS}
+    assert set(STRANGERS) == {*UNKNOWN_FAULT_RANGES, *pendulum_cases.STRANGERS}
     assert {name for name, _ in STRANGERS.values() if name} <= {each.id for each in FAMILIES}
 
 
@@ -101,14 +103,19 @@ def test_visible_single_effects_count_where_they_or_their_family_are_stated():
     faint = truth(kind=cases.SINGLE, effects=FRICTION, size={"left_over_noise": 0.5}, left_of_each={"hinge_coulomb_friction": 0.5})
     seen = truth(kind=cases.SINGLE, effects=FRICTION, size={"left_over_noise": 5.0}, left_of_each={"hinge_coulomb_friction": 5.0})
     wrong = stated(claim("hinge_coulomb_friction"), claim("sensor_gain"))
-    scores = scored((faint, Said("nothing missing")), (seen, family("hinge_dissipation")), (seen, wrong), (seen, Said("unexplained")))
+    scores = scored(
+        (faint, ParsedDiagnosis("nothing missing")),
+        (seen, family("hinge_dissipation")),
+        (seen, wrong),
+        (seen, ParsedDiagnosis("unexplained")),
+    )
     assert scores.singles == (1, 3)
 
 
 def test_pendulums_are_scored_apart():
     leg = truth(case="case-0001", kind=cases.NOTHING)
     swings = truth(case="case-0002", kind=pendulum_cases.PENDULUM_NOTHING)
-    marks = score([leg, swings], {"case-0001": Said("nothing missing"), "case-0002": stated(claim("joint_friction"))})
+    marks = score([leg, swings], {"case-0001": ParsedDiagnosis("nothing missing"), "case-0002": stated(claim("joint_friction"))})
     assert marks.statements.claims_on_nothing == (0, 1) and marks.statements.wrong == (0, 0)
     assert marks.pendulums.claims_on_nothing == (1, 1) and marks.pendulums.wrong == (1, 1)
     assert marks.worst[0].reason == "stated joint_friction as mostly at 90%, there is nothing"

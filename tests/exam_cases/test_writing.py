@@ -12,14 +12,14 @@ from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.cli.lines import WIDTH
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
-from rfca_rig.exam.cases import Case, drawn_cases
+from rfca_rig.exam.cases import Case, draw_cases
 from rfca_rig.exam.designs import ExamDesign
 from rfca_rig.exam.experiment import stroke_traces
 from rfca_rig.exam.injected_faults import EFFECTS
-from rfca_rig.exam.nominal_world import OffBy
-from rfca_rig.exam.sampled_rig import ExamScatter, world_of
+from rfca_rig.exam.nominal_world import NominalErrors
+from rfca_rig.exam.sampled_rig import ExamScatter, build_world
 from rfca_rig.exam.score import score
-from rfca_rig.exam.scoring import mark, wording
+from rfca_rig.exam.scoring import format_scores, score_folder
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.simulate_campaign import add_experiment, write_campaign
 from rfca_rig.exam.unknown_faults import NAMES
@@ -30,7 +30,7 @@ SMALL = ExamDesign(conditions=((215.0, 3.0), (235.0, 2.0)), repeats=2, static_he
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory) -> tuple[Case, Path]:
-    case = replace(next(case for case in drawn_cases(1, {cases.SINGLE: 1})), design=SMALL)
+    case = replace(next(case for case in draw_cases(1, {cases.SINGLE: 1})), design=SMALL)
     folder = tmp_path_factory.mktemp("exam") / "case"
     write_campaign(case, folder)
     return case, folder
@@ -69,19 +69,19 @@ def test_repeats_differ_by_scatter_and_noise(written):
 
 
 def test_scatter_reaches_floor_height_and_start():
-    case = drawn_cases(1, {cases.NOTHING: 1})[0]
-    plain, other = (world_of(case, 0.215, scatter, 1) for scatter in (ExamScatter(), ExamScatter(1e-4, 5e-3, 2e-3)))
+    case = draw_cases(1, {cases.NOTHING: 1})[0]
+    plain, other = (build_world(case, 0.215, scatter, 1) for scatter in (ExamScatter(), ExamScatter(1e-4, 5e-3, 2e-3)))
     assert other.floor.mu - plain.floor.mu == pytest.approx(5e-3)
     assert other.mount.height_m - plain.mount.height_m == pytest.approx(1e-4)
     assert other.drive.start_angle_rad - plain.drive.start_angle_rad == pytest.approx(2e-3)
 
 
 def test_a_drive_obeys_as_late_as_the_case_has_it():
-    late = replace(drawn_cases(1, {cases.SINGLE: 1})[0], effects={}, off=OffBy(), structured=None, late_s=2.5e-3)
+    late = replace(draw_cases(1, {cases.SINGLE: 1})[0], effects={}, off=NominalErrors(), structured=None, late_s=2.5e-3)
     soon = replace(late, late_s=0.0)
-    angle_rad = [stroke_traces(world_of(case, 0.3, ExamScatter(), 1), 2.433).motor_angle_rad for case in (late, soon)]
+    angle_rad = [stroke_traces(build_world(case, 0.3, ExamScatter(), 1), 2.433).motor_angle_rad for case in (late, soon)]
     assert (angle_rad[1] - angle_rad[0])[-100:] == pytest.approx(2.5e-3 * 2.433, rel=1e-3)
-    assert 0.0 < max(case.late_s for case in drawn_cases(1) if case.kind in cases.LEG_KINDS) < 3e-3
+    assert 0.0 < max(case.late_s for case in draw_cases(1) if case.kind in cases.LEG_KINDS) < 3e-3
 
 
 def test_nothing_in_the_folder_tells(written):
@@ -132,13 +132,13 @@ def test_a_folder_of_diagnoses_is_marked(tmp_path):
     told = tmp_path / "told" / folders[0].name
     told.mkdir(parents=True)
     (told / "diagnosis.json").write_text('{"format": "rfca-diagnosis/1", "verdict": "not enough data", "effects": [], "fit": null}')
-    marks = mark(tmp_path / "out", tmp_path / "told")
+    marks = score_folder(tmp_path / "out", tmp_path / "told")
     assert marks.outcomes == {cases.POOR_DATA: {"right": 2}}
-    text = "\n".join(wording(marks))
+    text = "\n".join(format_scores(marks))
     assert "poor data: wrong names" in text and "0 of 2" in text
 
 
 def test_the_table_of_all_kinds_fits_a_terminal():
     marks = replace(score([], {}), outcomes={kind: {"right": 3} for kind in cases.KINDS})
-    heading, *lines = wording(marks)
+    heading, *lines = format_scores(marks)
     assert max(map(len, (heading, *lines[: len(cases.KINDS)]))) <= WIDTH

@@ -13,7 +13,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.legs import PAPER
 
 CASES = 200
@@ -40,7 +40,7 @@ def drawn(random: np.random.Generator) -> RigModel:
 def verdict(rig: RigModel) -> tuple[str, float]:
     """What came of one rig, and by how much its valley depends on the tolerance [share]."""
     try:
-        plain, tight = (stroke_at_speed(rig, 0.215, 2.433, T, tolerance) for tolerance in (Tolerance(), TIGHTER))
+        plain, tight = (simulate_stroke_at_speed(rig, 0.215, 2.433, T, tolerance) for tolerance in (Tolerance(), TIGHTER))
     except (BadInput, SimulationFailed):
         return "said so", 0.0
     if not (np.isfinite(plain.fz_N).all() and np.isfinite(tight.fz_N).all()):

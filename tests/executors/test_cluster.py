@@ -12,10 +12,10 @@ import pytest
 from rfca_rig.cli.commands import prove
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.base import InProcessExecutor
-from rfca_rig.executors.cluster import connected
+from rfca_rig.executors.cluster import connect_to_scheduler
 from rfca_rig.executors.environment import EnvironmentCheck
-from rfca_rig.executors.mapping import Failed, map_unordered
-from rfca_rig.progress import silent
+from rfca_rig.executors.mapping import TaskFailure, map_unordered
+from rfca_rig.progress import ignore_named_progress
 from tests.cli.typed import typed
 from tests.exam_cases.examinees import wants_more_data
 from tests.executors import work
@@ -39,8 +39,8 @@ def address():
 
 @pytest.fixture(scope="module")
 def workers(address):
-    with connected(address, None, work.facts, silent, print) as executor:
-        executor.calm_after_loss_s = 0.5
+    with connect_to_scheduler(address, None, work.facts, ignore_named_progress, print) as executor:
+        executor.retry_delay_s = 0.5
         yield executor
 
 
@@ -67,7 +67,7 @@ def test_a_piece_that_ends_its_worker_twice_is_given_up_and_the_rest_is_done(wor
     results = dict(map_unordered(workers, work.kills_at_three, range(6)))
     failed = results.pop(3)
     assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
-    assert isinstance(failed, Failed) and failed.reason.startswith("2 workers were lost over it")
+    assert isinstance(failed, TaskFailure) and failed.reason.startswith("2 workers were lost over it")
 
 
 def content(exam: Path) -> dict[str, bytes]:
@@ -112,16 +112,16 @@ def other_facts() -> dict[str, str]:
 
 def test_a_worker_with_another_version_is_refused_in_a_line(address):
     words = r"^the worker on \S+ is not as this process: numpy is 1\.0 there, 2\.0 here$"
-    with pytest.raises(BadInput, match=words), connected(address, None, other_facts, silent, print):
+    with pytest.raises(BadInput, match=words), connect_to_scheduler(address, None, other_facts, ignore_named_progress, print):
         pass
 
 
 def test_a_worker_that_does_not_see_the_results_folder_does_not_meet_the_terms(tmp_path):
     facts = {"numpy": "2.0"}
     terms = EnvironmentCheck(facts, str(tmp_path), ".seen-1")
-    assert terms.unmet(facts) == f"{tmp_path} is not the same folder there; results must go where all computers see them"
+    assert terms.find_differences(facts) == f"{tmp_path} is not the same folder there; results must go where all computers see them"
     (tmp_path / ".seen-1").touch()
-    assert terms.unmet(facts) is None
+    assert terms.find_differences(facts) is None
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.errors import RigError
 from rfca_rig.executors.base import InProcessExecutor, TaskExecutor, WorkerLost
 from rfca_rig.executors.local import process_executor
-from rfca_rig.executors.mapping import Failed, map_unordered
+from rfca_rig.executors.mapping import TaskFailure, map_unordered
 from tests.executors import work
 
 
@@ -51,19 +51,19 @@ def test_what_raises_is_told_with_its_trace_and_the_rest_is_done(two):
     results = dict(map_unordered(two, work.fails_at_three, range(6)))
     failed = results.pop(3)
     assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
-    assert isinstance(failed, Failed) and failed.reason == "ZeroDivisionError: three" and "fails_at_three" in failed.trace
+    assert isinstance(failed, TaskFailure) and failed.reason == "ZeroDivisionError: three" and "fails_at_three" in failed.trace
 
 
 def test_a_piece_that_ends_its_process_twice_is_given_up_and_the_rest_is_done(two):
     results = dict(map_unordered(two, work.kills_at_three, range(6)))
     failed = results.pop(3)
     assert results == {number: 10 * number for number in (0, 1, 2, 4, 5)}
-    assert isinstance(failed, Failed) and failed.reason.startswith("2 workers were lost over it")
+    assert isinstance(failed, TaskFailure) and failed.reason.startswith("2 workers were lost over it")
 
 
 def test_a_result_that_cannot_travel_is_the_fault_of_its_piece_only(two):
     results = dict(map_unordered(two, work.returns_what_cannot_travel, range(6)))
-    assert isinstance(results.pop(3), Failed) and results == {number: number for number in (0, 1, 2, 4, 5)}
+    assert isinstance(results.pop(3), TaskFailure) and results == {number: number for number in (0, 1, 2, 4, 5)}
 
 
 def test_a_killed_process_costs_the_piece_that_it_had(two, tmp_path):
@@ -152,7 +152,7 @@ def test_lost_work_waits_until_the_crew_is_calm(monkeypatch):
             return super().now_s()
 
     executor = Recorded(lost=1)
-    executor.calm_after_loss_s = 30.0
+    executor.retry_delay_s = 30.0
     began = [(number, result) for number, result in map_unordered(executor, work.fails_at_three, range(4, 10), Second)]
     assert [number for number, _ in began] == [5, 6, 7, 8, 9, 4] and dict(began)[4] == 40
 

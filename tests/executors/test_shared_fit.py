@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.fitting.fit import Search
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.valleys import ValleyRow, fit_valleys
 from rfca_rig.analysis.valley import Valley
 from rfca_rig.executors.local import process_executor
@@ -15,7 +15,7 @@ CONDITIONS = ((0.215, 2.433), (0.235, 3.276))
 
 def stronger(height_m: float, speed_rad_s: float) -> ValleyRow:
     """A valley that is a little deeper than the model's."""
-    valley = ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).simulated(Supposed(PAPER))
+    valley = ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).simulated(ModelPoint(PAPER))
     assert isinstance(valley, Valley)
     return ValleyRow(height_m, speed_rad_s, valley.time_s, 1.03 * valley.fz_N, 0.01, 0.1)
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.executors.cores import cores
-from rfca_rig.executors.environment import facts_here
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.executors.environment import collect_facts
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.legs import PAPER
 
 T_S = np.arange(1, 301) * 1e-3
@@ -19,7 +19,7 @@ T_S = np.arange(1, 301) * 1e-3
 def stroke(seed: int) -> bytes:
     """Every bit of a stroke whose speed and noise follow from the seed, and of some linear algebra on it."""
     random = np.random.default_rng(seed)
-    fz_N = stroke_at_speed(PAPER, 0.215, random.uniform(2.0, 3.0), T_S).fz_N + random.normal(size=len(T_S))
+    fz_N = simulate_stroke_at_speed(PAPER, 0.215, random.uniform(2.0, 3.0), T_S).fz_N + random.normal(size=len(T_S))
     table = fz_N.reshape(30, 10)
     return fz_N.tobytes() + np.linalg.solve(table.T @ table, table.T[:, 0]).tobytes()
 
@@ -60,4 +60,4 @@ def threads(number: int) -> tuple[int, str | None]:
 
 def facts() -> dict[str, str]:
     """Without the source, which somebody may be editing."""
-    return {name: told for name, told in facts_here().items() if name != "source"}
+    return {name: told for name, told in collect_facts().items() if name != "source"}

@@ -9,7 +9,7 @@ import pytest
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
 from rfca_rig.export.csv_files import export_csv
-from rfca_rig.progress import unwatched
+from rfca_rig.progress import ignore_progress
 from rfca_rig.recording.store import write_recording
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
 from tests.export.recordings import recording
@@ -43,7 +43,7 @@ def test_every_value_is_there_to_the_last_digit_and_the_index_lists_all(tmp_path
 
 def test_static_stages_have_a_table_of_their_own(tmp_path):
     write_recording(recording(140), tmp_path / "run.h5")
-    export_csv(tmp_path / "run.h5", tmp_path / "out", unwatched)
+    export_csv(tmp_path / "run.h5", tmp_path / "out", ignore_progress)
     (held,) = rows(tmp_path / "out/static.csv")
     assert (held["direction"], float(held["fz_N"]), held["hinge7_deg"]) == ("loading", -2.36, "nan")
 
@@ -52,16 +52,16 @@ def test_a_folder_that_is_there_is_left_alone(tmp_path):
     write_recording(recording(140), tmp_path / "run.h5")
     (tmp_path / "out").mkdir()
     with pytest.raises(BadInput, match="is there already"):
-        export_csv(tmp_path, tmp_path / "out", unwatched)
+        export_csv(tmp_path, tmp_path / "out", ignore_progress)
 
 
 def test_a_run_that_was_never_put_together_is_exported_from_its_stages(tmp_path):
     with recorder_on(twin_rig(), tmp_path / "run") as (bench, recorder, kept):
         run_plan(one_condition(twin_rig()), bench, recorder, nothing)
         kept.finish()
-    export_csv(tmp_path / "run", tmp_path / "whole", unwatched)
+    export_csv(tmp_path / "run", tmp_path / "whole", ignore_progress)
     (tmp_path / "run" / "run.h5").unlink()
-    export_csv(tmp_path / "run", tmp_path / "stages", unwatched)
+    export_csv(tmp_path / "run", tmp_path / "stages", ignore_progress)
     files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*.csv"))
     assert len(files) > 2
     assert [(tmp_path / "stages" / file).read_bytes() for file in files] == [(tmp_path / "whole" / file).read_bytes() for file in files]

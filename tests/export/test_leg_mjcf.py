@@ -11,7 +11,7 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
-from rfca_rig.exam.cases import NOTHING, drawn_cases
+from rfca_rig.exam.cases import NOTHING, draw_cases
 from rfca_rig.exam.designs import ExamDesign
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.export.leg_mjcf import export_leg
@@ -21,10 +21,10 @@ from rfca_rig.mechanism.leg_file import FLOOR, end_names, write_leg_mjcf
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant
 from rfca_rig.mechanism.prescribed import PrescribedMotion
-from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ramp_to_speed
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import simulate_stroke
 from rfca_rig.recording.atomic import write_atomically
 from tests.campaign.small import SMALL
 from tests.cli.typed import typed
@@ -48,13 +48,13 @@ def strokes(tmp_path, rig, step_s, half_gap_rad=0.0):
     """fy, fz and tx (3, m) of the compiled chain, and of MuJoCo with the same ground."""
     motion = ramp_to_speed(rig.leg.start_angle_rad, SPEED_RAD_S, rig.drive.ramp_s, 1.0)
     t_s = np.arange(1, 900) * 1e-3
-    chain = stroke_following(rig, HEIGHT_M, motion, t_s, TIGHT)
+    chain = simulate_stroke(rig, HEIGHT_M, motion, t_s, TIGHT)
     coefficients = motion.coefficients[:, ::-1].T[:, :, None] * np.array([0.0, 1.0])
     coefficients[3, :, 0] = HEIGHT_M
     plant = make_plant(leg_of(tmp_path, rig), step_s, reads_sensors=True)
     plant.spring_half_gap[2:] = half_gap_rad
     still = CommandTrace(np.array([0.0, 1.0]), np.empty((2, 0)))
-    found = roll(plant, still, None, None, t_s, 0.0, PrescribedMotion(PPoly(coefficients, motion.breaks_s)))
+    found = simulate_plant(plant, still, None, None, t_s, 0.0, PrescribedMotion(PPoly(coefficients, motion.breaks_s)))
     return np.stack([chain.fy_N, chain.fz_N, chain.tx_Nm]), -found.sensors[:, 1:4].T
 
 
@@ -90,7 +90,7 @@ def test_the_amended_model_of_the_leg_has_no_heavy_joints_and_says_what_it_lacks
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     place = tmp_path_factory.mktemp("leg")
-    (case,) = drawn_cases(7, {NOTHING: 1})
+    (case,) = draw_cases(7, {NOTHING: 1})
     write_campaign(replace(case, design=SHORT), place / "campaign")
     export_leg(place / "campaign", place / "mjcf")
     return place / "mjcf"

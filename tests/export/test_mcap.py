@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from rfca_rig.errors import BadInput
 from rfca_rig.export.mcap_file import Exported, export_mcap
 from rfca_rig.export.sample_messages import Layout
-from rfca_rig.progress import unwatched
+from rfca_rig.progress import ignore_progress
 from rfca_rig.recording.model import Column, RawStage, Recording, Stream, Stroke
 from rfca_rig.recording.store import write_recording
 from tests.export.recordings import HOLD_S, STARTS_S, lay_photos, recording, streams
@@ -56,7 +56,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, Expor
     known = recording()
     write_recording(known, folder / "run.h5")
     lay_photos(folder)
-    return known, export_mcap(folder, folder / "out" / "small.mcap", unwatched), folder / "out" / "small.mcap"
+    return known, export_mcap(folder, folder / "out" / "small.mcap", ignore_progress), folder / "out" / "small.mcap"
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +168,7 @@ def test_a_run_that_was_resumed_has_a_clock_for_each_part(tmp_path, resumed, lat
     cut_short = RawStage("flap 200 mm, 1 rad/s, repeat 2", 0.2, streams(10.0, 140, 3), "stopped")
     text = "".join(json.dumps(event) + "\n" for event in events)
     write_recording(Recording("resumed", "SIM", {}, {}, strokes, (), {"events": text}, (cut_short,)), tmp_path / "run.h5")
-    export_mcap(tmp_path, tmp_path / "out.mcap", unwatched)
+    export_mcap(tmp_path, tmp_path / "out.mcap", ignore_progress)
     topics = read_back(tmp_path / "out.mcap")
     later_ns = round(later_s * 1e9)
     assert [ns - BEGAN_NS for ns, _ in topics["/stage"]] == [4_900_000_000, 9_900_000_000, later_ns + 4_900_000_000]
@@ -177,7 +177,7 @@ def test_a_run_that_was_resumed_has_a_clock_for_each_part(tmp_path, resumed, lat
 
 
 def test_a_campaign_from_elsewhere_follows_stage_after_stage(tmp_path):
-    export_mcap(SMALL, tmp_path / "small.mcap", unwatched)
+    export_mcap(SMALL, tmp_path / "small.mcap", ignore_progress)
     topics = read_back(tmp_path / "small.mcap")
     begins = [ns for ns, _ in topics["/stage"]]
     assert begins == sorted(set(begins))
@@ -187,7 +187,7 @@ def test_a_campaign_from_elsewhere_follows_stage_after_stage(tmp_path):
 
 def test_more_fields_than_one_byte_of_tag_holds():
     layout = Layout("wide", tuple((f"x{i}", i % 3 == 0) for i in range(40)))
-    message = layout.blank(1)
+    message = layout.empty_messages(1)
     for i in range(40):
         message[f"x{i}"] = i
     decoded = message_class(layout.type_name, layout.descriptor).FromString(message.tobytes())
@@ -199,7 +199,7 @@ def test_columns_of_a_spreadsheet_may_be_called_anything(tmp_path):
     stream = Stream(np.zeros(3), {name: Column(np.full(3, value), "") for name, value in odd.items()})
     stroke = Stroke(0.2, 1.0, 1, {"my table": stream})
     write_recording(Recording("odd", "IMPORT", {}, {}, (stroke,), ()), tmp_path / "run.h5")
-    export_mcap(tmp_path / "run.h5", tmp_path / "odd.mcap", unwatched)
+    export_mcap(tmp_path / "run.h5", tmp_path / "odd.mcap", ignore_progress)
     content = read_back(tmp_path / "odd.mcap")["/my table"][0][1]
     assert list(content.values()) == [0.0, *odd.values()]
     assert all(name.isascii() and name.isidentifier() for name in content)
@@ -207,8 +207,8 @@ def test_columns_of_a_spreadsheet_may_be_called_anything(tmp_path):
 
 def test_what_is_no_recording_leaves_nothing_behind(tmp_path):
     with pytest.raises(BadInput):
-        export_mcap(tmp_path / "none", tmp_path / "out.mcap", unwatched)
+        export_mcap(tmp_path / "none", tmp_path / "out.mcap", ignore_progress)
     (tmp_path / "run.h5").write_bytes(b"no")
     with pytest.raises(BadInput):
-        export_mcap(tmp_path, tmp_path / "out.mcap", unwatched)
+        export_mcap(tmp_path, tmp_path / "out.mcap", ignore_progress)
     assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]

@@ -100,7 +100,7 @@ def let_go(d: Driving, within_s: float) -> float:
     assert len(words) >= 3, "the drive was not told to let go"
     d.ear.send(LAST_WORDS[d.kind].frames()[-1])
     told_Nm = [torque_Nm for m in d.heard(0.3) if (torque_Nm := d.torque_Nm(m)) is not None]
-    assert abs(told_Nm[0]) < LAST_WORDS[d.kind].least_Nm()
+    assert abs(told_Nm[0]) < LAST_WORDS[d.kind].min_visible_torque_Nm()
     return words[0].timestamp - last_command.timestamp
 
 

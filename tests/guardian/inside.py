@@ -9,15 +9,15 @@ import can
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.cubemars_mit import MitReply, encode_reply
-from rfca_rig.drivers.cubemars_last_word import MitLastWord
+from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames
 from rfca_rig.drivers.cubemars_settings import MitSettings
 from rfca_rig.guardian.link import GuardianLink
 from rfca_rig.guardian.process import Guardian
-from rfca_rig.guardian.records import GuardianRecord, RecordKind, of_frame
+from rfca_rig.guardian.records import GuardianRecord, RecordKind, from_frame
 from rfca_rig.twins.can_wire import can_wire
 
 SETTINGS = MitSettings(1, "AK80-9")
-LAST_WORD = MitLastWord(SETTINGS)
+LAST_WORD = MitTorqueOffFrames(SETTINGS)
 LIMP, EXIT = (bytes(message.data) for message in LAST_WORD.frames())
 SILENCE_S = 0.1
 
@@ -45,14 +45,14 @@ class Inside:
         self.put(GuardianRecord(RecordKind.ARM, self.clock.now_s(), number=number))
 
     def command(self, number: int = 0) -> None:
-        self.put(of_frame(command(number), self.clock.now_s()))
+        self.put(from_frame(command(number), self.clock.now_s()))
 
     def put(self, record: GuardianRecord) -> None:
         self.parent.put(record)
         self.parent.flush()
 
     def confirmed(self, message: can.Message) -> str:
-        self.put(of_frame(message, self.clock.now_s(), RecordKind.FRAME_TO_CONFIRM, 1))
+        self.put(from_frame(message, self.clock.now_s(), RecordKind.FRAME_TO_CONFIRM, 1))
         self.guardian.round(self.clock.now_s())
         return self.told(RecordKind.CONFIRMED)[-1].text
 

@@ -13,10 +13,10 @@ import can
 
 from rfca_rig.clock import WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
-from rfca_rig.drivers.cubemars_last_word import MitLastWord, ServoLastWord
+from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames, ServoTorqueOffFrames
 from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
-from rfca_rig.drivers.guard import LastWord
+from rfca_rig.drivers.guard import TorqueOffFrames
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.guardian.guarded_bus import GuardedBus
 from tests.twin_server.server import Server, serving
@@ -26,7 +26,7 @@ CALIBRATION = Path(__file__).parents[2] / "calibration"
 BUS = CanBusSettings("socketcand", "can0", 1_000_000)
 MIT = MitSettings(3, "AK10-9", -1, 0.5)
 SERVO = ServoSettings(104, 9.0, 21, 0.198, -1, 20.0)
-LAST_WORDS: dict[str, LastWord] = {"mit": MitLastWord(MIT), "servo": ServoLastWord(SERVO)}
+LAST_WORDS: dict[str, TorqueOffFrames] = {"mit": MitTorqueOffFrames(MIT), "servo": ServoTorqueOffFrames(SERVO)}
 SECTIONS = {
     "mit": 'device = "cubemars-mit"\ndrive_id = 3\nmodel = "AK10-9"\ndirection = -1\nzero_rad = 0.5\n',
     "servo": 'device = "cubemars-servo"\ndrive_id = 104\ngear_ratio = 9.0\npole_pairs = 21\ntorque_constant_Nm_per_A = 0.198\n'

@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.clock import WallClock
 from rfca_rig.drivers.can_bus import CanBusSettings
-from rfca_rig.drivers.guard import LetGo
+from rfca_rig.drivers.guard import GuardianTorqueOff
 from rfca_rig.guardian.guarded_bus import GuardedBus
 from rfca_rig.guardian.process import signature
 from tests.guardian.rigs import LAST_WORDS, SILENCE_S, far_end
@@ -59,7 +59,7 @@ def test_commands_pass_and_their_end_is_the_end_of_the_torque(adapter):
             time.sleep(0.005)
         assert len([m for m in heard(ear, 0.05) if signature(m) == signature(COMMAND)]) == 50
         assert {signature(message) for message in WORD.frames()} <= {signature(message) for message in heard(ear, 0.5)}
-        with pytest.raises(LetGo, match="guardian let go after 1"):
+        with pytest.raises(GuardianTorqueOff, match="guardian let go after 1"):
             bus.send(COMMAND)
 
 

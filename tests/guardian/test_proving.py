@@ -7,8 +7,8 @@ import pytest
 
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import Status
-from rfca_rig.drivers.cubemars_last_word import MitLastWord, ServoLastWord
-from rfca_rig.drivers.guard import LetGo, Proof, Silenced, arm, prove_guard
+from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames, ServoTorqueOffFrames
+from rfca_rig.drivers.guard import GuardianProof, GuardianTorqueOff, TorqueOffResult, arm, prove_guard
 from rfca_rig.errors import DeviceError
 from tests.guardian.inside import reply
 from tests.guardian.rigs import MIT, SERVO
@@ -17,10 +17,10 @@ from tests.guardian.rigs import MIT, SERVO
 class Told:
     """A guard that did what the test says, or raises it."""
 
-    def __init__(self, did: Silenced | can.CanError | None) -> None:
+    def __init__(self, did: TorqueOffResult | can.CanError | None) -> None:
         self._did = did
 
-    def await_let_go(self, limit_s: float) -> Silenced | None:
+    def await_let_go(self, limit_s: float) -> TorqueOffResult | None:
         assert limit_s == 1.0
         return self._or_raised()
 
@@ -30,13 +30,13 @@ class Told:
     def describe(self) -> str:
         return "as told"
 
-    def _or_raised(self) -> Silenced | None:
+    def _or_raised(self) -> TorqueOffResult | None:
         if isinstance(self._did, can.CanError):
             raise self._did
         return self._did
 
 
-def proof(did: Silenced | can.CanError | None, held_Nm: float = 1.0, answers: bool = True) -> Proof:
+def proof(did: TorqueOffResult | can.CanError | None, held_Nm: float = 1.0, answers: bool = True) -> GuardianProof:
     return prove_guard(Told(did), held_Nm, 0.1, 1.0, answers)
 
 
@@ -50,7 +50,7 @@ def proof(did: Silenced | can.CanError | None, held_Nm: float = 1.0, answers: bo
     ],
 )
 def test_a_drive_without_torque_is_proof_and_what_it_rests_on_is_kept(held_Nm, answers, seen):
-    proven = proof(Silenced(0.102, 0.015, 3, 0.05), held_Nm, answers)
+    proven = proof(TorqueOffResult(0.102, 0.015, 3, 0.05), held_Nm, answers)
     assert proven.took_s == pytest.approx(0.117)
     assert proven.seen == seen
 
@@ -59,10 +59,10 @@ def test_a_drive_without_torque_is_proof_and_what_it_rests_on_is_kept(held_Nm, a
     ("did", "held_Nm", "answers", "said"),
     [
         (None, 1.0, True, r"guardian not proven: it did nothing within 1 s of silence"),
-        (Silenced(0.102, 0.5, 0, nan), 1.0, True, r"told the drive to let go after 102 ms, and the drive said nothing since"),
-        (Silenced(0.102, 0.5, 9, 0.9), 1.0, True, r"still shows 0\.90 N m; press the emergency stop"),
-        (Silenced(0.102, 0.5, 9, -0.9), -1.0, False, r"still shows -0\.90 N m; press the emergency stop"),
-        (Silenced(0.102, 0.5, 9, 0.9), 0.0, True, r"still shows 0\.90 N m; press the emergency stop"),
+        (TorqueOffResult(0.102, 0.5, 0, nan), 1.0, True, r"told the drive to let go after 102 ms, and the drive said nothing since"),
+        (TorqueOffResult(0.102, 0.5, 9, 0.9), 1.0, True, r"still shows 0\.90 N m; press the emergency stop"),
+        (TorqueOffResult(0.102, 0.5, 9, -0.9), -1.0, False, r"still shows -0\.90 N m; press the emergency stop"),
+        (TorqueOffResult(0.102, 0.5, 9, 0.9), 0.0, True, r"still shows 0\.90 N m; press the emergency stop"),
         (can.CanOperationError("cable pulled"), 1.0, True, r"guardian not proven: cable pulled"),
     ],
     ids=["nothing", "no answer", "holds", "holds the other way", "pulls anew", "bus"],
@@ -74,7 +74,10 @@ def test_everything_else_is_refused_in_words(did, held_Nm, answers, said):
 
 @pytest.mark.parametrize(
     ("error", "said"),
-    [(LetGo("guardian let go after 101 ms of silence"), "^guardian let go"), (can.CanOperationError("cable pulled"), "not enabled: cable")],
+    [
+        (GuardianTorqueOff("guardian let go after 101 ms of silence"), "^guardian let go"),
+        (can.CanOperationError("cable pulled"), "not enabled: cable"),
+    ],
 )
 def test_what_was_not_told_yet_is_told_before_the_drive_is_energised(error, said):
     with pytest.raises(DeviceError, match=said):
@@ -90,15 +93,15 @@ def status(drive: int, current_A: float) -> can.Message:
 
 
 def test_torque_is_read_off_the_reports_of_this_drive():
-    assert MitLastWord(MIT).torque_Nm(reply(3.0)) is None
+    assert MitTorqueOffFrames(MIT).torque_Nm(reply(3.0)) is None
     mine = reply(3.0)
     mine.data[0] = MIT.drive_id
-    assert abs(MitLastWord(MIT).torque_Nm(mine)) > 3.0  # an AK10-9 reads the code of an AK80-9 on its own scale
-    assert ServoLastWord(SERVO).torque_Nm(status(104, 2.0)) == pytest.approx(-2.0 * 9.0 * 0.198)
-    assert ServoLastWord(SERVO).torque_Nm(status(105, 2.0)) is None
+    assert abs(MitTorqueOffFrames(MIT).torque_Nm(mine)) > 3.0  # an AK10-9 reads the code of an AK80-9 on its own scale
+    assert ServoTorqueOffFrames(SERVO).torque_Nm(status(104, 2.0)) == pytest.approx(-2.0 * 9.0 * 0.198)
+    assert ServoTorqueOffFrames(SERVO).torque_Nm(status(105, 2.0)) is None
 
 
-@pytest.mark.parametrize("word", [MitLastWord(MIT), ServoLastWord(SERVO)], ids=["mit", "servo"])
+@pytest.mark.parametrize("word", [MitTorqueOffFrames(MIT), ServoTorqueOffFrames(SERVO)], ids=["mit", "servo"])
 def test_nothing_else_on_the_bus_is_taken_for_a_report_and_nothing_upsets_it(word):
     own = [message.arbitration_id for message in word.frames()]
     for identifier in (0, 3, 104, 0x2968, 0x0368, *own):

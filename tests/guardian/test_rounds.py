@@ -3,8 +3,8 @@
 import can
 import pytest
 
-from rfca_rig.guardian.records import GuardianRecord, RecordKind, encode, frame_of, of_frame, silenced_of, split
-from rfca_rig.guardian.torque_off import EVERY_S, FOR_S, LEAST_TIMES
+from rfca_rig.guardian.records import GuardianRecord, RecordKind, decode_result, encode, from_frame, split_records, to_frame
+from rfca_rig.guardian.torque_off import MAX_DURATION_S, MIN_REPETITIONS, REPEAT_S
 from rfca_rig.twins.can_wire import CanEnd
 from tests.guardian.inside import EXIT, LAST_WORD, LIMP, command, inside, reply
 
@@ -19,10 +19,10 @@ ODD_FRAMES = [
 
 @pytest.mark.parametrize("message", ODD_FRAMES, ids=["extended", "empty", "remote", "error", "fd"])
 def test_a_frame_is_the_same_after_the_link_time_stamp_and_all(message):
-    sent = encode(of_frame(message, message.timestamp))
-    (record,), size = split(sent + sent[:-1])
+    sent = encode(from_frame(message, message.timestamp))
+    (record,), size = split_records(sent + sent[:-1])
     assert size == len(sent)
-    assert frame_of(record).equals(message, timestamp_delta=0.0, check_direction=False)
+    assert to_frame(record).equals(message, timestamp_delta=0.0, check_direction=False)
 
 
 def test_frames_of_the_bus_reach_the_parent_in_order():
@@ -30,7 +30,7 @@ def test_frames_of_the_bus_reach_the_parent_in_order():
         for number in range(300):
             i.drive.send(command(number))
         i.rounds(0.003)
-        assert [int.from_bytes(frame_of(record).data, "big") for record in i.told(RecordKind.FRAME)] == list(range(300))
+        assert [int.from_bytes(to_frame(record).data, "big") for record in i.told(RecordKind.FRAME)] == list(range(300))
 
 
 # -- passing ---------------------------------------------------------------------------------------------------------------------
@@ -123,7 +123,7 @@ def test_reading_and_asking_do_not_count_as_commands():
 def test_it_is_latched_until_it_is_armed_again():
     with inside() as i:
         i.arm()
-        i.rounds(0.15 + FOR_S)
+        i.rounds(0.15 + MAX_DURATION_S)
         i.heard()
         for number in range(50):
             i.command(number)
@@ -179,11 +179,11 @@ def test_it_is_repeated_until_the_drive_shows_no_torque():
         i.rounds(0.101)
         for torque_Nm in (3.0, 2.0, 1.0, 0.5, 0.001, 0.001):
             i.drive.send(reply(torque_Nm))
-            i.rounds(EVERY_S)
+            i.rounds(REPEAT_S)
         assert i.heard() == [LIMP, EXIT] * 5
-        did = silenced_of(i.told(RecordKind.SILENCED)[0])
+        did = decode_result(i.told(RecordKind.SILENCED)[0])
         assert did.silent_s == pytest.approx(0.1, abs=1.1e-3)
-        assert did.took_s == pytest.approx(4 * EVERY_S, abs=2.1e-3)
+        assert did.took_s == pytest.approx(4 * REPEAT_S, abs=2.1e-3)
         assert abs(did.torque_Nm) < 0.01
 
 
@@ -194,7 +194,7 @@ def test_a_report_that_was_on_its_way_is_no_proof():
         for _ in range(100):
             i.drive.send(reply(0.0))
             i.rounds(0.001)
-        assert i.heard() == [LIMP, EXIT] * LEAST_TIMES
+        assert i.heard() == [LIMP, EXIT] * MIN_REPETITIONS
 
 
 @pytest.mark.parametrize("torque_Nm", [None, 3.0], ids=["silent", "still pulling"])
@@ -205,9 +205,9 @@ def test_a_drive_that_does_not_show_it_is_told_for_a_while_and_then_reported_so(
             if torque_Nm is not None:
                 i.drive.send(reply(torque_Nm))
             i.rounds(0.001)
-        assert len(i.heard()) == pytest.approx(2 * FOR_S / EVERY_S, abs=4)
-        did = silenced_of(i.told(RecordKind.SILENCED)[0])
-        assert did.took_s == pytest.approx(FOR_S, abs=0.01)
+        assert len(i.heard()) == pytest.approx(2 * MAX_DURATION_S / REPEAT_S, abs=4)
+        did = decode_result(i.told(RecordKind.SILENCED)[0])
+        assert did.took_s == pytest.approx(MAX_DURATION_S, abs=0.01)
         assert (did.reports == 0) == (torque_Nm is None)
 
 
@@ -260,7 +260,7 @@ def test_it_goes_on_until_the_bus_takes_it():
         bus.refused = lambda _: False
         i.rounds(0.02)
         assert bus.taken[:2] == [LIMP, EXIT]
-        assert len(bus.taken) <= 2 * LEAST_TIMES
+        assert len(bus.taken) <= 2 * MIN_REPETITIONS
 
 
 # -- errors of the bus, ends ------------------------------------------------------------------------------------------------------

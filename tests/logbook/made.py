@@ -6,7 +6,7 @@ from pathlib import Path
 from rfca_rig.description.planning import read_plan
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.protocol.written_plan import plan_texts
+from rfca_rig.protocol.written_plan import serialize_plan
 
 ROOT = Path(__file__).parents[2]
 
@@ -19,7 +19,7 @@ def run(folder: Path, planned: Plan, recorded: int = 99, ending: dict[str, str] 
     """A run of that plan of which so many stages were recorded; `ending` None leaves it unfinished."""
     (folder / "stages").mkdir(parents=True)
     source = known.pop("source", "SIM")
-    provenance = {"operator": "", "sample": "", **plan_texts(planned), **known}
+    provenance = {"operator": "", "sample": "", **serialize_plan(planned), **known}
     (folder / "run.json").write_text(
         json.dumps({"format": "rfca-run/1", "title": planned.title, "source": source, "provenance": provenance})
     )

@@ -34,8 +34,10 @@ def runs(tmp_path, monkeypatch):
 def read(monkeypatch):
     """The folders that were read, not taken from the index."""
     folders = []
-    entry_in = listing.entry_in
-    monkeypatch.setattr(listing, "entry_in", lambda runs, folder, measure_s: (folders.append(folder), entry_in(runs, folder, measure_s))[1])
+    entry_in = listing.read_entry
+    monkeypatch.setattr(
+        listing, "read_entry", lambda runs, folder, measure_s: (folders.append(folder), entry_in(runs, folder, measure_s))[1]
+    )
     return folders
 
 

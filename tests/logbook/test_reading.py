@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.campaign.importing import import_campaign
 from rfca_rig.logbook.entry import Entry, LoggedCondition, entry_of
-from rfca_rig.logbook.reading import entry_in
+from rfca_rig.logbook.reading import read_entry
 from rfca_rig.recording.identity import identity_of
 from rfca_rig.recording.store import read_recording
 from tests.cli.typed import typed
@@ -45,16 +45,16 @@ def test_a_run_is_listed_as_it_was_recorded(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = ("--height", 215, "--speed", 3.249, "--repeats", 2, "--operator", "M. Kölle", "--sample", "leg 7")
     folder = Path(json.loads(typed(monkeypatch, capsys, "dynamic", "run", *words, "--json").out)["run"])
-    entry = entry_in(Path("runs"), folder.name)
+    entry = read_entry(Path("runs"), folder.name)
     assert as_listed(entry) == as_recorded(folder / "run.h5")
     assert (entry.kind, entry.ended, entry.operator, entry.sample) == ("dynamic", "done", "M. Kölle", "leg 7")
     (folder / "run.json").unlink()
-    assert as_listed(entry_in(Path("runs"), folder.name)) == as_listed(entry), "from run.h5 alone"
+    assert as_listed(read_entry(Path("runs"), folder.name)) == as_listed(entry), "from run.h5 alone"
 
 
 def test_an_imported_campaign_is_listed_as_it_was_recorded(tmp_path):
     import_campaign(ROOT / "tests" / "data" / "small-campaign", tmp_path / "IMPORT-small")
-    entry = entry_in(tmp_path, "IMPORT-small")
+    entry = read_entry(tmp_path, "IMPORT-small")
     assert as_listed(entry) == as_recorded(tmp_path / "IMPORT-small" / "run.h5")
     assert (entry.kind, entry.ended) == ("imported", "")
 
@@ -72,7 +72,7 @@ def test_an_imported_campaign_is_listed_as_it_was_recorded(tmp_path):
     ],
 )
 def test_every_ending_has_its_word(tmp_path, ending, ended, code):
-    entry = entry_in(run(tmp_path / "one", plan("flapping"), ending=ending).parent, "one")
+    entry = read_entry(run(tmp_path / "one", plan("flapping"), ending=ending).parent, "one")
     assert (entry.ended, entry.code) == (ended, code)
 
 
@@ -83,7 +83,7 @@ def test_only_what_was_recorded_counts_and_what_had_begun_is_found(tmp_path):
     with (folder / "events.jsonl").open("a") as events:
         events.write(json.dumps({"event": "stage begins", "stage": cut.label}) + "\n")
         events.write(json.dumps({"event": "stage cut short", "why": "stopped"}) + "\n")
-    entry = entry_in(tmp_path, "one")
+    entry = read_entry(tmp_path, "one")
     assert entry.strokes == 6
     assert entry.conditions == (LoggedCondition(215.0, 2.433), LoggedCondition(215.0, 3.249), LoggedCondition(235.0, 2.478))
 
@@ -95,7 +95,7 @@ def test_a_stage_that_a_crash_took_is_not_the_one_recorded_after_it(tmp_path):
         for event in (begins(planned.holds[0]), {"event": "run resumed"}, begins(planned.flaps[0])):
             events.write(json.dumps(event) + "\n")
         events.write(json.dumps({"event": "stage recorded", "samples": {}}) + '\n{"event": "half a li')
-    entry = entry_in(tmp_path, "one")
+    entry = read_entry(tmp_path, "one")
     assert (entry.strokes, entry.static_stages, entry.ended) == (1, 0, "unfinished")
 
 
@@ -108,7 +108,7 @@ def begins(stage):
 def test_damage_is_listed_and_stops_nothing(tmp_path, victim, content):
     folder = run(tmp_path / "one", plan("flapping"), ending=DONE)
     (folder / victim).write_bytes(content)
-    entry = entry_in(tmp_path, "one")
+    entry = read_entry(tmp_path, "one")
     assert entry.folder == "one"
     if (victim, content) != ("events.jsonl", b""):
         assert entry.ended == "damaged" or (content == b"\xff\xfe{" and victim == "events.jsonl")
@@ -121,5 +121,5 @@ def test_a_damaged_recording_is_listed_as_damaged(tmp_path):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
-    entry = entry_in(tmp_path, "IMPORT-small")
+    entry = read_entry(tmp_path, "IMPORT-small")
     assert (entry.ended, "checksum" in entry.why) == ("damaged", True)

@@ -7,7 +7,7 @@ import shutil
 import pytest
 
 from rfca_rig.logbook.listing import list_runs
-from rfca_rig.logbook.reading import entry_in
+from rfca_rig.logbook.reading import read_entry
 from tests.logbook.made import DONE, plan, run
 
 PLAN = plan("flapping")
@@ -41,7 +41,7 @@ def listed(here):
 
 
 def identity(here, number):
-    return entry_in(here / "runs", f"SIM-{number}").identity
+    return read_entry(here / "runs", f"SIM-{number}").identity
 
 
 @pytest.mark.parametrize("place", ["diagnosis", "runs/SIM-0", "runs/SIM-0/diagnosis", "anything"])

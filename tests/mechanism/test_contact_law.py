@@ -17,7 +17,7 @@ from rfca_rig.mechanism.plant import (
     scale_contact_friction,
     scale_contact_stiffness,
 )
-from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 
 KG, RADIUS_M = 0.4, 0.03
 LAW = SphereOnPlane("ball", "floor", 4e4, 0.5, 0.3, 2e-4, 1.5)
@@ -47,7 +47,7 @@ def pushed(by_N):
 @pytest.mark.parametrize(("integrator", "step_s", "error_m"), [("implicitfast", 5e-5, 1e-3), ("RK4", 1e-3, 2e-5)])
 def test_a_ball_bounces_as_hunt_and_crossley_say(tmp_path, integrator, step_s, error_m):
     plant = make_plant(ball(tmp_path, integrator=integrator), step_s, reads_sensors=True)
-    found = roll(plant, pushed(0.0), np.array([0.0, 0.12]), np.zeros(2), T_S)
+    found = simulate_plant(plant, pushed(0.0), np.array([0.0, 0.12]), np.zeros(2), T_S)
 
     def rate(_, x):
         depth = max(RADIUS_M - x[0], 0.0)
@@ -67,10 +67,10 @@ def test_friction_sticks_until_its_limit_and_then_slides(tmp_path):
     plant = make_plant(ball(tmp_path), 1e-4)
     weight_N = 9.81 * KG
     on_floor = np.array([0.0, RADIUS_M - (weight_N / LAW.stiffness_N_per_m1p5) ** (2 / 3)])
-    held = roll(plant, pushed(0.5 * LAW.friction * weight_N), on_floor, np.zeros(2), T_S)
+    held = simulate_plant(plant, pushed(0.5 * LAW.friction * weight_N), on_floor, np.zeros(2), T_S)
     # pushed with half of what holds it, it yields by half of the presliding
     assert np.mean(held.position[250:, 0]) == pytest.approx(0.5 * LAW.presliding_m, rel=0.02)
-    slides = roll(plant, pushed(2.0 * LAW.friction * weight_N), on_floor, np.zeros(2), T_S)
+    slides = simulate_plant(plant, pushed(2.0 * LAW.friction * weight_N), on_floor, np.zeros(2), T_S)
     net_N = LAW.friction * weight_N
     speed = net_N / LAW.drag_N_s_per_m * (1.0 - np.exp(-LAW.drag_N_s_per_m / KG * T_S))  # drag brakes what friction leaves
     assert np.abs(slides.speed[:, 0] - speed).max() < 0.03 * speed.max()  # it gains 2 % while it still sticks
@@ -82,7 +82,7 @@ def test_a_ball_rolls_down_a_tilted_plane_that_is_slippery(tmp_path):
     tilted = replace(ball(tmp_path, f'euler="0 {np.degrees(angle)} 0"'), contacts=(replace(LAW, friction=0.0, drag_N_s_per_m=0.0),))
     depth_m = (9.81 * KG * np.cos(angle) / LAW.stiffness_N_per_m1p5) ** (2 / 3)
     start = np.array([0.0, (RADIUS_M - depth_m) / np.cos(angle)])
-    found = roll(make_plant(tilted, 1e-4), pushed(0.0), start, np.zeros(2), T_S)
+    found = simulate_plant(make_plant(tilted, 1e-4), pushed(0.0), start, np.zeros(2), T_S)
     assert found.speed[:, 0] == pytest.approx(9.81 * np.sin(angle) * np.cos(angle) * T_S, rel=1e-3, abs=1e-4)
 
 
@@ -91,9 +91,9 @@ def test_the_law_takes_the_place_of_mujoco_s_contact(tmp_path):
     mechanism = ball(tmp_path)
     soft = replace(mechanism, contacts=(replace(LAW, stiffness_N_per_m1p5=1e-6),))
     t_s = T_S[:150]
-    found = roll(make_plant(soft, 1e-3), pushed(0.0), np.array([0.0, 0.12]), np.zeros(2), t_s)
+    found = simulate_plant(make_plant(soft, 1e-3), pushed(0.0), np.array([0.0, 0.12]), np.zeros(2), t_s)
     assert found.position[-1, 1] == pytest.approx(0.12 - 0.5 * 9.81 * t_s[-1] ** 2, abs=2e-3)
-    stopped = roll(make_plant(replace(mechanism, contacts=()), 1e-3), pushed(0.0), np.array([0.0, 0.12]), np.zeros(2), t_s)
+    stopped = simulate_plant(make_plant(replace(mechanism, contacts=()), 1e-3), pushed(0.0), np.array([0.0, 0.12]), np.zeros(2), t_s)
     assert stopped.position[-1, 1] > 0.02
 
 
@@ -109,7 +109,7 @@ def test_nuisance_parameters_and_effects_scale_the_law(tmp_path):
 
 
 def test_at_rest_a_ball_lies_as_deep_as_its_weight_presses_it(tmp_path):
-    found = roll(make_plant(ball(tmp_path), 1e-4), pushed(0.0), None, None, T_S)
+    found = simulate_plant(make_plant(ball(tmp_path), 1e-4), pushed(0.0), None, None, T_S)
     expected = RADIUS_M - (9.81 * KG / LAW.stiffness_N_per_m1p5) ** (2 / 3)
     assert found.position[:, 1] == pytest.approx(expected, abs=1e-7)
     assert found.touch_s[0] == 0.0
@@ -122,7 +122,7 @@ def test_with_another_power_a_ball_lies_otherwise_only_where_more_than_its_weigh
         plant = make_plant(ball(tmp_path), 1e-4)
         add_contact_power(plant, -0.5)
         plant.model.opt.gravity[2] = -gravity
-        found = roll(plant, pushed(0.0), None, None, T_S)
+        found = simulate_plant(plant, pushed(0.0), None, None, T_S)
         assert RADIUS_M - found.position[:, 1] == pytest.approx(expected, rel=1e-4)
 
 

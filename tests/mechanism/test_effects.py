@@ -10,9 +10,9 @@ from rfca_rig.mechanism.amend import write_amended_model
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Sensor, load_mechanism
-from rfca_rig.mechanism.nuisances import NUISANCES, places_of
+from rfca_rig.mechanism.nuisances import NUISANCES, find_places
 from rfca_rig.mechanism.plant import make_plant, scale_contact_damping, scale_contact_stiffness, update_constants
-from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from rfca_rig.mechanism.usual_motion import UsualMotion
 from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, mjcf
@@ -48,7 +48,7 @@ def mechanism(tmp_path_factory):
 
 def moved(plant):
     update_constants(plant)
-    motion = roll(plant, TRACE, START_RAD, START_RAD_S, T_S)
+    motion = simulate_plant(plant, TRACE, START_RAD, START_RAD_S, T_S)
     return np.concatenate([motion.position, motion.speed], axis=1)
 
 
@@ -125,10 +125,10 @@ def test_a_slide_has_its_own_units(tmp_path):
     effects = {effect.id: effect for effect in list_effects(cart, usual)}
     assert [p.name for p in effects["joint_friction"].parameters] == ["x_torque_N", "pivot_torque_Nm"]
     assert [p.name for p in effects["joint_load_friction"].parameters] == ["loss_relative"]
-    assert places_of(cart, "slides") == {"x": 0}
-    assert places_of(cart, "hinges") == {"pivot": 1}
-    assert places_of(cart, "hinge motors") == {}
-    assert places_of(cart, "actuators") == {"push": 0}
+    assert find_places(cart, "slides") == {"x": 0}
+    assert find_places(cart, "hinges") == {"pivot": 1}
+    assert find_places(cart, "hinge motors") == {}
+    assert find_places(cart, "actuators") == {"push": 0}
 
 
 OF_HOPPER = ("slide", "contacts", "sensors")
@@ -140,7 +140,7 @@ ELSEWHERE = ("springs", "starts", "contact laws")  # in test_prescribed and test
 )
 def test_every_nuisance_parameter_changes_the_motion(mechanism, plain, key):
     plant = make_plant(mechanism, 1e-3)
-    place = next(iter(places_of(mechanism, NUISANCES[key].objects).values()))
+    place = next(iter(find_places(mechanism, NUISANCES[key].objects).values()))
     NUISANCES[key].shift(plant, place, 0.02)
     assert np.abs(moved(plant) - plain).max() > 1e-4
 
@@ -156,7 +156,7 @@ def hopped(plant):
     """What a fall onto the floor and a push read: height, leg, force on the sole."""
     update_constants(plant)
     trace = CommandTrace(np.array([-0.1, 0.0, 0.3]), np.array([[14.0], [14.0], [40.0]]))
-    motion = roll(plant, trace, np.array([0.275, 0.25]), np.array([-0.3, 0.0]), np.linspace(0.002, 0.25, 125))
+    motion = simulate_plant(plant, trace, np.array([0.275, 0.25]), np.array([-0.3, 0.0]), np.linspace(0.002, 0.25, 125))
     return np.concatenate([motion.position, motion.sensors], axis=1)
 
 
@@ -167,7 +167,7 @@ def plainly_hopped(on_floor):
 
 @pytest.mark.parametrize("key", [key for key, kind in NUISANCES.items() if any(word in kind.objects for word in OF_HOPPER)])
 def test_nuisance_parameters_of_slides_contacts_and_sensors_act_where_they_are(on_floor, plainly_hopped, key):
-    places = places_of(on_floor, NUISANCES[key].objects)
+    places = find_places(on_floor, NUISANCES[key].objects)
     if key in ("sensor_offset_Nm", "contact_friction_relative"):
         assert places == ({} if key == "sensor_offset_Nm" else {"": 0})  # no torque sensor; nothing slides on the floor
         return

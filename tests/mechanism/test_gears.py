@@ -14,7 +14,7 @@ from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES
 from rfca_rig.mechanism.plant import make_plant, update_constants
-from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.model.families import families_of
 from rfca_rig.model.parameters import PresentEffect
@@ -74,7 +74,7 @@ def with_effect(mechanism, usual, effect_id, values, reads_sensors=False):
 
 
 def moved(plant, position=START_RAD, speed=START_RAD_S):
-    motion = roll(plant, TRACE, position, speed, T_S)
+    motion = simulate_plant(plant, TRACE, position, speed, T_S)
     return np.stack([motion.position, motion.speed])
 
 
@@ -160,8 +160,8 @@ def test_a_rotor_crosses_its_play_as_fast_as_its_inertia_lets_it(geared):
     torque = CommandTrace(np.array([-0.2, 0.1, 0.1001, 0.9]), np.outer([4.0, 4.0, -8.0, -8.0], [1.0, 0.0, 0.0]))
     plant = with_effect(geared, USUAL, "gear_backlash_of_one", {"joint": 1.0, "play_rad": play})
     ahead = np.array([0.5 * play, 0.0, 0.0])
-    read = roll(plant, torque, np.zeros(3) + ahead, np.zeros(3), T_S).position[:, 0]
-    joint = roll(make_plant(geared, 1e-3), torque, np.zeros(3), np.zeros(3), T_S)
+    read = simulate_plant(plant, torque, np.zeros(3) + ahead, np.zeros(3), T_S).position[:, 0]
+    joint = simulate_plant(make_plant(geared, 1e-3), torque, np.zeros(3), np.zeros(3), T_S)
     state = np.concatenate([joint.position[20], joint.speed[20], np.zeros(3)])
     acceleration = _rate(GEARED, state, np.array([-8.0, 0.0, 0.0]))[3]
     crossing_s = np.sqrt(2.0 * play * inertia / (8.0 + inertia * acceleration))
@@ -187,19 +187,19 @@ def test_a_torque_that_falls_with_speed_is_the_line_of_the_motor(geared):
     )
     told = CommandTrace(np.array([-0.1, 0.7]), np.tile(torque, (2, 1)))
     plant = with_effect(geared, USUAL, "torque_falls_with_speed", {"fall_relative": fall})
-    read = roll(plant, told, START_RAD, START_RAD_S, T_S).position
+    read = simulate_plant(plant, told, START_RAD, START_RAD_S, T_S).position
     assert np.abs(full - expected).max() > 0.1
     assert np.abs(read - expected).max() < 3e-3
     plant.command_gain[:] = 1.3  # the line scales with it: a gear, or a torque constant
-    scaled = roll(plant, CommandTrace(told.t_s, told.command), START_RAD, START_RAD_S, T_S).position
+    scaled = simulate_plant(plant, CommandTrace(told.t_s, told.command), START_RAD, START_RAD_S, T_S).position
     plant.command_gain[:], plant.torque_speed[0] = 1.0, 1.3 * plant.torque_speed[0]
-    assert scaled == pytest.approx(roll(plant, CommandTrace(told.t_s, 1.3 * told.command), START_RAD, START_RAD_S, T_S).position)
+    assert scaled == pytest.approx(simulate_plant(plant, CommandTrace(told.t_s, 1.3 * told.command), START_RAD, START_RAD_S, T_S).position)
 
 
 def swung(mechanism, plant):
     """A rod that falls from 0.5 rad."""
     still = CommandTrace(np.array([-0.1, 0.7]), np.zeros((2, 1)))
-    return roll(plant, still, np.array([0.5]), np.zeros(1), T_S)
+    return simulate_plant(plant, still, np.array([0.5]), np.zeros(1), T_S)
 
 
 def test_a_centre_of_mass_elsewhere_swings_as_a_pendulum_of_that_length(balance):

@@ -15,11 +15,11 @@ from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameteri
 from rfca_rig.diagnosis.mechanisms.joint_law import _leave_out, measure_joint_law, parse_place
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.cores import algebra_on_one_thread
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.joint_law import JointLaw, compute_own_law
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant
-from rfca_rig.mechanism.rollout import roll
+from rfca_rig.mechanism.rollout import simulate_plant
 from tests.mechanism.arm import Arm, Friction
 from tests.mechanism.test_diagnose import campaign
 from tests.mechanism.test_rollout import ARM, START_RAD, START_RAD_S, T_S, loaded, mjcf, told
@@ -35,7 +35,7 @@ def problem_of(folder, arm, seconds=6.0):
 
 def measured(problem, place):
     """The law beside the nominal model with its nuisance parameters."""
-    with algebra_on_one_thread():
+    with single_threaded_blas():
         found = search_models(make_dataset(problem.conditions, problem.simulator), Parameterization(problem.space), [], lambda *_: None)
         return measure_joint_law(problem, found, found.nothing, parse_place(place, problem.simulator.mechanism))
 
@@ -150,7 +150,7 @@ def test_an_effect_of_all_joints_stays_in_the_others(short):
 
 
 def moved(plant):
-    return roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S).position
+    return simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S).position
 
 
 @pytest.mark.parametrize(("by_speed", "field"), [(True, "dof_damping"), (False, "jnt_stiffness")])

@@ -11,7 +11,7 @@ from rfca_rig.mechanism.joint_law import JointLaw
 from rfca_rig.mechanism.laws_file import PARTS, write_laws
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant
-from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from tests.mechanism.arm import Arm, mjcf
 
 STEP_S, STEPS = 1e-3, 400
@@ -60,7 +60,7 @@ def stepped(model, laws):
 
 def rolled(plant):
     t_s = np.arange(1, STEPS + 1) * STEP_S
-    return roll(plant, CommandTrace(TRACE_S, TRACE), START_RAD + plant.zero_offset, START_RAD_S, t_s)
+    return simulate_plant(plant, CommandTrace(TRACE_S, TRACE), START_RAD + plant.zero_offset, START_RAD_S, t_s)
 
 
 def stribeck(plant):

@@ -13,7 +13,7 @@ from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.mechanism.inverse_dynamics import compute_feed_forward, has_torque_motors
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant
-from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from rfca_rig.model.parameters import PresentEffect
 from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, Friction, mjcf, record, write_campaign
@@ -44,11 +44,11 @@ def test_the_feed_forward_carries_a_mechanism_along_the_reference(arm, change):
     speed = np.gradient(reference, 1e-3, axis=0)
     command = compute_feed_forward(plant, reference, speed, np.gradient(speed, 1e-3, axis=0))
     trace = CommandTrace(T_S - 0.05, command)
-    read = roll(plant, trace, reference[50], speed[50], np.array([0.1, 0.2])).position
+    read = simulate_plant(plant, trace, reference[50], speed[50], np.array([0.1, 0.2])).position
     assert read == pytest.approx(reference[[150, 250]], abs=4e-3)
     if change:
         bare = make_plant(arm, 1e-3)
-        assert np.abs(roll(bare, trace, reference[50], speed[50], np.array([0.2])).position - reference[250]).max() > 0.01
+        assert np.abs(simulate_plant(bare, trace, reference[50], speed[50], np.array([0.2])).position - reference[250]).max() > 0.01
 
 
 def test_a_joint_without_a_motor_of_its_own_follows_no_reference(arm, tmp_path):

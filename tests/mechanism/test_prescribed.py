@@ -9,10 +9,10 @@ from scipy.optimize import fsolve
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.load import load_mechanism
-from rfca_rig.mechanism.nuisances import NUISANCES, places_of
+from rfca_rig.mechanism.nuisances import NUISANCES, find_places
 from rfca_rig.mechanism.plant import make_plant
 from rfca_rig.mechanism.prescribed import fit_trajectory
-from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from tests.mechanism.arm import Arm, mjcf
 
 TWO = Arm(length_m=(0.35, 0.3), mass_kg=(2.0, 1.4))
@@ -51,7 +51,9 @@ def test_a_prescribed_joint_moves_the_others_as_it_is_told(tmp_path, integrator)
     mechanism = replace(loaded(tmp_path, text), prescribed=(0,))
     read_s = np.arange(0.0, 2.05, 0.001)
     motion = fit_trajectory(read_s, 0.6 * np.sin(4.0 * read_s)[:, None] ** 2, [0.0])
-    found = roll(make_plant(mechanism, 5e-4), replace(STILL, command=np.zeros((2, 1))), np.zeros(2), np.zeros(2), T_S, 0.0, motion)
+    found = simulate_plant(
+        make_plant(mechanism, 5e-4), replace(STILL, command=np.zeros((2, 1))), np.zeros(2), np.zeros(2), T_S, 0.0, motion
+    )
     rate = second_rod(lambda t: 0.6 * np.sin(4.0 * t) ** 2, lambda t: 2.4 * np.sin(8.0 * t), lambda t: 19.2 * np.cos(8.0 * t))
     own = solve_ivp(rate, (0.0, 2.0), [0.0, 0.0], t_eval=T_S, rtol=1e-10, atol=1e-12).y
     assert np.abs(found.position[:, 0] - 0.6 * np.sin(4.0 * T_S) ** 2).max() < 1e-6
@@ -66,7 +68,7 @@ def test_no_load_moves_a_prescribed_joint(tmp_path):
     plant = make_plant(mechanism, 1e-3)
     plant.torque_offset[0] = 50.0
     plant.zero_offset[0] = 0.1
-    found = roll(plant, replace(STILL, command=np.zeros((2, 1))), np.zeros(2), np.zeros(2), T_S, 0.0, motion)
+    found = simulate_plant(plant, replace(STILL, command=np.zeros((2, 1))), np.zeros(2), np.zeros(2), T_S, 0.0, motion)
     assert found.position[:, 0] == pytest.approx(1.2, abs=1e-6)
     # the zero offset of its reading is taken off: the second rod swings about the vertical, seen from 1.1 rad
     assert np.mean(found.position[:, 1]) == pytest.approx(-1.1, abs=0.15)
@@ -91,7 +93,7 @@ def test_a_start_at_rest_is_the_equilibrium_of_weight_and_springs(tmp_path):
     plant = make_plant(mechanism, 1e-3)
     plant.torque_offset[1] = 0.4
     trace = CommandTrace(np.array([-0.1, 2.1]), np.full((2, 1), 0.7))
-    found = roll(plant, trace, None, None, T_S)
+    found = simulate_plant(plant, trace, None, None, T_S)
 
     def unbalanced(q):
         (one, two), (m1, m2) = TWO.length_m, TWO.mass_kg
@@ -109,9 +111,9 @@ def test_a_start_may_swing_and_springs_may_be_stiffer(tmp_path):
     mechanism = loaded(tmp_path, f'{text}<geom size="0.1" mass="0.5"/></body></worldbody></mujoco>')
     plant = make_plant(mechanism, 5e-4)
     for key, value in {"joint_stiffness_relative": 0.2, "start_swing_relative": 0.3, "start_swing_rate_per_s": 2.0}.items():
-        (place,) = places_of(mechanism, NUISANCES[key].objects).values()
+        (place,) = find_places(mechanism, NUISANCES[key].objects).values()
         NUISANCES[key].shift(plant, place, value)
-    found = roll(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S)
+    found = simulate_plant(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S)
     sag, w = 0.5 * 9.81 / 60.0, np.sqrt(60.0 / 0.5)
     own = -sag + sag * (0.3 * np.cos(w * T_S) + 2.0 / w * np.sin(w * T_S))
     assert found.position[:, 0] == pytest.approx(own, abs=1e-5)
@@ -121,7 +123,7 @@ def test_what_falls_has_no_rest(tmp_path):
     text = '<mujoco><worldbody><body><joint name="fall" type="slide" axis="0 0 1"/><geom size="0.1"/></body></worldbody></mujoco>'
     plant = make_plant(loaded(tmp_path, text), 1e-3)
     with pytest.raises(SimulationFailed, match="no rest pose found"):
-        roll(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S)
+        simulate_plant(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), None, None, T_S)
 
 
 def test_play_keeps_a_spring_away_until_it_engages(tmp_path):
@@ -129,7 +131,7 @@ def test_play_keeps_a_spring_away_until_it_engages(tmp_path):
     plant = make_plant(loaded(tmp_path, f'{text}<geom size="0.1" mass="0.5"/></body></worldbody></mujoco>'), 2e-4)
     plant.spring_half_gap[0] = 0.05
     t_s = np.linspace(0.01, 2.0, 200)
-    found = roll(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), np.array([0.2]), np.zeros(1), t_s)
+    found = simulate_plant(plant, CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 0))), np.array([0.2]), np.zeros(1), t_s)
 
     def rate(_, x):
         engaged = np.sign(x[0]) * max(abs(x[0]) - 0.05, 0.0)

@@ -12,7 +12,7 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import ALL, FittedShift, SignalError, WindowFit
-from rfca_rig.report.diagnosis_pictures import _broken
+from rfca_rig.report.diagnosis_pictures import _with_breaks
 from rfca_rig.report.motions_page import MOST_SHOWN, MotionsReport, write_motions
 from rfca_rig.report.provenance import Origin
 from tests.cli.typed import typed
@@ -103,7 +103,7 @@ def test_dry_friction_is_a_step_of_the_torque_that_the_model_lacks(folder):
 def test_lines_are_broken_where_windows_start_and_keep_their_peaks():
     t_s, values = np.linspace(0.0, 1.0, 101), np.zeros(101)
     values[37], values[50] = 5.0, np.nan
-    x, y = _broken(t_s, values, np.array([0, 25, 60]), 20)
+    x, y = _with_breaks(t_s, values, np.array([0, 25, 60]), 20)
     assert np.isnan(x).tolist() == np.isnan(y).tolist()
     assert np.isnan(y).sum() == 2
     assert np.nanmax(y) == 5.0

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import make_plant
-from rfca_rig.mechanism.rollout import CommandTrace, roll
+from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from tests.mechanism import hopper
 from tests.mechanism.arm import Arm, Friction, _rate, mjcf
 
@@ -37,7 +37,7 @@ def of_scipy(arm, torque):
 
 @pytest.mark.parametrize("step_s", [4e-3, 1e-3])
 def test_a_rigid_arm_moves_as_its_equations_say(tmp_path, step_s):
-    motion = roll(make_plant(loaded(tmp_path, mjcf(ARM)), step_s), told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    motion = simulate_plant(make_plant(loaded(tmp_path, mjcf(ARM)), step_s), told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
     position, speed = of_scipy(ARM, [2.0, -1.0, 0.3])
     assert np.abs(motion.position - position).max() < 1e-5
     assert np.abs(motion.speed - speed).max() < 0.05 * (step_s / 4e-3)
@@ -47,9 +47,9 @@ def test_dry_friction_brakes_as_bristles_do(tmp_path):
     """MuJoCo's is a constraint without bend; the bristles of the other arm bend by 2 mrad."""
     arm = replace(ARM, friction=Friction((0.6, 0.4, 0.15)))
     plant = make_plant(loaded(tmp_path, mjcf(ARM)), 2e-3)
-    without = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    without = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
     plant.friction[:] = (0.6, 0.4, 0.15)
-    motion = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    motion = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
     position, _ = of_scipy(arm, [2.0, -1.0, 0.3])
     assert np.abs(motion.position - position).max() < 0.06 * np.abs(without.position - position).max()
 
@@ -57,23 +57,23 @@ def test_dry_friction_brakes_as_bristles_do(tmp_path):
 def test_friction_of_a_load_is_a_share_of_the_torque(tmp_path):
     plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
     plant.load_loss[:] = 0.1
-    lost = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    lost = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
     plant.load_loss[:] = 0.0
     plant.friction[:] = (0.2, 0.1, 0.03)
-    dry = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    dry = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
     assert np.abs(lost.position - dry.position).max() < 1e-4
 
 
 def test_stribeck_friction_is_dry_friction_at_high_speed_and_more_at_rest(tmp_path):
     plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
     plant.stribeck[0], plant.stribeck[1], plant.stribeck[2] = 0.2, 1.0, 1e-6
-    falls_at_once = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    falls_at_once = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
     plant.stribeck[2] = 1e6
-    never_falls = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+    never_falls = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
     plant.stribeck[0] = 0.0
     for torque, other in ((0.2, falls_at_once), (0.4, never_falls)):
         plant.friction[:] = torque
-        dry = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
+        dry = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S)
         assert np.abs(dry.position - other.position).max() < 2e-3
 
 
@@ -84,12 +84,12 @@ def test_commands_act_late_by_the_delay_and_after_the_gain(tmp_path):
     shifted = np.column_stack([np.sin(30.0 * (t_s - 0.02))] * 3)
     plant = make_plant(mechanism, 1e-3)
     plant.command_delay_s, plant.command_gain = 0.02, np.full(3, 2.0)
-    late = roll(plant, CommandTrace(t_s, wave), START_RAD, START_RAD_S, T_S)
-    same = roll(make_plant(mechanism, 1e-3), CommandTrace(t_s, 2.0 * shifted), START_RAD, START_RAD_S, T_S)
+    late = simulate_plant(plant, CommandTrace(t_s, wave), START_RAD, START_RAD_S, T_S)
+    same = simulate_plant(make_plant(mechanism, 1e-3), CommandTrace(t_s, 2.0 * shifted), START_RAD, START_RAD_S, T_S)
     assert np.abs(late.position - same.position).max() < 1e-5
     plant.command_limit[:] = 0.5
-    limited = roll(plant, CommandTrace(t_s, wave), START_RAD, START_RAD_S, T_S)
-    clipped = roll(make_plant(mechanism, 1e-3), CommandTrace(t_s, np.clip(2.0 * shifted, -0.5, 0.5)), START_RAD, START_RAD_S, T_S)
+    limited = simulate_plant(plant, CommandTrace(t_s, wave), START_RAD, START_RAD_S, T_S)
+    clipped = simulate_plant(make_plant(mechanism, 1e-3), CommandTrace(t_s, np.clip(2.0 * shifted, -0.5, 0.5)), START_RAD, START_RAD_S, T_S)
     assert np.abs(limited.position - clipped.position).max() < 1e-3
 
 
@@ -98,16 +98,16 @@ def test_a_lag_of_commands_and_of_speeds_follows_its_time_constant(tmp_path):
     t_s = np.arange(-0.4, 0.7, 0.001)
     plant = make_plant(mechanism, 1e-3)
     plant.command_lag_s = 0.03
-    lagged = roll(plant, CommandTrace(t_s, np.sin(10.0 * t_s)[:, None] * np.ones(3)), START_RAD, START_RAD_S, T_S)
+    lagged = simulate_plant(plant, CommandTrace(t_s, np.sin(10.0 * t_s)[:, None] * np.ones(3)), START_RAD, START_RAD_S, T_S)
     # the steady answer of a low-pass to a sine
     phase, share = np.arctan(10.0 * 0.03), 1.0 / np.hypot(1.0, 10.0 * 0.03)
     steady = share * np.sin(10.0 * t_s - phase)
-    same = roll(make_plant(mechanism, 1e-3), CommandTrace(t_s, steady[:, None] * np.ones(3)), START_RAD, START_RAD_S, T_S)
+    same = simulate_plant(make_plant(mechanism, 1e-3), CommandTrace(t_s, steady[:, None] * np.ones(3)), START_RAD, START_RAD_S, T_S)
     assert np.abs(lagged.position - same.position).max() < 0.01
     plant = make_plant(mechanism, 1e-3)
-    plain = roll(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+    plain = simulate_plant(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
     plant.speed_lag_s = 0.02
-    late = roll(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+    late = simulate_plant(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
     rate = np.gradient(late.speed, T_S, axis=0)
     assert np.abs(0.02 * rate + late.speed - plain.speed)[2:-2].max() < 0.15
     assert np.array_equal(late.position, plain.position)
@@ -115,9 +115,9 @@ def test_a_lag_of_commands_and_of_speeds_follows_its_time_constant(tmp_path):
 
 def test_a_zero_offset_is_read_and_does_not_act(tmp_path):
     plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
-    plain = roll(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+    plain = simulate_plant(plant, told([0.0] * 3), START_RAD, START_RAD_S, T_S)
     plant.zero_offset[:] = (0.1, -0.2, 0.3)
-    shifted = roll(plant, told([0.0] * 3), START_RAD + plant.zero_offset, START_RAD_S, T_S)
+    shifted = simulate_plant(plant, told([0.0] * 3), START_RAD + plant.zero_offset, START_RAD_S, T_S)
     assert np.abs(shifted.position - plain.position - plant.zero_offset).max() < 1e-12
 
 
@@ -125,7 +125,7 @@ def test_a_simulation_that_diverges_is_said_so_and_leaves_no_log(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     text = mjcf(ARM).replace('name="joint3"', 'name="joint3" damping="1e6"')
     with pytest.raises(SimulationFailed, match="diverges"):
-        roll(make_plant(loaded(tmp_path, text), 1e-3), told([0.0] * 3), START_RAD, START_RAD_S, T_S)
+        simulate_plant(make_plant(loaded(tmp_path, text), 1e-3), told([0.0] * 3), START_RAD, START_RAD_S, T_S)
     assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
 
 
@@ -162,7 +162,7 @@ def fallen(tmp_path, **changes):
     for name, value in changes.items():
         setattr(plant, name, value)
     trace = CommandTrace(np.array([-0.1, 0.4]), np.full((2, 1), 15.0))
-    return roll(plant, trace, np.array([0.29, 0.25]), np.zeros(2), np.arange(1, 601) * 5e-4)
+    return simulate_plant(plant, trace, np.array([0.29, 0.25]), np.zeros(2), np.arange(1, 601) * 5e-4)
 
 
 def test_a_sensor_reads_the_force_that_moves_the_mechanism(tmp_path):
@@ -190,7 +190,9 @@ def test_readings_of_a_sensor_are_late_scaled_and_off_as_stated(tmp_path):
 def test_sensors_are_computed_only_where_they_are_read(tmp_path):
     plant = make_plant(loaded(tmp_path, hopper.mjcf(hopper.Hopper())), 1e-3)
     assert not plant.reads_sensors
-    motion = roll(plant, CommandTrace(np.array([-0.1, 0.4]), np.full((2, 1), 15.0)), np.array([0.29, 0.25]), np.zeros(2), T_S[:10])
+    motion = simulate_plant(
+        plant, CommandTrace(np.array([-0.1, 0.4]), np.full((2, 1), 15.0)), np.array([0.29, 0.25]), np.zeros(2), T_S[:10]
+    )
     assert motion.sensors.shape == (10, 0)
 
 
@@ -202,7 +204,7 @@ def test_hysteresis_returns_what_a_spring_of_the_same_slope_does_and_loses_its_l
     plant.hysteresis[:] = [[torque_Nm], [bend_rad]]
     trace = CommandTrace(np.array([-0.1, 2.1]), np.zeros((2, 1)))
     t_s = np.linspace(0.01, 2.0, 100)
-    motion = roll(plant, trace, np.array([0.5]), np.zeros(1), t_s)
+    motion = simulate_plant(plant, trace, np.array([0.5]), np.zeros(1), t_s)
     inertia = 2.0 * 0.35**2 / 3.0
 
     def rate(_, x):
@@ -222,7 +224,7 @@ def test_clock_and_drift_count_from_the_beginning_of_the_recording(tmp_path):
     def read(since_s, **changes):
         for name, value in {"command_clock_rate": 0.0, "command_delay_s": 0.0, "sensor_drift_per_s": np.zeros(1), **changes}.items():
             setattr(plant, name, value)
-        return roll(plant, trace, start, np.zeros(2), t_s, since_s)
+        return simulate_plant(plant, trace, start, np.zeros(2), t_s, since_s)
 
     late = read(10.0, command_clock_rate=0.002).position
     assert late == pytest.approx(read(0.0, command_delay_s=0.02).position, abs=1e-4)
@@ -234,6 +236,6 @@ def test_clock_and_drift_count_from_the_beginning_of_the_recording(tmp_path):
 def test_small_commands_have_no_effect(tmp_path):
     plant = make_plant(loaded(tmp_path, mjcf(ARM)), 1e-3)
     plant.command_dead_band[:] = (0.5, 0.5, 0.5)
-    dead = roll(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S).position
+    dead = simulate_plant(plant, told([2.0, -1.0, 0.3]), START_RAD, START_RAD_S, T_S).position
     plant.command_dead_band[:] = 0.0
-    assert dead == pytest.approx(roll(plant, told([1.5, -0.5, 0.0]), START_RAD, START_RAD_S, T_S).position)
+    assert dead == pytest.approx(simulate_plant(plant, told([1.5, -0.5, 0.0]), START_RAD, START_RAD_S, T_S).position)

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from rfca_rig.model.chain import at_rest, chain_of
+from rfca_rig.model.chain import find_rest_state, make_chain
 from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.stage import allocate_workspace
 from tests.model.legs import PAPER
 
 ICE = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0, drag_N_s_per_m=0.0))
@@ -19,10 +19,10 @@ ICE = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0, drag
 
 def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndarray, rtol: float) -> np.ndarray:
     """fz (m,) at `t_s` > 0 of a stroke without friction; the shaft as in `stroke_at_speed`."""
-    chain = chain_of(rig, height_m)
+    chain = make_chain(rig, height_m)
     n, ramp_s = chain.length.size, rig.drive.ramp_s
-    rest = at_rest(chain, rig.leg.start_angle_rad)
-    work = room_to_work(n, n)
+    rest = find_rest_state(chain, rig.leg.start_angle_rad)
+    work = allocate_workspace(n, n)
 
     def full(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         ramping = t < ramp_s

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.batch import Job, strokes
+from rfca_rig.model.batch import Job, simulate_strokes
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import simulate_stroke
 from tests.model.legs import PAPER
 
 T = np.arange(1, 400) * 1e-3
@@ -21,12 +21,12 @@ BROKEN = replace(PAPER, leg=replace(PAPER.leg, k0_Nm_per_rad=float("nan")))
 @pytest.mark.parametrize("threads", [None, 1, 3])
 def test_a_batch_is_the_strokes_one_by_one_and_a_failure_stays_its_own(threads):
     jobs = [Job(rig, height_m, MOTION, T) for height_m in (0.215, 0.235) for rig in (PAPER, HEAVY, BROKEN)]
-    found = strokes(jobs, threads)
+    found = simulate_strokes(jobs, threads)
     assert [isinstance(each, SimulationFailed) for each in found] == [False, False, True] * 2
     for job, each in zip(jobs, found, strict=True):
         if job.rig is not BROKEN:
-            assert each.fz_N.tobytes() == stroke_following(job.rig, job.height_m, MOTION, T).fz_N.tobytes()
+            assert each.fz_N.tobytes() == simulate_stroke(job.rig, job.height_m, MOTION, T).fz_N.tobytes()
 
 
 def test_an_empty_batch_is_empty():
-    assert strokes([]) == []
+    assert simulate_strokes([]) == []

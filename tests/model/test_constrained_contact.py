@@ -7,11 +7,11 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance
-from rfca_rig.model.constrained_contact import Ended, stroke_on_rigid_floor
+from rfca_rig.model.constrained_contact import EndReason, simulate_on_rigid_floor
 from rfca_rig.model.mixed_dynamics import KnownMotion
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import Ground
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import simulate_stroke
 from tests.model.legs import pendulum
 
 HEIGHT_M = 0.19
@@ -25,18 +25,18 @@ RATTLE_S = 0.06
 
 @pytest.fixture(scope="module")
 def on_ice():
-    return stroke_on_rigid_floor(SHORT_LEG, HEIGHT_M, SHAFT, T)
+    return simulate_on_rigid_floor(SHORT_LEG, HEIGHT_M, SHAFT, T)
 
 
 @pytest.fixture(scope="module")
 def sliding():
-    return stroke_on_rigid_floor(SHORT_LEG, HEIGHT_M, SHAFT, T, friction_coefficient=0.2)
+    return simulate_on_rigid_floor(SHORT_LEG, HEIGHT_M, SHAFT, T, friction_coefficient=0.2)
 
 
 def compliant(stiffness, mu):
     rig = replace(SHORT_LEG, ground=Ground(stiffness, 5.0, mu, 1e-5, 0.0))
     motion = ShaftMotion(np.array([0.0, T[-1]]), np.array([[START_RAD, 0.0, 0.5 * ACCELERATION, 0.0]]), np.zeros(1))
-    return stroke_following(rig, HEIGHT_M, motion, T, Tolerance(1e-6, 3e-3))
+    return simulate_stroke(rig, HEIGHT_M, motion, T, Tolerance(1e-6, 3e-3))
 
 
 def distances(rigid, mu):
@@ -57,7 +57,7 @@ def test_a_stiffer_floor_comes_to_the_constraint_as_fast_as_its_depth_vanishes(s
 
 def test_shape_and_torque_are_those_of_a_stiff_floor(on_ice):
     stiff, loading = compliant(1e8, 0.0), on_ice.touchdowns_s[0] + RATTLE_S < T
-    assert on_ice.ended is Ended.TIME
+    assert on_ice.ended is EndReason.TIME
     assert np.abs(np.cumsum(on_ice.phi, axis=1) - stiff.q_rad)[loading].max() < 1e-3
     assert np.abs(on_ice.shaft_torque_Nm - stiff.shaft_torque_Nm)[loading].max() < 1e-3 * np.ptp(on_ice.shaft_torque_Nm)
 
@@ -79,8 +79,8 @@ DIP = KnownMotion(lambda t: 0.5 + 0.4 * np.sin(4 * t) ** 2, lambda t: 1.6 * np.s
 
 
 def test_the_constraint_comes_and_goes_with_the_sign_of_lambda():
-    rigid = stroke_on_rigid_floor(SHORT_LEG, HEIGHT_M, DIP, np.linspace(0.0, 0.75, 301))
-    assert rigid.ended is Ended.TIME
+    rigid = simulate_on_rigid_floor(SHORT_LEG, HEIGHT_M, DIP, np.linspace(0.0, 0.75, 301))
+    assert rigid.ended is EndReason.TIME
     assert len(rigid.touchdowns_s) == len(rigid.releases_s) > 0
     before = np.searchsorted(rigid.t_s, rigid.releases_s[-1]) - 1
     assert 0.0 < rigid.lambda_N[before] < 0.1 * rigid.lambda_N.max()
@@ -89,15 +89,15 @@ def test_the_constraint_comes_and_goes_with_the_sign_of_lambda():
 
 
 def test_a_run_ends_where_the_tip_stops_sliding():
-    rigid = stroke_on_rigid_floor(SHORT_LEG, HEIGHT_M, DIP, np.linspace(0.0, 0.75, 301), friction_coefficient=0.2)
-    assert rigid.ended is Ended.SLIDING
+    rigid = simulate_on_rigid_floor(SHORT_LEG, HEIGHT_M, DIP, np.linspace(0.0, 0.75, 301), friction_coefficient=0.2)
+    assert rigid.ended is EndReason.SLIDING
     assert 0.3 < rigid.t_s[-1] < 0.5
 
 
 def test_a_run_ends_where_another_link_end_comes_down():
     shaft = replace(SHAFT, angle=lambda t: SHAFT.angle(t) - 0.4)
-    low = stroke_on_rigid_floor(SHORT_LEG, 0.08, shaft, np.linspace(0.0, 0.6, 241))
-    assert low.ended is Ended.OTHER_END
+    low = simulate_on_rigid_floor(SHORT_LEG, 0.08, shaft, np.linspace(0.0, 0.6, 241))
+    assert low.ended is EndReason.OTHER_END
     assert low.t_s[-1] - low.touchdowns_s[0] > 0.02
     ends = np.cumsum(0.09 * np.sin(np.cumsum(low.phi[-1])))
     assert 0.073 < ends[:-1].max() < 0.0761
@@ -105,4 +105,4 @@ def test_a_run_ends_where_another_link_end_comes_down():
 
 def test_a_leg_that_begins_in_the_floor_is_bad_input():
     with pytest.raises(BadInput, match=r"begins \d+\.\d mm deep in it"):
-        stroke_on_rigid_floor(SHORT_LEG, 0.08, SHAFT, T)
+        simulate_on_rigid_floor(SHORT_LEG, 0.08, SHAFT, T)

@@ -4,11 +4,11 @@ import numba
 import numpy as np
 import pytest
 
-from rfca_rig.model.chain import chain_of
+from rfca_rig.model.chain import make_chain
 from rfca_rig.model.contact import carry_stretch, tangential_force
 from tests.model.legs import PAPER
 
-CHAIN = chain_of(PAPER, 0.2)
+CHAIN = make_chain(PAPER, 0.2)
 PATHS, STEPS, PERIODS = 1000, 600, 3
 
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
-from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
+from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
 from rfca_rig.model.forces import assemble_once
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Shaft, State
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 
@@ -25,14 +25,14 @@ def released(q):
 
 
 def swing(chain, state, t_s, tolerance=TIGHT):
-    samples = room_for(t_s, state.q.size)
+    samples = allocate_samples(t_s, state.q.size)
     advance(chain, free_shaft(), state, (0.0, float(t_s[-1])), 1e-5, tolerance, samples)
     return samples
 
 
 def test_a_rod_swings_with_the_period_of_the_elliptic_integral():
     length, amplitude = 0.5, 1.2
-    chain = chain_of(pendulum(1, length), NO_GROUND_M)
+    chain = make_chain(pendulum(1, length), NO_GROUND_M)
     period = 4.0 * ellipk(np.sin(amplitude / 2) ** 2) / np.sqrt(9.81 * 1.5 / length)
     t = np.linspace(1e-3, 1.1 * period, 4000)
     q = swing(chain, released([np.pi / 2 + amplitude]), t).q[:, 0] - np.pi / 2
@@ -67,7 +67,7 @@ def vector_mechanics(rig):
 
 @pytest.mark.slow
 def test_the_paper_leg_falls_as_an_independent_integrator_has_it():
-    chain, start = chain_of(PAPER, NO_GROUND_M), np.linspace(0.0, 0.9, 7)
+    chain, start = make_chain(PAPER, NO_GROUND_M), np.linspace(0.0, 0.9, 7)
     t = np.linspace(0.01, 0.6, 60)
     ours = swing(chain, released(start), t).q
     other = solve_ivp(vector_mechanics(PAPER), (0.0, 0.6), np.concatenate([start, np.zeros(7)]), "DOP853", t, rtol=1e-10, atol=1e-11)
@@ -76,7 +76,7 @@ def test_the_paper_leg_falls_as_an_independent_integrator_has_it():
 
 def test_a_free_chain_without_damping_keeps_its_energy():
     rig = pendulum(3, 0.2, 0.1, k0=2.0)
-    chain, q = chain_of(rig, NO_GROUND_M), [0.3, 0.6, 1.0]
+    chain, q = make_chain(rig, NO_GROUND_M), [0.3, 0.6, 1.0]
     samples = swing(chain, released(q), np.linspace(0.01, 2.0, 200), Tolerance(1e-10, 3e-7))
     energy = np.array([energy_J(chain, q, w) for q, w in zip(samples.q, samples.w, strict=True)])
     assert np.ptp(energy) < 3e-4 * np.ptp([-9.81 * chain.first_moment @ np.sin(q) for q in samples.q])
@@ -91,7 +91,7 @@ def energy_J(chain, q, w):
 
 def test_the_jacobian_is_the_derivative_of_the_residual():
     random = np.random.default_rng(7)
-    chain = chain_of(PAPER, 0.2)._replace(drag=200.0, lever=-0.02)  # large, so that a wrong sign of them shows
+    chain = make_chain(PAPER, 0.2)._replace(drag=200.0, lever=-0.02)  # large, so that a wrong sign of them shows
     q, w, a = np.linspace(1.0, 1.6, 7), random.normal(0, 2, 7), random.normal(0, 50, 7)
     anchor = np.cumsum(chain.length * np.cos(q)) + 0.02 * q + 1e-5 * random.normal(size=7)
     weights = (0.7, 0.02, 3e-3)
@@ -106,7 +106,7 @@ def test_the_jacobian_is_the_derivative_of_the_residual():
 
 
 def residual(chain, q, w, a, anchor, weights, laws=None):
-    work = room_to_work(q.size, 7)
+    work = allocate_workspace(q.size, 7)
     memory = np.zeros((0 if laws is None else laws.place.size, 7, 4))
     state = State(q, w, a, anchor, memory)
     assemble_once(chain, laws, state, 1e-3, q, w, a, weights, work)
@@ -115,8 +115,8 @@ def residual(chain, q, w, a, anchor, weights, laws=None):
 
 
 def test_at_rest_each_hinge_carries_the_weight_beyond_it():
-    chain = chain_of(PAPER, NO_GROUND_M)
-    state = at_rest(chain, 0.3)
+    chain = make_chain(PAPER, NO_GROUND_M)
+    state = find_rest_state(chain, 0.3)
     places = np.cumsum(chain.length * np.cos(state.q))
     centres = places - 0.5 * chain.length * np.cos(state.q)
     masses = np.array(PAPER.leg.link_masses_kg)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.equivalent_stiffness import EncasedStrip, at_pins, at_pins_mean, by_a_length, by_its_middle, centred_lay
+from rfca_rig.model.equivalent_stiffness import EncasedStrip, at_pins, at_pins_mean, by_a_length, by_its_middle, centre_lay
 from rfca_rig.model.strip import paper_strips, table_1_materials
 from tests.model.legs import LENGTHS
 
 CFSP = paper_strips(table_1_materials()[-1])
 EI, PITCH_M = CFSP.bending_stiffness_Nm2, 0.039333
-LAY = centred_lay(LENGTHS, CFSP.length_m)
+LAY = centre_lay(LENGTHS, CFSP.length_m)
 READINGS = {"middle": by_its_middle(LAY), "length": by_a_length(LAY, 0.0237), "pins": at_pins(LAY), "mean": at_pins_mean(LAY)}
 BENT = np.array([0.42, 0.35, -0.1, 0.2, 0.6, 0.05])
 
@@ -50,8 +50,8 @@ def test_strain_and_moment_of_a_strip_bent_round_a_drum():
 def test_stiffness_by_perturbation_is_that_of_a_dense_solution(reading, phi):
     strip = EncasedStrip(EI, LAY, READINGS[reading])
     dense = dense_stiffness(READINGS[reading])
-    assert strip.perturbed_stiffness(phi) == pytest.approx(np.diag(dense), rel=1e-6)
-    assert strip.perturbed_stiffness_matrix(phi) == pytest.approx(dense, rel=1e-6, abs=1e-6)
+    assert strip.difference_stiffness(phi) == pytest.approx(np.diag(dense), rel=1e-6)
+    assert strip.difference_stiffness_matrix(phi) == pytest.approx(dense, rel=1e-6, abs=1e-6)
     assert strip.stiffness_matrix(phi) == pytest.approx(dense, rel=1e-8, abs=1e-8)
 
 
@@ -64,11 +64,11 @@ def test_directions_alone_make_a_spring_that_does_not_harden(reading):
 
 
 def test_each_hinge_is_as_stiff_as_the_strip_between_its_stations():
-    middle = EncasedStrip(EI, LAY, READINGS["middle"]).perturbed_stiffness(BENT)
+    middle = EncasedStrip(EI, LAY, READINGS["middle"]).difference_stiffness(BENT)
     reach = 0.5 * (0.226 - 5 * PITCH_M)
     ends = EI / (0.5 * reach + 0.5 * PITCH_M)
     assert middle == pytest.approx([ends, *[EI / PITCH_M] * 4, ends], rel=1e-6)
-    assert EncasedStrip(EI, LAY, READINGS["length"]).perturbed_stiffness(BENT) == pytest.approx(EI / 0.0237, rel=1e-6)
+    assert EncasedStrip(EI, LAY, READINGS["length"]).difference_stiffness(BENT) == pytest.approx(EI / 0.0237, rel=1e-6)
 
 
 def test_held_halfway_at_the_pins_hinges_turned_to_and_fro_feel_only_the_ends():
@@ -87,7 +87,7 @@ def test_the_strip_reaches_equally_far_beyond_both_end_hinges():
 @pytest.mark.parametrize("length_m", [0.19, 0.29])
 def test_a_strip_that_does_not_fit_the_leg_is_refused(length_m):
     with pytest.raises(BadInput, match="change its length"):
-        centred_lay(LENGTHS, length_m)
+        centre_lay(LENGTHS, length_m)
 
 
 @pytest.mark.parametrize("free_m", [0.0, 0.0394, float("nan")])

@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear, minimize_scalar
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.elastica import Holds, bend, even_mesh
-from rfca_rig.model.hinge_curve import HeldHinge, fit_hardening, fixed_curve, sliding_curve
+from rfca_rig.model.hinge_curve import HeldHinge, compute_fixed_curve, compute_sliding_curve, fit_hardening
 from rfca_rig.model.loose_groove import LooseGroove
 from rfca_rig.model.strip import paper_strips, table_1_materials
 
@@ -29,25 +29,25 @@ def test_a_sliding_strip_takes_the_length_that_costs_least(offset_m):
     chord = float(hinge.chord_m(phi))
     best = minimize_scalar(energy, bounds=(1.003 * chord, 1.1 * chord), method="bounded")
     assert 1.004 * chord < best.x < 1.099 * chord
-    assert sliding_curve(hinge, np.array([phi])).energy_J[0] == pytest.approx(best.fun, rel=1e-5)
+    assert compute_sliding_curve(hinge, np.array([phi])).energy_J[0] == pytest.approx(best.fun, rel=1e-5)
 
 
 @pytest.mark.parametrize("offset_m", [0.0, 0.003, -0.003])
 def test_torque_of_a_sliding_strip_is_the_slope_of_its_energy(offset_m):
     fine = np.radians(np.linspace(20.0, 21.0, 101))
-    curve = sliding_curve(HeldHinge(EI, FREE_M, offset_m), fine)
+    curve = compute_sliding_curve(HeldHinge(EI, FREE_M, offset_m), fine)
     assert curve.torque_Nm[1:-1] == pytest.approx(derivative(curve), rel=1e-6)
 
 
 def test_a_sliding_strip_on_the_pin_hardens_by_a_sixth():
     small = np.radians(np.linspace(0.5, 6.0, 12))
-    fit = fit_hardening(small, sliding_curve(HeldHinge(EI, FREE_M), small).torque_Nm)
+    fit = fit_hardening(small, compute_sliding_curve(HeldHinge(EI, FREE_M), small).torque_Nm)
     assert fit.k0_Nm_per_rad == pytest.approx(EI / FREE_M, rel=1e-5)
     assert fit.k2_per_rad2 == pytest.approx(1.0 / 6.0, rel=0.02)
 
 
 def test_a_fixed_strip_is_upset_and_stiff_but_hardly_hardens():
-    curve = fixed_curve(HeldHinge(EI, FREE_M), PHI)
+    curve = compute_fixed_curve(HeldHinge(EI, FREE_M), PHI)
     assert curve.torque_Nm[1:-1] == pytest.approx(derivative(curve), rel=1e-4)
     ka = 0.5 * 4.493409457909064  # tan x = x
     assert curve.torque_Nm[0] / PHI[0] == pytest.approx((ka / np.tan(ka)) ** 2 * EI / FREE_M, rel=2e-4)
@@ -55,19 +55,19 @@ def test_a_fixed_strip_is_upset_and_stiff_but_hardly_hardens():
 
 
 def test_a_fixed_strip_off_the_pin_is_stiffest_at_the_beginning():
-    curve = fixed_curve(HeldHinge(EI, FREE_M, 0.002), PHI)
+    curve = compute_fixed_curve(HeldHinge(EI, FREE_M, 0.002), PHI)
     assert curve.torque_Nm[10:-1] == pytest.approx(derivative(curve)[9:], rel=2e-3)
     assert fit_hardening(PHI, curve.torque_Nm).k2_per_rad2 < 0.0
 
 
 def test_a_fixed_strip_does_not_stretch():
     with pytest.raises(BadInput, match="cannot stretch"):
-        fixed_curve(HeldHinge(EI, FREE_M, -0.001), PHI)
+        compute_fixed_curve(HeldHinge(EI, FREE_M, -0.001), PHI)
 
 
 def test_grooves_that_meet_are_refused():
     with pytest.raises(BadInput, match="grooves would meet"):
-        sliding_curve(HeldHinge(EI, 0.004, 0.006), PHI)
+        compute_sliding_curve(HeldHinge(EI, 0.004, 0.006), PHI)
 
 
 def torque_by_bounds(groove, phi, nodes=96):

@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from rfca_rig.model.chain import HELD, Tolerance, advance, at_rest, chain_of, room_for
-from rfca_rig.model.statics_contact import static_path
+from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state, make_chain
+from rfca_rig.model.statics_contact import follow_static_path
 from tests.model.legs import PAPER
 
 INTERRUPTIONS = 1000
@@ -17,11 +17,11 @@ WITHIN_S = 2e-3
 
 def move() -> None:
     """Through all compiled code that is called from outside of it."""
-    chain = chain_of(PAPER, 0.25)
-    state, samples = at_rest(chain, 0.1), room_for(np.array([1e-4]), 7)
+    chain = make_chain(PAPER, 0.25)
+    state, samples = find_rest_state(chain, 0.1), allocate_samples(np.array([1e-4]), 7)
     for _ in range(20):
-        advance(chain, HELD._replace(free=True, rotor=0.01), state, (0.0, 1e-4), 1e-4, Tolerance(), samples)
-    static_path(PAPER, 0.25, np.radians([3.0, 4.0]))
+        advance(chain, HELD_SHAFT._replace(free=True, rotor=0.01), state, (0.0, 1e-4), 1e-4, Tolerance(), samples)
+    follow_static_path(PAPER, 0.25, np.radians([3.0, 4.0]))
 
 
 def interrupted_often() -> None:

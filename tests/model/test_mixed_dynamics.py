@@ -5,8 +5,8 @@ import pytest
 from scipy.special import ellipk
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.chain import Tolerance, advance, chain_of, room_for
-from rfca_rig.model.mixed_dynamics import PASSIVE, KnownMotion, KnownTorque, exchanged, mixed, swing
+from rfca_rig.model.chain import Tolerance, advance, allocate_samples, make_chain
+from rfca_rig.model.mixed_dynamics import PASSIVE, KnownMotion, KnownTorque, exchange_columns, simulate_chain, solve_mixed
 from rfca_rig.model.newton_euler import EndLoads, joint_accelerations, joint_torques_Nm, link_chain_of
 from rfca_rig.model.state import Shaft, State
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
@@ -22,14 +22,14 @@ def a_moment(seed):
 
 def test_with_all_torques_known_it_is_forward_dynamics():
     chain, phi, dphi, tau, loads = a_moment(1)
-    answer = mixed(chain, phi, dphi, tau, np.zeros(7, dtype=bool), loads)
+    answer = solve_mixed(chain, phi, dphi, tau, np.zeros(7, dtype=bool), loads)
     assert answer.ddphi == pytest.approx(joint_accelerations(chain, phi, dphi, tau, loads), rel=1e-12)
     assert (answer.tau_Nm == tau).all()
 
 
 def test_with_all_accelerations_known_it_is_inverse_dynamics():
     chain, phi, dphi, ddphi, loads = a_moment(2)
-    answer = mixed(chain, phi, dphi, 30.0 * ddphi, np.ones(7, dtype=bool), loads)
+    answer = solve_mixed(chain, phi, dphi, 30.0 * ddphi, np.ones(7, dtype=bool), loads)
     assert answer.tau_Nm == pytest.approx(joint_torques_Nm(chain, phi, dphi, 30.0 * ddphi, loads), abs=1e-10)
 
 
@@ -37,14 +37,14 @@ def test_with_all_accelerations_known_it_is_inverse_dynamics():
 def test_any_mix_gives_a_motion_that_inverse_dynamics_confirms(seed):
     chain, phi, dphi, known, loads = a_moment(seed)
     exchange = np.random.default_rng(seed).random(7) < 0.5
-    answer = mixed(chain, phi, dphi, known, exchange, loads)
+    answer = solve_mixed(chain, phi, dphi, known, exchange, loads)
     assert joint_torques_Nm(chain, phi, dphi, answer.ddphi, loads) == pytest.approx(answer.tau_Nm, abs=1e-8)
     assert (answer.ddphi[exchange] == known[exchange]).all()
     assert (answer.tau_Nm[~exchange] == known[~exchange]).all()
 
 
 def test_the_matrix_is_the_one_the_paper_prints():
-    printed = exchanged(np.array([[1.0, 2.0, 3.0], [2.0, 5.0, 6.0], [3.0, 6.0, 9.0]]), np.array([False, True, False]))
+    printed = exchange_columns(np.array([[1.0, 2.0, 3.0], [2.0, 5.0, 6.0], [3.0, 6.0, 9.0]]), np.array([False, True, False]))
     assert printed.tolist() == [[1.0, 0.0, 3.0], [2.0, -1.0, 6.0], [3.0, 0.0, 9.0]]
 
 
@@ -53,14 +53,14 @@ def test_a_rod_swings_with_the_period_of_the_elliptic_integral():
     period = 4.0 * ellipk(np.sin(amplitude / 2) ** 2) / np.sqrt(9.81 * 1.5 / length)
     there = np.array([np.pi / 2 + amplitude])
     t = np.array([0.25, 0.5, 1.0]) * period
-    phi = swing(link_chain_of(pendulum(1, length).leg), [PASSIVE], there, np.zeros(1), t).phi[:, 0] - np.pi / 2
+    phi = simulate_chain(link_chain_of(pendulum(1, length).leg), [PASSIVE], there, np.zeros(1), t).phi[:, 0] - np.pi / 2
     assert phi == pytest.approx([0.0, -amplitude, amplitude], abs=1e-7)
 
 
 def compiled_motion(rig, shaft, q, w, t):
-    samples = room_for(t, q.size)
+    samples = allocate_samples(t, q.size)
     state = State(q.copy(), w.copy(), np.zeros(q.size), np.zeros(q.size), np.zeros((0, q.size, 4)))
-    advance(chain_of(rig, NO_GROUND_M), shaft, state, (0.0, float(t[-1])), 1e-6, TIGHT, samples)
+    advance(make_chain(rig, NO_GROUND_M), shaft, state, (0.0, float(t[-1])), 1e-6, TIGHT, samples)
     return samples
 
 
@@ -69,7 +69,7 @@ def test_a_free_double_pendulum_swings_like_the_compiled_chain():
     nothing = np.empty(0)
     free = Shaft(nothing, np.empty((0, 4)), nothing, True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     theirs = compiled_motion(rig, free, np.array([0.3, 1.1]), np.zeros(2), t)
-    ours = swing(link_chain_of(rig.leg), [PASSIVE, PASSIVE], np.array([0.3, 0.8]), np.zeros(2), t)
+    ours = simulate_chain(link_chain_of(rig.leg), [PASSIVE, PASSIVE], np.array([0.3, 0.8]), np.zeros(2), t)
     assert np.cumsum(ours.phi, axis=1) == pytest.approx(theirs.q, abs=2e-5)
 
 
@@ -79,7 +79,7 @@ def test_a_driven_double_pendulum_swings_like_the_compiled_chain_and_needs_the_s
     shaft = Shaft(np.array([0.0, 1.0]), cubic, np.empty(0), False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     theirs = compiled_motion(rig, shaft, np.array([0.3, 1.1]), np.array([0.5, 0.5]), t)
     driven = KnownMotion(lambda t: 0.3 + 0.5 * t + 4.0 * t**2 - 2.0 * t**3, lambda t: 0.5 + 8.0 * t - 6.0 * t**2, lambda t: 8.0 - 12.0 * t)
-    ours = swing(link_chain_of(rig.leg), [driven, PASSIVE], np.array([0.0, 0.8]), np.zeros(2), t)
+    ours = simulate_chain(link_chain_of(rig.leg), [driven, PASSIVE], np.array([0.0, 0.8]), np.zeros(2), t)
     assert np.cumsum(ours.phi, axis=1) == pytest.approx(theirs.q, abs=2e-5)
     assert ours.tau_Nm[:, 0] == pytest.approx(theirs.force[:, 2], abs=5e-3)
 
@@ -89,7 +89,7 @@ def test_power_of_all_drives_goes_into_motion_height_and_springs_and_is_lost_in_
     drives = [KnownMotion(lambda t: 0.5 * np.sin(3 * t), lambda t: 1.5 * np.cos(3 * t), lambda t: -4.5 * np.sin(3 * t))]
     drives += [KnownTorque(lambda t: 0.4 * np.sin(5 * t)), PASSIVE]
     t = np.linspace(0.0, 1.0, 801)
-    motion = swing(link_chain_of(rig.leg), drives, np.array([0.0, 0.2, -0.1]), np.zeros(3), t)
+    motion = simulate_chain(link_chain_of(rig.leg), drives, np.array([0.0, 0.2, -0.1]), np.zeros(3), t)
     supplied = (motion.tau_Nm * motion.dphi).sum(axis=1) - 0.01 * (motion.dphi[:, 1:] ** 2).sum(axis=1)
     energy = energy_J(motion, 0.2, 0.3, 1.5)
     assert np.ptp(energy) > 0.3
@@ -108,4 +108,4 @@ def energy_J(motion, length, mass, k0):
 
 def test_drives_and_joints_must_be_as_many():
     with pytest.raises(BadInput, match="1 drives for a chain of 2 joints"):
-        swing(link_chain_of(pendulum(2).leg), [PASSIVE], np.zeros(2), np.zeros(2), np.linspace(0, 1, 3))
+        simulate_chain(link_chain_of(pendulum(2).leg), [PASSIVE], np.zeros(2), np.zeros(2), np.linspace(0, 1, 3))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.model.chain import chain_of
+from rfca_rig.model.chain import make_chain
 from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.newton_euler import (
     EndLoads,
@@ -16,7 +16,7 @@ from rfca_rig.model.newton_euler import (
     no_loads,
     right_side_Nm,
 )
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import State
 from tests.model.legs import PAPER, pendulum
 
@@ -32,7 +32,7 @@ def uneven_leg(random, links):
 
 def compiled(rig, q, w, a, anchor):
     """(R, M, loads of the ground) of the compiled chain; the shaft at ground level, so that many ends are in the ground."""
-    chain, work = chain_of(rig, 0.0), room_to_work(q.size, q.size)
+    chain, work = make_chain(rig, 0.0), allocate_workspace(q.size, q.size)
     state = State(q, w, a, anchor, np.zeros((0, q.size, 4)))
     assemble_once(chain, None, state, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
     normal, tangential = work.contact.copy()

@@ -9,7 +9,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.joint_drive import TorqueTrace, torque_trace
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.pendulum import Pendulum, PendulumLink, driven, swing
+from rfca_rig.model.pendulum import Pendulum, PendulumLink, make_driven_pendulum, simulate_pendulum
 
 FIRST = PendulumLink(0.2, 0.6, 0.18, 0.022, joint_damping_Nm_s_per_rad=0.004)
 SECOND = PendulumLink(0.3, 0.55, 0.25, 0.038, joint_damping_Nm_s_per_rad=0.002)
@@ -27,7 +27,7 @@ def having(**effects: dict[str, float]) -> tuple[PresentEffect, ...]:
 def let_go(pendulum, angle_rad, t_s, tolerance=TIGHT, **effects):
     joints = len(pendulum.links)
     trace = TorqueTrace(1.0, np.zeros((2, joints)))
-    return swing(pendulum, trace, np.full(joints, angle_rad), np.zeros(joints), t_s, having(**effects), tolerance)
+    return simulate_pendulum(pendulum, trace, np.full(joints, angle_rad), np.zeros(joints), t_s, having(**effects), tolerance)
 
 
 @pytest.mark.parametrize("amplitude", [0.01, 1.2, 2.5])
@@ -92,7 +92,7 @@ CASES = [
 
 @pytest.mark.parametrize(("effects", "other", "within"), CASES)
 def test_a_driven_double_pendulum_swings_as_another_integrator_has_it(effects, other, within):
-    ours = swing(DOUBLE, torque_trace(FINE_T, torques(FINE_T).T), START, SPEED, T, having(**effects), TIGHT)
+    ours = simulate_pendulum(DOUBLE, torque_trace(FINE_T, torques(FINE_T).T), START, SPEED, T, having(**effects), TIGHT)
     expected = by_scipy(**other)
     assert ours.angle_rad == pytest.approx(expected[:, :2], abs=within)
     assert ours.speed_rad_s == pytest.approx(expected[:, 2:], abs=10 * within)
@@ -103,14 +103,14 @@ def test_a_driven_double_pendulum_swings_as_another_integrator_has_it(effects, o
 def test_a_torque_offset_adds_to_the_recorded_torque_and_is_scaled_with_it():
     offset = Pendulum((PendulumLink(0.2, 0.6, 0.18, 0.022, 0.004, torque_offset_Nm=0.2), SECOND))
     trace = torque_trace(FINE_T, torques(FINE_T).T)
-    ours = swing(offset, trace, START, SPEED, T, having(torque_scale={"factor": 0.8}), TIGHT)
+    ours = simulate_pendulum(offset, trace, START, SPEED, T, having(torque_scale={"factor": 0.8}), TIGHT)
     assert ours.angle_rad == pytest.approx(by_scipy(factor=0.8, offset=0.2)[:, :2], abs=2e-4)
 
 
 @pytest.mark.parametrize("inertia", [0.0, 0.005])
 def test_the_steps_that_are_used_by_default_are_fine_enough_for_an_encoder(inertia):
     effects = having(joint_inertia={"inertia_kg_m2": inertia}) if inertia else ()
-    ours = swing(DOUBLE, torque_trace(FINE_T, torques(FINE_T).T), START, SPEED, T, effects)
+    ours = simulate_pendulum(DOUBLE, torque_trace(FINE_T, torques(FINE_T).T), START, SPEED, T, effects)
     assert ours.angle_rad == pytest.approx(by_scipy(inertia)[:, :2], abs=1e-3)
 
 
@@ -123,8 +123,8 @@ def test_a_pendulum_that_nothing_drives_or_brakes_swings_too():
 def test_one_scale_of_the_torque_multiplies_another():
     trace = torque_trace(FINE_T, torques(FINE_T).T)
     twice = having(torque_scale={"factor": 0.5}) + having(torque_scale={"factor": 1.4})
-    once = swing(DOUBLE, trace, START, SPEED, T, having(torque_scale={"factor": 0.7})).angle_rad
-    assert swing(DOUBLE, trace, START, SPEED, T, twice).angle_rad == pytest.approx(once, abs=1e-9)
+    once = simulate_pendulum(DOUBLE, trace, START, SPEED, T, having(torque_scale={"factor": 0.7})).angle_rad
+    assert simulate_pendulum(DOUBLE, trace, START, SPEED, T, twice).angle_rad == pytest.approx(once, abs=1e-9)
 
 
 @pytest.mark.parametrize("nominal", [True, False], ids=["believed", "as an effect"])
@@ -150,7 +150,7 @@ def test_a_stuck_joint_stays_where_it_is_and_slips_beyond_its_friction():
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_friction_is_fully_there_from_the_start_in_a_joint_that_moves(sign):
     t = np.array([1e-3, 2e-3])
-    motion = swing(SINGLE, NO_TORQUE, np.zeros(1), np.array([sign]), t, having(joint_friction={"torque_Nm": 0.5}))
+    motion = simulate_pendulum(SINGLE, NO_TORQUE, np.zeros(1), np.array([sign]), t, having(joint_friction={"torque_Nm": 0.5}))
     assert motion.speed_rad_s[:, 0] == pytest.approx(sign * (1.0 - 0.5 / 0.11 * t), abs=1e-4)
 
 
@@ -158,7 +158,9 @@ def test_a_joint_that_is_not_driven_does_not_feel_the_torque():
     passive = Pendulum((FIRST, PendulumLink(0.3, 0.55, 0.25, 0.038, 0.002, driven=False)))
     trace = torque_trace(FINE_T, torques(FINE_T).T)
     silent = TorqueTrace(trace.step_s, trace.torque_Nm * [1.0, 0.0])
-    assert (swing(passive, trace, START, SPEED, T).angle_rad == swing(DOUBLE, silent, START, SPEED, T).angle_rad).all()
+    assert (
+        simulate_pendulum(passive, trace, START, SPEED, T).angle_rad == simulate_pendulum(DOUBLE, silent, START, SPEED, T).angle_rad
+    ).all()
 
 
 def test_a_trace_keeps_its_shape_between_uneven_times_and_its_last_value_beyond():
@@ -166,7 +168,7 @@ def test_a_trace_keeps_its_shape_between_uneven_times_and_its_last_value_beyond(
     assert trace.torque_Nm[:, 0] == pytest.approx([0.0, 1.0, 2.0, 3.0, 3.5])
     heavy = Pendulum((PendulumLink(0.5, 1e-6, 0.0, 2.0),))
     rising = torque_trace(np.array([0.0, 1.0]), np.array([[0.0], [2.0]]))
-    speed = swing(heavy, rising, np.zeros(1), np.zeros(1), np.array([1.0, 2.0])).speed_rad_s
+    speed = simulate_pendulum(heavy, rising, np.zeros(1), np.zeros(1), np.array([1.0, 2.0])).speed_rad_s
     assert speed[:, 0] == pytest.approx([0.5, 1.5], abs=5e-6)  # a step across the kink at 1 s errs by its square
 
 
@@ -183,7 +185,7 @@ FOREIGN = {
 @pytest.mark.parametrize("id_", FOREIGN)
 def test_an_effect_that_a_pendulum_has_no_place_for_is_refused_rather_than_ignored(id_):
     with pytest.raises(BadInput, match=f"{id_}: acts on"):
-        driven(DOUBLE, having(**{id_: FOREIGN[id_]}))
+        make_driven_pendulum(DOUBLE, having(**{id_: FOREIGN[id_]}))
 
 
 @pytest.mark.parametrize(
@@ -191,7 +193,7 @@ def test_an_effect_that_a_pendulum_has_no_place_for_is_refused_rather_than_ignor
 )
 def test_at_no_strength_an_effect_leaves_the_swing_alone(id_, values):
     trace = torque_trace(FINE_T, torques(FINE_T).T)
-    plain, other = (swing(DOUBLE, trace, START, SPEED, T, effects).angle_rad for effects in ((), having(**{id_: values})))
+    plain, other = (simulate_pendulum(DOUBLE, trace, START, SPEED, T, effects).angle_rad for effects in ((), having(**{id_: values})))
     assert other == pytest.approx(plain, abs=1e-9)
 
 
@@ -202,4 +204,4 @@ def test_an_inertia_about_the_centre_of_mass_is_refused():
 
 def test_torques_of_another_number_of_joints_are_refused():
     with pytest.raises(BadInput, match="2 joints"):
-        swing(DOUBLE, NO_TORQUE, START, SPEED, T)
+        simulate_pendulum(DOUBLE, NO_TORQUE, START, SPEED, T)

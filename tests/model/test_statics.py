@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, staged_motion, static_stages
+from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, make_stage_motion, simulate_static_stages
 from rfca_rig.model.static_state import Touch
 from rfca_rig.model.statics import (
     equilibrium_under_tip_force,
@@ -18,7 +18,7 @@ from rfca_rig.model.statics import (
     tip_jacobian,
     tip_place_m,
 )
-from rfca_rig.model.statics_contact import static_path
+from rfca_rig.model.statics_contact import follow_static_path
 from rfca_rig.model.svd_inverse import tip_force, tip_force_weighing_angles
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 
@@ -30,7 +30,7 @@ UP_AND_BACK = np.radians([60, 75, 90, 105, 120, 135, 133, 131, 134, 140])
 
 @pytest.fixture(scope="module")
 def path():
-    return static_path(PAPER, 0.215, UP_AND_BACK)
+    return follow_static_path(PAPER, 0.215, UP_AND_BACK)
 
 
 def test_the_jacobian_is_how_the_tip_moves():
@@ -127,8 +127,8 @@ def test_one_hinge_does_not_determine_a_force():
 @pytest.mark.parametrize("ground", [{}, {"stiffness_N_per_m1p5": 1.2e4, "friction_rise_share": 1.0}], ids=["paper", "soft, friction high"])
 def test_the_dynamic_model_moved_slowly_and_held_still_comes_to_the_same_states(ground):
     rig = replace(PAPER, ground=replace(PAPER.ground, **ground))
-    stages = static_stages(rig, 0.215, UP_AND_BACK, CREEPING)
-    for state, held in zip(static_path(rig, 0.215, UP_AND_BACK), stages, strict=True):
+    stages = simulate_static_stages(rig, 0.215, UP_AND_BACK, CREEPING)
+    for state, held in zip(follow_static_path(rig, 0.215, UP_AND_BACK), stages, strict=True):
         assert state.fy_N == pytest.approx(held.fy_N, abs=5e-3)
         assert state.fz_N == pytest.approx(held.fz_N, abs=5e-3)
         assert state.tx_Nm == pytest.approx(held.tx_Nm, abs=5e-4)
@@ -136,14 +136,14 @@ def test_the_dynamic_model_moved_slowly_and_held_still_comes_to_the_same_states(
 
 
 def test_brisk_moves_leave_the_tip_inside_the_cone_of_friction(path):
-    brisk = static_stages(PAPER, 0.215, UP_AND_BACK[:6], StageMoves(1.0, 0.005))
+    brisk = simulate_static_stages(PAPER, 0.215, UP_AND_BACK[:6], StageMoves(1.0, 0.005))
     for creeping, state in zip(path, brisk, strict=False):
         assert state.touch[-1] is Touch.STUCK
         assert state.tangential_N[-1] < creeping.tangential_N[-1] - 0.3
 
 
 def test_stages_end_where_they_are_told_and_take_the_time_they_need():
-    motion, read_s = staged_motion(0.2, [1.0, 1.0, 0.99, 0.5], StageMoves(0.5, 0.05, 2.0))
+    motion, read_s = make_stage_motion(0.2, [1.0, 1.0, 0.99, 0.5], StageMoves(0.5, 0.05, 2.0))
     assert motion.angle_rad(read_s) == pytest.approx([1.0, 1.0, 0.99, 0.5])
     takes_s = np.array([0.8 / 0.5 + 0.05, STILL_AFTER_S, 0.1 + STILL_AFTER_S, 0.49 / 0.5 + 0.05 + STILL_AFTER_S])
     assert np.diff(read_s, prepend=0.0) == pytest.approx(takes_s + 2.0, abs=0.031)
@@ -191,20 +191,20 @@ def test_a_loading_tip_slides_at_the_limit_of_friction_and_sticks_when_turned_ba
 
 
 def test_a_stuck_tip_comes_back_to_nearly_the_same_state_and_a_slid_one_does_not():
-    there = static_path(PAPER, 0.215, np.radians([120, 119.5, 119, 119.5]))
+    there = follow_static_path(PAPER, 0.215, np.radians([120, 119.5, 119, 119.5]))
     assert there[3].fz_N == pytest.approx(there[1].fz_N, abs=0.02)  # the normal force fell and rose again, which dissipates
-    slid = static_path(PAPER, 0.215, np.radians([90, 120, 90]))
+    slid = follow_static_path(PAPER, 0.215, np.radians([90, 120, 90]))
     assert abs(slid[2].fy_N - slid[0].fy_N) > 1.0
 
 
 def test_the_state_does_not_depend_on_the_stages_in_between(path):
-    direct = static_path(PAPER, 0.215, [UP_AND_BACK[5]])[0]
+    direct = follow_static_path(PAPER, 0.215, [UP_AND_BACK[5]])[0]
     assert direct.fz_N == pytest.approx(path[5].fz_N, abs=1e-6)
     assert direct.fy_N == pytest.approx(path[5].fy_N, abs=1e-6)
 
 
 def test_a_leg_in_the_air_feels_its_weight_only():
-    state = static_path(PAPER, NO_GROUND_M, [1.0])[0]
+    state = follow_static_path(PAPER, NO_GROUND_M, [1.0])[0]
     assert (state.fy_N, state.fz_N) == pytest.approx((0.0, 0.32 * 9.81))
     assert set(state.touch) == {Touch.AIR}
 
@@ -212,7 +212,7 @@ def test_a_leg_in_the_air_feels_its_weight_only():
 def test_one_stiff_link_pressed_on_the_ground_obeys_the_lever():
     """A single hinge: the moment of N and F about it is that of spring and weight, whatever the ground."""
     rig = replace(pendulum(2, 0.2, 0.3, k0=40.0), ground=replace(PAPER.ground, friction_coefficient=0.3))
-    state = static_path(rig, 0.3, [1.0], begin_angle_rad=0.5)[0]
+    state = follow_static_path(rig, 0.3, [1.0], begin_angle_rad=0.5)[0]
     phi, q = state.hinge_angles_rad[0], state.q_rad[1]
     N, F = state.normal_N[1], state.tangential_N[1]
     assert N > 1.0
@@ -221,7 +221,7 @@ def test_one_stiff_link_pressed_on_the_ground_obeys_the_lever():
 
 
 def test_past_the_end_of_a_path_the_leg_jumps_to_another_rest():
-    states = static_path(PAPER, 0.215, np.radians(np.arange(60, 260, 10)))
+    states = follow_static_path(PAPER, 0.215, np.radians(np.arange(60, 260, 10)))
     assert any(state.jumped for state in states)
     assert states[-1].fz_N == pytest.approx(0.32 * 9.81)
 
@@ -229,10 +229,10 @@ def test_past_the_end_of_a_path_the_leg_jumps_to_another_rest():
 def test_a_leg_without_any_damping_that_jumps_finds_no_rest_and_says_where():
     undamped = replace(PAPER, leg=replace(PAPER.leg, hinge_damping_Nm_s_per_rad=0.0), ground=replace(PAPER.ground, drag_N_s_per_m=0.0))
     with pytest.raises(SimulationFailed, match=r"finds no rest with the shaft held at 16\d\.\d\d degrees, 215.0 mm above"):
-        static_path(undamped, 0.215, np.radians([170.0]))
+        follow_static_path(undamped, 0.215, np.radians([170.0]))
 
 
 def test_a_path_with_effects_is_refused_rather_than_treated_as_plain():
     rig = replace(PAPER, effects=(PresentEffect("tip_mass", (("mass_g", 5.0),)),))
     with pytest.raises(BadInput, match="plain leg and ground only"):
-        static_path(rig, 0.215, [1.0])
+        follow_static_path(rig, 0.215, [1.0])

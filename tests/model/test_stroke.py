@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
-from rfca_rig.model.stroke import stroke_at_speed, stroke_following
+from rfca_rig.model.stroke import simulate_stroke, simulate_stroke_at_speed
 from tests.model.legs import PAPER
 from tests.model.lsoda import ICE, fz_by_lsoda
 
@@ -17,7 +17,7 @@ T = np.arange(-100, 1250) * 1e-3
 
 @pytest.fixture(scope="module")
 def stroke():
-    return stroke_at_speed(PAPER, 0.215, 2.433, T)
+    return simulate_stroke_at_speed(PAPER, 0.215, 2.433, T)
 
 
 def with_lever(lever_m):
@@ -46,7 +46,7 @@ def test_force_on_the_mount_is_weight_and_ground_less_the_change_of_momentum(str
 
 @pytest.mark.parametrize("lever_m", [0.003, -0.004])
 def test_power_of_the_motor_goes_into_springs_and_motion_and_is_lost_in_damping_and_ground(lever_m):
-    stroke = stroke_at_speed(with_lever(lever_m), 0.215, 2.433, T)
+    stroke = simulate_stroke_at_speed(with_lever(lever_m), 0.215, 2.433, T)
     lengths = np.array(PAPER.leg.link_lengths_m)
     w = np.gradient(stroke.q_rad, T, axis=0)
     phi, rate = np.diff(stroke.q_rad, axis=1), np.diff(w, axis=1)
@@ -63,8 +63,8 @@ def test_power_of_the_motor_goes_into_springs_and_motion_and_is_lost_in_damping_
 
 
 def test_friction_acts_at_the_tip_s_lowest_point_unless_another_lever_is_given(stroke):
-    assert np.array_equal(stroke_at_speed(with_lever(0.003), 0.215, 2.433, T).fz_N, stroke.fz_N)
-    other = stroke_at_speed(with_lever(-0.004), 0.215, 2.433, T)
+    assert np.array_equal(simulate_stroke_at_speed(with_lever(0.003), 0.215, 2.433, T).fz_N, stroke.fz_N)
+    other = simulate_stroke_at_speed(with_lever(-0.004), 0.215, 2.433, T)
     assert 0.5 < np.abs(other.fz_N - stroke.fz_N)[450:1100].max() < 5.0
 
 
@@ -77,13 +77,13 @@ def test_sliding_friction_is_mu_times_the_normal_force_and_the_floor_s_drag(stro
 
 
 def test_the_valley_does_not_depend_on_the_tolerance(stroke):
-    tight = stroke_at_speed(PAPER, 0.215, 2.433, T, Tolerance(1e-8, 3e-5))
+    tight = simulate_stroke_at_speed(PAPER, 0.215, 2.433, T, Tolerance(1e-8, 3e-5))
     assert stroke.fz_N.min() == pytest.approx(tight.fz_N.min(), rel=2e-4)
     assert T[stroke.fz_N.argmin()] == pytest.approx(T[tight.fz_N.argmin()], abs=1.1e-3)
 
 
 def test_the_same_stroke_twice_is_the_same_to_the_last_bit(stroke):
-    again = stroke_at_speed(PAPER, 0.215, 2.433, T)
+    again = simulate_stroke_at_speed(PAPER, 0.215, 2.433, T)
     assert again.fz_N.tobytes() == stroke.fz_N.tobytes()
 
 
@@ -97,7 +97,7 @@ def pressed_and_held() -> tuple[np.ndarray, ShaftMotion]:
 
 def test_a_leg_held_under_load_for_a_minute_keeps_its_tangential_force():
     t, motion = pressed_and_held()
-    held = stroke_following(replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.6)), 0.215, motion, t)
+    held = simulate_stroke(replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.6)), 0.215, motion, t)
     late = held.tangential_N.sum(axis=1)[t > 4.0]
     assert abs(late[0]) > 0.2
     assert abs(late[0]) < 0.99 * 0.6 * held.normal_N.sum(axis=1)[-1]  # inside the cone: stuck, not about to slide
@@ -106,14 +106,14 @@ def test_a_leg_held_under_load_for_a_minute_keeps_its_tangential_force():
 
 def test_an_end_at_rest_on_the_ground_sinks_as_deep_as_hertz_says():
     t, motion = pressed_and_held()
-    held = stroke_following(PAPER, 0.215, motion, t)
+    held = simulate_stroke(PAPER, 0.215, motion, t)
     depth = (np.array(PAPER.leg.link_lengths_m) * np.sin(held.q_rad[-1])).sum() + 0.003 - 0.215
     assert held.normal_N[-1, -1] == pytest.approx(1e5 * depth**1.5, rel=1e-6)
 
 
 def test_following_a_noisy_record_of_the_shaft_gives_the_commanded_stroke(stroke):
     noise = np.random.default_rng(3).normal(0.0, 1e-4, len(T))
-    followed = stroke_following(PAPER, 0.215, follow(T, stroke.shaft_angle_rad + noise), T)
+    followed = simulate_stroke(PAPER, 0.215, follow(T, stroke.shaft_angle_rad + noise), T)
     assert followed.fz_N.min() == pytest.approx(stroke.fz_N.min(), rel=2e-3)
     assert np.sqrt(np.mean((followed.fz_N - stroke.fz_N)[T < 1.0] ** 2)) < 0.1
 
@@ -121,13 +121,13 @@ def test_following_a_noisy_record_of_the_shaft_gives_the_commanded_stroke(stroke
 def test_values_no_leg_has_end_in_one_clear_line_not_in_nan():
     broken = replace(PAPER, leg=replace(PAPER.leg, k0_Nm_per_rad=float("nan")))
     with pytest.raises(SimulationFailed, match=r"rest pose|no step"):
-        stroke_at_speed(broken, 0.215, 2.433, T)
+        simulate_stroke_at_speed(broken, 0.215, 2.433, T)
 
 
 def test_a_stroke_that_would_take_hours_is_given_up_after_so_many_steps():
     bounded = Tolerance(most_steps=200)
     with pytest.raises(SimulationFailed, match=r"stopped after 200 steps .* steps are down to \d\S* s; look for"):
-        stroke_at_speed(PAPER, 0.215, 2.433, T, bounded)
+        simulate_stroke_at_speed(PAPER, 0.215, 2.433, T, bounded)
 
 
 @pytest.mark.parametrize("case", range(24))
@@ -141,7 +141,7 @@ def test_wide_parameters_neither_fail_nor_depend_on_the_tolerance(case):
     ground = replace(PAPER.ground, friction_coefficient=random.uniform(0.2, 1.3), stiffness_N_per_m1p5=10 ** random.uniform(4.5, 6.5))
     rig, motion = replace(PAPER, leg=leg, ground=ground), ramp_to_speed(PAPER.leg.start_angle_rad, 3.0, 0.05, 1.0)
     t = np.arange(1, 700) * 1e-3
-    plain, tight = (stroke_following(rig, 0.215, motion, t, tolerance) for tolerance in (Tolerance(), Tolerance(1e-6, 3e-3)))
+    plain, tight = (simulate_stroke(rig, 0.215, motion, t, tolerance) for tolerance in (Tolerance(), Tolerance(1e-6, 3e-3)))
     late = slice(300, None)  # the touchdown's spikes are chaotic on a hard floor; loading is not
     assert np.isfinite(plain.fz_N).all()
     assert np.sqrt(np.mean((plain.fz_N - tight.fz_N)[late] ** 2)) < 5e-3 * np.abs(tight.fz_N[late]).max()
@@ -150,7 +150,7 @@ def test_wide_parameters_neither_fail_nor_depend_on_the_tolerance(case):
 def test_another_integrator_gives_the_same_stroke_on_ice():
     t = np.arange(1, 700) * 1e-3
     other = fz_by_lsoda(ICE, 0.215, 3.0, t, 1e-8)
-    ours = stroke_at_speed(ICE, 0.215, 3.0, t).fz_N
+    ours = simulate_stroke_at_speed(ICE, 0.215, 3.0, t).fz_N
     touching = t > 0.3
     assert np.sqrt(np.mean((ours - other)[touching] ** 2)) < 2e-3 * np.ptp(other)
     assert ours.min() == pytest.approx(other.min(), rel=1e-3)

@@ -8,17 +8,17 @@ from scipy.integrate import quad
 from scipy.optimize import approx_fprime
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.chain import Tolerance, advance, at_rest, chain_of, room_for
+from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
 from rfca_rig.model.energy import mechanical_energy_J, springs_J
 from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.hinge_springs import bending_stiffness_Nm_per_rad, bending_torque_Nm, polynomial_springs, springs_of
 from rfca_rig.model.parameters import LawTable, PresentEffect, TorqueSpline
 from rfca_rig.model.rediscretize import with_links
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Shaft, State
 from rfca_rig.model.statics import equilibrium_under_tip_force, imbalance_Nm, tangent_stiffness, tip_chain_of
-from rfca_rig.model.statics_contact import static_path
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.statics_contact import follow_static_path
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.model.torque_spline import knots_from, polynomial, slope_at_rest, table_of
 from tests.model.legs import NO_GROUND_M, PAPER
 
@@ -45,7 +45,7 @@ def test_the_cubic_law_is_one_of_the_curves():
     exact, x = with_curves(cubic_curve([5.0, 15.0, 25.0, 60.0])), np.linspace(-1.0, 1.0, 101)
     assert bending_torque_Nm(exact.leg, x) == pytest.approx(bending_torque_Nm(PAPER.leg, x), abs=1e-12)
     assert bending_stiffness_Nm_per_rad(exact.leg, x) == pytest.approx(bending_stiffness_Nm_per_rad(PAPER.leg, x), abs=1e-11)
-    law, curve = (stroke_at_speed(rig, 0.215, 2.433, T, TIGHT) for rig in (PAPER, exact))
+    law, curve = (simulate_stroke_at_speed(rig, 0.215, 2.433, T, TIGHT) for rig in (PAPER, exact))
     assert np.abs(law.fz_N - curve.fz_N).max() < 1e-3  # rounding decides where a step ends
     assert np.abs(law.shaft_torque_Nm - curve.shaft_torque_Nm).max() < 1e-4
 
@@ -76,26 +76,26 @@ def test_the_energy_is_the_integral_of_the_torque(curve, x):
     torque = lambda angle: float(bending_torque_Nm(rig.leg, np.array(angle)))  # noqa: E731
     knots = [angle for angle in (*curve[0], *(-a for a in curve[0])) if min(0.0, x) < angle < max(0.0, x)]
     expected = quad(torque, 0.0, x, points=knots or None, epsabs=1e-13)[0]
-    assert springs_J(chain_of(rig, NO_GROUND_M), q)[0] == pytest.approx(expected, abs=1e-11)
+    assert springs_J(make_chain(rig, NO_GROUND_M), q)[0] == pytest.approx(expected, abs=1e-11)
 
 
 @pytest.mark.parametrize("curves", [[SOFTENING], [ONE_SIDED_WAY, *[SOFTENING] * 5]])
 def test_a_free_leg_without_damping_keeps_its_energy(curves):
     rig = with_curves(*curves)
-    chain = chain_of(replace(rig, leg=replace(rig.leg, hinge_damping_Nm_s_per_rad=0.0)), NO_GROUND_M)
+    chain = make_chain(replace(rig, leg=replace(rig.leg, hinge_damping_Nm_s_per_rad=0.0)), NO_GROUND_M)
     nothing, n = np.empty(0), 7
     free = Shaft(nothing, np.empty((0, 4)), nothing, True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     state = State(np.linspace(0.0, 2.4, n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((0, n, 4)))
     begin = mechanical_energy_J(chain, state.q[None], state.w[None])[0]
-    samples = room_for(np.linspace(0.01, 0.5, 50), n)
+    samples = allocate_samples(np.linspace(0.01, 0.5, 50), n)
     advance(chain, free, state, (0.0, 0.5), 1e-5, Tolerance(1e-9, 3e-6), samples)
     assert np.abs(np.diff(samples.q, axis=1)).max() > 0.6  # beyond the last knot, too
     assert mechanical_energy_J(chain, samples.q, samples.w) == pytest.approx(begin, abs=2e-6)
 
 
 def test_the_kernels_derivative_is_that_of_its_residual():
-    chain = chain_of(with_curves(ONE_SIDED_WAY, *[SOFTENING] * 5), NO_GROUND_M)
-    work, zero = room_to_work(7, 7), np.zeros(7)
+    chain = make_chain(with_curves(ONE_SIDED_WAY, *[SOFTENING] * 5), NO_GROUND_M)
+    work, zero = allocate_workspace(7, 7), np.zeros(7)
     state = State(zero.copy(), zero.copy(), zero.copy(), zero.copy(), np.zeros((0, 7, 4)))
     q = np.cumsum([0.4, -0.7, 0.05, -0.1, 0.3, 0.6, -0.02])
 
@@ -118,13 +118,13 @@ def test_statics_and_kernel_share_the_curves_and_rest_angles():
     slopes = approx_fprime(found.phi, lambda phi: imbalance_Nm(chain, phi, np.array([2.0, -4.0])), 1e-7)
     assert tangent_stiffness(chain, found.phi, np.array([2.0, -4.0])) == pytest.approx(slopes, abs=1e-5)
     hanging = equilibrium_under_tip_force(chain, 0.6, np.zeros(2)).phi
-    assert np.diff(at_rest(chain_of(rig, NO_GROUND_M), 0.6).q) == pytest.approx(hanging[1:], abs=1e-9)
+    assert np.diff(find_rest_state(make_chain(rig, NO_GROUND_M), 0.6).q) == pytest.approx(hanging[1:], abs=1e-9)
 
 
 def test_a_softer_curve_lets_the_leg_bend_farther_on_the_ground():
     soft = with_curves(SOFTENING)
     at = [float(np.radians(120.0))]
-    stiff_angles, soft_angles = (static_path(rig, 0.215, at)[-1].hinge_angles_rad for rig in (PAPER, soft))
+    stiff_angles, soft_angles = (follow_static_path(rig, 0.215, at)[-1].hinge_angles_rad for rig in (PAPER, soft))
     assert np.abs(soft_angles).max() > 1.1 * np.abs(stiff_angles).max()
 
 
@@ -134,7 +134,7 @@ def test_one_curve_that_is_softer_than_its_fellows_is_a_damaged_hinge():
     by_curve = with_curves(SOFTENING, SOFTENING, weak, *[SOFTENING] * 3)
     effect = PresentEffect("damaged_hinge", (("hinge", 4.0), ("stiffness_factor", 0.8)))
     by_effect = replace(with_curves(SOFTENING), effects=(effect,))
-    first, second, sound = (stroke_at_speed(rig, 0.215, 2.433, T, TIGHT) for rig in (by_curve, by_effect, with_curves(SOFTENING)))
+    first, second, sound = (simulate_stroke_at_speed(rig, 0.215, 2.433, T, TIGHT) for rig in (by_curve, by_effect, with_curves(SOFTENING)))
     assert np.abs(first.fz_N - second.fz_N).max() < 1e-3
     assert np.abs(first.fz_N - sound.fz_N).max() > 0.1
 
@@ -167,7 +167,7 @@ LAW = LawTable("hinges", "spring_torque_Nm", (0.0, 2.0), (0.0, 0.1))
 )
 def test_laws_that_are_written_in_k2_are_refused_in_a_line(effect):
     with pytest.raises(BadInput, match=rf"{effect.id}: .* follow a measured curve \(leg.torque_rotation\)") as refusal:
-        stroke_at_speed(replace(with_curves(SOFTENING), effects=(effect,)), 0.215, 2.433, T)
+        simulate_stroke_at_speed(replace(with_curves(SOFTENING), effects=(effect,)), 0.215, 2.433, T)
     assert "\n" not in str(refusal.value)
 
 

@@ -9,7 +9,7 @@ import pytest
 from rfca_rig.clock import Clock
 from rfca_rig.contracts import own_force_sensor, own_motor
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import drained, motor_rig
+from rfca_rig.contracts.motor_rig import drain, motor_rig
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.errors import DeviceError
 from rfca_rig.own import MotorKeys, Report, SpeedDrive, SpeedDriveTwin
@@ -132,7 +132,7 @@ def test_a_drive_whose_error_cannot_be_cleared_is_not_told_to_energise() -> None
     with motor_rig(lambda bus, clock: Polled(bus, clock, keys, 0.3), lambda bus: IncurableTwin(bus, keys, LoopGains(), 0.1)) as rig:
         with pytest.raises(DeviceError, match=r"not enabled: it still reports error 7 \(broken\), state off"):
             rig.motor.enable()
-        assert 0x14 not in {message.arbitration_id for message in drained(rig.observer)}
+        assert 0x14 not in {message.arbitration_id for message in drain(rig.observer)}
 
 
 @pytest.mark.parametrize("file", ["our_motor", "our_sensor", "effects/our_effect"])

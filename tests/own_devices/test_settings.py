@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.contracts.motor_rig import joined, motor_rig
+from rfca_rig.contracts.motor_rig import concatenate_samples, motor_rig
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import DeviceError
@@ -70,6 +70,6 @@ def test_an_answer_is_stamped_with_when_it_was_asked_for():
             rig.motor.command_speed(3.0)
             rig.tick(tick_s=2e-3 if number % 2 else 8e-3)
             blocks.append(rig.motor.read())
-        shaft = joined(blocks)
+        shaft = concatenate_samples(blocks)
         slope, offset = np.polyfit(shaft.device_s, shaft.angle_rad, 1)
         assert np.abs(shaft.angle_rad - slope * shaft.device_s - offset).max() < 2e-3

@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import strategies as st
 
 from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages, flapping_plan, static_plan
-from rfca_rig.protocol.fatigue import Check, Fatigue, fatigue_plan
+from rfca_rig.protocol.fatigue import CheckSettings, Fatigue, fatigue_plan
 from rfca_rig.protocol.plan import SettleCriterion
 from tests.protocol.test_plans import RIG
 
@@ -31,7 +31,7 @@ def static_plans(draw):
 @st.composite
 def fatigue_plans(draw):
     every = st.integers(1, 12)
-    check = Check(draw(every), draw(st.lists(st.sampled_from([1.2, 1.7, 2.2]), min_size=1, max_size=3)), 0.4, 0.0, 0.5, 0.05)
+    check = CheckSettings(draw(every), draw(st.lists(st.sampled_from([1.2, 1.7, 2.2]), min_size=1, max_size=3)), 0.4, 0.0, 0.5, 0.05)
     cycles = draw(st.integers(1, 40))
     return fatigue_plan(Fatigue("w", 0.2228, 6.0, cycles, draw(every), 3.5, 3.0, SETTLE, check), draw(RIGS))
 

@@ -4,7 +4,7 @@ import pytest
 
 from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages, flapping_plan, static_plan
 from rfca_rig.protocol.plan import Flap, Hold, MoveShaft, SetHeight, SettleCriterion
-from rfca_rig.protocol.safe_points import way_to_safety
+from rfca_rig.protocol.safe_points import stages_to_safe_point
 from tests.protocol.test_plans import RIG
 
 SETTLE = SettleCriterion(0.3, 0.003, 0.3, 10.0)
@@ -16,7 +16,7 @@ STATIC = static_plan(StaticStages("s", (0.215, 0.235), ((1.0, "loading"), (1.5, 
 def test_whatever_is_left_out_the_way_ends_beyond_the_floor_or_never_came_near_it(plan):
     on_the_ground = False
     for done in range(len(plan.stages) + 1):
-        way = way_to_safety(plan.stages[:done], plan.stages[done:])
+        way = stages_to_safe_point(plan.stages[:done], plan.stages[done:])
         if done:
             on_the_ground = _still_down(plan.stages[done - 1], plan.stages[:done], on_the_ground)
         home, waiting = (True, RIG.start_angle_rad), (False, RIG.parked_angle_rad)
@@ -41,4 +41,4 @@ def _is_parking(done):
 
 
 def test_before_anything_moved_there_is_no_way_to_go():
-    assert way_to_safety((), FLAPPING.stages) == ()
+    assert stages_to_safe_point((), FLAPPING.stages) == ()

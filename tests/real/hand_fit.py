@@ -17,7 +17,7 @@ from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.load import load_mechanism
-from rfca_rig.mechanism.nuisances import NUISANCES, places_of
+from rfca_rig.mechanism.nuisances import NUISANCES, find_places
 
 STEP = 1e-3  # of finite differences, in the scale of a parameter
 BEGINNING = 0.1  # where parameters that stay above zero begin, in their scale: at zero, dry friction has no slope
@@ -62,7 +62,7 @@ def list_free(problem: MechanismProblem, keys: list[str]) -> list[FreeParameter]
     found = []
     for key in keys:
         kind = NUISANCES[key]
-        for name, place in places_of(mechanism, kind.objects).items():
+        for name, place in find_places(mechanism, kind.objects).items():
             by_name = [value for part, value in plain.items() if part in key]
             scale = by_name[0] if by_name else next(float(size[place]) for part, size in sizes.items() if part in key)
             least = -np.inf if kind.nominal is None else -kind.nominal(mechanism, place)

@@ -7,7 +7,7 @@ import pytest
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.check import check_experiment
 from rfca_rig.mechanism.load import load_mechanism
-from rfca_rig.mechanism.nuisances import NUISANCES, places_of
+from rfca_rig.mechanism.nuisances import NUISANCES, find_places
 from tests.real.__main__ import DATA, HERE, SPLITS, closed_share, contradicts, count, put_together, read_sets
 
 pytest.importorskip("mujoco")
@@ -68,7 +68,7 @@ def test_read_and_check_accept_a_set_and_doubt_no_sign_or_unit(name, tmp_path):
     # what is concealed may make the prediction of the nominal model poor
     assert [line.words for line in check_experiment(folder) if line.is_warning and line.about != "prediction"] == []
     mechanism = load_mechanism(experiment.model)
-    assert all(places_of(mechanism, NUISANCES[key].objects) for key in SETS[name]["law"])
+    assert all(find_places(mechanism, NUISANCES[key].objects) for key in SETS[name]["law"])
 
 
 SAID = {"grade": "mostly", "effects": {"joint_friction": {}}, "family": "", "held_out": {"a_position_rad": [2.0, 1.0]}}

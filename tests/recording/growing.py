@@ -10,9 +10,9 @@ import numpy as np
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.blocks import Begin, End, StrokeCondition, event_block, samples_block, start_block
 from rfca_rig.recording.journal import BlockKind, JournalBlock
-from rfca_rig.recording.keeper import DirectKeeper, Keeper
+from rfca_rig.recording.keeper import InProcessRecorder, RunBackend
 from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stroke
-from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm, stream_of
+from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
 from tests.recording.samples import WRENCH, recording, stage
 
 CLOCKS = (ColumnForm("host_s", "<f8", "s"), ColumnForm("device_s", "<f8", "s"))
@@ -39,7 +39,10 @@ def tick(repeat: int, number: int) -> tuple[Rows, Rows]:
 
 def streams(repeat: int, ticks: int = TICKS):
     pieces = [tick(repeat, number) for number in range(ticks)]
-    return {form.name: stream_of(form, np.concatenate(some), START) for form, some in zip(FORMS, zip(*pieces, strict=True), strict=True)}
+    return {
+        form.name: make_stream_from_rows(form, np.concatenate(some), START)
+        for form, some in zip(FORMS, zip(*pieces, strict=True), strict=True)
+    }
 
 
 def stroke(repeat: int) -> Stroke:
@@ -77,7 +80,7 @@ def static_blocks(number: int) -> Iterator[JournalBlock]:
     yield End(static=static_stage(number)).block()
 
 
-def hand_over(keeper: Keeper, number: int, blocks: Sequence[JournalBlock]) -> Iterator[JournalBlock]:
+def hand_over(keeper: RunBackend, number: int, blocks: Sequence[JournalBlock]) -> Iterator[JournalBlock]:
     """The blocks of stage `number` of a run, each yielded once it is handed over; the photo before the end, as the rig does."""
     for block in blocks:
         if block.kind is BlockKind.END and number % 4 == 2:
@@ -104,10 +107,10 @@ def header() -> Recording:
     return recording(0, 0)
 
 
-def grown(folder: Path, count: int) -> DirectKeeper:
+def grown(folder: Path, count: int) -> InProcessRecorder:
     """A run with so many stages, still open."""
     run_folder.create(folder, header())
-    keeper = DirectKeeper(folder)
+    keeper = InProcessRecorder(folder)
     for number, blocks in enumerate(run_blocks(count), start=1):
         exhaust(hand_over(keeper, number, blocks))
     return keeper
@@ -119,7 +122,7 @@ def exhaust(blocks: Iterator[JournalBlock]) -> None:
         pass
 
 
-def wait_until_acknowledged(keeper: Keeper, count: int) -> None:
+def wait_until_acknowledged(keeper: RunBackend, count: int) -> None:
     """For at most half a minute."""
     for _ in range(3000):
         if keeper.acknowledged >= count:

@@ -25,7 +25,7 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole") / "run"
     grown(folder, 2).finish("done")
     write_ending(folder, Ending({"ended": "done"}))
-    run_folder.build(folder)
+    run_folder.build_recording(folder)
     return folder
 
 

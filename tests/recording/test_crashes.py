@@ -14,8 +14,8 @@ from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.checking import check_run
-from rfca_rig.recording.journal import BlockKind, JournalBlock, framed
-from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.journal import BlockKind, JournalBlock, frame_block
+from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.layout import journals
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import Ending, write_ending
@@ -47,7 +47,7 @@ def whole_run(folder: Path, first: Recording, stages: Sequence[Sequence[JournalB
 
     def work(tell) -> None:
         run_folder.create(folder, first)
-        keeper = DirectKeeper(folder)
+        keeper = InProcessRecorder(folder)
         for number, blocks in enumerate(stages, start=1):
             for block in hand_over(keeper, number, blocks):
                 if block.kind is BlockKind.SAMPLES:
@@ -56,14 +56,14 @@ def whole_run(folder: Path, first: Recording, stages: Sequence[Sequence[JournalB
             tell(STAGE)
         keeper.finish("done")
         write_ending(folder, Ending({"ended": "done"}))
-        run_folder.build(folder)
+        run_folder.build_recording(folder)
 
     return work
 
 
 def recovered(folder: Path) -> Recording:
     run_folder.close_journals(folder)
-    found = read_recording(run_folder.build(folder))
+    found = read_recording(run_folder.build_recording(folder))
     assert all(finding.is_sound for finding in check_run(folder)), list(check_run(folder))
     assert not [file for file in folder.rglob("*") if file.suffix in (".writing", ".journal") or file.name == ".ballast"]
     return replace(found, nominal={}, known_to={}, provenance={})
@@ -118,10 +118,10 @@ def test_a_run_killed_at_every_write_loses_no_acknowledged_stage(tmp_path: Path)
         shutil.rmtree(tmp_path / str(call), ignore_errors=True)
 
 
-class Collecting(DirectKeeper):
+class Collecting(InProcessRecorder):
     """Keeps the blocks of each stage as well as the run."""
 
-    def __init__(self, keeper: DirectKeeper) -> None:
+    def __init__(self, keeper: InProcessRecorder) -> None:
         self._keeper = keeper
         self.stages: list[list[JournalBlock]] = [[]]
 
@@ -189,7 +189,7 @@ def cut_at(folder: Path, copy: Path, place: int, ends: np.ndarray) -> None:
 
 
 def places(folder: Path, count: int) -> tuple[np.ndarray, np.ndarray]:
-    ends = np.cumsum([len(framed(block)) for block in list(begun(3))[1:]])
+    ends = np.cumsum([len(frame_block(block)) for block in list(begun(3))[1:]])
     assert ends[-1] == crashed(folder).stat().st_size
     return np.unique(np.linspace(0, ends[-1], count, dtype=int)), ends
 
@@ -228,7 +228,7 @@ def test_recovering_twice_gives_the_same_bytes(tmp_path: Path):
 
 def test_a_journal_of_nonsense_in_whole_blocks_is_one_line(tmp_path: Path):
     journal = crashed(tmp_path / "run")
-    journal.write_bytes(framed(JournalBlock(BlockKind.BEGIN, b"{}")))
+    journal.write_bytes(frame_block(JournalBlock(BlockKind.BEGIN, b"{}")))
     with pytest.raises(BadInput, match=r"0003\.journal: is no journal of a stage"):
         recovered(tmp_path / "run")
 

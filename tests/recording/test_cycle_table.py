@@ -8,8 +8,8 @@ import pytest
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.blocks import Begin, End, samples_block
 from rfca_rig.recording.cycle_table import CYCLE_FORM, cycle_row, cycle_table
-from rfca_rig.recording.journal import framed
-from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.journal import frame_block
+from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.layout import journals, stage_files
 from rfca_rig.recording.run_folder import close_journals, read_stages
 from tests.recording.growing import header
@@ -24,7 +24,7 @@ def row(number, random):
 def begun(folder, first, count):
     """A keeper in the middle of a block of cycles."""
     random = np.random.default_rng(first)
-    keeper = DirectKeeper(folder)
+    keeper = InProcessRecorder(folder)
     keeper.give(Begin(f"cycles {first}", 0.2228, (CYCLE_FORM,)).block())
     for number in range(first, first + count):
         keeper.give(row(number, random))
@@ -48,7 +48,7 @@ def test_what_of_a_block_was_written_is_counted_wherever_the_power_went(tmp_path
     run_folder.create(tmp_path / "run", header())
     begun(tmp_path / "run", 1, 5)
     (journal,) = journals(tmp_path / "run")
-    content, length = journal.read_bytes(), len(framed(row(1, np.random.default_rng(0))))
+    content, length = journal.read_bytes(), len(frame_block(row(1, np.random.default_rng(0))))
     for lost in range(0, 2 * length + 1, 7):
         folder = tmp_path / f"lost{lost}"
         run_folder.create(folder, header())

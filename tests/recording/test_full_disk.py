@@ -10,12 +10,12 @@ import pytest
 
 from rfca_rig.errors import BadInput, DiskFull, RigError
 from rfca_rig.recording import disk_reserve, run_folder
-from rfca_rig.recording.atomic import RoughFile
+from rfca_rig.recording.atomic import ErrorDeferringFile
 from rfca_rig.recording.blocks import event_block
-from rfca_rig.recording.disk_reserve import Ballast, check_room
-from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.disk_reserve import DiskReserve, check_room
+from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.layout import journals
-from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.recording.run_text import events_of
 from tests.recording.dying import BrokenStageFile, FullDisk, instead
 from tests.recording.growing import begun, grown, header, run_blocks, stroke_blocks, wait_until_acknowledged
@@ -23,7 +23,7 @@ from tests.recording.growing import begun, grown, header, run_blocks, stroke_blo
 ROOT = Path(__file__).parents[2]
 
 
-def told_to_stop(keeper: DirectKeeper, count: int = 10**6) -> int:
+def told_to_stop(keeper: InProcessRecorder, count: int = 10**6) -> int:
     """Hands over until the keeper has enough; returns how many stages were acknowledged then."""
     with pytest.raises(DiskFull, match=r"^stopped: disk full: .*No space left on device"):
         for number in range(1, count):
@@ -51,7 +51,7 @@ def test_a_full_disk_stops_the_run_and_costs_nothing_that_was_recorded(tmp_path:
 
 
 def test_where_not_even_the_ballast_is_room_enough_the_journal_waits_for_recovery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(disk_reserve, "BALLAST_BYTES", 6_000)
+    monkeypatch.setattr(disk_reserve, "RESERVE_BYTES", 6_000)
     folder = tmp_path / "run"
     keeper = grown(folder, 1)
     disk = FullDisk(folder, 0)
@@ -82,7 +82,7 @@ def test_a_disk_with_too_little_room_is_refused_before_anything_is_made(tmp_path
 
 def test_no_room_for_the_ballast_is_no_beginning(tmp_path: Path):
     with instead(FullDisk(tmp_path, 200_000)), pytest.raises(DiskFull, match=r"no room for 4\.2 MB in reserve"):
-        Ballast(tmp_path).lay()
+        DiskReserve(tmp_path).lay()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -115,7 +115,7 @@ def test_hdf5_on_a_disk_that_fills_up_at_any_of_its_writes_is_one_line_and_takes
 
 def test_what_a_full_disk_refuses_can_be_read_back_until_the_file_is_given_up(tmp_path: Path):
     """HDF5 may want to see again what it believes to be written."""
-    file = RoughFile(tmp_path / "a.h5")
+    file = ErrorDeferringFile(tmp_path / "a.h5")
     random, like = np.random.default_rng(4), bytearray()
     with instead(FullDisk(tmp_path, 700)):
         for _ in range(40):
@@ -152,7 +152,7 @@ def small_disk(tmp_path: Path):
 def test_a_disk_filled_by_others_stops_the_run_and_the_recorder_ends_in_good_order(small_disk: Path):
     folder = small_disk / "run"
     run_folder.create(folder, header())
-    keeper = ProcessKeeper(folder, patient=True)
+    keeper = RecorderClient(folder, patient=True)
     first, *_ = run_blocks(1)
     for block in first:
         keeper.give(block)

@@ -18,7 +18,7 @@ def files(tmp_path_factory):
     """run.h5, and a stage on its own."""
     folder = tmp_path_factory.mktemp("other") / "run"
     grown(folder, 2).finish("done")
-    return {"run.h5": run_folder.build(folder), "a stage": stage_files(folder)[0]}
+    return {"run.h5": run_folder.build_recording(folder), "a stage": stage_files(folder)[0]}
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])

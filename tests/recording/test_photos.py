@@ -12,9 +12,9 @@ import pytest
 
 from rfca_rig.errors import RigError
 from rfca_rig.recording import picture, run_folder
-from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.photo_sender import PhotoSender
-from rfca_rig.recording.process_keeper import ProcessKeeper
+from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.recording.run_text import events_of
 from rfca_rig.subprocesses import can_be_started
 from tests.recording.growing import exhaust, grown, hand_over, header, run_blocks, static_blocks, wait_until_acknowledged
@@ -25,12 +25,12 @@ needs_process = pytest.mark.skipif(not can_be_started(), reason="no process can 
 PICTURES = [picture_of(number) for number in range(3)]
 
 
-def keeper_of(kind: type, folder: Path) -> DirectKeeper | ProcessKeeper:
+def keeper_of(kind: type, folder: Path) -> InProcessRecorder | RecorderClient:
     run_folder.create(folder, header())
-    return DirectKeeper(folder) if kind is DirectKeeper else ProcessKeeper(folder, patient=False)
+    return InProcessRecorder(folder) if kind is InProcessRecorder else RecorderClient(folder, patient=False)
 
 
-@pytest.mark.parametrize("kind", [DirectKeeper, pytest.param(ProcessKeeper, marks=needs_process)])
+@pytest.mark.parametrize("kind", [InProcessRecorder, pytest.param(RecorderClient, marks=needs_process)])
 def test_every_picture_is_there_as_it_was(tmp_path: Path, kind: type):
     keeper = keeper_of(kind, tmp_path / "run")
     names = [keeper.keep_photo(picture) for picture in PICTURES]
@@ -45,7 +45,7 @@ def test_every_picture_is_there_as_it_was(tmp_path: Path, kind: type):
 def test_a_large_photo_from_a_camera_that_gives_it_turned_round_is_as_it_was(tmp_path: Path):
     """Larger than the queue, and not in one piece in memory."""
     large = np.random.default_rng(1).integers(0, 255, (3000, 2000, 3), dtype=np.uint8)[::-1, ::-1]
-    keeper = keeper_of(ProcessKeeper, tmp_path / "run")
+    keeper = keeper_of(RecorderClient, tmp_path / "run")
     name = keeper.keep_photo(large)
     keeper.finish("done")
     assert np.array_equal(cv2.imread(str(tmp_path / "run" / name)), large)
@@ -58,7 +58,7 @@ def test_a_run_without_photos_has_no_folder_of_them(tmp_path: Path):
 
 def test_a_run_that_goes_on_numbers_them_on(tmp_path: Path):
     grown(tmp_path / "run", 2).finish("the power went")
-    keeper = DirectKeeper(tmp_path / "run")
+    keeper = InProcessRecorder(tmp_path / "run")
     assert keeper.keep_photo(PICTURES[0]) == "photos/002.png"
     keeper.finish("done")
 
@@ -90,7 +90,7 @@ def slowly(work):
 @needs_process
 def test_when_a_stage_is_acknowledged_its_photo_is_on_disk_however_long_that_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(PhotoSender, "_work", slowly(PhotoSender._work))
-    keeper = keeper_of(ProcessKeeper, tmp_path / "run")
+    keeper = keeper_of(RecorderClient, tmp_path / "run")
     first, second = run_blocks(2)
     exhaust(hand_over(keeper, 1, first))
     exhaust(hand_over(keeper, 2, second))

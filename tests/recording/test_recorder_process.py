@@ -13,9 +13,9 @@ import pytest
 from rfca_rig.errors import BadInput, RigError, Tripped
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.recording.journal import framed
-from rfca_rig.recording.process_keeper import ProcessKeeper
-from rfca_rig.recording.run_lock import check_over
+from rfca_rig.recording.journal import frame_block
+from rfca_rig.recording.process_keeper import RecorderClient
+from rfca_rig.recording.run_lock import check_not_running
 from rfca_rig.subprocesses import can_be_started
 from tests.recording.growing import PER_TICK, TICKS, begun, exhaust, grown, hand_over, header, run_blocks, wait_until_acknowledged
 
@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture
 def keeper(tmp_path: Path):
     run_folder.create(tmp_path / "run", header())
-    keeper = ProcessKeeper(tmp_path / "run", patient=False, queue_bytes=200_000)
+    keeper = RecorderClient(tmp_path / "run", patient=False, queue_bytes=200_000)
     yield keeper
     keeper._let_go() if not keeper._child.closed else None
 
@@ -34,7 +34,7 @@ def keeper(tmp_path: Path):
 @pytest.mark.parametrize("patient", [True, False])
 def test_it_writes_the_bytes_that_would_be_written_without_it(tmp_path: Path, patient: bool):
     run_folder.create(tmp_path / "run", header())
-    keeper = ProcessKeeper(tmp_path / "run", patient)
+    keeper = RecorderClient(tmp_path / "run", patient)
     for number, blocks in enumerate(run_blocks(2), start=1):
         exhaust(hand_over(keeper, number, blocks))
     keeper.finish("done")
@@ -49,13 +49,13 @@ def test_it_writes_the_bytes_that_would_be_written_without_it(tmp_path: Path, pa
     }
 
 
-def test_finishing_again_does_nothing(keeper: ProcessKeeper):
+def test_finishing_again_does_nothing(keeper: RecorderClient):
     keeper.finish("done")
     keeper.finish("done")
     assert keeper.acknowledged == 0
 
 
-def test_a_recorder_that_cannot_keep_up_trips_and_loses_nothing_in_silence(tmp_path: Path, keeper: ProcessKeeper):
+def test_a_recorder_that_cannot_keep_up_trips_and_loses_nothing_in_silence(tmp_path: Path, keeper: RecorderClient):
     os.kill(keeper.process_id, signal.SIGSTOP)
     given = 0
     try:
@@ -73,7 +73,7 @@ def test_a_recorder_that_cannot_keep_up_trips_and_loses_nothing_in_silence(tmp_p
 
 def test_a_patient_caller_waits_for_room(tmp_path: Path):
     run_folder.create(tmp_path / "run", header())
-    keeper = ProcessKeeper(tmp_path / "run", patient=True, queue_bytes=20_000)
+    keeper = RecorderClient(tmp_path / "run", patient=True, queue_bytes=20_000)
     for block in begun(1, ticks=500):
         keeper.give(block)
     keeper.finish("done")
@@ -81,7 +81,7 @@ def test_a_patient_caller_waits_for_room(tmp_path: Path):
     assert len(raw.streams["force"].t_s) == 500 * PER_TICK
 
 
-def test_a_recorder_that_dies_is_noticed_at_the_next_tick(tmp_path: Path, keeper: ProcessKeeper):
+def test_a_recorder_that_dies_is_noticed_at_the_next_tick(tmp_path: Path, keeper: RecorderClient):
     first, second = run_blocks(2)
     for block in first:
         keeper.give(block)
@@ -95,9 +95,9 @@ def test_a_recorder_that_dies_is_noticed_at_the_next_tick(tmp_path: Path, keeper
     assert len(run_folder.read_stages(tmp_path / "run").strokes) == 1
 
 
-def test_a_second_writer_is_refused(tmp_path: Path, keeper: ProcessKeeper):
+def test_a_second_writer_is_refused(tmp_path: Path, keeper: RecorderClient):
     with pytest.raises(RigError, match="still going on"):
-        ProcessKeeper(tmp_path / "run", patient=False)
+        RecorderClient(tmp_path / "run", patient=False)
     keeper.finish("done")
 
 
@@ -126,7 +126,7 @@ def test_the_death_of_the_control_process_costs_nothing_that_it_had_handed_over(
 def _wait_until_over(folder: Path) -> None:
     for _ in range(300):
         try:
-            check_over(folder)
+            check_not_running(folder)
         except BadInput:
             time.sleep(0.1)
         else:
@@ -136,13 +136,13 @@ def _wait_until_over(folder: Path) -> None:
 
 def test_the_queue_gives_back_what_was_put_and_refuses_what_does_not_fit():
     queue = BlockQueue.create(1000)
-    blocks = [framed(block) for block in begun(1)][3:]
+    blocks = [frame_block(block) for block in begun(1)][3:]
     put = taken = b""
     for block in blocks * 20:
         if not queue.put(block):
             assert len(block) > queue.size - queue.waiting
             found = queue.look()
-            queue.took(len(found))
+            queue.consume(len(found))
             taken += found
             assert queue.put(block)
         put += block

@@ -13,8 +13,8 @@ import pytest
 from rfca_rig.campaign.opening import open_recordings
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.journal import framed, whole_blocks
-from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.journal import frame_block, parse_blocks
+from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.layout import journals, stage_files
 from rfca_rig.recording.older_partial import partial_of, read_partial, recover_partial
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, write_ending
@@ -27,7 +27,7 @@ from tests.recording.samples import recording, stage, stroke
 def finished(folder: Path, count: int = 4) -> Path:
     grown(folder, count).finish("done")
     write_ending(folder, Ending({"ended": "done"}))
-    return run_folder.build(folder)
+    return run_folder.build_recording(folder)
 
 
 def without_words(found):
@@ -56,9 +56,9 @@ def test_the_file_is_made_anew_from_the_stages_byte_for_byte(tmp_path: Path):
     path = finished(tmp_path / "run")
     before = path.read_bytes()
     path.unlink()
-    assert not run_folder.is_whole(tmp_path / "run")
-    assert run_folder.build(tmp_path / "run").read_bytes() == before
-    assert run_folder.is_whole(tmp_path / "run")
+    assert not run_folder.needs_no_recovery(tmp_path / "run")
+    assert run_folder.build_recording(tmp_path / "run").read_bytes() == before
+    assert run_folder.needs_no_recovery(tmp_path / "run")
 
 
 def test_sha256sum_finds_everything_in_order(tmp_path: Path):
@@ -117,7 +117,7 @@ def test_photos_read_at_the_end_take_the_place_of_what_was_recorded(tmp_path: Pa
     seen = replace(stage(2), hinge_deg=(1.0, 2.0, 3.0, 4.0, 5.0, float("nan")), overlay="overlays/002.jpg", photo_doubts="hinge 7 left out")
     write_ending(tmp_path / "run", Ending({"ended": "done"}, (seen,)))
     assert repr(read_ending(tmp_path / "run").static) == repr((seen,))
-    found = read_recording(run_folder.build(tmp_path / "run"))
+    found = read_recording(run_folder.build_recording(tmp_path / "run"))
     assert repr(found.static) == repr((seen,))
     assert len(found.raw) == 1
 
@@ -137,22 +137,22 @@ def test_a_run_that_still_goes_on_is_left_alone(tmp_path: Path):
     with pytest.raises(BadInput, match="still going on"):
         run_folder.close_journals(tmp_path / "run")
     with pytest.raises(BadInput, match="still going on"):
-        DirectKeeper(tmp_path / "run")
+        InProcessRecorder(tmp_path / "run")
     keeper.finish("done")
     assert run_folder.close_journals(tmp_path / "run") == 0
 
 
 def test_a_journal_cut_or_damaged_anywhere_gives_the_blocks_before(tmp_path: Path):
     blocks = list(begun(1))
-    content = b"".join(framed(block) for block in blocks)
-    ends = np.cumsum([len(framed(block)) for block in blocks])
+    content = b"".join(frame_block(block) for block in blocks)
+    ends = np.cumsum([len(frame_block(block)) for block in blocks])
     random = np.random.default_rng(5)
     for place in [0, 1, len(content) - 1, *random.integers(0, len(content), 300)]:
         before = int(np.searchsorted(ends, place, side="right"))
-        assert whole_blocks(content[:place])[0] == blocks[:before]
+        assert parse_blocks(content[:place])[0] == blocks[:before]
         damaged = bytearray(content)
         damaged[place] ^= 1 << int(random.integers(8))
-        found, used = whole_blocks(bytes(damaged))
+        found, used = parse_blocks(bytes(damaged))
         assert found == blocks[: len(found)]
         assert len(found) >= before
         assert used == (ends[len(found) - 1] if found else 0)
@@ -199,7 +199,7 @@ def test_a_writer_that_goes_on_with_a_run_leaves_no_torn_line(tmp_path: Path):
     grown(tmp_path / "run", 1).finish("the power went")
     with (tmp_path / "run" / "events.jsonl").open("a") as file:
         file.write('{"event": "to')
-    keeper = DirectKeeper(tmp_path / "run")
+    keeper = InProcessRecorder(tmp_path / "run")
     for block in stroke_blocks(2):
         keeper.give(block)
     keeper.finish("done")
@@ -210,7 +210,7 @@ def test_a_writer_that_goes_on_with_a_run_leaves_no_torn_line(tmp_path: Path):
 def test_damaged_hashes_are_summed_up_anew(tmp_path: Path):
     finished(tmp_path / "run", 1)
     (tmp_path / "run" / "SHA256SUMS").write_text("nonsense")
-    assert not run_folder.is_whole(tmp_path / "run")
+    assert not run_folder.needs_no_recovery(tmp_path / "run")
 
 
 def test_a_half_written_event_is_passed_over(tmp_path: Path):

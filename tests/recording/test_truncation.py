@@ -10,7 +10,7 @@ import pytest
 
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.checking import check_run
-from rfca_rig.recording.cooperative import at_once
+from rfca_rig.recording.cooperative import run_to_completion
 from rfca_rig.recording.layout import journals
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.stage_file import write_stage
@@ -46,17 +46,17 @@ def being_written(folder: Path, kind: str) -> Path:
             return folder / "events.jsonl"
         case "stage file":
             whole = journal.with_suffix(".h5")
-            at_once(write_stage(journal, whole, header()))
+            run_to_completion(write_stage(journal, whole, header()))
         case "photo":
             whole = folder / "photos" / "002.png"
             shutil.copy(folder / "photos" / "001.png", whole)
         case "run.h5":
             run_folder.close_journals(folder)
-            whole = run_folder.build(folder)
+            whole = run_folder.build_recording(folder)
             (folder / "SHA256SUMS").unlink()
         case _:
             run_folder.close_journals(folder)
-            run_folder.build(folder)
+            run_folder.build_recording(folder)
             whole = folder / "SHA256SUMS"
     return whole.rename(whole.with_name(whole.name + ".writing"))
 

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.exam.cases import NEVER_TOGETHER, Case, drawn_cases
-from rfca_rig.exam.labels import MISLABELLED, TOLD_BY_ENCODER
+from rfca_rig.exam.cases import NEVER_TOGETHER, Case, draw_cases
+from rfca_rig.exam.labels import MISLABELLED, REVEALED_BY_ENCODER
 from rfca_rig.exam.pendulum_cases import PendulumCase
 from rfca_rig.exam.plan import ExamPlan, begin
 from rfca_rig.exam.sealing import seal_all
-from rfca_rig.exam.sizes import SPANS
+from rfca_rig.exam.sizes import SIZE_RANGES
 from rfca_rig.exam.truth import FORMAT
 
 
 def made_up_exam(folder: Path, numbers: Mapping[str, int], false_names: float) -> Path:
     """An exam's folder without campaigns; a share `false_names` of the answers names something that is not there."""
     begin(folder, ExamPlan(3, numbers))
-    cases = drawn_cases(3, numbers)
+    cases = draw_cases(3, numbers)
     seal_all([truth_of(case) for case in cases], folder)
     random = np.random.default_rng(3)
     for case in cases:
@@ -42,7 +42,7 @@ def truth_of(case: Case | PendulumCase) -> dict:
         "strangers": {name: dict(values) for name, values in case.strangers.items()},
         "mislabelled": mislabelled,
         "also_right": list(MISLABELLED[mislabelled]) if mislabelled else [],
-        "silence_is_right": mislabelled in TOLD_BY_ENCODER,
+        "silence_is_right": mislabelled in REVEALED_BY_ENCODER,
         "strength": case.strength,
         "size": {"shift_over_noise": left, "left_over_noise": left},
         "left_of_each": dict.fromkeys(case.effects, left),
@@ -55,7 +55,7 @@ def truth_of(case: Case | PendulumCase) -> dict:
 def answer_to(case: Case | PendulumCase, false_names: float, random: np.random.Generator) -> dict:
     """True names at good strength; one of two that look alike is told with the other."""
     if random.random() < false_names:
-        return diagnosis("named", [claim(str(random.choice(list(SPANS))), {}, random)])
+        return diagnosis("named", [claim(str(random.choice(list(SIZE_RANGES))), {}, random)])
     if case.strangers or getattr(case, "mislabelled", None) or (getattr(case, "uneven", None) and random.random() < 0.5):
         return diagnosis("unexplained", [])
     if not case.effects or case.strength < 0.3 * random.random():

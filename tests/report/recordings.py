@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from rfca_rig.description.nominal_model import nominal_model
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.recording.model import Recording, StaticStage, Stroke
 from tests.analysis import traces
 
@@ -35,7 +35,7 @@ def strokes(repeats: int = 2, rate_Hz: float = 1000.0) -> tuple[Stroke, ...]:
 
 
 def _stroke(t_s: np.ndarray, height_m: float, speed_rad_s: float, repeat: int) -> Stroke:
-    simulated = stroke_at_speed(nominal_model(BELIEVED), height_m, speed_rad_s, t_s)
+    simulated = simulate_stroke_at_speed(nominal_model(BELIEVED), height_m, speed_rad_s, t_s)
     noise_N = np.random.default_rng(repeat).normal(0.0, 0.15, len(t_s))
     fz_N, angle_rad = simulated.fz_N + noise_N, simulated.shaft_angle_rad
     return traces.stroke(t_s, fz_N, height_m=height_m, speed_rad_s=speed_rad_s, repeat=repeat, shaft_angle_rad=angle_rad)

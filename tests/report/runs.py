@@ -6,7 +6,7 @@ import numpy as np
 
 from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
 from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, Plan, Rates, SettleCriterion
-from rfca_rig.protocol.written_plan import plan_texts
+from rfca_rig.protocol.written_plan import serialize_plan
 from rfca_rig.recording.model import Column, RawStage, Recording, StaticStage, Stream
 from tests.report.recordings import BELIEVED, CONDITIONS, KNOWN_TO, strokes
 
@@ -25,7 +25,7 @@ def begins(*labels):
 
 
 def run(plan, events=(), ended="done", reason="done", source="SIM", **parts):
-    texts = plan_texts(plan) if plan else {}
+    texts = serialize_plan(plan) if plan else {}
     tares = [{"event": "tare", "t_s": 0.5, "utc": "2000", "fz_N": 3.1}, {"event": "tare", "t_s": 9.0, "utc": "2000", "fz_N": 3.2}]
     provenance = {
         **texts,

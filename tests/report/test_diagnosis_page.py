@@ -28,10 +28,10 @@ from rfca_rig.report.diagnosis_files import write_diagnosis
 from rfca_rig.report.diagnosis_map import EDGES, band, condition_grid, maps_of
 from rfca_rig.report.diagnosis_page import page
 from rfca_rig.report.diagnosis_terminal import MOST_LINES, WIDTH, terminal_lines
-from rfca_rig.report.diagnosis_wording import UNLISTED, hypothesis, percent, significant, within_90
-from rfca_rig.report.named_units import shown
+from rfca_rig.report.diagnosis_wording import UNLISTED, format_probability, format_significant, format_with_interval_90, hypothesis
+from rfca_rig.report.named_units import name_with_unit
 from rfca_rig.report.provenance import Origin
-from rfca_rig.report.svg_paths import with_light_paths
+from rfca_rig.report.svg_paths import compress_paths
 from tests.model.legs import PAPER
 from tests.report.outline import Outline
 from tests.report.test_law_picture import CURVE, law
@@ -405,14 +405,14 @@ def test_light_paths_end_where_the_heavy_ones_did():
     rng = np.random.default_rng(3)
     points = np.round(300.0 + np.cumsum(rng.uniform(-3.0, 3.0, (60, 2)), axis=0), 1)
     heavy = " \n".join(f"{'M' if place in (0, 30) else 'L'} {x:.1f} {y:.1f}" for place, (x, y) in enumerate(points))
-    light = with_light_paths(f'<path d="{heavy} "/>')
+    light = compress_paths(f'<path d="{heavy} "/>')
     assert len(light) < 0.7 * len(heavy)
     back = []
     for piece in re.findall(r"M[^M\"]*", light):
         numbers = [float(number) for number in re.findall(r"-?(?:\d+\.?\d*|\.\d+)", piece)]
         back.append(np.cumsum(np.reshape(numbers, (-1, 2)), axis=0))
     assert np.concatenate(back) == pytest.approx(points, abs=1e-6)
-    assert with_light_paths('<path d="M 1.0 2.0 L 3.0 4.0"/>') == '<path d="M 1.0 2.0 L 3.0 4.0"/>'
+    assert compress_paths('<path d="M 1.0 2.0 L 3.0 4.0"/>') == '<path d="M 1.0 2.0 L 3.0 4.0"/>'
 
 
 def test_bands_begin_at_their_edges():
@@ -441,20 +441,26 @@ def test_bands_begin_at_their_edges():
     ],
 )
 def test_names_are_read_with_their_units(name, said):
-    assert shown(name) == said
+    assert name_with_unit(name) == said
 
 
 def test_numbers_show_what_is_known_of_them():
-    assert within_90(Value(94321.0, 4000.0)) == "94300 ± 6600"
-    assert within_90(Value(4.0, 0.0)) == "4.000"
-    assert (significant(0.04321), significant(1234.5), significant(-0.5), significant(None), significant(0.0)) == (
+    assert format_with_interval_90(Value(94321.0, 4000.0)) == "94300 ± 6600"
+    assert format_with_interval_90(Value(4.0, 0.0)) == "4.000"
+    assert (
+        format_significant(0.04321),
+        format_significant(1234.5),
+        format_significant(-0.5),
+        format_significant(None),
+        format_significant(0.0),
+    ) == (
         "0.0432",
         "1230",
         "\u22120.500",
         "\u2013",
         "0",
     )
-    assert [percent(p).replace("\u00a0", " ") for p in (1.0, 0.9949, 0.968, 0.004, 0.0)] == [
+    assert [format_probability(p).replace("\u00a0", " ") for p in (1.0, 0.9949, 0.968, 0.004, 0.0)] == [
         "> 99.9 %",
         "99.5 %",
         "97 %",

@@ -6,13 +6,13 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.ablation import Named, TakenOut
+from rfca_rig.exam.ablation import AblationResult, WronglyNamed
 from rfca_rig.exam.bars import bars
-from rfca_rig.exam.cases import shared_out
+from rfca_rig.exam.cases import split_numbers
 from rfca_rig.exam.outcome import OUTCOMES
 from rfca_rig.exam.plan import ExamPlan
 from rfca_rig.exam.score import Share
-from rfca_rig.exam.scored import MarkedCase, examined
+from rfca_rig.exam.scored import ScoredCase, score_exam
 from rfca_rig.report.exam_files import HEADER, as_json, write_exam
 from rfca_rig.report.exam_matrix import MatrixCell, matrix_of
 from rfca_rig.report.exam_page import page, share_text
@@ -24,7 +24,7 @@ COUNT = 90
 
 @pytest.fixture(scope="module")
 def exam(tmp_path_factory):
-    return examined(made_up_exam(tmp_path_factory.mktemp("exam"), shared_out(COUNT), false_names=0.1))
+    return score_exam(made_up_exam(tmp_path_factory.mktemp("exam"), split_numbers(COUNT), false_names=0.1))
 
 
 @pytest.fixture(scope="module")
@@ -74,10 +74,10 @@ def test_the_csv_has_a_line_for_each_case(exam, tmp_path):
 
 def test_the_json_holds_bars_marks_and_cases(exam):
     document = json.loads(as_json(exam))
-    assert document["seed"] == 3 and document["numbers"] == shared_out(COUNT)
+    assert document["seed"] == 3 and document["numbers"] == split_numbers(COUNT)
     assert [bar["name"] for bar in document["bars"]] == [bar.name for bar in bars(exam.marks)]
     assert document["marks"]["false_discoveries"]["hits"] == exam.marks.false_discoveries.hits
-    assert sum(entry["count"] for entry in document["marks"]["confusion"]) == shared_out(COUNT)[cases.SINGLE]
+    assert sum(entry["count"] for entry in document["marks"]["confusion"]) == split_numbers(COUNT)[cases.SINGLE]
     assert len(document["cases"]) == COUNT
 
 
@@ -86,16 +86,16 @@ def test_the_same_exam_gives_the_same_page(exam, shown):
 
 
 def test_an_exam_of_one_kind_is_told_without_what_it_did_not_ask(tmp_path):
-    small = examined(made_up_exam(tmp_path, {cases.NOTHING: 4}, false_names=0.0))
+    small = score_exam(made_up_exam(tmp_path, {cases.NOTHING: 4}, false_names=0.0))
     told = page(small)
     text = Outline(told).text
     assert "nan" not in text and "no case" in text
     assert "nothing was named; none of 4 campaigns that lack nothing were given a name" in text
     assert "rfca-rig prove --out exam --seed 3 --cases 4 --kind 'nothing missing'" in text
-    assert examined(tmp_path).plan == ExamPlan(3, {cases.NOTHING: 4})
+    assert score_exam(tmp_path).plan == ExamPlan(3, {cases.NOTHING: 4})
 
 
-PLAIN = MarkedCase("a", cases.SINGLE, ("tip_mass",), 0.5, 9.0, "named", ("tip_mass",), (0.9,), "right", (), None, None)
+PLAIN = ScoredCase("a", cases.SINGLE, ("tip_mass",), 0.5, 9.0, "named", ("tip_mass",), (0.9,), "right", (), None, None)
 
 
 def test_the_matrix_counts_and_shows_the_worst():
@@ -125,12 +125,12 @@ def test_shares_in_words():
 
 def test_effects_that_were_taken_out_are_told_with_what_they_were_called(exam, shown, tmp_path):
     assert "its catalogue does not hold" not in shown and json.loads(as_json(exam))["taken_out"] is None
-    called = Named("case-0007", "tip_mass", ("height_offset",), 0.95)
-    asked = replace(exam, taken_out=TakenOut(Share(1, 20), Share(17, 20), Share(2, 20), (called,)))
+    called = WronglyNamed("case-0007", "tip_mass", ("height_offset",), 0.95)
+    asked = replace(exam, taken_out=AblationResult(Share(1, 20), Share(17, 20), Share(2, 20), (called,)))
     text = " ".join(Outline(page(asked)).text.replace("\u00a0", " ").split())
     assert "Each entry taken out of the catalogue: 1 of 20 given a wrong name at 90 % or more, 17 told as unexplained, 2 as nothing" in text
     assert "tip mass" in text and "height offset" in text and "--take-out-each" in text
-    none = replace(exam, taken_out=TakenOut(Share(0, 20), Share(18, 20), Share(2, 20), ()))
+    none = replace(exam, taken_out=AblationResult(Share(0, 20), Share(18, 20), Share(2, 20), ()))
     assert "0 of 20 given a wrong name" in Outline(page(none)).text
     write_exam(asked, tmp_path)
     (line,) = csv.DictReader((tmp_path / "taken-out.csv").open())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, MeasuredLaw, MemoryTest
-from rfca_rig.report.law_picture import measured_law_picture
+from rfca_rig.report.law_picture import draw_law
 
 KNOTS = np.linspace(-2.0, 1.0, 7)
 
@@ -36,8 +36,8 @@ CURVE = CatalogueCurve("friction that falls & rises", KNOTS, 0.5 * np.exp(-np.ab
 
 
 def test_it_is_the_same_every_time_and_says_what_it_shows():
-    svg = measured_law_picture(law(), CURVE)
-    assert svg == measured_law_picture(law(), CURVE)
+    svg = draw_law(law(), CURVE)
+    assert svg == draw_law(law(), CURVE)
     assert svg.startswith("<svg ")
     assert (
         'aria-label="measured law of sliding speed of the tip at floor_friction with its band, and friction that falls &amp; rises' in svg
@@ -50,10 +50,10 @@ def test_it_is_the_same_every_time_and_says_what_it_shows():
 def test_branches_are_drawn_where_the_law_has_memory(has_memory):
     half = np.full(7, 0.1)
     memory = MemoryTest(law().values + half, law().values - half, np.full(7, 0.02), 40.0, has_memory)
-    assert ("while it rises, while it falls" in measured_law_picture(law(memory), None)) is has_memory
+    assert ("while it rises, while it falls" in draw_law(law(memory), None)) is has_memory
 
 
 def test_without_a_catalogue_entry_the_law_stands_alone():
-    svg = measured_law_picture(law(), None)
+    svg = draw_law(law(), None)
     assert "catalogue" not in svg
     assert "measured" in svg

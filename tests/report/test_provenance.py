@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rfca_rig.campaign.fingerprint import fingerprint
 from rfca_rig.recording.store import write_recording
-from rfca_rig.report.provenance import origin_of, typed, version_text
+from rfca_rig.report.provenance import command_line, origin_of, version_text
 from rfca_rig.report.templates import by_stem
 from tests.report.recordings import recording, stages
 
@@ -16,7 +16,7 @@ SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
 
 def test_the_command_can_be_pasted_and_leaves_out_what_was_not_asked_for():
     options = {"--shaft": None, "--model": Path("a b.toml"), "--json": True, "--pdf": False, "--rounds": 2}
-    said = typed("report", Path("runs/my run"), Path("/home/lab/secret/run-1"), options=options)
+    said = command_line("report", Path("runs/my run"), Path("/home/lab/secret/run-1"), options=options)
     assert said == "rfca-rig report 'runs/my run' run-1 --model 'a b.toml' --json --rounds 2"
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import RigError
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.report.provenance import Origin, RecordingSource
 from rfca_rig.report.sources import GivenModel
 from rfca_rig.report.writing import write_report
@@ -87,7 +87,7 @@ def test_latex_has_every_row_and_balanced_columns(mixed):
 def impact(repeat, factor, **options):
     """A stroke of the paper's impact test by the model, its forces times `factor`."""
     t_s = traces.even(2000.0, end_s=0.25)  # as the simulation; a sample beside the peak has another fy
-    simulated = stroke_at_speed(nominal_model(BELIEVED), 0.155, 15.0, t_s)
+    simulated = simulate_stroke_at_speed(nominal_model(BELIEVED), 0.155, 15.0, t_s)
     condition = {"height_m": 0.155, "speed_rad_s": 15.0, "repeat": repeat, **options}
     return traces.stroke(t_s, factor * simulated.fz_N, **condition, fy_N=factor * simulated.fy_N, shaft_angle_rad=simulated.shaft_angle_rad)
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.report.clock_drift import clock_drifts
-from rfca_rig.report.provenance import Origin, PageLink, RecordingSource, Told
+from rfca_rig.report.provenance import Origin, PageContext, PageLink, RecordingSource
 from rfca_rig.report.run_page import page, tables_of
 from rfca_rig.report.run_parts import story_of
-from rfca_rig.report.run_pictures import MOST_STAGES, MOST_TRACES, static_shown, traced
+from rfca_rig.report.run_pictures import MOST_STAGES, MOST_TRACES, select_static_stages, select_traces
 from rfca_rig.report.run_tables import MOST_ROWS
 from rfca_rig.report.table_files import as_csv
 from tests.report import runs
@@ -22,7 +22,9 @@ from tests.report.recordings import recording, stages, strokes
 
 def shown(recorded):
     story = story_of(recorded)
-    told = Told(Origin("", (RecordingSource(recorded.source, recorded.title),)), (PageLink("report.html", "Held against the model"),))
+    told = PageContext(
+        Origin("", (RecordingSource(recorded.source, recorded.title),)), (PageLink("report.html", "Held against the model"),)
+    )
     html = page(story, tables_of(story), told, ("run-stages.csv",))
     outline = Outline(html)
     assert len(outline.ids) == len(set(outline.ids))
@@ -116,17 +118,17 @@ def test_long_runs_stay_light():
     base = runs.done()
     many = tuple(replace(base.strokes[0], repeat=number) for number in range(1, 91))
     html, text, story = shown(replace(base, strokes=many))
-    assert len(traced(story.parts)) == MOST_TRACES and f"{MOST_TRACES} of 90 strokes" in text
+    assert len(select_traces(story.parts)) == MOST_TRACES and f"{MOST_TRACES} of 90 strokes" in text
     assert f"The first {MOST_ROWS} rows" in text and len(rows(tables_of(story)[0])) == 90
     assert len(html.encode()) < 200_000
 
 
 def test_long_runs_show_whole_sequences_of_static_stages():
     many = tuple(runs.static_stage(n, runs.CHECKED_DEG[n % 3], -10.0) for n in range(300))
-    shown_stages = static_shown(many)
+    shown_stages = select_static_stages(many)
     assert len(shown_stages) <= MOST_STAGES and (shown_stages[0], shown_stages[-1]) == (many[0], many[-1])
     assert [stage.shaft_angle_rad for stage in shown_stages] == [many[n % 3].shaft_angle_rad for n in range(len(shown_stages))]
-    assert static_shown(many[:9]) == list(many[:9])
+    assert select_static_stages(many[:9]) == list(many[:9])
 
 
 @pytest.mark.parametrize(("ppm", "jitter_s"), [(50.0, 0.002), (-200.0, 0.01), (0.0, 0.002)])

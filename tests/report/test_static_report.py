@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
+from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.errors import RigError
 from rfca_rig.exam.injected_faults import with_effect
@@ -28,7 +28,7 @@ FILES = sorted([*TABLES, "model-curve.toml", "model.toml", "stages.csv", "static
 
 def written(folder, stages, run=None, known_to=KNOWN_TO):
     recorded = recording(stages, "A <bold> run & more", known_to=known_to)
-    result = evaluate([recorded], Supposition(SECTIONS, known_to))
+    result = evaluate([recorded], StageAssumptions(SECTIONS, known_to))
     write_static_report(result, [StaticSource("A <bold> run & more", run or folder, recorded)], folder, SECTIONS, known_to)
     return result, (folder / "static.html").read_text()
 
@@ -145,7 +145,7 @@ def test_several_recordings_are_told_apart(tmp_path, quiet):
     rng = np.random.default_rng(3)
     recordings = [recording(noisy(plain(), rng), "same title") for _ in range(2)]
     paths = [tmp_path / "a", tmp_path / "b"]
-    result = evaluate(recordings, Supposition(SECTIONS, KNOWN_TO))
+    result = evaluate(recordings, StageAssumptions(SECTIONS, KNOWN_TO))
     write_static_report(result, static_sources(paths, recordings), tmp_path / "out", SECTIONS, KNOWN_TO, "given.toml")
     text = Outline((tmp_path / "out" / "static.html").read_text(), NEVER).text
     assert "same title (1)" in text

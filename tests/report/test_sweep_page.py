@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from rfca_rig.report.sweep_page import page
-from rfca_rig.report.sweep_sensitivities import explained
+from rfca_rig.report.sweep_sensitivities import compute_sensitivities
 from rfca_rig.report.sweep_text import formula, name_and_unit
-from rfca_rig.report.sweep_views import drawn_groups, views
+from rfca_rig.report.sweep_views import sample_groups, views
 from rfca_rig.sweep.result import SweepResult
-from rfca_rig.sweep.typed_sweep import typed_plan
+from rfca_rig.sweep.typed_sweep import plan_from_options
 from tests.model.legs import PAPER
 from tests.report.outline import Outline
 
 
 def result_of(*vary, samples=None, value=lambda *point: float(sum(point))) -> SweepResult:
-    plan = typed_plan(PAPER, vary, (), "energy_J", samples, "sobol", 1)
+    plan = plan_from_options(PAPER, vary, (), "energy_J", samples, "sobol", 1)
     values = np.array([[value(*plan.point(case))] for case in range(plan.count)])
     return SweepResult(plan, values, tuple("" if np.isfinite(each) else "no rest pose found at 3 mm" for each in values[:, 0]))
 
@@ -65,8 +65,8 @@ def test_a_page_tells_what_is_missing_and_stays_the_same():
 
 def test_samples_beside_a_grid_are_told_apart():
     result = result_of("height_mm=200,220", "k0=8:12", "friction=0.1:0.9", samples=64, value=lambda h, k0, mu: k0 if h < 210 else mu)
-    assert [group.at[0][1] for group in drawn_groups(result.plan)] == [200.0, 220.0]
-    found = explained(result)
+    assert [group.at[0][1] for group in sample_groups(result.plan)] == [200.0, 220.0]
+    found = compute_sensitivities(result)
     assert [(each.at[0][1], each.name, round(each.found.index)) for each in found] == [
         (200.0, "k0_Nm_per_rad", 1),
         (200.0, "friction", 0),

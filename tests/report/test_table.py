@@ -7,8 +7,8 @@ from math import nan
 
 import pytest
 
-from rfca_rig.report.table import Foot, Table, TableColumn, TableRow, as_sure, cell, places
-from rfca_rig.report.table_cells import shown_cells
+from rfca_rig.report.table import Foot, Table, TableColumn, TableRow, cell, places, with_common_decimals
+from rfca_rig.report.table_cells import cells_as_text
 from rfca_rig.report.table_files import as_csv, as_tex, as_text
 from rfca_rig.report.templates import template
 from tests.report.outline import Outline
@@ -68,7 +68,7 @@ def test_a_page_shows_what_is_known_with_true_signs():
     text = Outline(page).text
     assert "\u221253.73\u00a0±\u00a00.22" in text and "\u2013" in text and "A & B" in text and "repeat 3: no contact" in text
     assert 'class="marked"' in page and page.count('scope="col') == 6
-    shown = shown_cells(TABLE)
+    shown = cells_as_text(TABLE)
     assert [len(row.cells) for _, rows in shown.groups for row in rows] == [5, 5]
     assert shown.foot[0].span + len(shown.foot[0].cells) == 5
     assert shown.groups[0][1][0].cells[0].text == "222.8"
@@ -98,6 +98,6 @@ def test_values_have_the_digits_that_their_uncertainty_leaves():
     column = TableColumn("k0_Nm_per_rad", half="half")
     rows = [TableRow({"k0_Nm_per_rad": 10.97812, "half": half}) for half in (0.011, 0.012, 3.0)]
     assert [(cell(column, row).text, cell(column, row).half) for row in rows] == [("10.978", "0.011"), ("10.978", "0.012"), ("11.0", "3.0")]
-    sure = as_sure(column, rows)
+    sure = with_common_decimals(column, rows)
     assert [cell(sure, row).half for row in rows] == ["0.011", "0.012", "3.000"]
     assert cell(column, TableRow({"k0_Nm_per_rad": -0.00001, "half": 0.1})).text == "0.00"

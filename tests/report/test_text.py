@@ -1,7 +1,7 @@
 import pytest
 
-from rfca_rig.report.quantities import quantities_of
-from rfca_rig.report.text import counted, in_thousands, number, spread, unbroken
+from rfca_rig.report.quantities import parameter_lines
+from rfca_rig.report.text import count_noun, in_thousands, keep_units_together, number, spread
 from tests.model.legs import PAPER
 
 
@@ -13,15 +13,15 @@ def test_numbers_have_a_true_minus_and_no_minus_nothing(value, said):
 def test_spread_and_counts():
     assert spread(1.0, 0.02, 2) == "1.00 ± 0.02"
     assert spread(1.0, None, 2) == "1.00"
-    assert (counted(1, "stroke"), counted(27, "stroke")) == ("1 stroke", "27 strokes")
+    assert (count_noun(1, "stroke"), count_noun(27, "stroke")) == ("1 stroke", "27 strokes")
 
 
 def test_units_stay_with_their_numbers():
-    assert unbroken("rms 0.29 N, at 2.433 rad/s (N m), 3 not") == "rms 0.29\u00a0N, at 2.433\u00a0rad/s (N\u00a0m), 3 not"
+    assert keep_units_together("rms 0.29 N, at 2.433 rad/s (N m), 3 not") == "rms 0.29\u00a0N, at 2.433\u00a0rad/s (N\u00a0m), 3 not"
 
 
 def test_parameters_are_shown_in_a_labs_units_and_none_is_left_out():
-    shown = {(q.section, q.name): (q.value, q.unit) for q in quantities_of(PAPER)}
+    shown = {(q.section, q.name): (q.value, q.unit) for q in parameter_lines(PAPER)}
     assert shown["leg", "link radius"] == ("3", "mm")
     assert shown["leg", "k0"] == ("10.98", "N m/rad")
     assert shown["ground", "friction coefficient"] == ("0.41", "")

@@ -10,7 +10,7 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.odrive_messages import AxisState, OdriveCommand
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.recording.journal import JournalBlock
-from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.picture import Picture
 from rfca_rig.twins.datagram_link import LinkEnd
 from rfca_rig.twins.odrive import OdriveTwin
@@ -142,7 +142,7 @@ class RunawayDrive:
 class BreakableKeeper:
     """A recorder; `error` is what it answers to the next block."""
 
-    keeper: DirectKeeper
+    keeper: InProcessRecorder
     error: Exception | None = None
 
     @property

@@ -8,7 +8,7 @@ from rfca_rig.codecs import cansimple
 from rfca_rig.codecs.odrive_meanings import ERROR_BITS
 from rfca_rig.codecs.odrive_messages import AxisState
 from rfca_rig.twins.speed_loop import LoopGains, SpeedLoop
-from rfca_rig.twins.ticks import Ticks
+from rfca_rig.twins.ticks import SampleGrid
 from tests.runner_faults.cause import Cause, catalogued
 from tests.runner_faults.rig import FaultyRig
 
@@ -33,7 +33,7 @@ def _press_e_stop(rig: FaultyRig) -> None:
 
 
 def _silence_encoder(rig: FaultyRig) -> None:
-    rig.drive._encoder_ticks = Ticks(1e6)
+    rig.drive._encoder_ticks = SampleGrid(1e6)
 
 
 def _weaken(rig: FaultyRig) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.recorder import Recorder
-from rfca_rig.cli.signals import Heard
+from rfca_rig.cli.signals import SignalHandler
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
@@ -21,7 +21,7 @@ from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, MoveShaft, Plan, Rates, Rest, SetHeight, SettleCriterion, Stage
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.keeper import DirectKeeper
+from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.model import Recording
 from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
@@ -125,11 +125,11 @@ class FaultyRig:
     said: list[str] = field(default_factory=list)
     begun_s: float = float("nan")
     bench: Bench = field(init=False)
-    ear: Heard = field(init=False)
+    ear: SignalHandler = field(init=False)
 
     def __post_init__(self) -> None:
         self.bench = Bench(self.motor, self.sensor, Rack(self.truth), self.engine_clock, False, self.camera)
-        self.ear = Heard(self.stop_request, self.said.append)
+        self.ear = SignalHandler(self.stop_request, self.said.append)
 
     def expected(self) -> dict[Stage, Load]:
         return {stage: Load(60.0, 8.0) for stage in self.plan.stages if isinstance(stage, Flap)}
@@ -198,9 +198,9 @@ def _put_together(folder: Path, fidelity: Fidelity, watchdog_s: float | None, ra
     )
 
 
-def _keeper(folder: Path) -> DirectKeeper:
+def _keeper(folder: Path) -> InProcessRecorder:
     run_folder.create(folder, Recording("a run", "SIM", twin_rig().nominal(), {}, (), ()))
-    return DirectKeeper(folder)
+    return InProcessRecorder(folder)
 
 
 def box_settings(fidelity: Fidelity) -> NetFtTwinSettings:

@@ -21,18 +21,18 @@ def outcome_of(name: str, folder: Path) -> Outcome:
 
 
 def test_a_stop_path_that_does_not_tell_the_drive_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stopping, "let_go", lambda *_: None)
+    monkeypatch.setattr(stopping, "disable_motor", lambda *_: None)
     assert not outcome_of("over-force", tmp_path).is_safe
 
 
 def test_a_command_after_the_stop_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    let_go = stopping.let_go
+    let_go = stopping.disable_motor
 
     def and_yet_it_moves(motor, clock):
         let_go(motor, clock)
         motor.command_speed(1.0)
 
-    monkeypatch.setattr(stopping, "let_go", and_yet_it_moves)
+    monkeypatch.setattr(stopping, "disable_motor", and_yet_it_moves)
     outcome = outcome_of("over-force", tmp_path)
     assert outcome.motion_frames == 1
     assert not outcome.is_safe

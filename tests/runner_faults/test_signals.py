@@ -23,7 +23,7 @@ from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand,
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.run_lock import check_over
+from rfca_rig.recording.run_lock import check_not_running
 from rfca_rig.recording.run_text import events_of
 from tests.twin_server.server import Server, serving
 
@@ -73,7 +73,7 @@ def wait_for(come: Callable[[], object], otherwise: str) -> None:
 
 def is_over(folder: Path) -> bool:
     try:
-        check_over(folder)
+        check_not_running(folder)
     except BadInput:
         return False
     return True

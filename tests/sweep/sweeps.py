@@ -6,9 +6,9 @@ from pathlib import Path
 
 from rfca_rig.clock import WallClock
 from rfca_rig.executors.base import InProcessExecutor
-from rfca_rig.sweep.carrying_out import carry_out
+from rfca_rig.sweep.carrying_out import run_sweep
 from rfca_rig.sweep.plan import SweepPlan
-from rfca_rig.sweep.typed_sweep import typed_plan
+from rfca_rig.sweep.typed_sweep import plan_from_options
 from tests.model.legs import PAPER
 
 FILES = ("plan.json", "sweep.csv", "sweep.h5")
@@ -29,7 +29,7 @@ class Slow(WallClock):
 def small_plan() -> SweepPlan:
     """12 cases, one of which has no valley, and two that cannot be computed at all."""
     vary = ["height_mm=215,235,400", "strip.thickness_mm=0.02,0.8", "speed_rad_s=2,3"]
-    return typed_plan(PAPER, vary, ["turn_deg=190"], "valley_fz_N,energy_J", None, "sobol", 0)
+    return plan_from_options(PAPER, vary, ["turn_deg=190"], "valley_fz_N,energy_J", None, "sobol", 0)
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -44,4 +44,4 @@ def dawdling(what: str, done: int, of: int) -> None:
 
 
 if __name__ == "__main__":
-    carry_out(small_plan(), Path(sys.argv[1]), InProcessExecutor(), Slow, dawdling)
+    run_sweep(small_plan(), Path(sys.argv[1]), InProcessExecutor(), Slow, dawdling)

@@ -17,15 +17,15 @@ import pytest
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.base import InProcessExecutor, TaskExecutor, WorkerLost
 from rfca_rig.executors.local import process_executor
-from rfca_rig.progress import silent
+from rfca_rig.progress import ignore_named_progress
 from rfca_rig.recording.seal import read_seal
 from rfca_rig.sweep import outputs
-from rfca_rig.sweep.carrying_out import carry_out
+from rfca_rig.sweep.carrying_out import run_sweep
 from rfca_rig.sweep.cases import CaseRange, compute
 from rfca_rig.sweep.outputs import Output
-from rfca_rig.sweep.pilot import Pace, measured_pace
+from rfca_rig.sweep.pilot import Pace, measure_pace
 from rfca_rig.sweep.result import read_result
-from rfca_rig.sweep.shards import Shards, cut, missing
+from rfca_rig.sweep.shards import Shards, find_gaps, split_gaps
 from tests.sweep.sweeps import Slow, content, small_plan
 
 ROOT = Path(__file__).parents[2]
@@ -34,7 +34,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def unbroken(tmp_path_factory):
     folder = tmp_path_factory.mktemp("unbroken") / "sweep"
-    return carry_out(small_plan(), folder, InProcessExecutor(), Slow, silent), folder
+    return run_sweep(small_plan(), folder, InProcessExecutor(), Slow, ignore_named_progress), folder
 
 
 class Backwards(TaskExecutor):
@@ -68,17 +68,17 @@ class Losing(InProcessExecutor):
 @pytest.mark.slow
 def test_workers_change_no_byte(unbroken, tmp_path):
     with process_executor(2) as two:
-        carry_out(small_plan(), tmp_path / "sweep", two, Slow, silent)
+        run_sweep(small_plan(), tmp_path / "sweep", two, Slow, ignore_named_progress)
     assert content(tmp_path / "sweep") == content(unbroken[1])
     assert sorted(path.name for path in (tmp_path / "sweep").iterdir()) == ["plan.json", "sweep.csv", "sweep.h5"]
 
 
 def test_order_changes_no_byte(unbroken, tmp_path):
-    size = measured_pace(small_plan(), Slow()).cases_per_shard
+    size = measure_pace(small_plan(), Slow()).cases_per_shard
     told = []
-    pieces = len(cut([CaseRange(0, 12)], size))
+    pieces = len(split_gaps([CaseRange(0, 12)], size))
     assert pieces > 2
-    carry_out(small_plan(), tmp_path / "sweep", Backwards(pieces), Slow, lambda *done: told.append(done))
+    run_sweep(small_plan(), tmp_path / "sweep", Backwards(pieces), Slow, lambda *done: told.append(done))
     assert content(tmp_path / "sweep") == content(unbroken[1])
     assert told[0] == ("cases", 0, 12) and told[-1] == ("cases", 12, 12)
 
@@ -96,12 +96,12 @@ def test_a_stopped_sweep_goes_on_where_it_stood_to_the_same_bytes(unbroken, tmp_
         process.wait(timeout=120)
     else:
         with pytest.raises(KeyboardInterrupt):
-            carry_out(small_plan(), out, InProcessExecutor(), Slow, stopped_after(4))
+            run_sweep(small_plan(), out, InProcessExecutor(), Slow, stopped_after(4))
     kept = {path: path.stat().st_mtime_ns for path in out.glob("shards/*.h5")}
     computed = sum(len(span_of(path)) for path in kept)
     assert 0 < computed < 12 and not (out / "sweep.h5").exists()
     told = []
-    carry_out(small_plan(), out, InProcessExecutor(), Slow, lambda *done: told.append(done))
+    run_sweep(small_plan(), out, InProcessExecutor(), Slow, lambda *done: told.append(done))
     assert content(out) == content(unbroken[1])
     assert told[0] == ("cases", computed, 12)
 
@@ -117,7 +117,7 @@ def stopped_after(cases: int):
 def test_a_finished_sweep_is_read_and_not_computed(unbroken):
     result, folder = unbroken
     told = []
-    again = carry_out(small_plan(), folder, InProcessExecutor(), Slow, lambda *done: told.append(done))
+    again = run_sweep(small_plan(), folder, InProcessExecutor(), Slow, lambda *done: told.append(done))
     assert told == [] and again.remarks == result.remarks
     np.testing.assert_array_equal(again.values, result.values)
 
@@ -142,7 +142,7 @@ def test_a_mistake_in_one_case_and_a_poisonous_case_are_rows(unbroken, tmp_path,
     rows = compute(small_plan(), CaseRange(4, 9))
     assert [("mistake in rfca-rig: ZeroDivisionError" in remark) for remark in rows.remarks] == [True] * 4 + [False]
     monkeypatch.undo()
-    result = carry_out(small_plan(), tmp_path / "sweep", Losing(), Slow, silent)
+    result = run_sweep(small_plan(), tmp_path / "sweep", Losing(), Slow, ignore_named_progress)
     assert np.isnan(result.values[7]).all() and "2 workers were lost over it" in result.remarks[7]
     others = [case for case in range(12) if case != 7]
     np.testing.assert_array_equal(result.values[others], unbroken[0].values[others])
@@ -153,16 +153,16 @@ def test_another_sweep_in_the_folder_is_refused(unbroken, tmp_path, monkeypatch)
     plan = small_plan()
     object.__setattr__(plan, "outputs", plan.outputs[:1])
     with pytest.raises(BadInput, match="holds a sweep with another outputs; give a new folder with --out, or remove this one"):
-        carry_out(plan, folder, InProcessExecutor(), Slow, silent)
+        run_sweep(plan, folder, InProcessExecutor(), Slow, ignore_named_progress)
     (tmp_path / "notes.txt").touch()
     with pytest.raises(BadInput, match=r"holds notes.txt, which is of no sweep"):
-        carry_out(small_plan(), tmp_path, InProcessExecutor(), Slow, silent)
+        run_sweep(small_plan(), tmp_path, InProcessExecutor(), Slow, ignore_named_progress)
     found = json.loads((folder / "plan.json").read_text())
     other = tmp_path / "older"
     other.mkdir()
     (other / "plan.json").write_text(json.dumps({**found, "made_with": {**found["made_with"], "numpy": "1.0"}}))
     with pytest.raises(BadInput, match="its sweep was made with another numpy, and results would not fit together"):
-        carry_out(small_plan(), other, InProcessExecutor(), Slow, silent)
+        run_sweep(small_plan(), other, InProcessExecutor(), Slow, ignore_named_progress)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="without locks")
@@ -175,16 +175,16 @@ def test_two_at_once_in_one_folder_are_one_too_many(tmp_path):
 def test_a_damaged_shard_and_one_of_another_sweep_are_named(tmp_path):
     out = tmp_path / "sweep"
     with pytest.raises(KeyboardInterrupt):
-        carry_out(small_plan(), out, InProcessExecutor(), Slow, stopped_after(1))
+        run_sweep(small_plan(), out, InProcessExecutor(), Slow, stopped_after(1))
     shard = next(out.glob("shards/*.h5"))
     whole = shard.read_bytes()
     shard.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(BadInput, match=rf"{shard.name}: cannot be read .*; remove it, and its cases are computed anew"):
-        carry_out(small_plan(), out, InProcessExecutor(), Slow, silent)
+        run_sweep(small_plan(), out, InProcessExecutor(), Slow, ignore_named_progress)
     shard.unlink()
     Shards(out, "of another plan").write(span_of(shard), compute(small_plan(), span_of(shard)))
     with pytest.raises(BadInput, match=rf"{shard.name}: is of another sweep; remove it"):
-        carry_out(small_plan(), out, InProcessExecutor(), Slow, silent)
+        run_sweep(small_plan(), out, InProcessExecutor(), Slow, ignore_named_progress)
 
 
 def span_of(shard: Path) -> CaseRange:
@@ -204,7 +204,7 @@ def test_sweep_h5_says_what_it_holds(unbroken):
 
 def test_gaps_and_pieces():
     there = [CaseRange(2, 4), CaseRange(6, 9)]
-    assert missing(10, there) == [CaseRange(0, 2), CaseRange(4, 6), CaseRange(9, 10)]
-    assert missing(9, [CaseRange(0, 9)]) == []
-    assert cut([CaseRange(0, 5), CaseRange(7, 8)], 2) == [CaseRange(0, 2), CaseRange(2, 4), CaseRange(4, 5), CaseRange(7, 8)]
+    assert find_gaps(10, there) == [CaseRange(0, 2), CaseRange(4, 6), CaseRange(9, 10)]
+    assert find_gaps(9, [CaseRange(0, 9)]) == []
+    assert split_gaps([CaseRange(0, 5), CaseRange(7, 8)], 2) == [CaseRange(0, 2), CaseRange(2, 4), CaseRange(4, 5), CaseRange(7, 8)]
     assert Pace(0.004).cases_per_shard * 0.004 >= 1.0

@@ -9,9 +9,9 @@ from rfca_rig.analysis.prediction import predict_stroke
 from rfca_rig.analysis.strips import compare_strips
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect
-from rfca_rig.sweep.computed import Computed, Missing
+from rfca_rig.sweep.computed import CaseResults, OutputMissing
 from rfca_rig.sweep.design import SweepCase
-from rfca_rig.sweep.outputs import OUTPUTS, asked
+from rfca_rig.sweep.outputs import OUTPUTS, parse_output
 from tests.model.legs import PAPER
 
 SMOOTH = replace(
@@ -21,16 +21,16 @@ SMOOTH = replace(
 )
 
 
-def case(rig=PAPER, height_m=0.215, speed_rad_s=2.433, turn_deg=200.0, **more) -> Computed:
-    return Computed(SweepCase(rig, height_m, speed_rad_s, float(np.radians(turn_deg)), **more))
+def case(rig=PAPER, height_m=0.215, speed_rad_s=2.433, turn_deg=200.0, **more) -> CaseResults:
+    return CaseResults(SweepCase(rig, height_m, speed_rad_s, float(np.radians(turn_deg)), **more))
 
 
-def value(name: str, of: Computed) -> float:
-    return asked(name).of(of)
+def value(name: str, of: CaseResults) -> float:
+    return parse_output(name).of(of)
 
 
 @pytest.fixture(scope="module")
-def plain() -> Computed:
+def plain() -> CaseResults:
     return case()
 
 
@@ -57,7 +57,7 @@ def test_friction_takes_the_rest(plain):
     assert value("peak_power_W", plain) == pytest.approx(2.433 * value("peak_shaft_torque_Nm", plain), rel=1e-6)
 
 
-def momentum_down(of: Computed, row: int) -> float:
+def momentum_down(of: CaseResults, row: int) -> float:
     return float(of.chain.first_moment @ (np.cos(of.stroke.q_rad[row]) * of.stroke.w_rad_s[row]))
 
 
@@ -152,7 +152,7 @@ def test_what_is_not_there_says_why():
         ("valley_fz_N", case(height_m=0.02), "lies on the ground before it starts"),
         ("static_torque_Nm@60", case(replace(PAPER, effects=(PresentEffect("tip_mass", (("mass_g", 5.0),)),))), "the plain leg only"),
     ):
-        with pytest.raises(Missing, match=why):
+        with pytest.raises(OutputMissing, match=why):
             value(name, of)
 
 
@@ -173,4 +173,4 @@ def test_every_output_says_what_it_is():
 )
 def test_a_wrong_output_is_one_line(text, said):
     with pytest.raises(BadInput, match=said):
-        asked(text)
+        parse_output(text)

@@ -8,11 +8,11 @@ from scipy.stats import qmc
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.sweep.plan import SweepPlan, spaced
-from rfca_rig.sweep.quantities import quantities, quantity
+from rfca_rig.sweep.plan import SweepPlan, make_grid
+from rfca_rig.sweep.quantities import find_quantity, list_quantities
 from rfca_rig.sweep.samples import points, shares
-from rfca_rig.sweep.sweep_file import plan_of, read_sweep
-from rfca_rig.sweep.typed_sweep import typed_plan
+from rfca_rig.sweep.sweep_file import make_plan, read_sweep
+from rfca_rig.sweep.typed_sweep import plan_from_options
 from tests.model.legs import PAPER
 
 FILE = """
@@ -55,11 +55,11 @@ log = true
 def in_file(tmp_path, text=FILE, rig: RigModel = PAPER) -> SweepPlan:
     path = tmp_path / "sweep.toml"
     path.write_text(text)
-    return plan_of(read_sweep(path), rig, path)
+    return make_plan(read_sweep(path), rig, path)
 
 
 def typed(*vary, fixed=(), outputs="", samples=None, method="sobol", seed=0) -> SweepPlan:
-    return typed_plan(PAPER, vary, fixed, outputs, samples, method, seed)
+    return plan_from_options(PAPER, vary, fixed, outputs, samples, method, seed)
 
 
 def test_every_combination_comes_once_samples_fastest_and_the_first_axis_slowest(tmp_path):
@@ -101,19 +101,19 @@ def test_a_hypercube_has_one_point_in_every_stratum_and_another_seed_is_another_
 
 
 def test_grids_step_evenly_or_in_ratios_both_ends_included():
-    assert spaced(0.0, 0.3, 4, False) == (0.0, 0.1, 0.2, 0.3)
-    assert spaced(1.0, 16.0, 5, True) == (1.0, 2.0, 4.0, 8.0, 16.0)
+    assert make_grid(0.0, 0.3, 4, False) == (0.0, 0.1, 0.2, 0.3)
+    assert make_grid(1.0, 16.0, 5, True) == (1.0, 2.0, 4.0, 8.0, 16.0)
     plan = typed("height_mm=195:255:13", "speed_rad_s=1:4:3:log", "strip.material=CFSP,CFRP")
     assert [len(axis.values) for axis in plan.axes] == [13, 3, 2] and [axis.log for axis in plan.axes] == [False, True, False]
     assert plan.axes[0].values[:2] == (195.0, 200.0)
 
 
 def test_names_of_fit_and_of_model_files_are_known_and_every_quantity_can_be_written():
-    assert quantity("k0") is quantity("k0_Nm_per_rad") and quantity("friction_coefficient") is quantity("friction")
+    assert find_quantity("k0") is find_quantity("k0_Nm_per_rad") and find_quantity("friction_coefficient") is find_quantity("friction")
     design = typed("start_angle=10:20:2", "ramp_s=0.05,0.1").design(3)
     assert np.degrees(design.rig.leg.start_angle_rad) == pytest.approx(20.0) and design.rig.drive.ramp_s == 0.1
     base = typed("k0=9,10").design(0)
-    for each in quantities().values():
+    for each in list_quantities().values():
         possible = [some for some in each.choices or (0.01, 0.5, 2.0, 3.0) if each.why_not(some) is None]
         assert any(each.write(base, some) != base for some in possible), each.name
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.twin_server.fault_schedule import Agenda, Switching, switchings
+from rfca_rig.twin_server.fault_schedule import FaultEvent, FaultSchedule, parse_fault_events
 from rfca_rig.twin_server.faults import FaultPanel
 from tests.twin_server.fault_table import CATALOGUE, NOTHING, noticed, table, told
 
@@ -60,10 +60,10 @@ def test_the_table_names_every_fault(monkeypatch):
 
 
 def test_orders_for_faults_are_read_and_carried_out_in_time():
-    orders = switchings(["force-lost@2-4", "can-silent@3"])
-    assert orders == (Switching(2.0, "force-lost", True), Switching(3.0, "can-silent", True), Switching(4.0, "force-lost", False))
+    orders = parse_fault_events(["force-lost@2-4", "can-silent@3"])
+    assert orders == (FaultEvent(2.0, "force-lost", True), FaultEvent(3.0, "can-silent", True), FaultEvent(4.0, "force-lost", False))
     panel = FaultPanel(CATALOGUE)
-    agenda = Agenda(orders, panel)
+    agenda = FaultSchedule(orders, panel)
     assert agenda.pass_to(1.9) == []
     assert agenda.pass_to(3.0) == list(orders[:2])
     assert panel.is_on("force-lost") and panel.is_on("can-silent")
@@ -76,12 +76,12 @@ def test_orders_for_faults_are_read_and_carried_out_in_time():
 )
 def test_an_order_that_cannot_be_read_is_refused(order):
     with pytest.raises(BadInput, match="NAME@SECONDS"):
-        switchings([order])
+        parse_fault_events([order])
 
 
 def test_a_fault_nobody_knows_is_refused_before_anything_runs():
     with pytest.raises(BadInput, match="no fault is called 'flood'; there are force-lost"):
-        Agenda(switchings(["flood@2"]), FaultPanel(CATALOGUE))
+        FaultSchedule(parse_fault_events(["flood@2"]), FaultPanel(CATALOGUE))
 
 
 def test_a_fault_that_happens_once_is_over_when_taken():

@@ -36,7 +36,7 @@ def answers(port: FdcanusbPort, line: serial.Serial, said: bytes, expected: int 
         port.poll(0.0)
         more, rest = fdcanusb.split(rest + line.read(line.in_waiting))
         lines += more
-    return [fdcanusb.checked(one)[0] for one in lines]
+    return [fdcanusb.parse_line(one)[0] for one in lines]
 
 
 def test_a_frame_goes_onto_the_bus_and_the_answer_comes_back(port) -> None:
@@ -52,7 +52,7 @@ def test_what_it_cannot_do_is_refused_and_once_guarded_all_lines_must_be(port) -
     opened, bus, line = port
     assert answers(opened, line, b"conf get x\n")[0].startswith("ERR not an order")
     assert answers(opened, line, b"can send 8001 00 *00\n")[0].startswith("ERR checksum mismatch")
-    assert answers(opened, line, fdcanusb.line("can send 8001 1100")) == ["OK"]
+    assert answers(opened, line, fdcanusb.encode_line("can send 8001 1100")) == ["OK"]
     assert answers(opened, line, b"can send 8001 1100\n") == ["ERR checksum required"]
     assert answers(opened, line, "can sénd\n".encode()) == ["ERR checksum required"]
     assert bus.recv(timeout=0) is not None

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.view.decimation import decimated, gathered
+from rfca_rig.view.decimation import decimate, extrema_by_bucket
 from rfca_rig.view.pyramid import AHEAD, BASE_S, CAPACITY, Pyramid, level_for, width_s
 
 BOTH = slice(0, 2)
@@ -26,14 +26,14 @@ def by_hand(buckets, values, first, count):
 def test_buckets_hold_what_numpy_finds(seed, samples, first):
     random = np.random.default_rng(seed)
     t_s, values = random.uniform(0.0, 0.02, samples), random.normal(size=(samples, 3))
-    found = decimated(t_s, values, 1e-3, first, 12)
+    found = decimate(t_s, values, 1e-3, first, 12)
     low, high = by_hand(np.floor(t_s / 1e-3), values, first, 12)
     np.testing.assert_array_equal(found.low, low)
     np.testing.assert_array_equal(found.high, high)
 
 
 def test_what_is_no_number_is_no_sample():
-    places, extrema = gathered(np.array([3, 3, 5]), np.array([[1.0], [np.nan], [np.nan]]))
+    places, extrema = extrema_by_bucket(np.array([3, 3, 5]), np.array([[1.0], [np.nan], [np.nan]]))
     np.testing.assert_array_equal(places, [3, 5])
     np.testing.assert_array_equal(extrema.low[:, 0], [1.0, np.nan])
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
 from rfca_rig.view.leg_shape import LegShapes, leg_points
 from tests.model.legs import PAPER as RIG
 
@@ -26,7 +26,7 @@ def shapes() -> LegShapes:
 @pytest.fixture(scope="module")
 def stroke() -> SimulatedStroke:
     """At other instants than those of the table."""
-    return stroke_at_speed(RIG, HEIGHT_M, SPEED_RAD_S, np.arange(0.0, 1.44, 0.0107))
+    return simulate_stroke_at_speed(RIG, HEIGHT_M, SPEED_RAD_S, np.arange(0.0, 1.44, 0.0107))
 
 
 def test_a_stroke_is_drawn_as_the_model_bends_it_at_every_instant(shapes, stroke):
@@ -85,11 +85,11 @@ def test_hanging_between_whole_degrees_is_as_if_computed_there(shapes):
 
 
 def test_hinge_angles_of_a_photo_turn_each_link_against_the_one_before(shapes):
-    assert shapes.of_hinges(0.7, np.zeros(6)) == pytest.approx(leg_points(np.full(7, 0.7), LENGTHS_M))
-    bent = shapes.of_hinges(0.0, np.array([0.0, 0.0, 90.0, 0.0, 0.0, -90.0]))
+    assert shapes.from_hinge_angles(0.7, np.zeros(6)) == pytest.approx(leg_points(np.full(7, 0.7), LENGTHS_M))
+    bent = shapes.from_hinge_angles(0.0, np.array([0.0, 0.0, 90.0, 0.0, 0.0, -90.0]))
     assert bent[-1] == pytest.approx([LENGTHS_M[:3].sum() + LENGTHS_M[6], LENGTHS_M[3:6].sum()])
 
 
 def test_the_shape_of_a_stroke_read_back_as_hinge_angles_is_the_same(shapes, stroke):
     q = stroke.q_rad[80]
-    assert shapes.of_hinges(q[0], np.degrees(np.diff(q))) == pytest.approx(leg_points(q, LENGTHS_M))
+    assert shapes.from_hinge_angles(q[0], np.degrees(np.diff(q))) == pytest.approx(leg_points(q, LENGTHS_M))

@@ -13,7 +13,7 @@ from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.view.gauges import Gauges
 from rfca_rig.view.messages import CHANNELS
-from rfca_rig.view.progress import Listed, Progress
+from rfca_rig.view.progress import ListedStage, Progress
 from rfca_rig.view.tick_block import Stamp, tick_block, ticks_of
 from tests.engine.rigs import twin_rig
 from tests.view.seen import SCALE, counts_of, tick, watched
@@ -50,10 +50,10 @@ def test_all_peaks_of_a_run_are_in_what_a_page_was_sent(seed):
             both.run_queue.tick(tick(0.002 * number, counts))
             if random.uniform() < 0.1:
                 both.run.beat()
-                got += feed.news()
+                got += feed.new_messages()
         both.run_queue.ended("done", "")
         both.run.beat()
-        got += feed.news()
+        got += feed.new_messages()
         assert drawn(got) == pytest.approx((min(*forces, 0.0), max(*forces, 0.0)), abs=1e-4)
 
 
@@ -65,11 +65,11 @@ def test_a_span_that_changes_gives_the_whole_window_anew_and_every_page_its_own(
             both.run_queue.tick(tick(0.002 * number, counts_of(float(number))))
             if number % 20 == 0:
                 both.run.beat()
-                got += quick.news()
+                got += quick.new_messages()
         assert drawn(got) == pytest.approx((1.0, 1480.0), abs=1.0)
-        assert drawn(traces(slow.news()))[0] == 1.0
+        assert drawn(traces(slow.new_messages()))[0] == 1.0
         quick.hear({"kind": "span", "span_s": 2.0})
-        (window,) = traces(quick.news())
+        (window,) = traces(quick.new_messages())
         assert window["reset"] and window["dt_s"] == 0.002 and len(window["low"]["fz_N"]) == 1000
         assert window["from_s"] == pytest.approx(0.002 * 1480 - 2.0, abs=0.01)
 
@@ -82,9 +82,9 @@ def test_nonsense_from_a_page_changes_nothing(nonsense):
         both.run_queue.tick(tick(0.1, counts_of(1.0)))
         feed = both.run.feed()
         both.run.beat()
-        feed.news()
+        feed.new_messages()
         feed.hear(nonsense)
-        assert not traces(feed.news())
+        assert not traces(feed.new_messages())
 
 
 def test_what_a_loop_saw_last_is_drawn_though_no_tick_follows():
@@ -94,10 +94,10 @@ def test_what_a_loop_saw_last_is_drawn_though_no_tick_follows():
         for number in range(1, 50):
             both.run_queue.tick(tick(0.002 * number, counts_of(100.0 if number == 49 else 1.0)))
         both.run.beat()
-        assert drawn(feed.news())[1] == 1.0
+        assert drawn(feed.new_messages())[1] == 1.0
         both.clock.wait_until(0.3)
         both.run.beat()
-        assert drawn([{**message, "reset": True} for message in feed.news() if message["kind"] == "trace"])[1] == 100.0
+        assert drawn([{**message, "reset": True} for message in feed.new_messages() if message["kind"] == "trace"])[1] == 100.0
 
 
 def test_everything_that_is_sent_is_plain_json():
@@ -106,21 +106,21 @@ def test_everything_that_is_sent_is_plain_json():
         for number in range(1, 100):
             both.run_queue.tick(tick(0.01 * number, counts_of(1.0)))
         both.run.beat()
-        for message in (both.run.hello(), *feed.news()):
+        for message in (both.run.hello(), *feed.new_messages()):
             json.dumps(message, allow_nan=False)
 
 
 def test_a_run_whose_process_dies_is_over_and_cannot_be_stopped():
     with watched() as both:
         both.run_queue.tick(tick(0.002, counts_of(1.0)))
-        both.run.gone()
+        both.run.on_run_exit()
         assert "without a word" in both.run.state["ended"] and not both.run.stop("now")
 
 
 def test_a_trip_is_told_with_its_code():
     with watched() as both:
         both.run_queue.ended("TRIP L-01: force 310.0 N, limit 300 N", "L-01")
-        both.run.gone()
+        both.run.on_run_exit()
         assert both.run.state["trip"] == {"code": "L-01", "text": "TRIP L-01: force 310.0 N, limit 300 N"}
 
 
@@ -180,7 +180,7 @@ def test_a_peak_between_two_tellings_is_told_and_the_peak_of_a_stage_stays_until
     assert gauges.told()["force"]["peak_share"] == 0.1
 
 
-STAGES = [Listed("move", "move", 2.0), Listed("rest", "rest", 10.0), Listed("flap", "flap", 4.0)] * 2
+STAGES = [ListedStage("move", "move", 2.0), ListedStage("rest", "rest", 10.0), ListedStage("flap", "flap", 4.0)] * 2
 
 
 def test_progress_learns_how_much_of_the_planned_time_a_stage_needs():

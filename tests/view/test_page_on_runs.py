@@ -13,7 +13,7 @@ pytest.importorskip("playwright", reason='the page is tested in a browser: pip i
 
 from playwright.sync_api import ViewportSize, expect
 
-from rfca_rig.campaign.stored import stored_at
+from rfca_rig.campaign.stored import open_stored
 from rfca_rig.clock import WallClock
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import Stopped
@@ -21,7 +21,7 @@ from rfca_rig.recording.model import Stroke
 from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_view import url_of
 from rfca_rig.view.replay import Replay
-from rfca_rig.view.serving import bound, port_of, serve
+from rfca_rig.view.serving import listen_on, port_of, serve
 from tests.engine.rigs import one_condition, recorder_on
 from tests.view.browser import WatchedPage, browser
 from tests.view.test_live_view import RIG, viewed
@@ -111,8 +111,8 @@ def test_the_button_stops_the_run(tmp_path, watched):
 @contextmanager
 def replayed(path: Path) -> Iterator[str]:
     """The address of a recording that is served from a thread."""
-    stored = stored_at(path)
-    listening, begun = bound(0), threading.Event()
+    stored = open_stored(path)
+    listening, begun = listen_on(0), threading.Event()
     over: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
 
     async def served() -> None:
@@ -131,7 +131,7 @@ def replayed(path: Path) -> Iterator[str]:
 
 
 def test_a_recording_is_played_and_sought_with_the_peaks_that_it_has(watched):
-    stroke = stored_at(SMALL).strokes[2].samples.whole()["table"]
+    stroke = open_stored(SMALL).strokes[2].samples.whole()["table"]
     with replayed(SMALL) as url, visited(watched, url):
         expect(watched.page.locator("#mark")).to_contain_text("replay")
         expect(watched.page.locator("#stop-now")).to_be_disabled()

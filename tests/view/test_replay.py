@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.stored import in_memory, stored_at
+from rfca_rig.campaign.stored import open_stored, store_in_memory
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.model import Column, Recording, Stream, Stroke
@@ -37,7 +37,7 @@ class Shown:
         got = []
         for _ in range(beats):
             self.clock.wait_until(self.clock.now_s() + seconds / beats)
-            got += self.feed.news()
+            got += self.feed.new_messages()
         return got
 
     def seek(self, at_s):
@@ -47,7 +47,7 @@ class Shown:
 
 @pytest.fixture(scope="module")
 def small():
-    return stored_at(SMALL)
+    return open_stored(SMALL)
 
 
 def last(messages, kind):
@@ -56,7 +56,7 @@ def last(messages, kind):
 
 def test_played_from_the_beginning_every_peak_is_drawn(small):
     shown = Shown(small)
-    got = shown.feed.news() + shown.after(shown.replay.player.duration_s, beats=300)
+    got = shown.feed.new_messages() + shown.after(shown.replay.player.duration_s, beats=300)
     values = np.concatenate([stroke.samples.whole()["table"].columns["fz_N"].values for stroke in small.strokes])
     static = [stage.fz_N for stage in small.static]
     assert drawn(got) == pytest.approx((min(values.min(), *static), max(values.max(), *static)), abs=1e-4)
@@ -83,7 +83,7 @@ def test_after_a_seek_the_whole_window_comes_anew_as_numpy_finds_it(small):
 
 def test_time_goes_as_fast_as_the_page_wants_and_stands_where_it_says(small):
     shown = Shown(small)
-    shown.feed.news()
+    shown.feed.new_messages()
     shown.feed.hear({"kind": "play", "speed": 4.0})
     assert last(shown.after(1.0, beats=25), "state")["now_s"] == pytest.approx(4.0, abs=0.9)
     shown.feed.hear({"kind": "play", "speed": 0.0})
@@ -95,8 +95,8 @@ def test_time_goes_as_fast_as_the_page_wants_and_stands_where_it_says(small):
 def test_the_very_last_sample_is_drawn():
     t_s, fz_N = np.array([-0.1, 0.0, 0.0999]), np.array([1.0, 2.0, -77.0])
     stroke = Stroke(0.215, 2.4, 1, {"table": Stream(t_s, {"fz_N": Column(fz_N, "N")})})
-    shown = Shown(in_memory(SMALL, Recording("short", "IMPORT", {}, {}, (stroke,), ())))
-    assert drawn(shown.feed.news() + shown.after(1.0, beats=10))[0] == -77.0
+    shown = Shown(store_in_memory(SMALL, Recording("short", "IMPORT", {}, {}, (stroke,), ())))
+    assert drawn(shown.feed.new_messages() + shown.after(1.0, beats=10))[0] == -77.0
 
 
 @pytest.mark.parametrize("at_s", [-5.0, 1e8])
@@ -132,7 +132,7 @@ def run(tmp_path_factory):
 
     with recorder_on(rig, folder) as (bench, recorder, kept):
         run_plan(one_condition(rig), bench, recorder, lambda _: None)
-        unfinished = stored_at(folder)
+        unfinished = open_stored(folder)
         recording = kept.finish()
     return unfinished, recording, folder
 
@@ -140,7 +140,7 @@ def run(tmp_path_factory):
 def test_a_run_is_the_same_from_its_stages_from_its_file_and_from_memory(run):
     unfinished, recording, folder = run
     pictures = []
-    for stored in (unfinished, in_memory(SMALL, recording), stored_at(folder), stored_at(folder / "run.h5")):
+    for stored in (unfinished, store_in_memory(SMALL, recording), open_stored(folder), open_stored(folder / "run.h5")):
         shown = Shown(stored)
         shown.seek(1.0)
         got = shown.after(0.04)
@@ -149,7 +149,7 @@ def test_a_run_is_the_same_from_its_stages_from_its_file_and_from_memory(run):
 
 
 def test_the_ghost_of_a_stroke_is_where_the_commanded_motion_would_be(run):
-    shown = Shown(run[2] and stored_at(run[2]))
+    shown = Shown(run[2] and open_stored(run[2]))
     (clip,) = shown.replay.player.clips
     start_rad, speed_rad_s = twin_rig().model().leg.start_angle_rad, clip.scene.stroke.speed_rad_s
     assert clip.planned_rad(-0.1) == start_rad
@@ -162,7 +162,7 @@ def test_the_ghost_of_a_stroke_is_where_the_commanded_motion_would_be(run):
 
 def test_static_stages_of_a_run_have_the_samples_behind_their_means(tmp_path):
     grown(tmp_path / "run", 4).finish("done")
-    stored = stored_at(tmp_path / "run")
+    stored = open_stored(tmp_path / "run")
     clips = Shown(stored).replay.player.clips
     assert sorted(clip.kind for clip in clips) == ["flap", "flap", "hold", "hold"]
     assert all(clip.load().tracks for clip in clips)
@@ -170,12 +170,12 @@ def test_static_stages_of_a_run_have_the_samples_behind_their_means(tmp_path):
 
 def test_a_folder_that_is_no_run_is_said_to_be_none(tmp_path):
     with pytest.raises(BadInput, match="neither"):
-        stored_at(tmp_path)
+        open_stored(tmp_path)
 
 
 def test_a_recording_without_anything_in_it_plays_nothing(tmp_path, run):
     empty = replace(run[1], strokes=(), static=(), raw=())
-    shown = Shown(stored_at(write_recording(empty, tmp_path / "empty.h5")))
+    shown = Shown(open_stored(write_recording(empty, tmp_path / "empty.h5")))
     state = last(shown.after(0.04), "state")
     assert (state["stage"], state["done"]) == (-1, 1.0)
     assert shown.replay.hello()["stages"] == []

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.engine.stop_request import StopLevel
-from rfca_rig.recording.journal import framed, size_of
-from rfca_rig.view.run_queue import MOST_OWED
+from rfca_rig.recording.journal import block_size, frame_block
+from rfca_rig.view.run_queue import MAX_WAITING
 from rfca_rig.view.tick_block import Stamp, tick_block, ticks_of
 from tests.engine.rigs import one_condition, twin_rig
 from tests.view.seen import counts_of, tick, watched
@@ -24,7 +24,7 @@ def ticks(count, seed=1, rows=30):
 def test_a_tick_comes_out_as_it_went_in():
     given = next(ticks(1))
     block = tick_block(given, Stamp(12.5, 3))
-    assert size_of(block) == len(framed(block))
+    assert block_size(block) == len(frame_block(block))
     seen = ticks_of([block, block])
     assert (seen.lost, seen.wall_s[1], seen.now_s[1], seen.target_rad[1], seen.temperature_C[1]) == (3, 12.5, 0.002, 1.0, 30.0)
     assert (seen.shaft_samples[1], seen.force_records[1]) == (1, 30)
@@ -51,9 +51,9 @@ def test_a_view_that_is_gone_costs_neither_memory_nor_words():
         for one in ticks(20):
             both.run_queue.tick(one)
             both.clock.wait_until(both.clock.now_s() + 1.0)
-        for number in range(3 * MOST_OWED):
+        for number in range(3 * MAX_WAITING):
             both.run_queue.line(f"line {number}")
-        assert len(both.run_queue._owed) == MOST_OWED
+        assert len(both.run_queue._owed) == MAX_WAITING
 
 
 def test_words_that_had_no_room_come_later_and_in_their_order():

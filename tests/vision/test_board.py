@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.board import Board, board_of
+from rfca_rig.vision.board import Board, parse_board
 from rfca_rig.vision.board_photo import BoardPhoto, find_board
 from rfca_rig.vision.board_sheet import MARGIN_M, board_pdf, board_picture, board_png
 
@@ -18,7 +18,7 @@ from rfca_rig.vision.board_sheet import MARGIN_M, board_pdf, board_picture, boar
 @given(st.integers(4, 40), st.integers(4, 40), st.integers(5, 60), st.integers(40, 80), st.sampled_from(["4x4", "5x5", "6x6"]))
 def test_what_is_written_is_read_back(columns, rows, square_mm, share_pct, bits):
     board = Board(columns, rows, square_mm / 1e3, square_mm * share_pct / 1e5, bits)
-    again = board_of(board.written())
+    again = parse_board(board.to_text())
     assert (again.columns, again.rows, again.bits) == (columns, rows, bits)
     assert (again.square_m, again.marker_m) == pytest.approx((board.square_m, board.marker_m), rel=1e-5)
 
@@ -36,13 +36,13 @@ def test_what_is_written_is_read_back(columns, rows, square_mm, share_pct, bits)
 )
 def test_a_board_that_cannot_be_is_one_line(text, line):
     with pytest.raises(BadInput, match=re.escape(line)):
-        board_of(text)
+        parse_board(text)
 
 
 @pytest.mark.parametrize("text", ["10x7,25,18", "7x10,20,15,5x5", "12x9,15,10,6x6"])
 def test_corners_are_numbered_and_placed_as_opencv_finds_them(text):
     """The picture is drawn here, square by square; OpenCV's detector says which corner is where."""
-    board, px_per_m = board_of(text), 2000.0
+    board, px_per_m = parse_board(text), 2000.0
     found = find_board(board_picture(board, px_per_m), board, "sheet")
     assert isinstance(found, BoardPhoto)
     assert len(found.px) == (board.columns - 1) * (board.rows - 1)
@@ -53,7 +53,7 @@ def test_corners_are_numbered_and_placed_as_opencv_finds_them(text):
 
 def test_the_pdf_is_in_true_scale_and_says_the_same_as_the_picture():
     """Its rectangles are drawn anew here, in points of 1/72 inch."""
-    board = board_of("10x7,25,18")
+    board = parse_board("10x7,25,18")
     document = board_pdf(board)
     box = [float(word) for word in re.search(rb"/MediaBox \[([^]]*)\]", document)[1].split()]
     assert box == pytest.approx([0, 0, (0.25 + 2 * MARGIN_M) / 0.0254 * 72, (0.175 + 2 * MARGIN_M) / 0.0254 * 72], abs=1e-3)
@@ -73,7 +73,7 @@ def test_the_pdf_is_in_true_scale_and_says_the_same_as_the_picture():
 
 
 def test_every_address_in_the_pdf_leads_to_its_object():
-    document = board_pdf(board_of("5x4,30,20"))
+    document = board_pdf(parse_board("5x4,30,20"))
     table = int(re.search(rb"startxref\n(\d+)", document)[1])
     assert document[table:].startswith(b"xref\n0 6\n")
     for number, place in enumerate(re.findall(rb"(\d{10}) 00000 n", document[table:]), start=1):
@@ -84,7 +84,7 @@ def test_every_address_in_the_pdf_leads_to_its_object():
 
 
 def test_the_png_says_its_resolution():
-    content = board_png(board_of("10x7,25,18"))
+    content = board_png(parse_board("10x7,25,18"))
     at = content.index(b"pHYs")
     across, down, unit = struct.unpack(">IIB", content[at + 4 : at + 13])
     assert (across, down, unit) == (23622, 23622, 1)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.board import board_of
+from rfca_rig.vision.board import parse_board
 from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto, find_board
 from rfca_rig.vision.camera_calibration import calibrate
-from rfca_rig.vision.plane_of_motion import BoardPlace, find_plane, with_origin_at
+from rfca_rig.vision.plane_of_motion import BoardPlacement, find_plane, with_origin_at
 from tests.vision.board_scenes import TrueCamera, board_photo, centred, tilted_all_ways, turn
 
-BOARD = board_of("10x7,25,18")
+BOARD = parse_board("10x7,25,18")
 TRUE = TrueCamera()
 MATRIX = np.array([[TRUE.focal[0], 0.0, TRUE.centre[0]], [0.0, TRUE.focal[1], TRUE.centre[1]], [0.0, 0.0, 1.0]])
 DISTORTION = np.array(TRUE.distortion)
@@ -154,14 +154,14 @@ def test_too_little_of_the_board_is_refused():
 
 
 def test_another_board_is_no_board():
-    other = find_board(one_photo(), board_of("10x7,25,18,5x5"), "b")
+    other = find_board(one_photo(), parse_board("10x7,25,18,5x5"), "b")
     assert isinstance(other, RefusedPhoto)
 
 
 @pytest.mark.parametrize("reach", ["right", "left"])
 def test_the_plane_is_found_with_the_shaft_axis_as_its_origin(reach):
     """A board held behind, turned and moved by known amounts; its corners' places in the plane are worked out here."""
-    place = BoardPlace(corner_m=(0.03, 0.02), reach=reach, turned_rad=np.radians(7.0), nearer_m=0.004)
+    place = BoardPlacement(corner_m=(0.03, 0.02), reach=reach, turned_rad=np.radians(7.0), nearer_m=0.004)
     rotation = turn(6.0, -9.0, 3.0)
     translation_m = np.array([-0.1, -0.08, 0.7])
     pose = find_plane(points(rotation, translation_m, noise_px=0.02), MATRIX, DISTORTION, place)
@@ -179,7 +179,7 @@ def test_the_plane_is_found_with_the_shaft_axis_as_its_origin(reach):
 
 def test_tilt_and_distance_of_the_plane_scatter_as_they_say():
     rotation = turn(6.0, -9.0, 3.0)
-    place = BoardPlace((0.0, 0.0))
+    place = BoardPlacement((0.0, 0.0))
     poses = [find_plane(points(rotation, np.array([-0.1, -0.08, 0.7]), 0.1, seed), MATRIX, DISTORTION, place) for seed in range(60)]
     normals = np.array([pose.rotation[:, 0] for pose in poses])
     turns = np.cross(normals.mean(axis=0), normals)[:, :2]  # small turns about the picture's two directions
@@ -191,13 +191,13 @@ def test_tilt_and_distance_of_the_plane_scatter_as_they_say():
 def test_a_photo_of_another_zoom_does_not_fit():
     photo = points(turn(25.0, -9.0, 3.0), np.array([-0.1, -0.08, 0.5]))
     with pytest.raises(BadInput, match=r"p0: the board's corners lie [\d.]+ px off, at most 1.5"):
-        find_plane(photo, MATRIX * np.array([[1.4], [1.4], [1.0]]), 3 * DISTORTION, BoardPlace())
+        find_plane(photo, MATRIX * np.array([[1.4], [1.4], [1.0]]), 3 * DISTORTION, BoardPlacement())
 
 
 @pytest.mark.slow
 def test_the_origin_moves_to_the_pixel_of_the_shaft(found):
     made = calibrate(found)
-    pose = find_plane(points(turn(6.0, -9.0, 3.0), np.array([-0.1, -0.08, 0.7])), made.matrix, made.distortion, BoardPlace())
+    pose = find_plane(points(turn(6.0, -9.0, 3.0), np.array([-0.1, -0.08, 0.7])), made.matrix, made.distortion, BoardPlacement())
     camera = made.camera(pose.rotation, pose.translation_m)
     shaft_px = camera.project(np.array([0.02, 0.03]))
     moved = with_origin_at(camera, (float(shaft_px[0]), float(shaft_px[1])))

@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.vision.camera_model import Floats
 from rfca_rig.vision.hinge_angles import HingeAngles, hinge_angles
-from rfca_rig.vision.identify import Identified, identify
+from rfca_rig.vision.identify import IdentifiedMarks, identify
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark, mark_positions
 from rfca_rig.vision.marks import Mark, find_marks
 from rfca_rig.vision.overlay import draw_overlay
@@ -18,13 +18,13 @@ CAMERA = camera()
 LENGTHS = LENGTHS_M.tolist()
 
 
-def told(angles: Floats, plan: MarkPlan = PLAN, lengths_m: Floats = LENGTHS_M, error_px: Floats | float = 0.0) -> Identified:
+def told(angles: Floats, plan: MarkPlan = PLAN, lengths_m: Floats = LENGTHS_M, error_px: Floats | float = 0.0) -> IdentifiedMarks:
     places = mark_positions(angles, lengths_m, plan)
     px = CAMERA.project(places) + CAMERA.circle_shift_px(places, plan.diameter_m) + error_px
-    return Identified(tuple(Mark(here, np.array([0.05, 0.08]), 25.0, 1.0, 100.0) for here in px), (), ())
+    return IdentifiedMarks(tuple(Mark(here, np.array([0.05, 0.08]), 25.0, 1.0, 100.0) for here in px), (), ())
 
 
-def without(identified: Identified, *gone: int) -> Identified:
+def without(identified: IdentifiedMarks, *gone: int) -> IdentifiedMarks:
     return replace(identified, marks=tuple(None if i in gone else mark for i, mark in enumerate(identified.marks)))
 
 
@@ -79,12 +79,12 @@ def test_what_marks_do_not_tell_is_none(gone: tuple[int, ...], links: set[int], 
 
 
 def test_nothing_seen_tells_nothing() -> None:
-    result = hinge_angles(Identified((None,) * 8, (), ()), CAMERA, PLAN, LENGTHS)
+    result = hinge_angles(IdentifiedMarks((None,) * 8, (), ()), CAMERA, PLAN, LENGTHS)
     assert result.hinge_rad == (None,) * 7
     assert np.isnan(result.link_covariance_rad2).all()
 
 
-def from_photo(look: Look, seed: int) -> tuple[Floats, HingeAngles, Identified]:
+def from_photo(look: Look, seed: int) -> tuple[Floats, HingeAngles, IdentifiedMarks]:
     random = np.random.default_rng(seed)
     tilt = (float(random.uniform(-9, 9)), float(random.uniform(-9, 9)), float(random.uniform(-2, 2)))
     model, angles = camera(1000, tilt), pose(random)

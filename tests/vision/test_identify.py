@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.camera_model import Floats
-from rfca_rig.vision.identify import Identified, identify
+from rfca_rig.vision.identify import IdentifiedMarks, identify
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark, mark_positions
 from rfca_rig.vision.marks import Mark
 from tests.vision.scenes import LENGTHS_M, PLAN, camera, pose
@@ -23,17 +23,17 @@ def mark_at(place_m: Floats, diameter_px: float | None = None) -> Mark:
     return Mark(px, np.full(2, 0.03), size, 1.0, 100.0)
 
 
-def read(places_m: Sequence[Floats], plan: MarkPlan = PLAN) -> Identified:
+def read(places_m: Sequence[Floats], plan: MarkPlan = PLAN) -> IdentifiedMarks:
     return identify([mark_at(place) for place in places_m], CAMERA, plan, LENGTHS_M.tolist())
 
 
-def wrong(result: Identified, places_m: Floats) -> list[int]:
+def wrong(result: IdentifiedMarks, places_m: Floats) -> list[int]:
     """Planned marks that were told to be something else than they are."""
     px = CAMERA.project(places_m)
     return [i for i, mark in enumerate(result.marks) if mark is not None and np.linalg.norm(mark.px - px[i]) > 2.0]
 
 
-def kinds(result: Identified) -> list[str]:
+def kinds(result: IdentifiedMarks) -> list[str]:
     return sorted(doubt.kind for doubt in result.doubts)
 
 
@@ -43,7 +43,7 @@ def test_whole_legs_are_read_in_any_order_of_marks(seed: int) -> None:
     random = np.random.default_rng(seed)
     places = mark_positions(pose(random), LENGTHS_M, PLAN)
     result = read(list(random.permutation(places)))
-    assert result.complete
+    assert result.is_complete
     assert not wrong(result, places)
     assert result.doubts == ()
 
@@ -86,7 +86,7 @@ def test_a_lone_mark_beyond_a_missing_one_could_be_any_red_thing() -> None:
 def test_a_red_thing_is_named() -> None:
     places = mark_positions(pose(np.random.default_rng(3)), LENGTHS_M, PLAN)
     result = read([*places, np.array([0.02, -0.2])])
-    assert result.complete
+    assert result.is_complete
     assert kinds(result) == ["extra"]
 
 
@@ -137,7 +137,7 @@ def test_two_marks_on_every_link_are_read_as_well() -> None:
     plan = MarkPlan(tuple(PlannedMark(link, along, 0.004) for link in range(1, 8) for along in (0.008, 0.030)))
     places = mark_positions(pose(np.random.default_rng(8)), LENGTHS_M, plan)
     result = identify([mark_at(place) for place in places[::-1]], CAMERA, plan, LENGTHS_M.tolist())
-    assert result.complete
+    assert result.is_complete
     assert not wrong(result, places)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from rfca_rig.vision.camera_model import CameraModel, Floats
 from rfca_rig.vision.hinge_angles import HingeAngles, hinge_angles
-from rfca_rig.vision.identify import Identified, identify
+from rfca_rig.vision.identify import IdentifiedMarks, identify
 from rfca_rig.vision.leg_marks import mark_positions
 from rfca_rig.vision.marks import find_marks
 from tests.vision.drawing import Look, draw
@@ -36,7 +36,7 @@ def disturbed(random: np.random.Generator) -> Look:
     )
 
 
-def read(random: np.random.Generator) -> tuple[CameraModel, Floats, Look, Identified, HingeAngles]:
+def read(random: np.random.Generator) -> tuple[CameraModel, Floats, Look, IdentifiedMarks, HingeAngles]:
     model = camera(WIDTH_PX, (float(random.uniform(-10, 10)), float(random.uniform(-10, 10)), float(random.uniform(-2, 2))))
     angles, look = pose(random), disturbed(random)
     photo = draw(angles, LENGTHS_M, PLAN, model, look, random)

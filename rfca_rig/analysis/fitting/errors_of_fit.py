@@ -9,7 +9,7 @@ textbook covariance is widened by one factor.
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.space import FARTHEST
+from rfca_rig.analysis.fitting.space import MAX_SHIFT_STD
 
 Floats = NDArray[np.float64]
 
@@ -17,7 +17,9 @@ Floats = NDArray[np.float64]
 ENOUGH_STROKES = 10
 
 
-def covariance_of(residuals: Floats, jacobian: Floats, has_prior: NDArray[np.bool_], stroke_of_row: NDArray[np.intp]) -> tuple[Floats, str]:
+def estimate_covariance(
+    residuals: Floats, jacobian: Floats, has_prior: NDArray[np.bool_], stroke_of_row: NDArray[np.intp]
+) -> tuple[Floats, str]:
     """Covariance of the fitted coordinates, and a description of its source.
 
     Parameters
@@ -41,7 +43,7 @@ def covariance_of(residuals: Floats, jacobian: Floats, has_prior: NDArray[np.boo
     ----------
     White (1980); Liang and Zeger (1986).
     """
-    prior = np.diag(np.where(has_prior, 1.0, FARTHEST**-2))
+    prior = np.diag(np.where(has_prior, 1.0, MAX_SHIFT_STD**-2))
     information = jacobian.T @ jacobian
     inverse = np.linalg.inv(information + prior)
     scatter, strokes = _scatter(residuals, jacobian, stroke_of_row)

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult
 from scipy.stats import norm, qmc
 
-from rfca_rig.analysis.fitting.errors_of_fit import covariance_of
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
+from rfca_rig.analysis.fitting.errors_of_fit import estimate_covariance
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint
 from rfca_rig.analysis.fitting.problem import Problem
 from rfca_rig.analysis.fitting.result import FitResult, Starts
-from rfca_rig.analysis.fitting.scatter import StrokeWhitening, found_scatter, whitening_of
+from rfca_rig.analysis.fitting.scatter import StrokeWhitening, estimate_scatter_std, make_whitening
 from rfca_rig.analysis.fitting.solver import Progress, Residuals, descend
-from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.base import TaskExecutor
-from rfca_rig.executors.mapping import Failed, map_unordered
+from rfca_rig.executors.mapping import TaskFailure, map_unordered
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Search:
     executor: TaskExecutor | None = None
 
 
-def fit(problem: Problem, space: Space[Supposed], search: Search | None = None, scatter: Mapping[str, float] | None = None) -> FitResult:
+def fit(problem: Problem, space: Prior[ModelPoint], search: Search | None = None, scatter: Mapping[str, float] | None = None) -> FitResult:
     """The most probable point of `space`: least squares of the problem's residuals and of the prior's.
 
     Parameters
@@ -90,10 +90,10 @@ def _descend_all(residuals: Residuals, starts: list[Floats], search: Search) -> 
     if search.executor is None:
         return [descend(residuals, start, search.most_evaluations) for start in starts]
     found: dict[int, OptimizeResult] = {}
-    descent = partial(_descent, _Travelling.of(residuals.space), residuals.problem, residuals.whitening, search.most_evaluations)
+    descent = partial(_descent, _PicklableSpace.of(residuals.space), residuals.problem, residuals.whitening, search.most_evaluations)
     # Results arrive in any order; they are put back into that of the starts, so that the choice of the best is reproducible.
     for (number, _), back in map_unordered(search.executor, descent, list(enumerate(starts))):
-        if isinstance(back, Failed):
+        if isinstance(back, TaskFailure):
             raise SimulationFailed(f"the fit from start {number + 1} of {len(starts)} failed: {back.reason}")
         found[number], computed = back
         residuals.computed += computed
@@ -102,31 +102,31 @@ def _descend_all(residuals: Residuals, starts: list[Floats], search: Search) -> 
 
 
 @dataclass(frozen=True)
-class _Travelling:
+class _PicklableSpace:
     """A space that can be sent to another process: its parameters are given by name, because their functions cannot be pickled."""
 
     names: tuple[str, ...]
-    centre: Supposed
+    centre: ModelPoint
     std: Floats
     has_prior: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, space: Space[Supposed]) -> "_Travelling":
+    def of(cls, space: Prior[ModelPoint]) -> "_PicklableSpace":
         return cls(tuple(space.names), space.centre, space.std, space.has_prior)
 
-    def space(self) -> Space[Supposed]:
-        return Space(tuple(PARAMETERS[name] for name in self.names), self.centre, self.std, self.has_prior)
+    def space(self) -> Prior[ModelPoint]:
+        return Prior(tuple(PARAMETERS[name] for name in self.names), self.centre, self.std, self.has_prior)
 
 
 def _descent(
-    space: _Travelling, problem: Problem, whitening: StrokeWhitening, most_evaluations: int, start: tuple[int, Floats]
+    space: _PicklableSpace, problem: Problem, whitening: StrokeWhitening, most_evaluations: int, start: tuple[int, Floats]
 ) -> tuple[OptimizeResult, int]:
     """One descent, in whichever process, and the number of points that it computed."""
     residuals = Residuals(problem, space.space(), _silent, whitening)
     return descend(residuals, start[1], most_evaluations), residuals.computed
 
 
-def _first_point(space: Space[Supposed], search: Search) -> Floats:
+def _first_point(space: Prior[ModelPoint], search: Search) -> Floats:
     first = np.zeros(len(space.std))
     for name, value in search.start.items():
         first[space.names.index(name)] = space.point(name, value)
@@ -157,14 +157,14 @@ def _whiten(residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn
     stroke_of_row = residuals.problem.stroke_of_row
     parameters = tuple(PARAMETERS[name] for name in scatter)
     spread = np.array([parameter.spread for parameter in parameters])
-    around = Space(parameters, residuals.space.at(x), spread, np.zeros(len(spread), dtype=bool))
+    around = Prior(parameters, residuals.space.at(x), spread, np.zeros(len(spread), dtype=bool))
     deviations = Residuals(residuals.problem, around, residuals.progress)
     std = np.array(list(scatter.values()))
     # The Jacobian counts steps of `spread`; dividing by it gives the effect per unit of each parameter.
     effect = deviations.jacobian(np.zeros(len(std))) / spread
     if learn:
-        std = found_scatter(std, effect * std, deviations(np.zeros(len(std))), stroke_of_row)
-    residuals.whitening = whitening_of(effect * std, stroke_of_row)
+        std = estimate_scatter_std(std, effect * std, deviations(np.zeros(len(std))), stroke_of_row)
+    residuals.whitening = make_whitening(effect * std, stroke_of_row)
     residuals.computed += deviations.computed
     return dict(zip(scatter, (float(s) for s in std), strict=True))
 
@@ -178,7 +178,7 @@ def _agreeing(residuals: Residuals, runs: list[OptimizeResult], best: OptimizeRe
 
 def _covariance(residuals: Residuals, best: OptimizeResult) -> tuple[Floats, str]:
     rows = residuals.data_rows
-    return covariance_of(best.fun[:rows], best.jac[:rows], residuals.space.has_prior, residuals.problem.stroke_of_row)
+    return estimate_covariance(best.fun[:rows], best.jac[:rows], residuals.space.has_prior, residuals.problem.stroke_of_row)
 
 
 def _result(residuals: Residuals, best: OptimizeResult) -> FitResult:

@@ -8,7 +8,7 @@ from typing import Any
 
 from rfca_rig.analysis.fitting.result import FitResult, FittedParameter
 from rfca_rig.description.model_file import write_model
-from rfca_rig.description.torque_rotation import scaled_keys
+from rfca_rig.description.torque_rotation import scale_keys
 from rfca_rig.model.parameters import Leg, RigModel
 
 HEIGHT_OFFSET = "height_offset"
@@ -36,12 +36,12 @@ def write_model_file(
         Where the disk refuses.
     """
     supposed = result.supposed
-    sections = fitted_sections(nominal, supposed.rig, supposed.height_offset_m)
+    sections = make_fitted_sections(nominal, supposed.rig, supposed.height_offset_m)
     comments = [*(f"Fitted to {source}" for source in sources), *result.lines(), *_remarks(result)]
-    write_model(path, sections, fitted_known_to(known_to, result), comments)
+    write_model(path, sections, make_fitted_known_to(known_to, result), comments)
 
 
-def fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offset_m: float = 0.0) -> dict[str, Any]:
+def make_fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offset_m: float = 0.0) -> dict[str, Any]:
     """The sections leg, ground, sensor, drive and effects with the numbers of `rig`; values outside the model are kept from `nominal`.
 
     A rack that stands higher than stated is written as an effect.
@@ -79,7 +79,7 @@ def fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offset_m: 
 def _springs(nominal: Mapping[str, Any], leg: Leg) -> dict[str, Any]:
     """k0 and k2, or the curve multiplied by the fitted factor."""
     if leg.torque_splines:
-        return {"torque_rotation": scaled_keys(nominal["torque_rotation"], leg.k0_Nm_per_rad)}
+        return {"torque_rotation": scale_keys(nominal["torque_rotation"], leg.k0_Nm_per_rad)}
     return {"k0_Nm_per_rad": leg.k0_Nm_per_rad, "k2_per_rad2": leg.k2_per_rad2}
 
 
@@ -97,7 +97,7 @@ def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:
     return [*others, {"id": HEIGHT_OFFSET, "parameters": {"offset_mm": nominal_mm + offset_mm}}]
 
 
-def fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict[str, float]:
+def make_fitted_known_to(known_to: Mapping[str, Any], result: FitResult) -> dict[str, float]:
     """[known_to] with the standard errors of the fit in place of the values stated before; others stay as stated."""
     found = {key: float(value) for key, value in known_to.items() if value is not None}
     for fitted, parameter in zip(result.parameters, result.space.parameters, strict=True):

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.matched_simulation import GRID_S, Shaft
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.shaft_speed import average_speed
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
-from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
 from rfca_rig.recording.model import Stroke
 
 Floats = NDArray[np.float64]
@@ -33,15 +33,15 @@ class StrokeMotion:
     end_s: float
     strokes_before: tuple[int, ...] = ()
 
-    def simulated(self, supposed: Supposed) -> SimulatedStroke:
+    def simulated(self, supposed: ModelPoint) -> SimulatedStroke:
         """Simulate the stroke on a grid of half milliseconds from the start. Raises SimulationFailed."""
         # Two samples beyond the end, so that interpolation at the last measured moment never leaves the grid.
         t_s = GRID_S * np.arange(0, int(np.ceil(self.end_s / GRID_S)) + 2, dtype=np.float64)
-        return stroke_following(
+        return simulate_stroke(
             supposed.rig, self.height_m + supposed.height_offset_m, self._motion(supposed), t_s, None, self.strokes_before
         )
 
-    def _motion(self, supposed: Supposed) -> ShaftMotion:
+    def _motion(self, supposed: ModelPoint) -> ShaftMotion:
         if self.motion is None:
             leg, drive = supposed.rig.leg, supposed.rig.drive
             return ramp_to_speed(leg.start_angle_rad, self.speed_rad_s, drive.ramp_s, self.end_s)
@@ -51,7 +51,7 @@ class StrokeMotion:
         return replace(self.motion, coefficients=coefficients)
 
 
-def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) -> tuple[tuple[StrokeMotion, ...], tuple[int, ...]]:
+def list_motions(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) -> tuple[tuple[StrokeMotion, ...], tuple[int, ...]]:
     """Shaft motions of a condition, each to `end_s`, and for each stroke the index of its motion.
 
     Parameters
@@ -75,7 +75,7 @@ def turns_of(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float) ->
     return (StrokeMotion(condition.height_m, speed_rad_s, None, end_s, before),), (0,) * len(condition.strokes)
 
 
-def recorded_start_rad(strokes: Sequence[Stroke]) -> float | None:
+def mean_start_rad(strokes: Sequence[Stroke]) -> float | None:
     """Mean shaft angle before the start over all strokes that recorded it; None where no stroke did."""
     angles = [stroke.channel("shaft_angle_rad") for stroke in strokes]
     starts = [float(trace[1][trace[0] <= 0.0].mean()) for trace in angles if trace is not None and (trace[0] <= 0.0).any()]

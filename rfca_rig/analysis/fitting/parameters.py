@@ -7,7 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.space import FitParameter, Space
+from rfca_rig.analysis.fitting.space import FitParameter, Prior
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.suggestions import suggestion
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Supposed:
+class ModelPoint:
     """Values that one simulation uses: a rig, the true height of the rack above the stated one, the angle by which the encoder reads too
     little, and the delay of the drive behind its command.
     """
@@ -31,73 +31,75 @@ class Supposed:
         return replace(self, rig=replace(self.rig, effects=(*self.rig.effects, *effects)))
 
 
-def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0, known_to: str | None = None) -> FitParameter[Supposed]:
-    def write(at: Supposed, value: float) -> Supposed:
+def _of_leg(name: str, field: str, unit: str, spread: float, scale: float = 1.0, known_to: str | None = None) -> FitParameter[ModelPoint]:
+    def write(at: ModelPoint, value: float) -> ModelPoint:
         changed: dict[str, Any] = {field: value / scale}
         return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, **changed)))
 
     return FitParameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.leg, field)), write, known_to)
 
 
-def _k2_per_rad2(at: Supposed) -> float:
+def _k2_per_rad2(at: ModelPoint) -> float:
     # A leg with a measured curve has no k2; scaling it would change nothing without notice.
     if at.rig.leg.torque_splines:
         raise BadInput("k2: the hinges of this leg follow a measured curve (leg.torque_rotation), which has none; take k0, which scales it")
     return at.rig.leg.k2_per_rad2
 
 
-def _with_k2(at: Supposed, k2_per_rad2: float) -> Supposed:
+def _with_k2(at: ModelPoint, k2_per_rad2: float) -> ModelPoint:
     _k2_per_rad2(at)
     return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, k2_per_rad2=k2_per_rad2)))
 
 
-def _of_ground(name: str, field: str, unit: str, spread: float, known_to: str | None = None, scale: float = 1.0) -> FitParameter[Supposed]:
-    def write(at: Supposed, value: float) -> Supposed:
+def _of_ground(
+    name: str, field: str, unit: str, spread: float, known_to: str | None = None, scale: float = 1.0
+) -> FitParameter[ModelPoint]:
+    def write(at: ModelPoint, value: float) -> ModelPoint:
         changed: dict[str, Any] = {field: value / scale}
         return replace(at, rig=replace(at.rig, ground=replace(at.rig.ground, **changed)))
 
     return FitParameter(name, unit, True, spread, lambda at: scale * float(getattr(at.rig.ground, field)), write, known_to)
 
 
-def _with_lever(at: Supposed, lever_mm: float) -> Supposed:
+def _with_lever(at: ModelPoint, lever_mm: float) -> ModelPoint:
     return replace(at, rig=replace(at.rig, ground=replace(at.rig.ground, friction_lever_m=1e-3 * lever_mm)))
 
 
-def _shift_of_ground(name: str, field: str, unit: str, spread: float, known_to: str, lowest: float = 0.0) -> FitParameter[Supposed]:
+def _shift_of_ground(name: str, field: str, unit: str, spread: float, known_to: str, lowest: float = 0.0) -> FitParameter[ModelPoint]:
     return replace(_of_ground(name, field, unit, spread, known_to), relative=False, lowest=lowest)
 
 
-def _mass_g(at: Supposed) -> float:
+def _mass_g(at: ModelPoint) -> float:
     return 1e3 * sum(at.rig.leg.link_masses_kg)
 
 
-def _with_mass(at: Supposed, mass_g: float) -> Supposed:
+def _with_mass(at: ModelPoint, mass_g: float) -> ModelPoint:
     # The distribution of mass along the leg stays.
     share = mass_g / _mass_g(at)
     masses_kg = tuple(share * mass_kg for mass_kg in at.rig.leg.link_masses_kg)
     return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, link_masses_kg=masses_kg)))
 
 
-def _start_deg(at: Supposed) -> float:
+def _start_deg(at: ModelPoint) -> float:
     return float(np.degrees(at.rig.leg.start_angle_rad))
 
 
-def _with_start(at: Supposed, start_deg: float) -> Supposed:
+def _with_start(at: ModelPoint, start_deg: float) -> ModelPoint:
     """Sets the start angle. A shaft that follows a recording is turned by the same difference."""
     start_rad = float(np.radians(start_deg))
     turn_rad = at.turn_offset_rad + start_rad - at.rig.leg.start_angle_rad
     return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, start_angle_rad=start_rad)), turn_offset_rad=turn_rad)
 
 
-def _with_below_shaft(at: Supposed, below_mm: float) -> Supposed:
+def _with_below_shaft(at: ModelPoint, below_mm: float) -> ModelPoint:
     return replace(at, rig=replace(at.rig, sensor=replace(at.rig.sensor, below_shaft_m=1e-3 * below_mm)))
 
 
-def _with_ramp(at: Supposed, ramp_ms: float) -> Supposed:
+def _with_ramp(at: ModelPoint, ramp_ms: float) -> ModelPoint:
     return replace(at, rig=replace(at.rig, drive=replace(at.rig.drive, ramp_s=1e-3 * ramp_ms)))
 
 
-PARAMETERS: Mapping[str, FitParameter[Supposed]] = {
+PARAMETERS: Mapping[str, FitParameter[ModelPoint]] = {
     parameter.name: parameter
     for parameter in (
         _of_leg("k0", "k0_Nm_per_rad", "N m/rad", 0.1, known_to="k0_relative"),
@@ -124,13 +126,13 @@ PARAMETERS: Mapping[str, FitParameter[Supposed]] = {
 }  # fmt: skip
 
 
-def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, float]) -> Space[Supposed]:
+def make_prior(names: Sequence[str], centre: ModelPoint, known_to: Mapping[str, float]) -> Prior[ModelPoint]:
     """The space of the named parameters around `centre`; without names, of all that `known_to` lists.
 
     `known_to` is the section of that name: one standard deviation per key. A parameter without a key has no prior. Raises BadInput for a
     name that is unknown or given twice, and where nothing is left to fit.
     """
-    chosen = named(names) or tuple(p for p in PARAMETERS.values() if known_to.get(p.known_to or ""))
+    chosen = select_parameters(names) or tuple(p for p in PARAMETERS.values() if known_to.get(p.known_to or ""))
     if not chosen:
         raise BadInput(f"nothing to fit: the recording has no [known_to]; name parameters: {', '.join(PARAMETERS)}")
     for parameter in chosen:
@@ -139,17 +141,17 @@ def space_of(names: Sequence[str], centre: Supposed, known_to: Mapping[str, floa
             raise BadInput(f"{parameter.name} is believed to be 0 {parameter.unit} and can only be scaled; believe a small value instead")
     stated = [known_to.get(p.known_to or "") for p in chosen]
     std = [s or p.spread for s, p in zip(stated, chosen, strict=True)]
-    return Space(chosen, centre, np.array(std), np.array([bool(s) for s in stated]))
+    return Prior(chosen, centre, np.array(std), np.array([bool(s) for s in stated]))
 
 
-def named(names: Sequence[str]) -> tuple[FitParameter[Supposed], ...]:
+def select_parameters(names: Sequence[str]) -> tuple[FitParameter[ModelPoint], ...]:
     """The parameters of these names. Raises BadInput for a name that is unknown or given twice."""
     if len(set(names)) < len(names):
         raise BadInput(f"a parameter is named twice in {', '.join(names)}")
     return tuple(_parameter(name) for name in names)
 
 
-def _parameter(name: str) -> FitParameter[Supposed]:
+def _parameter(name: str) -> FitParameter[ModelPoint]:
     if name not in PARAMETERS:
         raise BadInput(f"{name!r} is no parameter; {suggestion(name, PARAMETERS)}")
     return PARAMETERS[name]

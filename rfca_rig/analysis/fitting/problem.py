@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 
 Floats = NDArray[np.float64]
 
@@ -19,6 +19,6 @@ class Problem(Protocol):
         """Index of the stroke of each residual, (m,): scatter from stroke to stroke moves the residuals of one stroke together."""
         ...
 
-    def residuals(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
+    def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
         """Residuals (m,) at each point; None where the model cannot be computed."""
         ...

@@ -17,10 +17,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.motions import StrokeMotion, turns_of
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.motions import StrokeMotion, list_motions
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.matched_simulation import Shaft
-from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
+from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.valley import valley_and_phases
 from rfca_rig.errors import BadInput, SimulationFailed
@@ -102,11 +102,11 @@ class StrokeProblem:
         """Index of the stroke of each row, (m,)."""
         return np.repeat(np.arange(len(self.strokes)), [sum(len(t.bins) for t in stroke.traces) for stroke in self.strokes])
 
-    def residuals(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
+    def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
         """Residuals (m,) at each point, in units of noise; None where the model cannot be computed."""
         return [None if simulated is None else self._against(simulated) for simulated in self._simulate_all(supposed)]
 
-    def rms(self, supposed: Supposed) -> dict[str, float]:
+    def rms(self, supposed: ModelPoint) -> dict[str, float]:
         """Root mean square of simulated minus measured by channel, sample by sample. Raises SimulationFailed."""
         simulated = [turn.simulated(supposed) for turn in self.turns]
         misses: dict[str, list[Floats]] = {}
@@ -127,7 +127,7 @@ class StrokeProblem:
     def _against(self, simulated: Sequence[SimulatedStroke]) -> Floats:
         return np.concatenate([trace.residuals(simulated[stroke.turn]) for stroke, trace in self._all_traces()])
 
-    def _simulate_all(self, supposed: Sequence[Supposed]) -> Iterator[list[SimulatedStroke] | None]:
+    def _simulate_all(self, supposed: Sequence[ModelPoint]) -> Iterator[list[SimulatedStroke] | None]:
         """Simulates all motions at all points. The compiled model releases the interpreter lock, so threads run in parallel."""
         with ThreadPoolExecutor(cores()) as pool:
             # One flat list of all points and motions keeps every core busy until the end.
@@ -139,7 +139,7 @@ class StrokeProblem:
             yield found if len(found) == turns else None
 
 
-def _attempt(job: tuple[Supposed, StrokeMotion]) -> SimulatedStroke | None:
+def _attempt(job: tuple[ModelPoint, StrokeMotion]) -> SimulatedStroke | None:
     """None where the model cannot be computed; the solver then rejects this point."""
     supposed, turn = job
     try:
@@ -148,7 +148,7 @@ def _attempt(job: tuple[Supposed, StrokeMotion]) -> SimulatedStroke | None:
         return None
 
 
-def problem_of(
+def make_stroke_problem(
     conditions: Sequence[Condition],
     ramp_s: float,
     noise_std: Mapping[str, float | None],
@@ -180,14 +180,14 @@ def problem_of(
     left_out: list[str] = []
     for condition in conditions:
         found = [(stroke, _traces(stroke, noise_std, window or StrokeWindow())) for stroke in condition.strokes]
-        left_out += [f"left out: {condition.label}, repeat {s.repeat}: {t.reason}" for s, t in found if isinstance(t, Refused)]
-        usable = [(stroke, traces) for stroke, traces in found if not isinstance(traces, Refused)]
+        left_out += [f"left out: {condition.label}, repeat {s.repeat}: {t.reason}" for s, t in found if isinstance(t, Undetermined)]
+        usable = [(stroke, traces) for stroke, traces in found if not isinstance(traces, Undetermined)]
         if not usable:
             continue
         # Simulations end with the last sample that counts; the time after it costs and is not compared.
         end_s = max(float(trace.t_s[-1]) for _, traces in usable for trace in traces)
         usable_condition = Condition(condition.height_m, condition.speed_rad_s, tuple(stroke for stroke, _ in usable))
-        own_turns, own = turns_of(usable_condition, shaft, ramp_s, end_s)
+        own_turns, own = list_motions(usable_condition, shaft, ramp_s, end_s)
         strokes += [MeasuredStroke(traces, len(turns) + place) for (_, traces), place in zip(usable, own, strict=True)]
         turns += own_turns
     if not strokes:
@@ -195,16 +195,16 @@ def problem_of(
     return StrokeProblem(tuple(turns), tuple(strokes), tuple(left_out))
 
 
-def _traces(stroke: Stroke, noise_std: Mapping[str, float | None], window: StrokeWindow) -> tuple[ChannelResiduals, ...] | Refused:
+def _traces(stroke: Stroke, noise_std: Mapping[str, float | None], window: StrokeWindow) -> tuple[ChannelResiduals, ...] | Undetermined:
     """The traces of a stroke within the window. Refused where it has no valley, because its phases are then unknown."""
     fz = stroke.channel("fz_N")
     if fz is None:
-        return Refused("fz was not recorded, and with it not when the leg touched")
+        return Undetermined("fz was not recorded, and with it not when the leg touched")
     valley, found = valley_and_phases(*fz)
-    if isinstance(valley, Refused):
+    if isinstance(valley, Undetermined):
         return valley
     traces = tuple(t for c in CHANNELS if (t := _trace(stroke, c, window, found, noise_std.get(c))) is not None)
-    return traces or Refused(f"nothing left between touchdown at {found.touchdown_s:.3f} s and valley at {valley.time_s:.3f} s")
+    return traces or Undetermined(f"nothing left between touchdown at {found.touchdown_s:.3f} s and valley at {valley.time_s:.3f} s")
 
 
 def _trace(stroke: Stroke, channel: str, window: StrokeWindow, found: StrokePhases, noise: float | None) -> ChannelResiduals | None:

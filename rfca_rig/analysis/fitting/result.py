@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
-from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint
+from rfca_rig.analysis.fitting.space import Prior
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ def correlation_of(covariance: Floats) -> Floats:
     return np.asarray(covariance / np.outer(std, std))
 
 
-def correlated_pairs(names: Sequence[str], covariance: Floats) -> list[tuple[str, str, float]]:
+def list_correlated_pairs(names: Sequence[str], covariance: Floats) -> list[tuple[str, str, float]]:
     """Pairs of parameters that the recordings hardly distinguish: |correlation| above HIGH_CORRELATION in a covariance (p, p)."""
     correlation = correlation_of(covariance)
     pairs = [(i, j) for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > HIGH_CORRELATION]
@@ -68,7 +68,7 @@ class FitResult:
     differs from stroke to stroke, by parameter. `errors_from` describes the source of the standard errors.
     """
 
-    space: Space[Supposed]
+    space: Prior[ModelPoint]
     x: Floats
     covariance: Floats
     at_bound: NDArray[np.bool_]
@@ -87,7 +87,7 @@ class FitResult:
     notes: tuple[str, ...] = ()
 
     @property
-    def supposed(self) -> Supposed:
+    def supposed(self) -> ModelPoint:
         """Rig, height and start as fitted."""
         return self.space.at(self.x)
 
@@ -120,7 +120,7 @@ class FitResult:
 
     def high_correlations(self) -> list[tuple[str, str, float]]:
         """Pairs that the recordings hardly distinguish."""
-        return correlated_pairs(self.space.names, self.covariance)
+        return list_correlated_pairs(self.space.names, self.covariance)
 
     def plain(self) -> dict[str, Any]:
         """Everything as plain data, for JSON."""

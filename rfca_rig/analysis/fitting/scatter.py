@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-USUAL: Mapping[str, float] = {"height": 0.15, "friction": 0.008, "start_angle": 0.1}  # mm, 1, deg
+USUAL_SCATTER: Mapping[str, float] = {"height": 0.15, "friction": 0.008, "start_angle": 0.1}  # mm, 1, deg
 # Strokes from which on the deviations are estimated, and rounds of expectation maximisation.
 ENOUGH_STROKES = 6
 ROUNDS = 30
@@ -39,12 +39,12 @@ class StrokeWhitening:
         return white
 
 
-def whitening_of(effect: Floats, stroke_of_row: NDArray[np.intp]) -> StrokeWhitening:
+def make_whitening(effect: Floats, stroke_of_row: NDArray[np.intp]) -> StrokeWhitening:
     """Whitening for `effect` (m, k), the change per standard deviation of each scattering quantity; rows of a stroke are adjacent."""
     return StrokeWhitening(tuple(_part(rows, effect[rows]) for rows in _slices(stroke_of_row)))
 
 
-def found_scatter(std: Floats, effect: Floats, residuals: Floats, stroke_of_row: NDArray[np.intp]) -> Floats:
+def estimate_scatter_std(std: Floats, effect: Floats, residuals: Floats, stroke_of_row: NDArray[np.intp]) -> Floats:
     """Most likely standard deviations (k,) of the scatter, given the residuals at the solution, starting from the usual ones `std`.
 
     Parameters

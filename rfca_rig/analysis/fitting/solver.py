@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.problem import Problem
 from rfca_rig.analysis.fitting.scatter import StrokeWhitening
-from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.errors import SimulationFailed
 
 Floats = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Residuals:
     """Whitened residuals (m,) of the problem, followed by the prior's rows (q,); counts the points that it computed. Points are (p,)."""
 
     problem: Problem
-    space: Space[Supposed]
+    space: Prior[ModelPoint]
     progress: Progress
     whitening: StrokeWhitening = field(default_factory=StrokeWhitening)
     computed: int = 0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 # Bound in standard deviations: a value beyond it means that something else is wrong.
-FARTHEST = 5.0
+MAX_SHIFT_STD = 5.0
 # Share of a standard deviation over which a value that is never negative is rounded towards zero.
 ZERO_ROUNDING = 0.3
 # The values of one simulation, in the type of its simulator.
@@ -36,7 +36,7 @@ class FitParameter(Generic[S]):
 
 
 @dataclass(frozen=True)
-class Space(Generic[S]):
+class Prior(Generic[S]):
     """The parameters of one fit around a first point.
 
     A point x (p,) counts prior standard deviations, so that one step length suits all. The value is centre + std x, or centre exp(std x)
@@ -86,7 +86,7 @@ class Space(Generic[S]):
         """Lower and upper x, each (p,)."""
         # Relative parameters are positive anyway; a floor applies to shifted ones alone.
         floors = [-np.inf if p.relative else (p.lowest - c) / s for p, c, s in zip(self.parameters, self.centres, self.std, strict=True)]
-        return np.maximum(-FARTHEST, floors), np.full(len(self.std), FARTHEST)
+        return np.maximum(-MAX_SHIFT_STD, floors), np.full(len(self.std), MAX_SHIFT_STD)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rfca_rig.analysis.fitting.fit import Search, fit
-from rfca_rig.analysis.fitting.motions import recorded_start_rad
-from rfca_rig.analysis.fitting.parameters import Supposed, space_of
-from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, problem_of
+from rfca_rig.analysis.fitting.motions import mean_start_rad
+from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
+from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, make_stroke_problem
 from rfca_rig.analysis.fitting.result import FitResult
-from rfca_rig.analysis.fitting.scatter import USUAL
+from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
 from rfca_rig.analysis.matched_simulation import Shaft
-from rfca_rig.analysis.repeats import conditions_of
+from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
@@ -59,10 +59,10 @@ def fit_recordings(
     rig = nominal_model(nominal)
     strokes = [stroke for recording in recordings for stroke in recording.strokes]
     noise_std = nominal["sensor"].get("noise_std") or {}
-    problem = problem_of(conditions_of(strokes), rig.drive.ramp_s, noise_std, comparison.shaft, comparison.window)
+    problem = make_stroke_problem(group_by_condition(strokes), rig.drive.ramp_s, noise_std, comparison.shaft, comparison.window)
     # The encoder's own reading is the best guess of the start; the fit then corrects its zero.
-    centre = Supposed(_starting_as_recorded(rig, strokes) if comparison.shaft == "recorded" else rig)
-    result = fit(problem, space_of(names, centre, known_to), search, USUAL)
+    centre = ModelPoint(_starting_as_recorded(rig, strokes) if comparison.shaft == "recorded" else rig)
+    result = fit(problem, make_prior(names, centre, known_to), search, USUAL_SCATTER)
     return _with_rms(result, problem, comparison.window)
 
 
@@ -76,7 +76,7 @@ def _common(recordings: Sequence[Recording]) -> tuple[Mapping[str, Any], Mapping
 
 
 def _starting_as_recorded(rig: RigModel, strokes: Sequence[Stroke]) -> RigModel:
-    start_rad = recorded_start_rad(strokes)
+    start_rad = mean_start_rad(strokes)
     return rig if start_rad is None else replace(rig, leg=replace(rig.leg, start_angle_rad=start_rad))
 
 

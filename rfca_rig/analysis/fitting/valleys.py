@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.fit import Search, fit
-from rfca_rig.analysis.fitting.parameters import Supposed, space_of
+from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
 from rfca_rig.analysis.fitting.result import FitResult
-from rfca_rig.analysis.matched_simulation import GRID_S, LONGER
-from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S
+from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 
 Floats = NDArray[np.float64]
 
@@ -36,10 +36,10 @@ class ValleyRow:
     time_std_s: float
     fz_std_N: float
 
-    def simulated(self, supposed: Supposed) -> Valley | Refused:
+    def simulated(self, supposed: ModelPoint) -> Valley | Undetermined:
         """The model's valley at this condition, by the same estimator as for a recorded one. Raises SimulationFailed."""
-        t_s = GRID_S * np.arange(-round(BEFORE_S / GRID_S), int(LONGER * self.time_s / GRID_S) + 1, dtype=np.float64)
-        stroke = stroke_at_speed(supposed.rig, self.height_m + supposed.height_offset_m, self.speed_rad_s, t_s)
+        t_s = GRID_S * np.arange(-round(BEFORE_S / GRID_S), int(DURATION_FACTOR * self.time_s / GRID_S) + 1, dtype=np.float64)
+        stroke = simulate_stroke_at_speed(supposed.rig, self.height_m + supposed.height_offset_m, self.speed_rad_s, t_s)
         return find_valley(stroke.t_s, stroke.fz_N)
 
 
@@ -54,7 +54,7 @@ class ValleyProblem:
         """Index of the row of the table, (m,)."""
         return np.repeat(np.arange(len(self.rows)), 2)
 
-    def residuals(self, supposed: Sequence[Supposed]) -> list[Floats | None]:
+    def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
         """Residuals (m,) at each point, in standard deviations; None where the model has no valley at one of the rows."""
         # The compiled model releases the interpreter lock, so threads run in parallel.
         with ThreadPoolExecutor(cores()) as pool:
@@ -62,7 +62,7 @@ class ValleyProblem:
         count = len(self.rows)
         return [_concatenate_if_complete(found[first : first + count]) for first in range(0, len(found), count)]
 
-    def rms(self, supposed: Supposed) -> dict[str, float]:
+    def rms(self, supposed: ModelPoint) -> dict[str, float]:
         """Root mean square of simulated minus measured, by quantity; NaN where the model has no valley."""
         residuals = self.residuals([supposed])[0]
         if residuals is None:
@@ -106,18 +106,18 @@ def fit_valleys(
     Without a prior, two numbers per row determine at most two parameters per row.
     """
     problem = ValleyProblem(tuple(rows))
-    centre = Supposed(rig)
-    result = fit(problem, space_of(names, centre, known_to), search)
+    centre = ModelPoint(rig)
+    result = fit(problem, make_prior(names, centre, known_to), search)
     return replace(result, rms_before=problem.rms(centre), rms=problem.rms(result.supposed), noise=problem.noise())
 
 
-def _attempt(job: tuple[Supposed, ValleyRow]) -> Floats | None:
+def _attempt(job: tuple[ModelPoint, ValleyRow]) -> Floats | None:
     supposed, row = job
     try:
         valley = row.simulated(supposed)
     except SimulationFailed:
         return None
-    if isinstance(valley, Refused):
+    if isinstance(valley, Undetermined):
         return None
     return np.array([(valley.time_s - row.time_s) / row.time_std_s, (valley.fz_N - row.fz_N) / row.fz_std_N])
 

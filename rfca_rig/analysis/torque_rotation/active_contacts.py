@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.balance import Balance, Group
-from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjusted, Point, Unbalanced, adjust
+from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjustment, NotConverged, Point, adjust
 from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.errors import SimulationFailed
 
@@ -24,7 +24,7 @@ MIN_DEPTH_M = 1e-4
 MAX_ROUNDS = 6
 
 
-def settled(balance: Balance, data: StageData, C: Floats, start: Point, ends: Sequence[Ends]) -> tuple[Adjusted, tuple[Ends, ...]]:
+def solve_contacts(balance: Balance, data: StageData, C: Floats, start: Point, ends: Sequence[Ends]) -> tuple[Adjustment, tuple[Ends, ...]]:
     """Adjust the stages and find the ends that may touch, beginning with `ends` (S,).
 
     Parameters
@@ -52,21 +52,21 @@ def settled(balance: Balance, data: StageData, C: Floats, start: Point, ends: Se
         found = tuple(_with_deep(own, row) for own, row in zip(ends, depth, strict=True))
         if found in tried:
             break
-        ends, point = found, restarted(balance, data, adjusted.point, found)
+        ends, point = found, make_start_point(balance, data, adjusted.point, found)
     return adjusted, tuple(ends)
 
 
-def _adjust_or_fail(balance: Balance, data: StageData, C: Floats, point: Point, ends: Sequence[Ends]) -> Adjusted:
+def _adjust_or_fail(balance: Balance, data: StageData, C: Floats, point: Point, ends: Sequence[Ends]) -> Adjustment:
     try:
-        return adjust(balance, grouped(data, ends), data.measured, C, point)
-    except Unbalanced as error:
+        return adjust(balance, group_by_contacts(data, ends), data.measured, C, point)
+    except NotConverged as error:
         raise SimulationFailed(
             f"no balance of moments is found for these {len(data.stages)} stages; {data.label(error.row)} is farthest from one: look for a "
             "wrong sign, unit or height there or in all stages, or for a slipped decimal point in the leg"
         ) from None
 
 
-def supposed(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, ...]:
+def guess_contacts(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, ...]:
     """Ends (S,) that the photo shows in or near the floor; always the lowest one where the sensor measures a load.
 
     `p` (P,) are the unknowns at the start.
@@ -81,7 +81,7 @@ def supposed(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, ...]:
     return tuple(tuple(np.flatnonzero(row).tolist()) for row in low)
 
 
-def pressing(adjusted: Adjusted, stages: int) -> tuple[Ends, ...]:
+def find_pressing_ends(adjusted: Adjustment, stages: int) -> tuple[Ends, ...]:
     """The ends (S,) that press on the floor."""
     found: list[Ends] = [()] * stages
     for group, c in zip(adjusted.groups, adjusted.point.c, strict=True):
@@ -90,12 +90,12 @@ def pressing(adjusted: Adjusted, stages: int) -> tuple[Ends, ...]:
     return tuple(found)
 
 
-def restarted(balance: Balance, data: StageData, point: Point, ends: Sequence[Ends]) -> Point:
+def make_start_point(balance: Balance, data: StageData, point: Point, ends: Sequence[Ends]) -> Point:
     """The same angles and curve; the ends share the sensor's load in proportion to their depth^1.5, as Hertz does."""
     depth = _depths(balance, data, point.z, point.p)
     h, stiffness = data.hinges, balance.rig.ground.stiffness_N_per_m1p5
     c = []
-    for group in grouped(data, ends):
+    for group in group_by_contacts(data, ends):
         pressed = np.maximum(depth[group.rows][:, list(group.ends)], MIN_DEPTH_M) ** 1.5
         share = pressed / pressed.sum(axis=1, keepdims=True)
         N = share * np.maximum(balance.weight_N - data.measured[group.rows, h + 2], 1e-2)[:, None]
@@ -104,7 +104,7 @@ def restarted(balance: Balance, data: StageData, point: Point, ends: Sequence[En
     return replace(point, c=tuple(c))
 
 
-def grouped(data: StageData, ends: Sequence[Ends]) -> tuple[Group, ...]:
+def group_by_contacts(data: StageData, ends: Sequence[Ends]) -> tuple[Group, ...]:
     """Groups of stages with the same ends near the floor, in the order of their first stage."""
     height = np.searchsorted(data.heights_m, data.height_m)
     groups = []
@@ -115,8 +115,8 @@ def grouped(data: StageData, ends: Sequence[Ends]) -> tuple[Group, ...]:
 
 
 def _depths(balance: Balance, data: StageData, z: Floats, p: Floats) -> Floats:
-    every = grouped(data, [()] * len(z))[0]
-    return balance.depth_m(balance.mended(z, p, data.recording), p, every)
+    every = group_by_contacts(data, [()] * len(z))[0]
+    return balance.depth_m(balance.correct_readings(z, p, data.recording), p, every)
 
 
 def _with_deep(ends: Ends, depth_m: Floats) -> Ends:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.bases import Basis
-from rfca_rig.analysis.torque_rotation.systematics import ANY, SystematicErrors, rest_name
+from rfca_rig.analysis.torque_rotation.systematics import ALL_RECORDINGS, SystematicErrors, rest_name
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]
@@ -103,13 +103,15 @@ class Balance:
         nominal = np.array(self.rig.leg.rest_angles_rad or (0.0,) * (self.L.size - 1))
         return nominal + [self.systematic_error(p, rest_name(hinge)) for hinge in range(nominal.size)]
 
-    def mended(self, z: Floats, p: Floats, recording: NDArray[np.intp]) -> Floats:
+    def correct_readings(self, z: Floats, p: Floats, recording: NDArray[np.intp]) -> Floats:
         """Measured values z (S, m) corrected for zeros, tares and the sensor's gain, as given by p (P,); `recording` is (S,)."""
         mended = z.copy()
         for place, systematic_error in enumerate(self.systematic_errors.each):
             if systematic_error.column is not None:
                 mended[:, systematic_error.column] -= np.where(
-                    (systematic_error.recording == ANY) | (recording == systematic_error.recording), p[self.curve_size + place], 0.0
+                    (systematic_error.recording == ALL_RECORDINGS) | (recording == systematic_error.recording),
+                    p[self.curve_size + place],
+                    0.0,
                 )
         # Columns after the n angles are the forces; tares are subtracted before the gain.
         mended[:, self.L.size :] /= 1.0 + self.systematic_error(p, "gain")
@@ -118,7 +120,7 @@ class Balance:
     def depth_m(self, z: Floats, p: Floats, group: Group) -> Floats:
         """Depth (S, n) of every link end in the floor, for corrected angles z (S, m) and unknowns p (P,)."""
         offset_m = np.array([self.systematic_error(p, f"height_{i}") for i in group.height])
-        q = absolute(z, self.L.size)
+        q = link_angles(z, self.L.size)
         down_m, along_m = np.cumsum(self.L * np.sin(q), axis=1), np.cumsum(self.L * np.cos(q), axis=1)
         floor_m = (group.height_m + offset_m)[:, None] - self.systematic_error(p, "slope") * along_m
         return np.asarray(down_m + self.rig.leg.link_radius_m - floor_m)
@@ -133,15 +135,15 @@ class Balance:
         c : (S, 2 T) depths in m and friction in N of the ends
         p : (P,) curve and systematic errors
         """
-        return _Conditions(self, group, self.mended(z, p, group.recording), c, p).linear()
+        return _Conditions(self, group, self.correct_readings(z, p, group.recording), c, p).linear()
 
 
-def absolute(z: Floats, links: int) -> Floats:
+def link_angles(z: Floats, links: int) -> Floats:
     """Angles of the links (S, n) from hinge angles and shaft angle in z (S, m)."""
     return np.asarray(np.cumsum(np.concatenate([z[:, links - 1 : links], z[:, : links - 1]], axis=1), axis=1))
 
 
-def from_on(per_link: Floats) -> Floats:
+def sum_to_tip(per_link: Floats) -> Floats:
     """Sums over links i = j.. to the tip, (S, n)."""
     return np.asarray(np.cumsum(per_link[:, ::-1], axis=1)[:, ::-1])
 
@@ -165,7 +167,7 @@ class _Conditions:
         root = np.sqrt(0.5 * (self.deep_m + far_m))
         # Hertz, N = k d^1.5, and its derivative by depth.
         self.N, self.N_deep = stiffness * root**3, 0.75 * stiffness * root * (1.0 + self.deep_m / far_m)
-        q = absolute(z, self.n)
+        q = link_angles(z, self.n)
         self.across, self.down = balance.L * np.cos(q), balance.L * np.sin(q)
         # (n, T): whether joint i comes before end k, since a force on an end loads only the joints before it.
         self.reach = (np.arange(self.n)[:, None] <= np.array(group.ends, dtype=int)).astype(float)
@@ -188,21 +190,21 @@ class _Conditions:
         )
         rise = self.of.rig.ground.friction_rise_share
         up, along, arm_m = mass * w - self.N @ self.reach.T, self.F @ self.reach.T, lever - rise * self.deep_m
-        self.load = from_on(up * self.across - along * self.down) - (arm_m * self.F) @ self.reach.T
+        self.load = sum_to_tip(up * self.across - along * self.down) - (arm_m * self.F) @ self.reach.T
         # Turning joint i or j moves the same links where both come before them, hence the maximum of both indices.
-        turn, joints = from_on(-up * self.down - along * self.across), np.arange(self.n)
+        turn, joints = sum_to_tip(-up * self.down - along * self.across), np.arange(self.n)
         self.load_q = turn[:, np.maximum(joints[:, None], joints)]
-        self.arms = np.stack([from_on(self.across * reach) for reach in self.reach.T], axis=2) if self.T else np.zeros((*turn.shape, 0))
+        self.arms = np.stack([sum_to_tip(self.across * reach) for reach in self.reach.T], axis=2) if self.T else np.zeros((*turn.shape, 0))
         self.load_N = -self.arms
         if self.T:
             # Friction acts below the end by the lever, so its arm is the height of the end plus that lever.
-            levers = [from_on(self.down * reach) + np.outer(arm, reach) for arm, reach in zip(arm_m.T, self.reach.T, strict=True)]
+            levers = [sum_to_tip(self.down * reach) + np.outer(arm, reach) for arm, reach in zip(arm_m.T, self.reach.T, strict=True)]
             by_depth = self.load_N * self.N_deep[:, None] + rise * self.F[:, None] * self.reach
             self.load_c = np.concatenate([by_depth, -np.stack(levers, axis=2)], axis=2)
         else:
             self.load_c = self.arms
         self.load_contact = np.einsum("sjk,sk->sj", self.load_N, self.N)
-        self.load_mass, self.load_lever = from_on(w * self.across), -along
+        self.load_mass, self.load_lever = sum_to_tip(w * self.across), -along
 
     def _hinges(self) -> None:
         """Torque of every hinge minus its load."""
@@ -244,7 +246,7 @@ class _Conditions:
         rows, ends = slice(self.h + 3, self.h + 3 + self.T), np.arange(self.T)
         self.g[:, rows] = self.of.depth_m(self.z, self.p, self.group)[:, list(self.group.ends)] - self.deep_m
         slope, along_m = self.of.systematic_error(self.p, "slope"), np.cumsum(self.across, axis=1)[:, list(self.group.ends)]
-        sinks = self.arms - slope * np.stack([from_on(self.down * reach) for reach in self.reach.T], axis=2) if self.T else self.arms
+        sinks = self.arms - slope * np.stack([sum_to_tip(self.down * reach) for reach in self.reach.T], axis=2) if self.T else self.arms
         by_joint = np.swapaxes(sinks, 1, 2)  # (S, T, n)
         self.by_z[:, rows, : self.h], self.by_z[:, rows, self.h] = by_joint[:, :, 1:], by_joint[:, :, 0]
         self.by_c[:, self.h + 3 + ends, ends] = -1.0
@@ -281,5 +283,5 @@ class _Conditions:
         self.by_z[:, :, self.n :] /= gain
         for place, systematic_error in enumerate(self.of.systematic_errors.each):
             if systematic_error.column is not None:
-                here = (systematic_error.recording == ANY) | (self.group.recording == systematic_error.recording)
+                here = (systematic_error.recording == ALL_RECORDINGS) | (self.group.recording == systematic_error.recording)
                 self.by_p[here, :, self.of.curve_size + place] -= self.by_z[here, :, systematic_error.column]

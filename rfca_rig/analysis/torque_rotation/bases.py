@@ -68,7 +68,7 @@ class Spline:
 
 
 @dataclass(frozen=True)
-class ThroughRest:
+class SplineThroughRest:
     """The model's own spline: its coefficients are its torques at `knots_rad` (ascending, above 0). It is odd, and straight beyond the last
     knot.
 
@@ -93,14 +93,14 @@ class ThroughRest:
         return polynomial((0.0, *self.knots_rad), np.eye(self.size + 1)[:, 1:])
 
 
-def through_rest(phi_rad: Floats, shares: Sequence[float]) -> ThroughRest:
+def make_spline_through_rest(phi_rad: Floats, shares: Sequence[float]) -> SplineThroughRest:
     """The model's spline over the range of angles (m,) from rest, with knots at these quantiles of their magnitudes."""
     knots = np.quantile(np.abs(phi_rad), shares)
     # Knots near rest are dropped: no photo determines a torque there, and the curve is zero at rest anyway.
-    return ThroughRest(tuple(knots[knots > LEAST_KNOT_RAD].tolist()))
+    return SplineThroughRest(tuple(knots[knots > LEAST_KNOT_RAD].tolist()))
 
 
-def spline_over(phi_rad: Floats, pieces: int) -> Spline:
+def make_spline(phi_rad: Floats, pieces: int) -> Spline:
     """Splines over the range of angles (m,), with about equally many angles in each piece."""
     borders = np.quantile(phi_rad, np.linspace(0.0, 1.0, pieces + 1))
     return Spline(np.concatenate([np.full(CUBIC, borders[0]), borders, np.full(CUBIC, borders[-1])]))

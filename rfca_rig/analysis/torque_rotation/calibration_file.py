@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.model_file import fitted_sections
-from rfca_rig.analysis.torque_rotation.bases import ThroughRest
+from rfca_rig.analysis.fitting.model_file import make_fitted_sections
+from rfca_rig.analysis.torque_rotation.bases import SplineThroughRest
 from rfca_rig.analysis.torque_rotation.checks import FormCheck, RestAngles
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.description.model_file import write_model
 from rfca_rig.description.nominal_model import nominal_model
-from rfca_rig.description.sections import SOFTEST_K2, TorqueRotationSection
-from rfca_rig.description.torque_rotation import relative_std, with_curve, with_law
+from rfca_rig.description.sections import MIN_K2_PER_RAD2, TorqueRotationSection
+from rfca_rig.description.torque_rotation import relative_std, replace_by_curve, replace_by_law
 from rfca_rig.model.parameters import RigModel
 
 # Significant digits; the covariance itself is known far less well.
@@ -24,7 +24,7 @@ COVARIANCE_DIGITS = 6
 
 def can_be_written(result: StaticResult) -> bool:
     """Whether the law grows up to 90 degrees, as a model file requires."""
-    return result.values.k0_Nm_per_rad > 0.0 and result.values.k2_per_rad2 >= SOFTEST_K2
+    return result.values.k0_Nm_per_rad > 0.0 and result.values.k2_per_rad2 >= MIN_K2_PER_RAD2
 
 
 def can_curve_be_written(result: StaticResult) -> bool:
@@ -41,7 +41,7 @@ def write_calibration(
     refuses.
     """
     values, rests = result.values, result.rests[0]
-    leg = with_law(nominal["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
+    leg = replace_by_law(nominal["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
     sections = _sections({**nominal, "leg": leg}, result.rig, rests)
     write_model(path, sections, _keep_stated(known_to) | _make_known_to(result) | _rest_known_to(rests), _comments(result, sources))
 
@@ -55,7 +55,7 @@ def write_curve(path: Path, result: StaticResult, nominal: Mapping[str, Any], kn
     """
     keys, rests = curve_keys(result), result.rests[1]
     band = relative_std(TorqueRotationSection.model_validate(keys))
-    sections = _sections({**nominal, "leg": with_curve(nominal["leg"], keys)}, result.rig, rests)
+    sections = _sections({**nominal, "leg": replace_by_curve(nominal["leg"], keys)}, result.rig, rests)
     apart = 0.0 if result.model_form.holds else abs(result.model_form.apart_relative)
     # The curve has no k2; its scale takes the key k0_relative.
     known = {key: value for key, value in _keep_stated(known_to).items() if key not in ("k0_relative", "k2_relative")}
@@ -67,7 +67,7 @@ def curve_keys(result: StaticResult) -> dict[str, Any]:
     """The keys of [leg.torque_rotation] for the measured curve."""
     basis, covariance = result.model.basis, result.model.covariance
     # The form for a model is always a spline through rest; the assertion tells the type checker.
-    assert isinstance(basis, ThroughRest)
+    assert isinstance(basis, SplineThroughRest)
     return {
         "angles_deg": np.degrees(basis.knots_rad).tolist(),
         "torques_Nm": result.model.coefficients.tolist(),
@@ -80,7 +80,7 @@ def _sections(nominal: Mapping[str, Any], rig: RigModel, rests: RestAngles | Non
     leg = nominal_model(nominal).leg
     if rests is not None:
         leg = replace(leg, rest_angles_rad=tuple(rests.rest_rad.tolist()))
-    return fitted_sections(nominal, replace(rig, leg=leg))
+    return make_fitted_sections(nominal, replace(rig, leg=leg))
 
 
 def _keep_stated(known_to: Mapping[str, Any]) -> dict[str, float]:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
-from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjusted, freed, weighed
-from rfca_rig.analysis.torque_rotation.recovery import Recovered
+from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjustment, linearise_groups, stack_rows
+from rfca_rig.analysis.torque_rotation.recovery import CurveFit
 from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.analysis.torque_rotation.systematics import rest_name
 
@@ -53,7 +53,7 @@ class HingeCheck:
     std: float
 
     @property
-    def differs(self) -> bool:
+    def is_significant(self) -> bool:
         return abs(self.stiffer) > SIGNIFICANT_STD * self.std
 
 
@@ -88,7 +88,7 @@ class RestCheck:
     std_rad: float
 
     @property
-    def differs(self) -> bool:
+    def is_significant(self) -> bool:
         return abs(self.rest_rad) > SIGNIFICANT_STD * self.std_rad
 
 
@@ -107,7 +107,7 @@ class BendingLoop:
 
 
 @dataclass(frozen=True)
-class FoundSystematicError:
+class EstimatedSystematicError:
     """Estimate of a systematic error, in its unit for a reader; `pull` is the estimate in prior standard deviations."""
 
     says: str
@@ -118,13 +118,13 @@ class FoundSystematicError:
     pull: float
 
     @property
-    def strained(self) -> bool:
+    def is_implausible(self) -> bool:
         """Whether it is farther from its nominal value than its prior allows."""
         return abs(self.pull) > SIGNIFICANT_STD
 
 
 @dataclass(frozen=True)
-class Stray:
+class Outlier:
     """A reading that is `pull` standard deviations from the value that the balance asks for: by `off`, in `unit`."""
 
     label: str
@@ -134,7 +134,7 @@ class Stray:
     pull: float
 
 
-def strays(found: Recovered, data: StageData) -> tuple[Stray, ...]:
+def find_outliers(found: CurveFit, data: StageData) -> tuple[Outlier, ...]:
     """Outliers: readings that noise does not explain, the worst first."""
     C = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)
     off = data.measured - found.adjusted.point.z
@@ -143,12 +143,12 @@ def strays(found: Recovered, data: StageData) -> tuple[Stray, ...]:
     names += [("the shaft's angle", "degrees", np.degrees(1.0)), ("fy", "N", 1.0), ("fz", "N", 1.0), ("tx", "N m", 1.0)]
     far = sorted(np.argwhere(np.abs(pulls) > OUTLIER_STD).tolist(), key=lambda place: -abs(pulls[*place]))
     return tuple(
-        Stray(data.label(row), names[column][0], float(names[column][2] * off[row, column]), names[column][1], float(pulls[row, column]))
+        Outlier(data.label(row), names[column][0], float(names[column][2] * off[row, column]), names[column][1], float(pulls[row, column]))
         for row, column in far
     )
 
 
-def form_check(law: Recovered, free: Recovered, law_curve: TorqueCurve, free_curve: TorqueCurve) -> FormCheck:
+def compare_forms(law: CurveFit, free: CurveFit, law_curve: TorqueCurve, free_curve: TorqueCurve) -> FormCheck:
     """Compare two solutions with the same errors, at the same angles of the hinges, whatever their rest angles."""
     gain = max(law.adjusted.chi2 - free.adjusted.chi2, 0.0)
     more = free.adjusted.balance.basis.size - law.adjusted.balance.basis.size
@@ -162,7 +162,7 @@ def form_check(law: Recovered, free: Recovered, law_curve: TorqueCurve, free_cur
     return FormCheck(gain, more, float(chi2.sf(gain, max(more, 1))), float(grid[worst]), apart, apart / scale)
 
 
-def hinge_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[HingeCheck, ...]:
+def check_hinges(found: CurveFit, data: StageData, curve: TorqueCurve) -> tuple[HingeCheck, ...]:
     """Test for each hinge whether it is stiffer than the curve that the others share."""
     torque = curve.torque_Nm(from_rest_rad(found, data).ravel())[0].reshape(-1, data.hinges)
     # The curve's own torque at one hinge alone is the column for a relative change of its stiffness.
@@ -170,13 +170,13 @@ def hinge_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple
     return tuple(HingeCheck(j + 2, value, std) for j, (value, std) in enumerate(_score_columns(found, data, columns)))
 
 
-def from_rest_rad(found: Recovered, data: StageData) -> Floats:
+def from_rest_rad(found: CurveFit, data: StageData) -> Floats:
     """Angles (S, h) of the hinges from the rest angles found."""
     point, balance = found.adjusted.point, found.adjusted.balance
     return np.asarray(point.z[:, : data.hinges] - balance.rest_rad(point.p))
 
 
-def rest_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[RestCheck, ...]:
+def check_rest_angles(found: CurveFit, data: StageData, curve: TorqueCurve) -> tuple[RestCheck, ...]:
     """Test for each hinge, and for all together, whether it rests elsewhere; no tests where rest angles are unknowns already."""
     if found.adjusted.balance.systematic_errors.place(rest_name(0)) is not None:
         return ()
@@ -187,7 +187,7 @@ def rest_checks(found: Recovered, data: StageData, curve: TorqueCurve) -> tuple[
     return tuple(RestCheck(j + 2 if j < data.hinges else None, value, std) for j, (value, std) in enumerate(estimates))
 
 
-def rest_angles(found: Recovered, widened: float) -> RestAngles | None:
+def estimate_rest_angles(found: CurveFit, widened: float) -> RestAngles | None:
     """The rest angles with their covariance, errors multiplied by `widened`; None where they count as exact."""
     adjusted = found.adjusted
     first, hinges = adjusted.balance.systematic_errors.place(rest_name(0)), adjusted.balance.L.size - 1
@@ -202,11 +202,13 @@ def rest_angles(found: Recovered, widened: float) -> RestAngles | None:
     return RestAngles(rest_rad, widened**2 * covariance[places, places], with_slope / float(np.sqrt(variances)))
 
 
-def _score_columns(found: Recovered, data: StageData, columns: Floats) -> list[tuple[float, float]]:
+def _score_columns(found: CurveFit, data: StageData, columns: Floats) -> list[tuple[float, float]]:
     """Value and standard deviation of each further column of hinge torque (S, h, e), tested one at a time beside all other unknowns."""
     adjusted = found.adjusted
     C = found.errors.covariance(data, adjusted.balance.rig.leg.link_lengths_m)
-    rows = weighed(adjusted.balance, freed(adjusted.balance, adjusted.groups, data.measured, C, adjusted.point, columns), adjusted.point.p)
+    rows = stack_rows(
+        adjusted.balance, linearise_groups(adjusted.balance, adjusted.groups, data.measured, C, adjusted.point, columns), adjusted.point.p
+    )
     # Columns of equal size keep the least squares well conditioned.
     scale = np.linalg.norm(rows.matrix, axis=0)
     results = []
@@ -219,7 +221,7 @@ def _score_columns(found: Recovered, data: StageData, columns: Floats) -> list[t
     return results
 
 
-def loop_of(found: Recovered, data: StageData) -> BendingLoop | None:
+def estimate_loop(found: CurveFit, data: StageData) -> BendingLoop | None:
     """The hysteresis loop from the first further column, where `found` has `data.turned` for one; None where no hinge turned back."""
     bending = data.turned * np.sign(data.measured[:, : data.hinges])
     back = int((bending < 0).sum())
@@ -230,11 +232,11 @@ def loop_of(found: Recovered, data: StageData) -> BendingLoop | None:
     return BendingLoop(float(found.adjusted.point.p[place]), std, int((bending > 0).sum()), back)
 
 
-def found_systematic_errors(adjusted: Adjusted) -> tuple[FoundSystematicError, ...]:
+def list_estimated_errors(adjusted: Adjustment) -> tuple[EstimatedSystematicError, ...]:
     """Estimates of all systematic errors."""
     first, systematic_errors = adjusted.balance.curve_size, adjusted.balance.systematic_errors.each
     values, std = adjusted.point.p[first:], np.sqrt(np.diag(adjusted.covariance))[first:]
     return tuple(
-        FoundSystematicError(d.says, d.unit, *d.shown(float(v), float(s)), d.scale * d.std, float(v) / d.std)
+        EstimatedSystematicError(d.says, d.unit, *d.shown(float(v), float(s)), d.scale * d.std, float(v) / d.std)
         for d, v, s in zip(systematic_errors, values, std, strict=True)
     )

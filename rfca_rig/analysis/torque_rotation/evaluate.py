@@ -7,29 +7,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.bases import Basis, Hardening, Spline, ThroughRest, spline_over, through_rest
+from rfca_rig.analysis.torque_rotation.bases import Basis, Hardening, Spline, SplineThroughRest, make_spline, make_spline_through_rest
 from rfca_rig.analysis.torque_rotation.checks import (
-    form_check,
-    found_systematic_errors,
+    check_hinges,
+    check_rest_angles,
+    compare_forms,
+    estimate_loop,
+    estimate_rest_angles,
+    find_outliers,
     from_rest_rad,
-    hinge_checks,
-    loop_of,
-    rest_angles,
-    rest_checks,
-    strays,
+    list_estimated_errors,
 )
 from rfca_rig.analysis.torque_rotation.curve import TorqueCurve, law_values
 from rfca_rig.analysis.torque_rotation.noise import Errors
 from rfca_rig.analysis.torque_rotation.points import points_of
-from rfca_rig.analysis.torque_rotation.recovery import Recovered, recovered
-from rfca_rig.analysis.torque_rotation.stages import StageData, stage_data
+from rfca_rig.analysis.torque_rotation.recovery import CurveFit, fit_curve
+from rfca_rig.analysis.torque_rotation.stages import StageData, make_stage_data
 from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult
 from rfca_rig.analysis.torque_rotation.systematics import Instruments, SystematicErrors, list_systematic_errors
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.torque_spline import FEWEST_ANGLES as FEWEST_KNOTS
-from rfca_rig.progress import Watcher, unwatched
+from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording.model import Recording
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ SOLVE_COUNT = 6
 
 
 @dataclass(frozen=True)
-class Supposition:
+class StageAssumptions:
     """Model and uncertainties that the stages are evaluated with, all in the files' units.
 
     `nominal` has the sections of a model, `known_to` the uncertainties of its values, `instruments` those of sensor and marks.
@@ -70,27 +70,27 @@ class _Case:
     rig: RigModel
     systematic_errors: SystematicErrors
 
-    def solved(self, basis: Basis, errors: Errors, loop: bool = False, learn: bool = True) -> Recovered:
+    def solve(self, basis: Basis, errors: Errors, loop: bool = False, learn: bool = True) -> CurveFit:
         turned = self.data.turned[:, :, None] if loop else None
-        return recovered(self.data, self.rig, basis, self.systematic_errors, errors, turned, learn)
+        return fit_curve(self.data, self.rig, basis, self.systematic_errors, errors, turned, learn)
 
     def splines(self) -> Spline:
         """A form that fits any curve, whatever its torque at rest."""
         nominal = np.array(self.rig.leg.rest_angles_rad or (0.0,) * self.data.hinges)
         angles = (self.data.measured[:, : self.data.hinges] - nominal)[self.data.seen]
-        return spline_over(angles, int(np.clip(len(angles) // ANGLES_PER_PIECE, 1, MOST_PIECES)))
+        return make_spline(angles, int(np.clip(len(angles) // ANGLES_PER_PIECE, 1, MOST_PIECES)))
 
-    def through_rest(self, law: Recovered) -> list[ThroughRest]:
+    def through_rest(self, law: CurveFit) -> list[SplineThroughRest]:
         """Forms that a model can take, the simplest first; angles count from the rest angles of `law`."""
         angles = from_rest_rad(law, self.data)[self.data.seen]
         knots = int(np.clip(len(angles) // ANGLES_PER_PIECE, FEWEST_KNOTS, MOST_KNOTS))
         shares: list[Sequence[float]] = [tuple(np.arange(1, knots + 1) / knots)]
         if len(angles) >= ANGLES_NEAR_REST:
             shares.append(NEAR_REST)
-        return [through_rest(angles, each) for each in shares]
+        return [make_spline_through_rest(angles, each) for each in shares]
 
 
-def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Watcher = unwatched) -> StaticResult:
+def evaluate(recordings: Sequence[Recording], supposed: StageAssumptions, watcher: ProgressCount = ignore_progress) -> StaticResult:
     """Determine the curve that all stages of the recordings share.
 
     Parameters
@@ -118,21 +118,21 @@ def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Wa
     free = _freest(case)
     watcher(1, SOLVE_COUNT)
     looped = _with_loop(case, free)
-    loop = loop_of(looped, case.data) if looped else None
+    loop = estimate_loop(looped, case.data) if looped else None
     # A hysteresis loop is kept in the model only where it is significant.
     closed = looped if looped is not None and loop is not None and loop.seen else None
     free = closed or free
     watcher(2, SOLVE_COUNT)
-    law = case.solved(Hardening(), free.errors, loop=closed is not None)
+    law = case.solve(Hardening(), free.errors, loop=closed is not None)
     watcher(3, SOLVE_COUNT)
     # Both forms are compared with the same errors; with errors of its own each would look adequate.
-    same_errors = case.solved(Hardening(), free.errors, loop=closed is not None, learn=False)
+    same_errors = case.solve(Hardening(), free.errors, loop=closed is not None, learn=False)
     watcher(4, SOLVE_COUNT)
     model = _model(case, free, law, closed is not None)
     watcher(5, SOLVE_COUNT)
     widened = _repeats(recordings, supposed, law)
     law_curve, free_curve, model_curve = (_curve(found, case.data, widened.widened) for found in (law, free, model))
-    form = form_check(same_errors, free, _curve(same_errors, case.data, 1.0), free_curve)
+    form = compare_forms(same_errors, free, _curve(same_errors, case.data, 1.0), free_curve)
     found = law if form.holds else free
     return StaticResult(
         rig=case.rig,
@@ -142,24 +142,24 @@ def evaluate(recordings: Sequence[Recording], supposed: Supposition, watcher: Wa
         values=law_values(law_curve),
         free=free_curve,
         model=model_curve,
-        model_form=form_check(model, free, model_curve, free_curve),
-        rests=tuple(rest_angles(each, widened.widened) for each in (law, model)),
-        rest_checks=rest_checks(law, case.data, law_curve),
+        model_form=compare_forms(model, free, model_curve, free_curve),
+        rests=tuple(estimate_rest_angles(each, widened.widened) for each in (law, model)),
+        rest_checks=check_rest_angles(law, case.data, law_curve),
         form=form,
         loop=loop,
-        hinges=hinge_checks(found, case.data, law_curve if form.holds else free_curve),
-        systematic_errors=found_systematic_errors(found.adjusted),
-        strays=strays(found, case.data),
+        hinges=check_hinges(found, case.data, law_curve if form.holds else free_curve),
+        systematic_errors=list_estimated_errors(found.adjusted),
+        strays=find_outliers(found, case.data),
         points=points_of(found, case.data),
         repeats=widened,
     )
 
 
-def _case(recordings: Sequence[Recording], supposed: Supposition) -> _Case:
+def _case(recordings: Sequence[Recording], supposed: StageAssumptions) -> _Case:
     rig = nominal_model(supposed.nominal)
     _check(recordings, rig)
     noise_std = supposed.nominal["sensor"].get("noise_std") or {}
-    data = stage_data(recordings, noise_std, supposed.hinge_std_deg)
+    data = make_stage_data(recordings, noise_std, supposed.hinge_std_deg)
     if len(data.stages) < FEWEST_STAGES or int(data.seen.sum()) < FEWEST_ANGLES:
         raise BadInput(
             f"{len(data.stages)} settled stages with {int(data.seen.sum()) if len(data.stages) else 0} hinge angles in all: a curve needs "
@@ -196,21 +196,21 @@ def _check(recordings: Sequence[Recording], rig: RigModel) -> None:
                 )
 
 
-def _model(case: _Case, free: Recovered, law: Recovered, has_loop: bool) -> Recovered:
+def _model(case: _Case, free: CurveFit, law: CurveFit, has_loop: bool) -> CurveFit:
     """The simplest form that a model can take and that is not rejected against the free splines, else the finest."""
     for basis in case.through_rest(law):
-        found = case.solved(basis, free.errors, loop=has_loop, learn=False)
-        if form_check(found, free, _curve(found, case.data, 1.0), _curve(free, case.data, 1.0)).holds:
+        found = case.solve(basis, free.errors, loop=has_loop, learn=False)
+        if compare_forms(found, free, _curve(found, case.data, 1.0), _curve(free, case.data, 1.0)).holds:
             break
     return found
 
 
-def _freest(case: _Case) -> Recovered:
+def _freest(case: _Case) -> CurveFit:
     """Solution with splines and the likelier noise model, of independent hinges or of shared marks; noise without a balance is left out."""
     solutions, last_error = [], None
     for chained in (False, True):
         try:
-            solutions.append(case.solved(case.splines(), Errors(chained=chained)))
+            solutions.append(case.solve(case.splines(), Errors(chained=chained)))
         except SimulationFailed as error:
             last_error = error
     if not solutions and last_error is not None:
@@ -218,13 +218,13 @@ def _freest(case: _Case) -> Recovered:
     return max(solutions, key=lambda one: one.log_likelihood)
 
 
-def _with_loop(case: _Case, free: Recovered) -> Recovered | None:
+def _with_loop(case: _Case, free: CurveFit) -> CurveFit | None:
     """The same with a hysteresis loop, where hinges turned back."""
     bending = case.data.turned * np.sign(case.data.measured[:, : case.data.hinges])
-    return case.solved(case.splines(), free.errors, loop=True) if (bending < 0).any() else None
+    return case.solve(case.splines(), free.errors, loop=True) if (bending < 0).any() else None
 
 
-def _curve(found: Recovered, data: StageData, widened: float) -> TorqueCurve:
+def _curve(found: CurveFit, data: StageData, widened: float) -> TorqueCurve:
     adjusted = found.adjusted
     # The curve counts as known only over the angles that were measured.
     angles = from_rest_rad(found, data)[data.seen]
@@ -239,7 +239,7 @@ def _curve(found: Recovered, data: StageData, widened: float) -> TorqueCurve:
     )
 
 
-def _repeats(recordings: Sequence[Recording], supposed: Supposition, law: Recovered) -> Repeats:
+def _repeats(recordings: Sequence[Recording], supposed: StageAssumptions, law: CurveFit) -> Repeats:
     """Each recording by itself with the errors found for all, where several recordings suffice."""
     if len(recordings) < 2:
         return Repeats()
@@ -251,7 +251,7 @@ def _repeats(recordings: Sequence[Recording], supposed: Supposition, law: Recove
             case = _case([recording], supposed)
         except BadInput:
             continue
-        alone = case.solved(Hardening(), law.errors, learn=False)
+        alone = case.solve(Hardening(), law.errors, learn=False)
         curve = _curve(alone, case.data, 1.0)
         # Mahalanobis distance of each recording from the common curve: its mean should be 1 per coefficient.
         apart = curve.coefficients - middle

@@ -32,7 +32,7 @@ CONVERGED_Z_STD = 5e-3
 FREE_STD = 1e6
 
 
-class Unbalanced(Exception):
+class NotConverged(Exception):
     """The adjustment did not converge; stage `row` is farthest from its measured values."""
 
     def __init__(self, row: int) -> None:
@@ -50,7 +50,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Freed:
+class WhitenedConditions:
     """The whitened conditions of one group, split by the stages' own unknowns c.
 
     `factor` (S, R, R) whitens. `beside` (S, R, 1 + P + e) holds the whitened conditions, their derivatives by p, and further columns. `q`,
@@ -94,7 +94,7 @@ class Freed:
 
 
 @dataclass(frozen=True)
-class Adjusted:
+class Adjustment:
     """The solution; `covariance` (P, P) is that of p.
 
     `chi2` is that of data and systematic errors together, `freedom` its degrees of freedom. `log_likelihood` is that of the noise, with
@@ -121,7 +121,7 @@ class Adjusted:
 
 
 @dataclass(frozen=True)
-class Weighed:
+class NormalRows:
     """Rows of all groups and of the systematic errors: `matrix` (m, P), `right` (m,), further columns `extra` (m, e)."""
 
     matrix: Floats
@@ -143,7 +143,7 @@ class Weighed:
         return -0.5 * (float(left @ left) + self.log_det + float(np.linalg.slogdet(self.information)[1]))
 
 
-def freed(
+def linearise_groups(
     balance: Balance,
     groups: Sequence[Group],
     measured: Floats,
@@ -151,7 +151,7 @@ def freed(
     point: Point,
     extra: Floats | None = None,
     slack: Sequence[Floats] = (),
-) -> tuple[Freed, ...]:
+) -> tuple[WhitenedConditions, ...]:
     """Linearise and whiten the groups' conditions about a point.
 
     Parameters
@@ -174,7 +174,9 @@ def freed(
     return tuple(_whiten(line, measured[g.rows] - point.z[g.rows], C[g.rows], _of(extra, g)) for line, g in zip(lines, groups, strict=True))
 
 
-def refreed(parts: Sequence[Freed], groups: Sequence[Group], moved: Floats, C: Floats) -> tuple[Freed, ...]:
+def rewhiten_groups(
+    parts: Sequence[WhitenedConditions], groups: Sequence[Group], moved: Floats, C: Floats
+) -> tuple[WhitenedConditions, ...]:
     """The same conditions for another covariance C (S, m, m); `moved` (S, m) is measured values minus the point of linearisation."""
     return tuple(_whiten(part.line, moved[g.rows], C[g.rows], None) for part, g in zip(parts, groups, strict=True))
 
@@ -183,7 +185,7 @@ def _of(extra: Floats | None, group: Group) -> Floats | None:
     return None if extra is None else extra[group.rows]
 
 
-def _whiten(line: LinearConditions, moved: Floats, C: Floats, extra: Floats | None) -> Freed:
+def _whiten(line: LinearConditions, moved: Floats, C: Floats, extra: Floats | None) -> WhitenedConditions:
     V = line.by_z @ C @ np.swapaxes(line.by_z, 1, 2)
     every = np.arange(V.shape[1])
     V[:, every, every] += line.slack
@@ -194,10 +196,10 @@ def _whiten(line: LinearConditions, moved: Floats, C: Floats, extra: Floats | No
     if extra is not None:
         parts.append(np.concatenate([extra, np.zeros((len(w), V.shape[1] - extra.shape[1], extra.shape[2]))], axis=1))
     q, r = np.linalg.qr(np.linalg.solve(factor, line.by_c), mode="complete")
-    return Freed(line, C, factor, np.linalg.solve(factor, np.concatenate(parts, axis=2)), q, r)
+    return WhitenedConditions(line, C, factor, np.linalg.solve(factor, np.concatenate(parts, axis=2)), q, r)
 
 
-def weighed(balance: Balance, parts: Sequence[Freed], p: Floats) -> Weighed:
+def stack_rows(balance: Balance, parts: Sequence[WhitenedConditions], p: Floats) -> NormalRows:
     """Stack the rows of all groups, with those of the systematic errors' priors below, at unknowns p (P,)."""
     rows = np.concatenate([part.rows for part in parts])
     std = np.concatenate([np.full(balance.curve_size, FREE_STD), balance.systematic_errors.std])
@@ -206,10 +208,10 @@ def weighed(balance: Balance, parts: Sequence[Freed], p: Floats) -> Weighed:
     prior = np.where(std < FREE_STD, p / std, 0.0)
     right = np.concatenate([rows[:, 0], prior])
     extra = np.concatenate([rows[:, 1 + p.size :], np.zeros((p.size, rows.shape[1] - 1 - p.size))])
-    return Weighed(matrix, right, extra, sum(part.log_det for part in parts), len(rows) - balance.curve_size)
+    return NormalRows(matrix, right, extra, sum(part.log_det for part in parts), len(rows) - balance.curve_size)
 
 
-def adjust(balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point) -> Adjusted:
+def adjust(balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point) -> Adjustment:
     """Adjust the measured values and unknowns from `start` until the conditions hold.
 
     Parameters
@@ -235,19 +237,19 @@ def adjust(balance: Balance, groups: Sequence[Group], measured: Floats, C: Float
     try:
         return _iterate(balance, groups, measured, C, start)
     except np.linalg.LinAlgError:
-        raise Unbalanced(0) from None
+        raise NotConverged(0) from None
 
 
-def _iterate(balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point) -> Adjusted:
+def _iterate(balance: Balance, groups: Sequence[Group], measured: Floats, C: Floats, start: Point) -> Adjustment:
     point, slack = start, list[Floats]()
     for count in range(MAX_STEPS):
         # Damping sets in late, so that ordinary cases keep the fast convergence of whole steps.
         most = max(DAMPING ** max(count - DAMP_AFTER_STEPS, 0), MIN_STEP_SHARE)
-        parts = freed(balance, groups, measured, C, point, slack=slack)
+        parts = linearise_groups(balance, groups, measured, C, point, slack=slack)
         # The slack depends on the solution. Freezing it stops steps and weights from alternating.
         if count == DAMP_AFTER_STEPS:
             slack = [part.line.slack for part in parts]
-        rows = weighed(balance, parts, point.p)
+        rows = stack_rows(balance, parts, point.p)
         dp = rows.step()
         covariance = np.asarray(np.linalg.inv(rows.information), np.float64)
         before, (point, whole) = point, _step_from(point, groups, parts, measured, dp, most)
@@ -256,12 +258,12 @@ def _iterate(balance: Balance, groups: Sequence[Group], measured: Floats, C: Flo
         close = 1.0 if most == 1.0 else DAMPED_TOLERANCE_FACTOR
         if whole and in_std.max() < close * CONVERGED_STD and z_in_std.max() < close * CONVERGED_Z_STD:
             left = rows.right + rows.matrix @ dp
-            return Adjusted(balance, tuple(groups), point, covariance, float(left @ left), rows.freedom, rows.log_likelihood())
-    raise Unbalanced(int(np.abs((point.z - measured) / np.sqrt(np.diagonal(C, axis1=1, axis2=2))).max(axis=1).argmax()))
+            return Adjustment(balance, tuple(groups), point, covariance, float(left @ left), rows.freedom, rows.log_likelihood())
+    raise NotConverged(int(np.abs((point.z - measured) / np.sqrt(np.diagonal(C, axis1=1, axis2=2))).max(axis=1).argmax()))
 
 
 def _step_from(
-    point: Point, groups: Sequence[Group], parts: Sequence[Freed], measured: Floats, dp: Floats, most: float
+    point: Point, groups: Sequence[Group], parts: Sequence[WhitenedConditions], measured: Floats, dp: Floats, most: float
 ) -> tuple[Point, bool]:
     """The next point, at the share `most` of the step, and whether the step was not cut.
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjusted, freed, refreed, weighed
-from rfca_rig.analysis.torque_rotation.stages import NOT_SEEN_STD_RAD, SHAFT_STD_RAD, StageData
+from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjustment, linearise_groups, rewhiten_groups, stack_rows
+from rfca_rig.analysis.torque_rotation.stages import MISSING_STD_RAD, SHAFT_STD_RAD, StageData
 
 Floats = NDArray[np.float64]
 
@@ -39,8 +39,8 @@ class Errors:
         """Covariance (S, h + 4, h + 4) of the measured values at each stage."""
         h = data.hinges
         std = np.where(data.unstated, self.hinge_std_rad, self.stated_factor * data.hinge_std_rad)
-        std = np.where(data.seen, std, NOT_SEEN_STD_RAD)
-        correlation = of_shared_marks(link_lengths_m) if self.chained else np.eye(h)
+        std = np.where(data.seen, std, MISSING_STD_RAD)
+        correlation = mark_correlation(link_lengths_m) if self.chained else np.eye(h)
         C = np.zeros((len(std), h + 4, h + 4))
         C[:, :h, :h] = std[:, :, None] * correlation * std[:, None, :]
         others = np.concatenate([np.full((len(std), 1), SHAFT_STD_RAD), self.force_factor * data.force_std], axis=1)
@@ -48,7 +48,7 @@ class Errors:
         C[:, places, places] = others**2
         return C
 
-    def moved(self, steps: dict[str, float]) -> "Errors":
+    def scaled_by_logs(self, steps: dict[str, float]) -> "Errors":
         """The same with these logarithms added. Limits from below, because computed tables have no noise and the adjustment needs some."""
         return Errors(
             max(self.hinge_std_rad * float(np.exp(steps.get("hinge", 0.0))), LEAST_HINGE_RAD),
@@ -64,7 +64,7 @@ class Errors:
         return sum(0.5 * (float(np.log(value)) / LOG_PRIOR_STD[name]) ** 2 for name, value in logs.items())
 
 
-def of_shared_marks(link_lengths_m: Sequence[float]) -> Floats:
+def mark_correlation(link_lengths_m: Sequence[float]) -> Floats:
     """Correlation (h, h) of hinge angles from marks at every hinge and at the tip with equal errors: neighbouring angles share two
     marks.
     """
@@ -77,20 +77,20 @@ def of_shared_marks(link_lengths_m: Sequence[float]) -> Floats:
     return np.asarray(covariance / np.outer(std, std))
 
 
-def learned(data: StageData, adjusted: Adjusted, errors: Errors) -> tuple[Errors, float]:
+def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tuple[Errors, float]:
     """Most probable errors given the stages, with curve and unknowns integrated out (REML), and their log-likelihood including the
     prior.
     """
     lengths, measured = adjusted.balance.rig.leg.link_lengths_m, data.measured
     groups = adjusted.groups
     # The conditions stay linearised at the solution, so that each trial costs only linear algebra.
-    parts = freed(adjusted.balance, groups, measured, errors.covariance(data, lengths), adjusted.point)
+    parts = linearise_groups(adjusted.balance, groups, measured, errors.covariance(data, lengths), adjusted.point)
     moved = measured - adjusted.point.z
     names = [name for name, there in _learnable(data).items() if there]
 
     def cost(logs: Floats) -> float:
-        trial = errors.moved(dict(zip(names, logs, strict=True)))
-        rows = weighed(adjusted.balance, refreed(parts, groups, moved, trial.covariance(data, lengths)), adjusted.point.p)
+        trial = errors.scaled_by_logs(dict(zip(names, logs, strict=True)))
+        rows = stack_rows(adjusted.balance, rewhiten_groups(parts, groups, moved, trial.covariance(data, lengths)), adjusted.point.p)
         return trial.misfit() - rows.log_likelihood()
 
     first = np.concatenate([np.zeros((1, len(names))), np.diag([FIRST_LOG_STEP[name] for name in names])])
@@ -98,7 +98,7 @@ def learned(data: StageData, adjusted: Adjusted, errors: Errors) -> tuple[Errors
     found = minimize(
         cost, first[0], method="Nelder-Mead", options={"xatol": SEARCH_TOLERANCE, "fatol": SEARCH_TOLERANCE, "initial_simplex": first}
     )
-    return errors.moved(dict(zip(names, found.x, strict=True))), -float(found.fun)
+    return errors.scaled_by_logs(dict(zip(names, found.x, strict=True))), -float(found.fun)
 
 
 def _learnable(data: StageData) -> dict[str, bool]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.balance import LinearConditions
-from rfca_rig.analysis.torque_rotation.recovery import Recovered
+from rfca_rig.analysis.torque_rotation.recovery import CurveFit
 from rfca_rig.analysis.torque_rotation.stages import StageData
 
 Floats = NDArray[np.float64]
@@ -27,12 +27,12 @@ class Points:
     turned: Floats
 
 
-def points_of(found: Recovered, data: StageData) -> Points:
+def points_of(found: CurveFit, data: StageData) -> Points:
     """Compute the points; zeros, tares, shares of several touching ends, and missing angles are taken from the solution."""
     balance, h = found.adjusted.balance, data.hinges
     p, curve = found.adjusted.point.p, slice(0, found.adjusted.balance.curve_size)
     z, C = _as_measured(found, data)
-    angle = balance.mended(z, p, data.recording)[:, :h] - balance.rest_rad(p)
+    angle = balance.correct_readings(z, p, data.recording)[:, :h] - balance.rest_rad(p)
     torque, std = np.empty(data.seen.shape), np.empty(data.seen.shape)
     for group, c in zip(found.adjusted.groups, found.adjusted.point.c, strict=True):
         line = balance.linear(group, z[group.rows], c, p)
@@ -47,7 +47,7 @@ def points_of(found: Recovered, data: StageData) -> Points:
     return Points(angle, angle_std, torque, std, data.turned * np.sign(data.measured[:, :h]))
 
 
-def _as_measured(found: Recovered, data: StageData) -> tuple[Floats, Floats]:
+def _as_measured(found: CurveFit, data: StageData) -> tuple[Floats, Floats]:
     """Readings (S, m) and their covariance (S, m, m); missing readings are taken from the solution, without error."""
     known = np.concatenate([data.seen, np.ones((len(data.seen), 4), dtype=bool)], axis=1)
     C = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.active_contacts import Ends, pressing, restarted, settled, supposed
+from rfca_rig.analysis.torque_rotation.active_contacts import Ends, find_pressing_ends, guess_contacts, make_start_point, solve_contacts
 from rfca_rig.analysis.torque_rotation.balance import Balance
 from rfca_rig.analysis.torque_rotation.bases import Basis
-from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjusted, Point
-from rfca_rig.analysis.torque_rotation.noise import Errors, learned
+from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjustment, Point
+from rfca_rig.analysis.torque_rotation.noise import Errors, estimate_noise
 from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.analysis.torque_rotation.systematics import SystematicErrors
 from rfca_rig.model.hinge_springs import bending_torque_Nm
@@ -23,16 +23,16 @@ LOG_TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
-class Recovered:
+class CurveFit:
     """A curve with the errors it was found with; `log_likelihood` is that of the errors, `ends` (S,) are those that touch."""
 
-    adjusted: Adjusted
+    adjusted: Adjustment
     errors: Errors
     log_likelihood: float
     ends: tuple[Ends, ...]
 
 
-def recovered(
+def fit_curve(
     data: StageData,
     rig: RigModel,
     basis: Basis,
@@ -40,7 +40,7 @@ def recovered(
     errors: Errors,
     extra: Floats | None = None,
     learn: bool = True,
-) -> Recovered:
+) -> CurveFit:
     """Fit the coefficients by least squares with errors in all measured values.
 
     Parameters
@@ -68,19 +68,19 @@ def recovered(
     p = np.zeros(balance.curve_size + len(systematic_errors.each))
     # Gauss-Newton begins at the nominal curve, with all systematic errors at 0.
     p[: basis.size] = _nominal_curve(rig, basis, data)
-    ends = supposed(balance, data, p)
-    point = restarted(balance, data, Point(data.measured.copy(), (), p), ends)
+    ends = guess_contacts(balance, data, p)
+    point = make_start_point(balance, data, Point(data.measured.copy(), (), p), ends)
     for _ in range(MAX_ROUNDS):
-        adjusted, ends = settled(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
+        adjusted, ends = solve_contacts(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
         if not learn:
-            return Recovered(adjusted, errors, adjusted.log_likelihood, pressing(adjusted, len(ends)))
+            return CurveFit(adjusted, errors, adjusted.log_likelihood, find_pressing_ends(adjusted, len(ends)))
         # Noise and curve depend on each other, so both are estimated in turn until the noise no longer changes.
-        before, (errors, likelihood) = errors, learned(data, adjusted, errors)
+        before, (errors, likelihood) = errors, estimate_noise(data, adjusted, errors)
         point = adjusted.point
         if _is_same(before, errors):
             break
-    adjusted, ends = settled(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
-    return Recovered(adjusted, errors, likelihood, pressing(adjusted, len(ends)))
+    adjusted, ends = solve_contacts(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
+    return CurveFit(adjusted, errors, likelihood, find_pressing_ends(adjusted, len(ends)))
 
 
 def _nominal_curve(rig: RigModel, basis: Basis, data: StageData) -> Floats:

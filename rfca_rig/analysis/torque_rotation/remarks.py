@@ -3,7 +3,7 @@
 import numpy as np
 
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-from rfca_rig.description.sections import SOFTEST_K2
+from rfca_rig.description.sections import MIN_K2_PER_RAD2
 
 # Limits above which a warning is given.
 MUCH_HINGE_DEG = 0.6  # of a hinge angle in a photo
@@ -45,9 +45,11 @@ def _form(result: StaticResult) -> list[str]:
 
 def _softens(result: StaticResult) -> str:
     k2 = result.values.k2_per_rad2
-    if k2 >= SOFTEST_K2:
+    if k2 >= MIN_K2_PER_RAD2:
         return f"The hinges soften: k2 is {k2:.3f} 1/rad2, below zero."
-    return f"The hinges soften: k2 is {k2:.3f} 1/rad2, and a law below {SOFTEST_K2:.3f} falls before 90 degrees; take the measured curve."
+    return (
+        f"The hinges soften: k2 is {k2:.3f} 1/rad2, and a law below {MIN_K2_PER_RAD2:.3f} falls before 90 degrees; take the measured curve."
+    )
 
 
 def _loop(result: StaticResult) -> list[str]:
@@ -100,13 +102,13 @@ def _hinges(result: StaticResult) -> list[str]:
         f"Hinge {check.hinge} is {abs(100 * check.stiffer):.1f} +- {100 * check.std:.1f} % {'stiffer' if check.stiffer > 0 else 'softer'} "
         "than the curve of all, which it bends towards itself."
         for check in result.hinges
-        if check.differs
+        if check.is_significant
     ]
 
 
 def _rests(result: StaticResult) -> list[str]:
     """The most significant departure alone: one hinge that rests elsewhere also shifts the mean of all, and the other way round."""
-    checks = [check for check in result.rest_checks if check.differs]
+    checks = [check for check in result.rest_checks if check.is_significant]
     if not checks:
         return []
     clearest = max(checks, key=lambda check: abs(check.rest_rad) / check.std_rad)
@@ -122,7 +124,7 @@ def _implausible_values(result: StaticResult) -> list[str]:
         f"The {found.says} would be {found.value:+.3g} {found.unit} from what was believed, which was said to be known to "
         f"{found.prior_std:.2g} {found.unit}. Measure it again."
         for found in result.systematic_errors
-        if found.strained
+        if found.is_implausible
     ]
 
 

@@ -18,11 +18,11 @@ MEAN_OF_SAMPLES = 5.0
 # Settled reading of an encoder.
 SHAFT_STD_RAD = 2e-4
 # Error of an angle that no photo shows: it has no influence.
-NOT_SEEN_STD_RAD = 1.0
+MISSING_STD_RAD = 1.0
 
 
 @dataclass(frozen=True)
-class Left:
+class OmittedStage:
     """A stage without information on the hinges, and why."""
 
     recording: int
@@ -47,7 +47,7 @@ class StageData:
     force_std: Floats
     sample_noise: Floats
     turned: Floats
-    left_out: tuple[Left, ...]
+    left_out: tuple[OmittedStage, ...]
 
     @property
     def hinges(self) -> int:
@@ -73,7 +73,9 @@ class StageData:
         return ~np.isinf(self.hinge_std_rad)
 
 
-def stage_data(recordings: Sequence[Recording], noise_std: Mapping[str, float | None], hinge_std_deg: float | None = None) -> StageData:
+def make_stage_data(
+    recordings: Sequence[Recording], noise_std: Mapping[str, float | None], hinge_std_deg: float | None = None
+) -> StageData:
     """All stages of the recordings that settled and have at least one hinge angle.
 
     Parameters
@@ -86,12 +88,12 @@ def stage_data(recordings: Sequence[Recording], noise_std: Mapping[str, float | 
         Error of a hinge angle where a stage does not state its own.
     """
     usable: list[tuple[int, StaticStage]] = []
-    left_out: list[Left] = []
+    left_out: list[OmittedStage] = []
     for number, recording in enumerate(recordings):
         for stage in recording.static:
             why = _useless(stage)
             if why:
-                left_out.append(Left(number, stage, why))
+                left_out.append(OmittedStage(number, stage, why))
             else:
                 usable.append((number, stage))
     return _arrays(usable, left_out, noise_std, hinge_std_deg)
@@ -104,7 +106,10 @@ def _useless(stage: StaticStage) -> str:
 
 
 def _arrays(
-    kept: Sequence[tuple[int, StaticStage]], left: Sequence[Left], noise_std: Mapping[str, float | None], hinge_std_deg: float | None
+    kept: Sequence[tuple[int, StaticStage]],
+    left: Sequence[OmittedStage],
+    noise_std: Mapping[str, float | None],
+    hinge_std_deg: float | None,
 ) -> StageData:
     stages = tuple(stage for _, stage in kept)
     number = np.array([number for number, _ in kept], dtype=np.intp)

@@ -4,11 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.analysis.torque_rotation.bases import ThroughRest
-from rfca_rig.analysis.torque_rotation.checks import BendingLoop, FormCheck, FoundSystematicError, HingeCheck, RestAngles, RestCheck, Stray
+from rfca_rig.analysis.torque_rotation.bases import SplineThroughRest
+from rfca_rig.analysis.torque_rotation.checks import (
+    BendingLoop,
+    EstimatedSystematicError,
+    FormCheck,
+    HingeCheck,
+    Outlier,
+    RestAngles,
+    RestCheck,
+)
 from rfca_rig.analysis.torque_rotation.curve import LawValues, TorqueCurve
 from rfca_rig.analysis.torque_rotation.points import Points
-from rfca_rig.analysis.torque_rotation.recovery import Recovered
+from rfca_rig.analysis.torque_rotation.recovery import CurveFit
 from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
@@ -34,7 +42,7 @@ class StaticResult:
 
     rig: RigModel
     data: StageData
-    found: Recovered
+    found: CurveFit
     law: TorqueCurve
     values: LawValues
     free: TorqueCurve
@@ -45,8 +53,8 @@ class StaticResult:
     form: FormCheck
     loop: BendingLoop | None
     hinges: tuple[HingeCheck, ...]
-    systematic_errors: tuple[FoundSystematicError, ...]
-    strays: tuple[Stray, ...]
+    systematic_errors: tuple[EstimatedSystematicError, ...]
+    strays: tuple[Outlier, ...]
     points: Points
     repeats: Repeats
 
@@ -54,7 +62,7 @@ class StaticResult:
     def not_monotone(self) -> str:
         """Why a model cannot take the measured curve, in one line; empty where it can."""
         basis = self.model.basis
-        assert isinstance(basis, ThroughRest)
+        assert isinstance(basis, SplineThroughRest)
         # The reader of model files decides, so that a curve is offered exactly when its file could be read.
         try:
             knots_from(np.degrees(basis.knots_rad).tolist(), self.model.coefficients.tolist(), "the measured curve")

@@ -11,7 +11,7 @@ from rfca_rig.analysis.torque_rotation.stages import FORCES, StageData
 Floats = NDArray[np.float64]
 
 # Marks an error that all recordings share.
-ANY = -1
+ALL_RECORDINGS = -1
 # Uncertainty of the rack's height where none is stated.
 HEIGHT_MM = 1.0
 # The same for the floor's stiffness.
@@ -38,7 +38,7 @@ class SystematicError:
     unit: str = ""
     scale: float = 1.0
     column: int | None = None
-    recording: int = ANY
+    recording: int = ALL_RECORDINGS
     is_log: bool = False
 
     def shown(self, value: float, std: float) -> tuple[float, float]:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rfca_rig.vision.board import Board
     from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto
     from rfca_rig.vision.camera_calibration import CameraCalibration
-    from rfca_rig.vision.plane_of_motion import BoardPlace
+    from rfca_rig.vision.plane_of_motion import BoardPlacement
 
 app = typer.Typer(help="Find the values that a rig's devices have.", no_args_is_help=True)
 
@@ -70,13 +70,13 @@ def camera(
 
     Example: rfca-rig calibrate camera board-photos/ --plane board-in-plane.jpg --board-at 20,15
     """
-    from rfca_rig.cli.terminal import marked
+    from rfca_rig.cli.terminal import make_marked_say
     from rfca_rig.description.camera_file import camera_file, write_camera_file
     from rfca_rig.errors import BadInput
-    from rfca_rig.vision.board import board_of
+    from rfca_rig.vision.board import parse_board
     from rfca_rig.vision.camera_calibration import calibrate
 
-    described = board_of(board)
+    described = parse_board(board)
     if make_board is not None:
         _make_board(described, make_board)
         return
@@ -84,10 +84,10 @@ def camera(
         raise BadInput(f"no photos named; print the board first: rfca-rig calibrate camera --board {board} --make-board board.pdf")
     _check_can_be_written(out)
     place = _place(plane, board_at, shaft_px, turned, nearer, reach)
-    say = marked("REAL", as_json)
+    say = make_marked_say("REAL", as_json)
     calibration = calibrate([_find_board_in(file, described, say) for file in _files(photos)])
     section = None if plane is None else _plane(plane, calibration, described, place, shaft_px)
-    file = camera_file(calibration, described.written(), section)
+    file = camera_file(calibration, described.to_text(), section)
     write_camera_file(out, file, [f"A camera, calibrated with {len(calibration.photos)} photos of a ChArUco board."])
     if as_json:
         typer.echo(file.model_dump_json(indent=1))
@@ -106,7 +106,7 @@ def _make_board(board: "Board", path: Path) -> None:
         raise BadInput(f"{path}: a board is written as .pdf or .png; name such a file")
     _check_can_be_written(path)
     write_atomically(path, makers[path.suffix.lower()](board))
-    typer.echo(f"board {board.written()} in {path}; print it at 100 %, check its line with a ruler, glue it flat", err=True)
+    typer.echo(f"board {board.to_text()} in {path}; print it at 100 %, check its line with a ruler, glue it flat", err=True)
 
 
 def _check_can_be_written(path: Path) -> None:
@@ -118,10 +118,10 @@ def _check_can_be_written(path: Path) -> None:
 
 
 def _files(photos: list[Path]) -> list[Path]:
-    from rfca_rig.drivers.photo_folder import photos_in
+    from rfca_rig.drivers.photo_folder import list_photos
     from rfca_rig.errors import BadInput
 
-    files = [file for path in photos for file in (photos_in(path) if path.is_dir() else [path])]
+    files = [file for path in photos for file in (list_photos(path) if path.is_dir() else [path])]
     if missing := next((file for file in files if not file.is_file()), None):
         raise BadInput(f"{missing}: no such photo; name photos, or folders that hold them")
     return files
@@ -143,11 +143,11 @@ def _find_board_in(file: Path, board: "Board", say: "Say") -> "BoardPhoto | Refu
 
 def _place(
     plane: Path | None, board_at: str | None, shaft_px: str | None, turned_deg: float, nearer_mm: float, reach: Reach
-) -> "BoardPlace":
+) -> "BoardPlacement":
     from math import radians
 
     from rfca_rig.errors import BadInput
-    from rfca_rig.vision.plane_of_motion import BoardPlace
+    from rfca_rig.vision.plane_of_motion import BoardPlacement
 
     if plane is None and (board_at or shaft_px):
         raise BadInput("--board-at and --shaft-px speak of the photo with the board in the plane; name it with --plane")
@@ -157,7 +157,7 @@ def _place(
     corner_mm = (0.0, 0.0) if board_at is None else _pair(board_at, "--board-at")
     if shaft_px is not None:
         _pair(shaft_px, "--shaft-px")
-    return BoardPlace((corner_mm[0] / 1e3, corner_mm[1] / 1e3), reach.value, radians(turned_deg), nearer_mm / 1e3)
+    return BoardPlacement((corner_mm[0] / 1e3, corner_mm[1] / 1e3), reach.value, radians(turned_deg), nearer_mm / 1e3)
 
 
 def _pair(text: str, option: str) -> tuple[float, float]:
@@ -174,7 +174,7 @@ def _pair(text: str, option: str) -> tuple[float, float]:
     return first, second
 
 
-def _plane(photo: Path, calibration: "CameraCalibration", board: "Board", place: "BoardPlace", shaft_px: str | None) -> "PlaneSection":
+def _plane(photo: Path, calibration: "CameraCalibration", board: "Board", place: "BoardPlacement", shaft_px: str | None) -> "PlaneSection":
     from dataclasses import replace
 
     from rfca_rig.description.camera_file import plane_section

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.bench.recorder import Recorder
-from rfca_rig.campaign.opening import open_with_belief
+from rfca_rig.campaign.opening import open_with_nominal_model
 from rfca_rig.cli.run_config import RunConfig
-from rfca_rig.cli.run_experiment import carry_out
-from rfca_rig.cli.terminal import Say, marked
+from rfca_rig.cli.run_experiment import run_and_record
+from rfca_rig.cli.terminal import Say, make_marked_say
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.planning import read_plan
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.description.toml import checked, read_text
+from rfca_rig.description.toml import read_text, validate
 from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
@@ -59,14 +59,14 @@ def close_the_loop(loop: ClosedLoop, recordings: Sequence[Recording], diagnosis:
         The rig must not or cannot run the proposed experiment.
     """
     rig = read_rig(loop.rig_path)
-    say = marked("REAL" if rig.is_real else "SIM", loop.quiet)
+    say = make_marked_say("REAL" if rig.is_real else "SIM", loop.quiet)
     for number in range(1, loop.rounds + 1):
         proposal = diagnosis.next_experiment
         if proposal is None or proposal["protocol"] is None:
             break
         say(f"round {number} of {loop.rounds}: {proposal['why']}")
         folder = _run(loop, rig, recordings[0], number)
-        recordings = [*recordings, *open_with_belief([folder])]
+        recordings = [*recordings, *open_with_nominal_model([folder])]
         diagnosis = diagnosed(recordings)
         say(f"round {number} of {loop.rounds}: {folder}: {diagnosis.sentence}")
     say(_ending(diagnosis))
@@ -86,7 +86,7 @@ def _ending(diagnosis: Diagnosis) -> str:
 def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
     """Runs the proposed protocol like the run commands: plan printed and checked, a real rig armed by typing."""
     path = loop.out / NEXT_PROTOCOL
-    model, model_text = belief(rig, first)
+    model, model_text = nominal_model_of(rig, first)
     config = RunConfig(
         rig=rig,
         rig_text=read_text(loop.rig_path),
@@ -99,7 +99,7 @@ def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
         model=model,
         model_text=model_text,
     )
-    folder, _ = carry_out(config, _print_nothing)
+    folder, _ = run_and_record(config, _print_nothing)
     if folder is None:
         raise BadInput(f"{path}: nothing was recorded")
     return folder
@@ -116,12 +116,12 @@ def _seed(loop: ClosedLoop, rig: RigFile, number: int) -> int | None:
     return (rig.twin.seed if loop.seed is None else loop.seed) + number
 
 
-def belief(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:
+def nominal_model_of(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:
     """The recordings' nominal model, where it differs from the rig file's: only recordings of one nominal model go together."""
     known_to = rig.known_to.model_dump(exclude_none=True) if rig.known_to else {}
     if rig.nominal() == first.nominal and known_to == first.known_to:
         return None, ""
-    model = checked({**first.nominal, "known_to": _without_none(first.known_to)}, ModelFile, first.title)
+    model = validate({**first.nominal, "known_to": _without_none(first.known_to)}, ModelFile, first.title)
     # A file of another version may lose values on the way; a new recording must state the very same model.
     if model.nominal() != first.nominal or model.known_to.model_dump(exclude_none=True) != first.known_to:
         raise BadInput(f"{first.title}: its nominal values cannot be taken over for new runs; run the proposed protocol by hand")

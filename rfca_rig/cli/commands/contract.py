@@ -21,10 +21,10 @@ def contract(
     path = find_file("calibration", rig)
     described = read_rig(path)
     try:
-        from rfca_rig.contracts.keeping import kept
+        from rfca_rig.contracts.keeping import run_conformance_tests
     # pytest is not installed with the package; only this command needs it.
     except ModuleNotFoundError as missing:
         raise BadInput(f"the contract needs {missing.name}; type pip install pytest") from None
-    if not kept(described, path.resolve()):
+    if not run_conformance_tests(described, path.resolve()):
         raise typer.Exit(1)
     typer.echo(f"{described.rig.title}: the contract is kept; next: rfca-rig doctor --rig {rig}")

@@ -32,13 +32,13 @@ def crosscheck(
     """
     from rfca_rig.analysis.crosscheck import check_condition, check_own_contact
     from rfca_rig.analysis.mujoco_leg import load_mujoco
-    from rfca_rig.cli.first_compile import tell_first_compile
+    from rfca_rig.cli.first_compile import announce_first_compile
     from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
-    from rfca_rig.progress import counted
+    from rfca_rig.progress import iterate_with_progress
     from rfca_rig.report.crosscheck_picture import write_crosscheck_picture
     from rfca_rig.report.picture_file import check_picture_path
 
@@ -53,10 +53,10 @@ def crosscheck(
     plan = read_dynamic(find_file("protocols", protocol))
     conditions = plan.flapping().conditions
     with progress(as_json) as bars:
-        tell_first_compile(bars, as_json)
+        announce_first_compile(bars, as_json)
         alike, own = bars.counting("the same contact in both"), bars.counting("MuJoCo's own contact")
-        same_ground = [check_condition(model, one, plan.sweep_deg) for one in counted(conditions, alike)]
-        own_contact = [check_own_contact(model, one, plan.sweep_deg) for one in counted(conditions, own)]
+        same_ground = [check_condition(model, one, plan.sweep_deg) for one in iterate_with_progress(conditions, alike)]
+        own_contact = [check_own_contact(model, one, plan.sweep_deg) for one in iterate_with_progress(conditions, own)]
     if picture is not None:
         write_crosscheck_picture(same_ground, picture)
     _say(same_ground, own_contact, as_json)
@@ -65,7 +65,7 @@ def crosscheck(
 def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondition]", as_json: bool) -> None:
     import json
 
-    from rfca_rig.analysis.crosscheck import PAPER_PCT, STIFFER, average_pct
+    from rfca_rig.analysis.crosscheck import PAPER_PCT, STIFFENING_FACTOR, average_pct
 
     if as_json:
         answer = {
@@ -78,7 +78,9 @@ def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondit
         return
     typer.echo(f"contact force, difference from MuJoCo\n{_table(same_ground)}", nl=False)
     typer.echo(f"average {average_pct(same_ground):.3f} %; the paper's model and RecurDyn: {PAPER_PCT:g} %")
-    print_lines([f"with MuJoCo's own contact, ground {STIFFER:g} times as stiff (touchdown and release depend on the law of contact):"])
+    print_lines(
+        [f"with MuJoCo's own contact, ground {STIFFENING_FACTOR:g} times as stiff (touchdown and release depend on the law of contact):"]
+    )
     typer.echo(_table(own_contact), nl=False)
 
 

@@ -62,11 +62,11 @@ def diagnose(
 
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
-    from rfca_rig.campaign.opening import experiment_among, open_with_belief, pendulum_among
+    from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model, pendulum_among
     from rfca_rig.cli.printing import Printing
     from rfca_rig.diagnosis.candidate_effects import check_known
     from rfca_rig.errors import BadInput
-    from rfca_rig.report.provenance import typed
+    from rfca_rig.report.provenance import command_line
 
     mechanism = experiment_among(paths)
     if mechanism is None:
@@ -74,7 +74,7 @@ def diagnose(
         check_known(without or ())
     known = [word for effect in without or () for word in ("--without", effect)]
     at = ["--law", law] if law else []
-    asked = DiagnoseOptions(paths, out, as_json, typed("diagnose", *paths, *known, *at), tuple(without or ()), law_at=law)
+    asked = DiagnoseOptions(paths, out, as_json, command_line("diagnose", *paths, *known, *at), tuple(without or ()), law_at=law)
     printing = Printing(pdf)
     if each and pdf:
         raise BadInput("--pdf prints one diagnosis; with --each, print the pages that matter by themselves")
@@ -94,14 +94,14 @@ def diagnose(
             raise BadInput("--close-the-loop runs experiments on a leg's rig; leave it out for a pendulum and do the proposed run by hand")
         diagnosis = _pendulum(asked)
     elif not close_the_loop:
-        diagnosis = _diagnose_leg(open_with_belief(paths), asked)
+        diagnosis = _diagnose_leg(open_with_nominal_model(paths), asked)
     else:
         from rfca_rig.cli.commands.close_the_loop import ClosedLoop
         from rfca_rig.cli.paths import find_file
 
         # The command is stored with the result, without options at their defaults.
         options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed}
-        command = typed("diagnose", *paths, *known, "--close-the-loop", options=options)
+        command = command_line("diagnose", *paths, *known, "--close-the-loop", options=options)
         diagnosis = _in_rounds(ClosedLoop(find_file("calibration", rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
     _say(diagnosis, out, as_json)
     printing.print([out / "diagnosis.html"], as_json)
@@ -147,11 +147,11 @@ class DiagnoseOptions:
 
 def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
     """The last diagnosis, after the proposed experiments."""
-    from rfca_rig.campaign.opening import open_with_belief
+    from rfca_rig.campaign.opening import open_with_nominal_model
     from rfca_rig.cli.commands.close_the_loop import close_the_loop
     from rfca_rig.description.rig_file import read_rig
 
-    recordings = open_with_belief(asked.paths)
+    recordings = open_with_nominal_model(asked.paths)
     within = replace(asked, limits=read_rig(loop.rig_path).facts().limits)
     return close_the_loop(loop, recordings, _diagnose_leg(recordings, within), lambda all_of_them: _diagnose_leg(all_of_them, within))
 
@@ -216,13 +216,13 @@ def _write_imported(diagnosis: "Diagnosis", asked: DiagnoseOptions) -> "Diagnosi
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.identity import identity_of_tables
     from rfca_rig.report.diagnosis_files import write_diagnosis
-    from rfca_rig.report.provenance import imported
+    from rfca_rig.report.provenance import origin_of_import
 
     (folder,) = asked.paths
     # The identity ties the result to these files, wherever they lie.
     recorded = Diagnosed(diagnosis.title, "IMPORT", identity_of_tables(diagnosis.title, folder))
     diagnosis = replace(diagnosis, recordings=(recorded,))
-    write_diagnosis(diagnosis, asked.out, imported(asked.command, folder, diagnosis.title))
+    write_diagnosis(diagnosis, asked.out, origin_of_import(asked.command, folder, diagnosis.title))
     return diagnosis
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from rfca_rig.cli.executors import open_executor
-from rfca_rig.progress import Told
+from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
     from rfca_rig.executors.base import TaskExecutor
@@ -25,18 +25,18 @@ def diagnose_each(
     """A folder for each path under `out`; an existing one stays. Raises RigError where some could not be diagnosed."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import RigError, Stopped
-    from rfca_rig.recording.atomic_dir import see_afresh, sweep_out
+    from rfca_rig.recording.atomic_dir import refresh_nfs_cache, remove_leftovers
 
     folders = _folders(paths, out)
     out.mkdir(parents=True, exist_ok=True)
-    sweep_out(out)
+    remove_leftovers(out)
     try:
         with progress(quiet=as_json) as bars, open_executor(workers, cluster, bars.told, out) as executor:
             failed = _diagnose_all(folders, without, executor, bars.told)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
     # Workers on other computers wrote the answers; this computer may not see the new folders yet.
-    see_afresh(out)
+    refresh_nfs_cache(out)
     answers = {name: json.loads((out / name / ANSWER).read_text(encoding="utf-8")) for name in folders if name not in failed}
     if as_json:
         typer.echo(json.dumps(answers, indent=1))
@@ -61,16 +61,18 @@ def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
     return folders
 
 
-def _diagnose_all(folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], executor: "TaskExecutor", told: Told) -> dict[str, str]:
+def _diagnose_all(
+    folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], executor: "TaskExecutor", told: ProgressReport
+) -> dict[str, str]:
     """Diagnoses what is missing; returns the reason, by name, for each that failed."""
-    from rfca_rig.executors.mapping import Failed, map_unordered
+    from rfca_rig.executors.mapping import TaskFailure, map_unordered
 
     to_do = [each for each in folders.values() if not (each[1] / ANSWER).is_file()]
     before = len(folders) - len(to_do)
     failed: dict[str, str] = {}
     told("diagnoses", before, len(folders))
     for number, ((_, into), result) in enumerate(map_unordered(executor, partial(diagnose_quietly, without), to_do), start=before + 1):
-        why = result.reason if isinstance(result, Failed) else result
+        why = result.reason if isinstance(result, TaskFailure) else result
         if why is not None:
             failed[into.name] = why
         told("diagnoses", number, len(folders))
@@ -81,12 +83,12 @@ def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | 
     """One diagnosis without output; returns the reason where the recordings cannot be used."""
     from rfca_rig.cli.commands.diagnose import diagnose
     from rfca_rig.errors import RigError
-    from rfca_rig.recording.atomic_dir import whole
+    from rfca_rig.recording.atomic_dir import atomic_directory
 
     recordings, folder = job
     try:
         # All or nothing: a folder that exists counts as done when the command is typed again.
-        with whole(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        with atomic_directory(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             diagnose([recordings], into, without=list(without))
     except RigError as error:
         return str(error)

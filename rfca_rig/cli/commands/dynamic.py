@@ -9,7 +9,7 @@ from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Rig, R
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
-    from rfca_rig.analysis.phases import Refused
+    from rfca_rig.analysis.phases import Undetermined
     from rfca_rig.analysis.valley import Valley
     from rfca_rig.bench.recorder import Recorder
     from rfca_rig.cli.terminal import Say
@@ -53,19 +53,21 @@ def run(
 
     Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
     """
-    from rfca_rig.cli.attach_view import viewing_of
-    from rfca_rig.cli.run_experiment import carry_out
-    from rfca_rig.cli.run_options import RunOptions, order_of
+    from rfca_rig.cli.attach_view import parse_viewing
+    from rfca_rig.cli.run_experiment import run_and_record
+    from rfca_rig.cli.run_options import RunOptions, make_run_config
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.protocol.experiments import flapping_plan
 
-    viewing = viewing_of(view, view_port, pace)
+    viewing = parse_viewing(view, view_port, pace)
     asked = RunOptions(
         rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ()
     )
-    config = order_of(asked, lambda path, facts: flapping_plan(_as_asked(read_dynamic(path), height, speed, repeats).flapping(), facts))
+    config = make_run_config(
+        asked, lambda path, facts: flapping_plan(_as_asked(read_dynamic(path), height, speed, repeats).flapping(), facts)
+    )
     valleys = Valleys()
-    folder, _ = carry_out(config, valleys.say_stage)
+    folder, _ = run_and_record(config, valleys.say_stage)
     if folder is not None:
         _close(config.mark, folder, valleys.rows, report, as_json)
 
@@ -73,17 +75,17 @@ def run(
 def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> "DynamicFile":
     """The protocol with the values that the command line replaces."""
     from rfca_rig.description.protocol_file import ConditionSection, DynamicFile
-    from rfca_rig.description.toml import checked
+    from rfca_rig.description.toml import validate
     from rfca_rig.errors import BadInput
 
     if (height_mm is None) != (speed_rad_s is None):
         raise BadInput("give --height and --speed together; alone, each leaves the other to chance")
     changes: dict[str, Any] = {} if repeats is None else {"repeats": repeats}
     if height_mm is not None and speed_rad_s is not None:
-        condition = checked({"height_mm": height_mm, "speed_rad_s": speed_rad_s}, ConditionSection, "--height, --speed")
+        condition = validate({"height_mm": height_mm, "speed_rad_s": speed_rad_s}, ConditionSection, "--height, --speed")
         changes |= {"conditions": (condition,), "title": f"{protocol.title} {height_mm:g} mm {speed_rad_s:g} rad per s"}
     # Checked again as a whole: a copy alone would take values that the file's format forbids.
-    return checked(protocol.model_copy(update=changes).model_dump(), DynamicFile, "--repeats")
+    return validate(protocol.model_copy(update=changes).model_dump(), DynamicFile, "--repeats")
 
 
 def say_valley(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
@@ -110,7 +112,7 @@ class Valleys:
             say_valley(stage, recorder, say)
 
 
-def valley_text(valley: "Valley | Refused") -> str:
+def valley_text(valley: "Valley | Undetermined") -> str:
     """A valley, or why there is none, for a line of output."""
     from rfca_rig.analysis.valley import Valley
 

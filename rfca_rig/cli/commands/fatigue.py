@@ -50,37 +50,37 @@ def run(
 
     A run that was stopped goes on with `rfca-rig resume RUN`. Example: rfca-rig fatigue run --cycles 1000
     """
-    from rfca_rig.cli.attach_view import viewing_of
-    from rfca_rig.cli.run_experiment import carry_out
-    from rfca_rig.cli.run_options import RunOptions, order_of
+    from rfca_rig.cli.attach_view import parse_viewing
+    from rfca_rig.cli.run_experiment import run_and_record
+    from rfca_rig.cli.run_options import RunOptions, make_run_config
     from rfca_rig.description.protocol_file import read_fatigue
     from rfca_rig.protocol.fatigue import fatigue_plan
 
-    viewing = viewing_of(view, view_port, pace)
+    viewing = parse_viewing(view, view_port, pace)
     asked = RunOptions(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing)
-    config = order_of(asked, lambda path, facts: fatigue_plan(_as_asked(read_fatigue(path), cycles).fatigue(), facts))
+    config = make_run_config(asked, lambda path, facts: fatigue_plan(_as_asked(read_fatigue(path), cycles).fatigue(), facts))
     say_bending(config)
-    folder, _ = carry_out(config, Watcher().say_stage)
+    folder, _ = run_and_record(config, Watcher().say_stage)
     if folder is not None:
         close(config.mark, folder, as_json)
 
 
 def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
     """The protocol with the values that the command line replaces."""
-    from rfca_rig.description.toml import checked
+    from rfca_rig.description.toml import validate
 
-    return protocol if cycles is None else checked({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
+    return protocol if cycles is None else validate({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
 
 
 def say_bending(config: "RunConfig") -> None:
     """Prints how far the model bends the leg in a cycle, before anything moves."""
-    from rfca_rig.bench.predicted_loads import expected_bending
-    from rfca_rig.cli.terminal import marked
+    from rfca_rig.bench.predicted_loads import predict_bending
+    from rfca_rig.cli.terminal import make_marked_say
     from rfca_rig.protocol.cycles import cycles_in
 
     for height_m, speed_rad_s in sorted({(stage.height_m, stage.speed_rad_s) for stage in cycles_in(config.plan)}):
-        bending = expected_bending(config.believes.model(), height_m, speed_rad_s)
-        marked(config.mark, config.quiet)(f"a cycle at {1e3 * height_m:.1f} mm bends the leg by {bending.text()}, says the model")
+        bending = predict_bending(config.nominal_source.model(), height_m, speed_rad_s)
+        make_marked_say(config.mark, config.quiet)(f"a cycle at {1e3 * height_m:.1f} mm bends the leg by {bending.text()}, says the model")
 
 
 @dataclass(frozen=True)
@@ -139,12 +139,12 @@ def close(mark: str, folder: Path, as_json: bool) -> None:
 def _results(folder: Path) -> dict[str, Any]:
     """Cycles counted and planned, strokes among them, and the drift at each check after the first."""
     from rfca_rig.protocol.cycles import StiffnessCheck, cycles_in
-    from rfca_rig.protocol.written_plan import plan_of
+    from rfca_rig.protocol.written_plan import parse_plan
     from rfca_rig.recording.cycle_table import cycle_table
     from rfca_rig.recording.run_folder import read_stages
 
     recording = read_stages(folder)
-    plan = plan_of(recording.title, recording.provenance)
+    plan = parse_plan(recording.title, recording.provenance)
     checks = [stage for stage in plan.stages if isinstance(stage, StiffnessCheck) and stage.number > 1]
     drifts = [(stage.number, drift) for stage in checks if (drift := _drift(stage, recording.static)) is not None]
     return {

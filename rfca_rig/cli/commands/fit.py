@@ -12,7 +12,7 @@ from rfca_rig.cli.executors import Cluster, open_executor
 from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json
 from rfca_rig.cli.writable import out_file
-from rfca_rig.progress import Told
+from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.fitting.result import FitResult
@@ -61,10 +61,10 @@ def fit(
 
     from rfca_rig.analysis.fitting.fit import Search
     from rfca_rig.analysis.fitting.model_file import write_model_file
-    from rfca_rig.analysis.fitting.parameters import named
+    from rfca_rig.analysis.fitting.parameters import select_parameters
     from rfca_rig.analysis.fitting.residuals import StrokeWindow
     from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
-    from rfca_rig.campaign.opening import experiment_among, open_with_belief, pendulum_among
+    from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model, pendulum_among
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
 
@@ -83,11 +83,11 @@ def fit(
         return
     comparison = StrokeComparison(shaft.value, StrokeWindow(tuple(_names(phases)), 1e-3 * after_touchdown))
     # Only for its check: a misspelt parameter must be refused before the recordings are read.
-    named(_names(parameters))
-    recordings = open_with_belief(paths)
+    select_parameters(_names(parameters))
+    recordings = open_with_nominal_model(paths)
     counter = _Counter()
     with progress(quiet=as_json) as bars, _executor_of_starts(cluster, bars.told) as executor:
-        bars.going_on("fitting", counter.text)
+        bars.show_unbounded("fitting", counter.text)
         search = Search(starts=starts, rng=np.random.default_rng(seed), progress=counter.count, executor=executor)
         result = fit_recordings(recordings, _names(parameters), comparison, search)
     if out is not None:
@@ -101,14 +101,14 @@ def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: boo
     from rfca_rig.campaign.pendulum import read_pendulum_campaign
     from rfca_rig.campaign.pendulum_model import write_pendulum_model
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT, fit_pendulum, fitted_known_to
+    from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT, fit_pendulum, update_known_to
 
     campaign = read_pendulum_campaign(folder)
     with progress(quiet=as_json) as bars:
         found = fit_pendulum(campaign, bars.share, names)
     if out is not None:
         comments = [f"Fitted to {folder} (IMPORT): {campaign.title}", *found.fit.lines()]
-        write_pendulum_model(out, found.pendulum, fitted_known_to(campaign, found.fit), comments)
+        write_pendulum_model(out, found.pendulum, update_known_to(campaign, found.fit), comments)
     _print_windows(found.fit, PENDULUM_FIT, folder, out, as_json)
 
 
@@ -140,7 +140,7 @@ def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path
         typer.echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
 
 
-def _executor_of_starts(cluster: str | None, told: Told) -> "AbstractContextManager[TaskExecutor | None]":
+def _executor_of_starts(cluster: str | None, told: ProgressReport) -> "AbstractContextManager[TaskExecutor | None]":
     """None without a cluster: threads of this process share out one descent better than processes share several."""
     return nullcontext() if cluster is None else open_executor(None, cluster, told)
 

@@ -14,10 +14,10 @@ def init(
 
     Example: rfca-rig init --mjcf arm.xml --data recordings
     """
-    from rfca_rig.campaign.experiment_draft import UNKNOWN, write_draft
+    from rfca_rig.campaign.experiment_draft import PLACEHOLDER, write_draft
     from rfca_rig.mechanism.load import load_mechanism
 
     path = write_draft(load_mechanism(mjcf), data)
-    open_questions = path.read_text(encoding="utf-8").count(f"= {UNKNOWN}")
+    open_questions = path.read_text(encoding="utf-8").count(f"= {PLACEHOLDER}")
     typer.echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
     typer.echo(f"then: rfca-rig check {data}", err=True)

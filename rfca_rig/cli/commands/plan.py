@@ -31,13 +31,13 @@ def plan(
 
     It is the very list that a run walks. Example: rfca-rig plan table2 --rig calibration/my-rig.toml
     """
-    from rfca_rig.cli.preflight import examined
-    from rfca_rig.cli.run_options import RunOptions, order_of
-    from rfca_rig.cli.terminal import marked
+    from rfca_rig.cli.preflight import check_before_run
+    from rfca_rig.cli.run_options import RunOptions, make_run_config
+    from rfca_rig.cli.terminal import make_marked_say
     from rfca_rig.description.planning import read_plan
 
-    config = order_of(RunOptions(rig, protocol, model, Path("runs"), is_dry=True), read_plan)
-    expected = examined(config, marked(config.mark, as_json))
+    config = make_run_config(RunOptions(rig, protocol, model, Path("runs"), is_dry=True), read_plan)
+    expected = check_before_run(config, make_marked_say(config.mark, as_json))
     if as_json:
         typer.echo(json.dumps(_as_data(config.plan, expected), indent=1))
         return

@@ -28,7 +28,7 @@ def predict(
     import json
 
     from rfca_rig.analysis.prediction import predict_stroke, write_csv
-    from rfca_rig.cli.first_compile import tell_first_compile
+    from rfca_rig.cli.first_compile import announce_first_compile
     from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
@@ -36,7 +36,7 @@ def predict(
 
     rig_model = read_model_file(model).model() if model else read_rig(find_file("calibration", rig)).model()
     with progress(as_json) as bars:
-        tell_first_compile(bars, as_json)
+        announce_first_compile(bars, as_json)
         prediction = predict_stroke(rig_model, height / 1e3, speed, sweep)
     if csv is not None:
         write_csv(prediction.stroke, csv)

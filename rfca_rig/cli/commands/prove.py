@@ -13,7 +13,7 @@ from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Pdf
 
 if TYPE_CHECKING:
-    from rfca_rig.exam.scored import Examined
+    from rfca_rig.exam.scored import ExamResult
 
 
 def prove(
@@ -44,7 +44,7 @@ def prove(
     Example: rfca-rig prove --out exam --seed 1 --cases 40
     """
     from rfca_rig.cli.printing import Printing
-    from rfca_rig.exam.scored import examined, examined_so_far
+    from rfca_rig.exam.scored import score_exam, score_exam_so_far
     from rfca_rig.report.exam_files import write_exam
 
     printing = Printing(pdf)
@@ -52,7 +52,7 @@ def prove(
         _refuse_more(follows, takes_out)
     else:
         _work(out, seed, _numbers(cases, kind), workers, cluster, follows, takes_out, as_json)
-    result = examined_so_far(out) if so_far else examined(out)
+    result = score_exam_so_far(out) if so_far else score_exam(out)
     write_exam(result, out)
     _tell(result, out, as_json)
     printing.print([out / "exam.html"], as_json)
@@ -65,7 +65,7 @@ def _work(
     from rfca_rig.cli.progress import progress
     from rfca_rig.clock import WallClock
     from rfca_rig.errors import Stopped
-    from rfca_rig.exam.ablation import take_out_each
+    from rfca_rig.exam.ablation import run_ablation
     from rfca_rig.exam.examine import examine
     from rfca_rig.exam.follow_up import follow_up
 
@@ -75,7 +75,7 @@ def _work(
             if follows:
                 follow_up(out, diagnose_as_typed, executor, bars.told)
             if takes_out:
-                take_out_each(out, diagnose_without, executor, bars.told)
+                run_ablation(out, diagnose_without, executor, bars.told)
     # Completed cases are on disk, so the same command continues.
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
@@ -88,13 +88,15 @@ def _refuse_more(follows: bool, takes_out: bool) -> None:
         raise BadInput("--so-far only marks; leave out --follow-up and --take-out-each, or leave out --so-far")
 
 
-def _tell(result: "Examined", out: Path, as_json: bool) -> None:
-    from rfca_rig.exam.scoring import wording
+def _tell(result: "ExamResult", out: Path, as_json: bool) -> None:
+    from rfca_rig.exam.scoring import format_scores
 
     if as_json:
         typer.echo((out / "exam.json").read_text(encoding="utf-8"), nl=False)
         return
-    print_lines([*wording(result.marks), *(way.words for way in result.ways), *([result.taken_out.words] if result.taken_out else [])])
+    print_lines(
+        [*format_scores(result.marks), *(way.words for way in result.ways), *([result.taken_out.words] if result.taken_out else [])]
+    )
     typer.echo(f"{out / 'exam.html'}: the whole result", err=True)
 
 
@@ -112,11 +114,11 @@ def diagnose_without(effect: str, campaign: Path, into: Path) -> None:
 
 def _numbers(cases: int | None, kind: str | None) -> dict[str, int]:
     from rfca_rig.errors import BadInput
-    from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, shared_out
+    from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, split_numbers
     from rfca_rig.suggestions import suggestion
 
     if kind is None:
-        return dict(DEFAULT_NUMBERS) if cases is None else shared_out(cases)
+        return dict(DEFAULT_NUMBERS) if cases is None else split_numbers(cases)
     if kind not in KINDS:
         raise BadInput(f"--kind {kind!r} is unknown; {suggestion(kind, map(repr, KINDS))}")
     return {kind: DEFAULT_NUMBERS[kind] if cases is None else cases}

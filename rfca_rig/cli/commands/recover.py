@@ -8,7 +8,7 @@ import typer
 from rfca_rig.cli.options import Json
 
 if TYPE_CHECKING:
-    from rfca_rig.progress import Watcher
+    from rfca_rig.progress import ProgressCount
     from rfca_rig.recording.model import Recording
 
 
@@ -27,12 +27,12 @@ def recover(
     from rfca_rig.campaign.opening import RECORDING_NAME
     from rfca_rig.cli.progress import progress
     from rfca_rig.recording.run_folder import is_run
-    from rfca_rig.recording.summary import tally_of
+    from rfca_rig.recording.summary import summarize
 
     path = run if run.suffix == ".h5" else run / RECORDING_NAME
     with progress(as_json) as bars:
         recording = _recover_run(path.parent, bars.counting("stages")) if is_run(path.parent) else _older(path)
-    found = tally_of(path, thorough=False)
+    found = summarize(path, thorough=False)
     if as_json:
         counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
         typer.echo(json.dumps({"source": recording.source, "run": str(path), "title": recording.title, **counted}, indent=1))
@@ -42,15 +42,15 @@ def recover(
     typer.echo(f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report {path} --out report", err=True)
 
 
-def _recover_run(folder: Path, watcher: "Watcher") -> "Recording":
+def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
     """Recovers the run; returns it without its samples."""
-    from rfca_rig.bench.stage_photos import with_photos_read
+    from rfca_rig.bench.stage_photos import read_missing_photos
     from rfca_rig.errors import BadInput
     from rfca_rig.recording import run_folder
     from rfca_rig.recording.checking import REMADE, check_run, describe_damage
     from rfca_rig.recording.run_text import INTERRUPTED, Ending, read_ending, write_ending
 
-    if run_folder.is_whole(folder):
+    if run_folder.needs_no_recovery(folder):
         raise BadInput(f"{folder}: is whole; there is nothing to recover")
     lost = [finding for finding in check_run(folder) if not finding.is_sound and finding.file not in REMADE]
     if lost:
@@ -60,18 +60,18 @@ def _recover_run(folder: Path, watcher: "Watcher") -> "Recording":
     # A run that ended normally, and only lost run.h5, keeps what its end says.
     if read_ending(folder) is None:
         found = run_folder.read_without_samples(folder)
-        with_photos = with_photos_read(found, folder)
+        with_photos = read_missing_photos(found, folder)
         # Only the texts that reading the photos added; the end file repeats nothing of the header.
         added = {name: text for name, text in with_photos.provenance.items() if name != "events" and found.provenance.get(name) != text}
         interrupted = {INTERRUPTED: found.provenance[INTERRUPTED]}
         write_ending(folder, Ending({**interrupted, **added}, with_photos.static))
-    run_folder.build(folder, watcher)
+    run_folder.build_recording(folder, watcher)
     return run_folder.read_without_samples(folder)
 
 
 def _older(path: Path) -> "Recording":
     """Recovers a run of an older version, which left a folder beside the file that it should have become."""
-    from rfca_rig.bench.stage_photos import with_photos_read
+    from rfca_rig.bench.stage_photos import read_missing_photos
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.older_partial import partial_of, recover_partial
     from rfca_rig.recording.store import read_recording, write_recording
@@ -79,7 +79,7 @@ def _older(path: Path) -> "Recording":
     if not partial_of(path).is_dir():
         raise BadInput(_nothing_to_recover(path))
     recording = read_recording(recover_partial(path))
-    with_photos = with_photos_read(recording, path.parent)
+    with_photos = read_missing_photos(recording, path.parent)
     if with_photos is not recording:
         write_recording(with_photos, path)
     return with_photos
@@ -88,7 +88,7 @@ def _older(path: Path) -> "Recording":
 def _nothing_to_recover(path: Path) -> str:
     """The reason, for a file or the folder that it should be in, without a run's files beside it."""
     from rfca_rig.errors import BadInput
-    from rfca_rig.recording.summary import tally_of
+    from rfca_rig.recording.summary import summarize
     from rfca_rig.suggestions import not_there
 
     if not path.is_file():
@@ -98,7 +98,7 @@ def _nothing_to_recover(path: Path) -> str:
             else not_there(path.parent)
         )
     try:
-        tally_of(path, thorough=False)
+        summarize(path, thorough=False)
     except BadInput as error:
         return f"{error}; and there are no stage files beside it to make it anew from"
     return f"{path}: is whole, and there is no interrupted run beside it to recover"

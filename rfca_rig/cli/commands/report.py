@@ -113,14 +113,14 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
 def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out: Path, as_json: bool, model: Path | None) -> Path:
     """Writes the page of recordings in windows; returns its path."""
     from rfca_rig.report.motions_page import PAGE, write_motions
-    from rfca_rig.report.provenance import imported, typed
-    from rfca_rig.report.text import counted
+    from rfca_rig.report.provenance import command_line, origin_of_import
+    from rfca_rig.report.text import count_noun
 
-    write_motions(report, fit, out, imported(typed("report", folder, options={"--model": model}), folder, report.title))
+    write_motions(report, fit, out, origin_of_import(command_line("report", folder, options={"--model": model}), folder, report.title))
     if as_json:
         typer.echo((out / report.json_file).read_text(encoding="utf-8"), nl=False)
     else:
-        recordings = counted(len({error.run for error in fit.errors}), "recording")
+        recordings = count_noun(len({error.run for error in fit.errors}), "recording")
         typer.echo(f"{out / PAGE}: measured and simulated signals of {recordings}", err=True)
     return out / PAGE
 
@@ -153,20 +153,20 @@ def write(
     pdf : bool
         Print the pages as PDF too.
     """
-    from rfca_rig.campaign.opening import open_recordings, open_with_belief
+    from rfca_rig.campaign.opening import open_recordings, open_with_nominal_model
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
-    from rfca_rig.report.provenance import origin_of, typed
+    from rfca_rig.report.provenance import command_line, origin_of
     from rfca_rig.report.sources import GivenModel
     from rfca_rig.report.writing import write_report
 
     # First: a missing browser must be reported before the work, not after it.
     printing = Printing(pdf)
     given = GivenModel(model.name, read_model_file(model).model()) if model else None
-    # Without a model file all recordings must have the same nominal model, which `open_with_belief` checks.
-    recordings = open_recordings(paths) if given else open_with_belief(paths)
-    command = typed("report", *paths, options={"--shaft": shaft if shaft != "average" else None, "--model": model})
+    # Without a model file all recordings must have the same nominal model, which `open_with_nominal_model` checks.
+    recordings = open_recordings(paths) if given else open_with_nominal_model(paths)
+    command = command_line("report", *paths, options={"--shaft": shaft if shaft != "average" else None, "--model": model})
     with progress(quiet) as bars:
         written = write_report(recordings, out, shaft, given, origin_of(command, paths, recordings), bars.counting("conditions"))
     if as_json:

@@ -41,19 +41,19 @@ def resume(
     """
     from dataclasses import replace
 
-    from rfca_rig.bench.begun import read_begun
-    from rfca_rig.cli.attach_view import viewing_of
+    from rfca_rig.bench.begun import read_interrupted_run
+    from rfca_rig.cli.attach_view import parse_viewing
     from rfca_rig.cli.commands.fatigue import say_bending
-    from rfca_rig.cli.run_experiment import carry_out
-    from rfca_rig.cli.terminal import marked
+    from rfca_rig.cli.run_experiment import run_and_record
+    from rfca_rig.cli.terminal import make_marked_say
 
-    begun = read_begun(run.parent if run.suffix == ".h5" else run)
-    config = replace(_order(begun, rig, as_json, dry_run), viewing=viewing_of(view, view_port, pace), operator=operator)
+    begun = read_interrupted_run(run.parent if run.suffix == ".h5" else run)
+    config = replace(_order(begun, rig, as_json, dry_run), viewing=parse_viewing(view, view_port, pace), operator=operator)
     _check_trip(begun, after_trip)
-    marked(config.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
+    make_marked_say(config.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
     if config.plan.experiment == "fatigue":
         say_bending(config)
-    folder, _ = carry_out(config, _on_stage(begun))
+    folder, _ = run_and_record(config, _on_stage(begun))
     if folder is not None:
         _close(config, begun, as_json)
 
@@ -69,21 +69,21 @@ def _check_trip(begun: "InterruptedRun", after_trip: bool) -> None:
 def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: bool) -> "RunConfig":
     from dataclasses import replace
 
-    from rfca_rig.bench.rig_compatibility import rig_to_go_on
-    from rfca_rig.cli.commands.close_the_loop import belief
+    from rfca_rig.bench.rig_compatibility import read_compatible_rig
+    from rfca_rig.cli.commands.close_the_loop import nominal_model_of
     from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.errors import BadInput
-    from rfca_rig.protocol.remaining import remaining
+    from rfca_rig.protocol.remaining import make_remaining_plan
 
-    stored, remaining_plan = begun.header.provenance, remaining(begun.plan, begun.done)
+    stored, remaining_plan = begun.header.provenance, make_remaining_plan(begun.plan, begun.done)
     if not remaining_plan.stages:
         raise BadInput(f"{begun.folder}: every stage is recorded; to bring it to its end, type rfca-rig recover {begun.folder}")
     name = rig or stored.get("rig")
     if name is None:
         raise BadInput(f"{begun.folder}: does not say where its rig file is; say so with --rig")
-    now = rig_to_go_on(begun, find_file("calibration", name), deliberately=rig is not None)
-    model, model_text = belief(now.rig, begun.header)
+    now = read_compatible_rig(begun, find_file("calibration", name), deliberately=rig is not None)
+    model, model_text = nominal_model_of(now.rig, begun.header)
     camera_text = stored.get("camera_file", "") if remaining_plan.photos else ""
     return RunConfig(
         rig=now.rig,
@@ -117,15 +117,18 @@ def _close(config: "RunConfig", begun: "InterruptedRun", as_json: bool) -> None:
     import json
 
     from rfca_rig.cli.commands import fatigue
-    from rfca_rig.cli.finalize_run import counted
+    from rfca_rig.cli.finalize_run import describe_contents
     from rfca_rig.recording.layout import RECORDING
-    from rfca_rig.recording.summary import tally_of
+    from rfca_rig.recording.summary import summarize
 
     if begun.plan.experiment == "fatigue":
         fatigue.close(config.mark, begun.folder, as_json)
     elif as_json:
-        summary = tally_of(begun.folder / RECORDING, thorough=False)
+        summary = summarize(begun.folder / RECORDING, thorough=False)
         count = {"strokes": summary.strokes, "static_stages": summary.static, "resumed": begun.resumed + 1}
         typer.echo(json.dumps({"source": config.mark, "run": str(begun.folder), **count}, indent=1))
     else:
-        typer.echo(f"{config.mark} {counted(begun.folder)} in {begun.folder}; next: rfca-rig report {begun.folder} --out report", err=True)
+        typer.echo(
+            f"{config.mark} {describe_contents(begun.folder)} in {begun.folder}; next: rfca-rig report {begun.folder} --out report",
+            err=True,
+        )

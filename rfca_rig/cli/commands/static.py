@@ -46,18 +46,18 @@ def run(
 
     Example: rfca-rig static run
     """
-    from rfca_rig.cli.attach_view import viewing_of
-    from rfca_rig.cli.run_experiment import carry_out
-    from rfca_rig.cli.run_options import RunOptions, order_of
+    from rfca_rig.cli.attach_view import parse_viewing
+    from rfca_rig.cli.run_experiment import run_and_record
+    from rfca_rig.cli.run_options import RunOptions, make_run_config
     from rfca_rig.description.protocol_file import read_static
     from rfca_rig.protocol.experiments import static_plan
 
-    viewing = viewing_of(view, view_port, pace)
+    viewing = parse_viewing(view, view_port, pace)
     asked = RunOptions(
         rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ()
     )
-    config = order_of(asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts))
-    folder, recorder = carry_out(config, say_stage)
+    config = make_run_config(asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts))
+    folder, recorder = run_and_record(config, say_stage)
     if folder is None or recorder is None:
         return
     if as_json:

@@ -85,13 +85,13 @@ def force(
         found.append(("these angles", find_tip_force(_leg(rig, model), shape, float(np.radians(angle_std))), None))
     else:
         from rfca_rig.campaign.opening import open_recordings
-        from rfca_rig.cli.commands.static_report import read_held_against
+        from rfca_rig.cli.commands.static_report import read_nominal_values
         from rfca_rig.description.nominal_model import nominal_model
         from rfca_rig.model.parameters import GRAVITY_M_S2
 
         assert run is not None
         recordings = open_recordings([run])
-        leg = nominal_model(read_held_against(recordings, model)[0]).leg
+        leg = nominal_model(read_nominal_values(recordings, model)[0]).leg
         weight_N = GRAVITY_M_S2 * sum(leg.link_masses_kg)
         for stage in (stage for recording in recordings for stage in recording.static):
             # One unknown hinge angle leaves the whole shape undetermined.

@@ -36,11 +36,11 @@ def photos(
     from rfca_rig.cli.paths import make_run_folder
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.toml import read_text
-    from rfca_rig.drivers.photo_folder import photos_in
+    from rfca_rig.drivers.photo_folder import list_photos
     from rfca_rig.recording.store import write_recording
 
     (recording,) = open_recordings([run])
-    files, eye = photos_in(folder), eye_for(recording, camera, mark_diameter)
+    files, eye = list_photos(folder), eye_for(recording, camera, mark_diameter)
     target = make_run_folder(runs, recording.source, recording.title)
     try:
         with progress(quiet=False) as bars:

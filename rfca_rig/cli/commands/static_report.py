@@ -38,12 +38,12 @@ def report(
     """
     import json
 
-    from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
+    from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
     from rfca_rig.analysis.torque_rotation.systematics import Instruments
     from rfca_rig.campaign.opening import open_recordings
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
-    from rfca_rig.report.provenance import origin_of, typed
+    from rfca_rig.report.provenance import command_line, origin_of
     from rfca_rig.report.static_files import summary
     from rfca_rig.report.static_source import static_sources
     from rfca_rig.report.static_writing import write_static_report
@@ -51,11 +51,11 @@ def report(
     printing = Printing(pdf)
     recordings = open_recordings(paths)
     options = {"--model": model, "--hinge-std-deg": hinge_std_deg, "--marks-deg": marks_deg, "--force-gain-pct": force_gain_pct}
-    command = typed("static", "report", *paths, options={name: value for name, value in options.items() if value != USUAL.get(name)})
-    nominal, known_to = read_held_against(recordings, model)
+    command = command_line("static", "report", *paths, options={name: value for name, value in options.items() if value != USUAL.get(name)})
+    nominal, known_to = read_nominal_values(recordings, model)
     instruments = Instruments(0.01 * force_gain_pct, marks_deg)
     with progress(as_json) as bars:
-        result = evaluate(recordings, Supposition(nominal, known_to, instruments, hinge_std_deg), bars.counting("solving"))
+        result = evaluate(recordings, StageAssumptions(nominal, known_to, instruments, hinge_std_deg), bars.counting("solving"))
     write_static_report(
         result,
         static_sources(paths, recordings),
@@ -72,7 +72,7 @@ def report(
     printing.print([out / "static.html"], as_json)
 
 
-def read_held_against(recordings: "Sequence[Recording]", model: Path | None) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+def read_nominal_values(recordings: "Sequence[Recording]", model: Path | None) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Nominal model and known_to of the recordings, or of the model file. Raises BadInput where the recordings differ."""
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.errors import BadInput

@@ -21,14 +21,14 @@ def strip(
     import json
 
     from rfca_rig.analysis.strips import compare_strips
-    from rfca_rig.cli.first_compile import tell_first_compile
+    from rfca_rig.cli.first_compile import announce_first_compile
     from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.rig_file import read_rig
 
     model = read_rig(find_file("calibration", rig)).model()
     with progress(as_json) as bars:
-        tell_first_compile(bars, as_json)
+        announce_first_compile(bars, as_json)
         comparison = compare_strips(model, height / 1e3, speed, bars.counting("strips"))
     if as_json:
         typer.echo(json.dumps(comparison.summary(), indent=1))

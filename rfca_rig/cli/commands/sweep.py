@@ -75,14 +75,14 @@ def _plan_and_command(
 ) -> "tuple[SweepPlan, list[str | Path]]":
     """The plan, and the words of the command that repeats it."""
     from rfca_rig.errors import BadInput
-    from rfca_rig.sweep.typed_sweep import typed_plan
+    from rfca_rig.sweep.typed_sweep import plan_from_options
 
     if file is not None:
         # Two sources of one setting would leave open which one holds.
         if vary or fixed or outputs or samples or rig or model:
             raise BadInput(f"{file} says what is varied; leave --vary, --set, --outputs, --samples, --rig and --model out, or edit a copy")
         return _of_file(file)
-    plan = typed_plan(_model(rig, model), vary, fixed, outputs, samples, method, seed)
+    plan = plan_from_options(_model(rig, model), vary, fixed, outputs, samples, method, seed)
     words: list[str | Path] = ["sweep"]
     for option, given in (("--vary", vary), ("--set", fixed)):
         for each in given:
@@ -97,14 +97,14 @@ def _plan_and_command(
 
 def _of_file(name: str) -> "tuple[SweepPlan, list[str | Path]]":
     from rfca_rig.cli.paths import find_file
-    from rfca_rig.sweep.sweep_file import plan_of, read_sweep
+    from rfca_rig.sweep.sweep_file import make_plan, read_sweep
 
     path = find_file("sweeps", name)
     content = read_sweep(path)
     # Paths in a sweep file are relative to the file; plain names are looked up as on the command line.
     rig = content.rig if content.rig is None or not _is_path(content.rig) else str(path.parent / content.rig)
     model = None if content.model is None else path.parent / content.model
-    return plan_of(content, _model(rig, model), path), ["sweep", path if _is_path(name) else name]
+    return make_plan(content, _model(rig, model), path), ["sweep", path if _is_path(name) else name]
 
 
 def _is_path(name: str) -> bool:
@@ -128,19 +128,19 @@ def _run_sweep(
     from rfca_rig.cli.executors import open_executor
     from rfca_rig.cli.progress import progress
     from rfca_rig.model.compiled import is_warm
-    from rfca_rig.sweep.carrying_out import carry_out
+    from rfca_rig.sweep.carrying_out import run_sweep
 
     if not is_warm() and not quiet:
         typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
     with progress(quiet) as bars, open_executor(workers, cluster, bars.told) as executor:
-        return carry_out(plan, folder, executor, clocks, bars.told)
+        return run_sweep(plan, folder, executor, clocks, bars.told)
 
 
 def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_json: bool) -> None:
-    from rfca_rig.report.provenance import typed
+    from rfca_rig.report.provenance import command_line
     from rfca_rig.report.sweep_files import HTML, JSON, lines, write_summary
 
-    write_summary(result, folder, typed(*command))
+    write_summary(result, folder, command_line(*command))
     if as_json:
         typer.echo((folder / JSON).read_text(encoding="utf-8"), nl=False)
         return
@@ -154,18 +154,18 @@ def _print_estimate(plan: "SweepPlan", workers: int | None, as_json: bool) -> No
 
     from rfca_rig.clock import WallClock
     from rfca_rig.executors.cores import machine_cores
-    from rfca_rig.sweep.pilot import bytes_expected, measured_pace
+    from rfca_rig.sweep.pilot import estimate_bytes, measure_pace
 
     processes = workers or machine_cores()
-    pace = measured_pace(plan, WallClock())
+    pace = measure_pace(plan, WallClock())
     # Cases are independent, so the time is divided by the number of processes.
     seconds = plan.count * pace.seconds_per_case / processes
     if as_json:
         estimate = {"cases": plan.count, "seconds_per_case": pace.seconds_per_case, "workers": processes, "seconds": seconds}
-        typer.echo(json.dumps({**estimate, "bytes": bytes_expected(plan), "cases_per_shard": pace.cases_per_shard}, indent=1))
+        typer.echo(json.dumps({**estimate, "bytes": estimate_bytes(plan), "cases_per_shard": pace.cases_per_shard}, indent=1))
         return
     typer.echo(f"{plan.title}: {plan.count} cases of {', '.join(plan.varied)}")
-    size = f"{1e-6 * bytes_expected(plan):.1f} MB"
+    size = f"{1e-6 * estimate_bytes(plan):.1f} MB"
     typer.echo(f"about {1e3 * pace.seconds_per_case:.1f} ms each, {_duration(seconds)} on {processes} cores; {size}")
 
 
@@ -176,12 +176,12 @@ def _duration(seconds: float) -> str:
 
 
 def _print_lists() -> None:
-    from rfca_rig.sweep.outputs import AT, OUTPUTS
-    from rfca_rig.sweep.quantities import quantities
+    from rfca_rig.sweep.outputs import ANGLE_SEPARATOR, OUTPUTS
+    from rfca_rig.sweep.quantities import list_quantities
 
     typer.echo("what can be varied, also under its name in fit or in a model file:")
-    for each in quantities().values():
+    for each in list_quantities().values():
         typer.echo(f"  {each.name}: {each.words}{'; ' if each.choices else ''}{', '.join(each.choices)}")
     typer.echo("what can be put out:")
     for output in OUTPUTS.values():
-        typer.echo(f"  {output.name}{f'{AT}ANGLE' if output.at else ''}: {output.words} = {output.equation} [{output.source}]")
+        typer.echo(f"  {output.name}{f'{ANGLE_SEPARATOR}ANGLE' if output.at else ''}: {output.words} = {output.equation} [{output.source}]")

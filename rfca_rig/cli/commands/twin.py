@@ -49,23 +49,23 @@ def serve(
     """
     from rfca_rig.bench.openings import Openings
     from rfca_rig.bench.served import open_served
-    from rfca_rig.cli.first_compile import SAID
+    from rfca_rig.cli.first_compile import COMPILE_NOTICE
     from rfca_rig.cli.paths import find_file
-    from rfca_rig.cli.terminal import marked
+    from rfca_rig.cli.terminal import make_marked_say
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.model.compiled import is_warm
-    from rfca_rig.twin_server.fault_schedule import switchings
+    from rfca_rig.twin_server.fault_schedule import parse_fault_events
     from rfca_rig.twin_server.listening import is_loopback
 
-    say = marked("SIM", quiet)
-    orders = switchings(fault or [])
+    say = make_marked_say("SIM", quiet)
+    orders = parse_fault_events(fault or [])
     described = read_rig(find_file("calibration", rig))
     # There is no password, so opening the server to the network needs a warning.
     if not is_loopback(listen):
         say(f"WARNING open to the network: whoever reaches {listen} can command this twin and read it; there is no password")
     if not is_warm():
-        say(SAID)
+        say(COMPILE_NOTICE)
     twin_seed = seed if seed is not None else described.twin.seed if described.twin else 0
     openings = Openings(listen, rdt_port, http_port, command_port, can_port, control_port, slcan, 1e-3 * height)
     with open_served(described, twin_seed, openings, WallClock()) as served:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.data.observations import Observations, stacked
+from rfca_rig.diagnosis.data.observations import Observations, stack_observations
 from rfca_rig.diagnosis.simulator import ConditionData, Simulator
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors.cores import cores
@@ -46,7 +46,7 @@ class Dataset:
         with ThreadPoolExecutor(THREADS) as pool:
             return _join_or_none(pool.map(lambda part: self.simulator.simulate(at, part), self.parts))
 
-    def predicted_all(self, inputs: Sequence[Any]) -> list[Floats | None]:
+    def predict_all(self, inputs: Sequence[Any]) -> list[Floats | None]:
         """The model's rows (m,) for each of many inputs, in parallel: a compiled model releases the interpreter lock."""
         with ThreadPoolExecutor(THREADS) as pool:
             return list(pool.map(self._predict_in_sequence, inputs))
@@ -70,4 +70,4 @@ def make_dataset(parts: Iterable[ConditionData], simulator: Simulator) -> Datase
     parts = tuple(parts)
     if not parts:
         raise BadInput("nothing to diagnose: no condition can be used")
-    return Dataset(parts, stacked([part.rows() for part in parts]), simulator)
+    return Dataset(parts, stack_observations([part.rows() for part in parts]), simulator)

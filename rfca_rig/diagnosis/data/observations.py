@@ -69,7 +69,7 @@ class Observations:
     measured: Floats
     noise: Floats
     scale: Floats
-    jolt: Floats
+    transient_scale: Floats
     progress: Floats
     t_s: Floats
     phase: NDArray[np.str_]
@@ -95,7 +95,7 @@ class Observations:
         return tuple(found[number] for number in sorted(found))
 
 
-def stacked(parts: list[Observations]) -> Observations:
+def stack_observations(parts: list[Observations]) -> Observations:
     """The observations of several conditions as one; their condition numbers and label indices are shifted to stay unique."""
     labels: list[Label] = []
     label, condition, conditions = [], [], 0

@@ -19,25 +19,25 @@ W = TypeVar("W")
 
 # Windows per condition: with windows of half a second these are stretches of about two seconds.
 WINDOWS_OF_CONDITION = 4
-ROUGH = 0.3  # share of the model's error that is not smooth
+TRANSIENT_SHARE = 0.3  # share of the model's error that is not smooth
 
 
 @dataclass(frozen=True)
 class WindowRows:
     """Measured values of one window with s signals in b bins.
 
-    `t_s` (b,) are times in the run; `measured`, `noise`, `scale` and `jolt` are (s, b), as in `Observations`. Without a `jolt`, the errors
-    that differ from bin to bin are ROUGH times `scale`.
+    `t_s` (b,) are times in the run; `measured`, `noise`, `scale` and `transient_scale` are (s, b), as in `Observations`. Without a
+    `transient_scale`, the errors that differ from bin to bin are ROUGH times `scale`.
     """
 
     t_s: Floats
     measured: Floats
     noise: Floats
     scale: Floats
-    jolt: Floats | None = None
+    transient_scale: Floats | None = None
 
 
-def group(windows: Sequence[W]) -> list[Sequence[W]]:
+def group_windows(windows: Sequence[W]) -> list[Sequence[W]]:
     """The windows of one run in groups of about WINDOWS_OF_CONDITION, in their order."""
     count = max(1, round(len(windows) / WINDOWS_OF_CONDITION)) if windows else 0
     bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
@@ -65,7 +65,9 @@ def observe(windows: Sequence[WindowRows], labels: tuple[Label, ...], run: str, 
         measured=np.concatenate([w.measured.ravel() for w in windows]),
         noise=np.concatenate([w.noise.ravel() for w in windows]),
         scale=scale,
-        jolt=np.concatenate([(ROUGH * w.scale if w.jolt is None else w.jolt).ravel() for w in windows]),
+        transient_scale=np.concatenate(
+            [(TRANSIENT_SHARE * w.scale if w.transient_scale is None else w.transient_scale).ravel() for w in windows]
+        ),
         progress=t_s / smooth_over_s,
         t_s=t_s,
         phase=np.full(len(t_s), run),

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from rfca_rig.diagnosis.config import AS_GOOD, IMPLAUSIBLE, INFORMATIVE, VARIES_BY, WORTH_ADDING
+from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, CONDITION_SIZE_STD, IMPLAUSIBLE, INFORMATIVE_SHARE, WORTH_ADDING
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
-from rfca_rig.diagnosis.likelihood.covariance import AtError
+from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 
@@ -48,7 +48,7 @@ class ScaledHypothesis:
     hypothesis: Hypothesis
     log_evidence: Floats
     scale: float
-    whitening: AtError
+    whitening: DiscrepancyWhitening
     log_joint: float
     result: ModelSelectionResult
 
@@ -163,7 +163,7 @@ class Comparison:
         likelihood = self.result.likelihood
         usual = [whitening.s for whitening in likelihood.every_scale].index(likelihood.usual.s)
         behind = self.best.log_joint - one.log_joint, float(self.best.log_evidence[usual] - one.log_evidence[usual])
-        return min(behind) < AS_GOOD
+        return min(behind) < AS_GOOD_LOG_ODDS
 
     def without(self, ids: Collection[str]) -> ScaledHypothesis:
         """The most probable hypothesis that has none of these effects."""
@@ -213,7 +213,7 @@ class Comparison:
             removed_share=self._compute_removed_share(rival, best),
             # Of several effects of one family the best counts: the statement is true if any of them is there.
             condition_scatter=min(self.condition_scatter(number) for number in numbers),
-            strain=min(one.hypothesis.fitted.farthest for one in self._as_good_with(ids)),
+            strain=min(one.hypothesis.fitted.max_nuisance_shift for one in self._as_good_with(ids)),
             bound=min(self._farthest_size(number) for number in numbers),
         )
 
@@ -230,7 +230,7 @@ class Comparison:
         """
         for simpler in self.ranked:
             is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
-            if is_part and not one.hypothesis.fitted.farthest < IMPLAUSIBLE < simpler.hypothesis.fitted.farthest:
+            if is_part and not one.hypothesis.fitted.max_nuisance_shift < IMPLAUSIBLE < simpler.hypothesis.fitted.max_nuisance_shift:
                 log_ratio = np.median(np.log(simpler.held_out_rms / one.held_out_rms))
                 # The threshold is a share of the mean square, and `log_ratio` that of an rms, hence the half.
                 if log_ratio < -0.5 * np.log1p(-WORTH_ADDING):
@@ -259,11 +259,11 @@ class Comparison:
         if len(columns) < 2:
             return 0.0
         linear = best.hypothesis.fitted.linear(self.result.dataset.rows.measured)
-        wider = LinearModel(linear.target, np.column_stack([linear.jacobian, VARIES_BY * np.column_stack(columns)]))
+        wider = LinearModel(linear.target, np.column_stack([linear.jacobian, CONDITION_SIZE_STD * np.column_stack(columns)]))
         posterior = laplace_posterior(wider, best.whitening)
         own = slice(linear.jacobian.shape[1], None)
-        size, std = VARIES_BY * posterior.mean[own], VARIES_BY * np.sqrt(np.diag(posterior.covariance)[own])
-        informative = std < INFORMATIVE * VARIES_BY
+        size, std = CONDITION_SIZE_STD * posterior.mean[own], CONDITION_SIZE_STD * np.sqrt(np.diag(posterior.covariance)[own])
+        informative = std < INFORMATIVE_SHARE * CONDITION_SIZE_STD
         if informative.sum() < 2:
             return 0.0
         # Inverse-variance weights; the posterior variances are what chance explains, so they are subtracted.

@@ -24,7 +24,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from rfca_rig.diagnosis.config import AS_USUAL, DOMINANT, IMPLAUSIBLE, LAW_ERROR, MOST_RIVALS, PRIOR_UNKNOWN, STATED, SURE, WORTH_ADDING
+from rfca_rig.diagnosis.config import (
+    DOMINANT_SHARE,
+    IDENTIFIED_PROBABILITY,
+    IMPLAUSIBLE,
+    LAW_ERROR,
+    MOST_RIVALS,
+    PRIOR_UNKNOWN,
+    STATED_PROBABILITY,
+    USUAL_MISFIT,
+    WORTH_ADDING,
+)
 from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, support_values
 from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis, compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
@@ -32,7 +42,7 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.likelihood.laplace import laplace_posterior
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior
 from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Verdict
-from rfca_rig.model.families import Family, families_of, related
+from rfca_rig.model.families import Family, families_of, list_related
 
 UNKNOWN = ("unknown",)
 HELD_OUT = "held-out misfit"
@@ -106,7 +116,7 @@ class Decision:
     family: StatedFamily | None = None
     probability: float = 1.0
     explained_share: float = 1.0
-    relieved: str = ""
+    relieved_strain: str = ""
     criteria: tuple[Criterion, ...] = ()
     rivals: tuple[Rival, ...] = ()
     supported: tuple[Supported, ...] = ()
@@ -125,12 +135,12 @@ class Decision:
         These are the effects that are stated or closest, every one that is not surely absent, and their families where a law is only
         approximate.
         """
-        possible = (one.id for one in self.supported if one.kind == "effect" and one.probability > 1.0 - SURE)
+        possible = (one.id for one in self.supported if one.kind == "effect" and one.probability > 1.0 - IDENTIFIED_PROBABILITY)
         stated = frozenset(self.explanation.ids).union(possible, *(effect.cannot_tell_from for effect in self.effects))
         if self.grade in ("identified", "nothing missing"):
             return stated
         close = stated.union(() if self.closest is None else self.closest.ids)
-        return close | related(close)
+        return close | list_related(close)
 
 
 def decide(found: ModelSelectionResult) -> Decision:
@@ -151,7 +161,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     of_effects = {one.id: one for one in supported if one.kind == "effect"}
     is_usual = all(criterion.passed for criterion in _criteria(comparison.nothing, ()))
     # Where the model without effects predicts as models usually do, its error may look like an effect.
-    needed = SURE if is_usual else STATED
+    needed = IDENTIFIED_PROBABILITY if is_usual else STATED_PROBABILITY
     sure = {one.id for one in of_effects.values() if one.probability >= needed and one.is_needed}
     # The stated set must have been fitted as a whole; otherwise nothing is known of its held-out misfit.
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
@@ -177,7 +187,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             family=family if is_family else None,
             probability=min(effect.probability for effect in effects),
             explained_share=comparison.explained_share(explanation),
-            relieved=_describe_relief(comparison, explanation),
+            relieved_strain=_describe_relief(comparison, explanation),
         )
     if family is not None and is_family:
         return replace(
@@ -187,7 +197,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             family=family,
             probability=family.probability,
             explained_share=comparison.explained_share(comparison.best),
-            relieved=_describe_relief(comparison, comparison.best),
+            relieved_strain=_describe_relief(comparison, comparison.best),
         )
     # A usual held-out misfit alone is not enough: something unlisted must also be less probable.
     against_unknown = _probability_against_unknown(found)
@@ -201,13 +211,13 @@ def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
 
     With them the model without effects predicts as usual, and the hypothesis needs none of them.
     """
-    is_needed = comparison.explained_share(one) < DOMINANT and comparison.nothing.misfit <= AS_USUAL
+    is_needed = comparison.explained_share(one) < DOMINANT_SHARE and comparison.nothing.misfit <= USUAL_MISFIT
     return describe_strain(comparison.nothing.hypothesis) if is_needed and not describe_strain(one.hypothesis) else ""
 
 
 def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
     """Whether a hypothesis explains most of what is missing, or replaces an implausible value that explains all of it."""
-    return comparison.explained_share(one) >= DOMINANT or bool(_describe_relief(comparison, one))
+    return comparison.explained_share(one) >= DOMINANT_SHARE or bool(_describe_relief(comparison, one))
 
 
 def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
@@ -251,10 +261,12 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
     misfit = one.misfit if one.ids else one.misfit_of_all
     least = min((effect.probability for effect in supported), default=1.0)
     strained = describe_strain(one.hypothesis)
-    probable = Criterion("probability", least >= SURE, f"{least:.3f} that every effect is there, {SURE:g} needed")
+    probable = Criterion(
+        "probability", least >= IDENTIFIED_PROBABILITY, f"{least:.3f} that every effect is there, {IDENTIFIED_PROBABILITY:g} needed"
+    )
     return (
         *((probable,) if supported else ()),
-        Criterion(HELD_OUT, misfit <= AS_USUAL, f"{misfit:.2f} of what noise and a usual model error make, {AS_USUAL:g} at most"),
+        Criterion(HELD_OUT, misfit <= USUAL_MISFIT, f"{misfit:.2f} of what noise and a usual model error make, {USUAL_MISFIT:g} at most"),
         Criterion("plausible values", not strained, strained or "all nuisance parameters are near their priors"),
     )
 
@@ -312,7 +324,7 @@ def _family_rivals(comparison: Comparison, one: ScaledHypothesis, name: str) -> 
     kept, most = set(one.ids) - {name}, max(LAW_ERROR, comparison.law_error(one))
     swapped = [rival for rival in comparison.ranked if len(rival.ids) == len(one.ids) and kept <= set(rival.ids)]
     others = {other for rival in swapped if comparison.law_error(rival) <= most for other in set(rival.ids) - set(one.ids)}
-    return others & related((name,))
+    return others & list_related((name,))
 
 
 def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
@@ -366,7 +378,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         family=next((one.family for one in each if one.family is not None), None),
         probability=min(one.probability for one in stated) if stated else (nothing if grade == "nothing missing" else 1.0 - nothing),
         explained_share=min((one.explained_share for one in stated), default=1.0),
-        relieved=next((one.relieved for one in stated if one.relieved), ""),
+        relieved_strain=next((one.relieved_strain for one in stated if one.relieved_strain), ""),
         criteria=tuple(criterion for one in each if one.grade != "nothing missing" for criterion in one.criteria),
         rivals=tuple(sorted(rivals, key=lambda rival: -rival.probability)),
         supported=(*forces.supported, *shaft.supported),

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.config import OCCAM, UNSEEN
+from rfca_rig.diagnosis.config import NEGLIGIBLE_POWER, OCCAM
 from rfca_rig.diagnosis.inference.screening import EffectProbe
 from rfca_rig.diagnosis.result import NotSeen
 from rfca_rig.model.effect import Effect, Parameter
@@ -15,7 +15,7 @@ from rfca_rig.model.parameters import RigModel
 Floats = NDArray[np.float64]
 
 
-class Shows(Protocol):
+class SignatureMeasure(Protocol):
     """Measure of how clearly a signature (m,) shows."""
 
     def power(self, signature: Floats) -> float:
@@ -24,7 +24,7 @@ class Shows(Protocol):
 
 
 def find_detection_limits(
-    effects: Sequence[Effect], probes: Sequence[EffectProbe], shows: Shows, rig: RigModel, needed: float | None = None
+    effects: Sequence[Effect], probes: Sequence[EffectProbe], shows: SignatureMeasure, rig: RigModel, needed: float | None = None
 ) -> tuple[NotSeen, ...]:
     """Detection limit of each effect.
 
@@ -71,7 +71,9 @@ def without_effect(effect: Effect, rig: RigModel) -> float:
     return 0.0
 
 
-def _size(effect: Effect, probes: Sequence[EffectProbe], shows: Shows, rig: RigModel, needed: float) -> Mapping[str, float] | None:
+def _size(
+    effect: Effect, probes: Sequence[EffectProbe], shows: SignatureMeasure, rig: RigModel, needed: float
+) -> Mapping[str, float] | None:
     size, off = size_parameter(effect), without_effect(effect, rig)
     powers: dict[float, list[float]] = {}
     signed_sum = 0.0
@@ -82,8 +84,8 @@ def _size(effect: Effect, probes: Sequence[EffectProbe], shows: Shows, rig: RigM
             # Sizes on both sides of zero count by their distance. Rounding joins what is equal but for the last digits.
             powers.setdefault(round(abs(value - off), 12), []).append(shows.power(probe.signature))
     # Several probes may have one distance, for example one per hinge; their median power counts.
-    points = sorted((distance, max(float(np.median(p)), UNSEEN * needed)) for distance, p in powers.items() if distance > 0.0)
-    if not any(power > UNSEEN * needed for _, power in points):
+    points = sorted((distance, max(float(np.median(p)), NEGLIGIBLE_POWER * needed)) for distance, p in powers.items() if distance > 0.0)
+    if not any(power > NEGLIGIBLE_POWER * needed for _, power in points):
         return None
     distance, rising = _threshold(np.array(points), needed)
     value = off + distance if off == 0.0 or signed_sum >= 0.0 else off - distance

@@ -11,7 +11,7 @@ The standard deviation of a parameter has two independent parts:
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.config import LAW_SHARE, LAWS_SHAPE, LAWS_SIZE
+from rfca_rig.diagnosis.config import LAW_MISFIT_SHARE, LAW_SHAPE_ERROR, LAW_SIZE_ERROR
 from rfca_rig.diagnosis.decision.comparison import Comparison
 from rfca_rig.diagnosis.decision.detection_limits import size_parameter, without_effect
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
@@ -38,7 +38,7 @@ def estimate_sizes(comparison: Comparison, hypothesis: Hypothesis, number: int) 
     term = hypothesis.fitted.coordinates.choices[number]
     part, posterior = hypothesis.fitted.coordinates.part(number), hypothesis.marginal.posterior
     std = np.maximum(np.sqrt(np.diag(posterior.covariance))[part], _jackknife_std(comparison, hypothesis)[part])
-    law = LAW_SHARE * comparison.law_error(comparison.scaled(hypothesis))
+    law = LAW_MISFIT_SHARE * comparison.law_error(comparison.scaled(hypothesis))
     parameters: dict[str, Value] = {name: Value(value, 0.0) for name, value in term.whole}
     shape: dict[str, Value] = {}
     for parameter, z, std_z in zip(term.free, posterior.mean[part].tolist(), std.tolist(), strict=True):
@@ -58,10 +58,10 @@ def _law_uncertainty(term: EffectTerm, parameter: Parameter, value: float, law: 
     A size is counted from where the effect does nothing. Both gains of the control loop of a drive are sizes.
     """
     if term.effect.where == "drive":
-        return max(LAWS_SIZE, law) * abs(value)
+        return max(LAW_SIZE_ERROR, law) * abs(value)
     if parameter == size_parameter(term.effect):
-        return max(LAWS_SIZE, law) * abs(value - without_effect(term.effect, hypothesis.fitted.coordinates.space.centre.rig))
-    return max(LAWS_SHAPE, law) * abs(value) if parameter in term.sizes else 0.0
+        return max(LAW_SIZE_ERROR, law) * abs(value - without_effect(term.effect, hypothesis.fitted.coordinates.space.centre.rig))
+    return max(LAW_SHAPE_ERROR, law) * abs(value) if parameter in term.sizes else 0.0
 
 
 def _jackknife_std(comparison: Comparison, hypothesis: Hypothesis) -> Floats:

@@ -7,8 +7,8 @@ def describe(decision: Decision) -> str:
     """What is stated, in one or two sentences."""
     stated = " and ".join(f"{effect.left_out} ({effect.id})" for effect in decision.effects)
     explains = f"explains {100.0 * decision.explained_share:.0f} % of the misfit that can be removed on held-out conditions"
-    if decision.relieved:
-        explains = f"takes the place of an implausible value ({decision.relieved})"
+    if decision.relieved_strain:
+        explains = f"takes the place of an implausible value ({decision.relieved_strain})"
     if decision.grade == "identified":
         others = sorted({other for effect in decision.effects for other in effect.cannot_tell_from})
         tail = f"; these data cannot tell it from {', '.join(others)}" if others else ""

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.config import AS_GOOD
-from rfca_rig.diagnosis.experiment_design.expected_information import ExpectedInformation, expected_information
+from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS
+from rfca_rig.diagnosis.experiment_design.expected_information import ExpectedInformation, predict_information
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
 from rfca_rig.diagnosis.simulator import ConditionData
@@ -127,7 +127,7 @@ class Option:
 def list_options(hypotheses: OpenHypotheses, designs: Iterable[ExperimentDesign], with_bench_tests: bool) -> Iterator[Option]:
     """All designs and bench tests that would separate at least two of the hypotheses."""
     conditions = [(design, condition) for design in designs if (condition := design.try_simulate(hypotheses.open[0])) is not None]
-    views = [(design, view) for design, condition in conditions if (view := expected_information(hypotheses, condition)) is not None]
+    views = [(design, view) for design, condition in conditions if (view := predict_information(hypotheses, condition)) is not None]
     # A bound needs one simulation per hypothesis; the exact score needs one per parameter.
     bounds = [_worth(hypotheses, view.bound(d.repeats[-1])).sum() / d.minutes(d.repeats[0]) for d, view in views]
     tenth = 0.1 * max(bounds, default=0.0) or 1.0  # of those that promise about as much, the gentle designs come first
@@ -164,7 +164,7 @@ def _list_repeats(hypotheses: OpenHypotheses, design: ExperimentDesign, view: Ex
         return
     for repeats, expected in zip(design.repeats, view.expect(design.repeats) or (), strict=False):
         option = _make_option(hypotheses, design, repeats, expected, view.load)
-        if any(log_evidence >= AS_GOOD for _, _, log_evidence in option.pairs):
+        if any(log_evidence >= AS_GOOD_LOG_ODDS for _, _, log_evidence in option.pairs):
             yield option
 
 

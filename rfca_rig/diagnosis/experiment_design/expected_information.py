@@ -25,8 +25,8 @@ from scipy.linalg import cholesky, solve_triangular
 from rfca_rig.diagnosis.config import USUAL_ERROR, WIDE_STEP
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses
-from rfca_rig.diagnosis.leg.simulator import flaps_of
-from rfca_rig.diagnosis.likelihood.covariance import discrepancy
+from rfca_rig.diagnosis.leg.simulator import select_strokes
+from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
 from rfca_rig.diagnosis.simulator import ConditionData
 
 Floats = NDArray[np.float64]
@@ -100,7 +100,7 @@ class ExpectedInformation:
         # Towards the middle of the prior, where the model has an answer.
         steps = [-WIDE_STEP if fits[k].x[i] > 0.0 else WIDE_STEP for k, i in places]
         points = [fits[k].x + step * (np.arange(len(fits[k].x)) == i) for (k, i), step in zip(places, steps, strict=True)]
-        moved = self.dataset.predicted_all([fits[k].coordinates.supposed(x) for (k, _), x in zip(places, points, strict=True)])
+        moved = self.dataset.predict_all([fits[k].coordinates.supposed(x) for (k, _), x in zip(places, points, strict=True)])
         columns = {}
         for (k, i), step, rows in zip(places, steps, moved, strict=True):
             if rows is None:
@@ -115,18 +115,18 @@ class ExpectedInformation:
         A recorded start angle is simulated, so it does not scatter.
         """
         std = dict(self.hypotheses.found.scatter.std)
-        if "start_angle" in std and all(flap.turn.start_rad is not None for flap in flaps_of(self.dataset.parts)):
+        if "start_angle" in std and all(flap.turn.start_rad is not None for flap in select_strokes(self.dataset.parts)):
             del std["start_angle"]
         space = self.hypotheses.open[0].fitted.coordinates.space
         share = np.array([std.get(name, 0.0) for name in space.names]) / space.prior_std
         return jacobian[:, : len(share)] * share
 
 
-def expected_information(hypotheses: OpenHypotheses, condition: ConditionData) -> ExpectedInformation | None:
+def predict_information(hypotheses: OpenHypotheses, condition: ConditionData) -> ExpectedInformation | None:
     """Predictions of all hypotheses for a condition that is not recorded yet; None where one of them has no answer."""
     rows = condition.rows()
     dataset = Dataset((condition,), rows, hypotheses.found.dataset.simulator)
-    found = dataset.predicted_all([h.fitted.coordinates.supposed(h.fitted.x) for h in hypotheses.open])
+    found = dataset.predict_all([h.fitted.coordinates.supposed(h.fitted.x) for h in hypotheses.open])
     if any(answer is None for answer in found):
         return None
-    return ExpectedInformation(hypotheses, dataset, np.array(found), rows.noise, USUAL_ERROR**2 * discrepancy(rows))
+    return ExpectedInformation(hypotheses, dataset, np.array(found), rows.noise, USUAL_ERROR**2 * discrepancy_covariance(rows))

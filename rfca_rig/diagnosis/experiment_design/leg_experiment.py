@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.bench.expectation import expected_loads
+from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, Option, list_options, propose
-from rfca_rig.diagnosis.experiment_design.next_protocol import DYNAMIC, NEXT_PROTOCOL, STATIC, protocol_of
+from rfca_rig.diagnosis.experiment_design.next_protocol import DYNAMIC, NEXT_PROTOCOL, STATIC, make_protocol
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses, list_open_hypotheses
-from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, shaft_condition
-from rfca_rig.diagnosis.leg.simulator import tables_of
-from rfca_rig.diagnosis.leg.stages import MEAN_OF_SAMPLES, StageTable, stage_tables
-from rfca_rig.diagnosis.leg.strokes import BOUNDED, FORCES, FlapCondition, ShaftTurn, flap_condition
+from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, make_shaft_condition
+from rfca_rig.diagnosis.leg.simulator import select_tables
+from rfca_rig.diagnosis.leg.stages import MEAN_OF_SAMPLES, StageTable, make_stage_tables
+from rfca_rig.diagnosis.leg.strokes import FORCES, STROKE_TOLERANCE, DynamicCondition, ShaftTurn, make_dynamic_condition
 from rfca_rig.model.static_stages import StageMoves
-from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.experiments import RigFacts, static_plan
 from rfca_rig.protocol.plan import Limits, Rates
@@ -34,7 +34,7 @@ GRID = 4  # heights, and speeds: the ends of the range and two between
 HEIGHT_BEYOND_M = 0.020  # the rack may go this far beyond where it has been
 SLOWEST_RAD_S = 1.0  # of strokes; what is slower is left to static stages
 READABLE_RAD_S = 5.0  # at greater speeds a stroke's phases are not found
-SPARE = 0.9  # share of a stated limit that an expectation may reach
+LIMIT_SHARE = 0.9  # share of a stated limit that an expectation may reach
 ALIKE_M, ALIKE_SPEED = 0.004, 0.15  # height, and share of the speed: conditions nearer than both show the same
 REST_S = 1.5  # usual time until the leg is at rest
 SEQUENCES = {  # shaft angles in degrees; a bent leg wedges when it is pushed back by more than some degrees
@@ -55,7 +55,7 @@ class FeasibleRegion:
 
     def allows(self, load: Load) -> bool:
         """Whether force and moment are within the limits."""
-        return load.with_more(self.load) == self.load
+        return load.max_with(self.load) == self.load
 
     def heights_m(self, recorded_m: Iterable[float]) -> list[float]:
         """The recorded heights, and a grid of whole 5 mm between the ends."""
@@ -64,7 +64,7 @@ class FeasibleRegion:
         return sorted(h for h in heights if h > 0.0 and self.lowest_m - 1e-9 <= h <= self.highest_m + 1e-9)
 
 
-def next_experiment(body: "PreparedData", verdicts: "Findings", enough: bool, limits: Limits | None = None) -> dict[str, object] | None:
+def propose_experiment(body: "PreparedData", verdicts: "Findings", enough: bool, limits: Limits | None = None) -> dict[str, object] | None:
     """The next experiment; None where nothing is open or nothing would help.
 
     Parameters
@@ -100,23 +100,23 @@ def _list_options(
     of_shaft, region = hypotheses.found is verdicts.drive, _find_region(body, verdicts, limits)
     designs = [design for _, design in _flap_designs(body, verdicts, region, body.shafts[0] if of_shaft else None)]
     if enough and not of_shaft:
-        designs += _stage_designs(body, tables_of(verdicts.leg.dataset.parts), region)
+        designs += _stage_designs(body, select_tables(verdicts.leg.dataset.parts), region)
     return list_options(hypotheses, designs, enough)
 
 
 def _find_region(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> FeasibleRegion:
     """The limits of the rig where they are known, otherwise the speeds and loads that were recorded. Raises SimulationFailed."""
-    flaps, tables, fit = body.flaps, tables_of(verdicts.leg.dataset.parts), verdicts.leg.nothing.fitted
+    flaps, tables, fit = body.flaps, select_tables(verdicts.leg.dataset.parts), verdicts.leg.nothing.fitted
     heights = [*(flap.height_m for flap in flaps), *(table.height_m for table in tables)]
     lowest_m, highest_m = min(heights) - HEIGHT_BEYOND_M, max(heights) + HEIGHT_BEYOND_M
     fastest = max((flap.turn.speed_rad_s for flap in flaps), default=2.0 * SLOWEST_RAD_S)
     if limits is not None:
         # At greater speeds the phases of a stroke may not be found, unless such strokes were recorded already.
-        speed = min(SPARE * limits.speed_rad_s, max(fastest, READABLE_RAD_S))
-        return FeasibleRegion(lowest_m, highest_m, speed, Load(SPARE * limits.force_N, SPARE * limits.torque_Nm))
+        speed = min(LIMIT_SHARE * limits.speed_rad_s, max(fastest, READABLE_RAD_S))
+        return FeasibleRegion(lowest_m, highest_m, speed, Load(LIMIT_SHARE * limits.force_N, LIMIT_SHARE * limits.torque_Nm))
     in_strokes = [_load_of(flap.stroke(fit.coordinates.supposed(fit.x))) for flap in flaps]
     in_stages = [Load(float(np.hypot(stage.fy_N, stage.fz_N)), abs(stage.tx_Nm)) for table in tables for stage in table.stages]
-    return FeasibleRegion(lowest_m, highest_m, fastest, reduce(Load.with_more, [*in_strokes, *in_stages]))
+    return FeasibleRegion(lowest_m, highest_m, fastest, reduce(Load.max_with, [*in_strokes, *in_stages]))
 
 
 def _load_of(stroke: SimulatedStroke) -> Load:
@@ -133,7 +133,7 @@ def _flap_designs(
     if body.flaps:
         start_rad, noise = body.flaps[0].turn.start_rad, body.flaps[0].sample_noise
     else:  # static stages only: each reading is a mean, so a single sample is noisier
-        table = tables_of(verdicts.leg.dataset.parts)[0]
+        table = select_tables(verdicts.leg.dataset.parts)[0]
         start_rad, noise = None, {name: std * float(np.sqrt(MEAN_OF_SAMPLES)) for name, std in table.noise.items()}
     for height_m in region.heights_m(recorded[:, 0]):
         for speed_rad_s in speeds:
@@ -141,10 +141,10 @@ def _flap_designs(
             distances = np.abs(np.array([(recorded[:, 0] - height_m) / ALIKE_M, np.log(recorded[:, 1] / speed_rad_s) / ALIKE_SPEED]))
             if 0.0 < speed_rad_s <= region.speed_rad_s and (distances.max(axis=0) >= 1.0).all():
                 distance = float(np.hypot(*distances).min(initial=np.inf))
-                yield distance, flap_design(height_m, speed_rad_s, region, start_rad, noise, shaft, body.strokes_made)
+                yield distance, make_stroke_design(height_m, speed_rad_s, region, start_rad, noise, shaft, body.strokes_made)
 
 
-def flap_design(
+def make_stroke_design(
     height_m: float,
     speed_rad_s: float,
     region: FeasibleRegion,
@@ -174,22 +174,22 @@ def flap_design(
     sweep_rad = float(np.radians(DYNAMIC["sweep_deg"]))
     back_s = (2.0 * np.pi - sweep_rad) / min(DYNAMIC["return_speed_rad_s"], speed_rad_s) + 0.5  # over the top; half a second to stop
 
-    def simulate(at: Supposed) -> FlapCondition | ShaftCondition | None:
+    def simulate(at: ModelPoint) -> DynamicCondition | ShaftCondition | None:
         # The stroke is simulated finely and then cut exactly like a recording.
         turn = ShaftTurn(speed_rad_s, start_rad)
         before_s = 0.2 if at.rig.swing is None else min(0.2, at.rig.swing.before_s)  # recordings usually begin so long before the motion
         # The ramp delays the end of the sweep by half its duration.
         t_s = np.arange(-before_s, sweep_rad / speed_rad_s + 0.5 * at.rig.drive.ramp_s, 1e-3)
         before = () if strokes_made is None else (strokes_made,)
-        found = stroke_following(at.rig, height_m + at.height_offset_m, turn.motion(at, float(t_s[-1])), t_s, BOUNDED, before)
+        found = simulate_stroke(at.rig, height_m + at.height_offset_m, turn.motion(at, float(t_s[-1])), t_s, STROKE_TOLERANCE, before)
         if not region.allows(_load_of(found)):
             return None
         table = Stream(t_s, {name: Column(getattr(found, name), "") for name in (*FORCES, SIGNAL)})
         condition = Condition(height_m, speed_rad_s, (Stroke(height_m, speed_rad_s, 1, {"table": table}, strokes_made),))
-        flap = flap_condition(condition, noise_std, turn)
-        if isinstance(flap, Refused) or shaft is None:
-            return None if isinstance(flap, Refused) else flap
-        turned = shaft_condition(condition, float(flap.t_s[-1]), at.rig.drive.ramp_s)
+        flap = make_dynamic_condition(condition, noise_std, turn)
+        if isinstance(flap, Undetermined) or shaft is None:
+            return None if isinstance(flap, Undetermined) else flap
+        turned = make_shaft_condition(condition, float(flap.t_s[-1]), at.rig.drive.ramp_s)
         return None if turned is None else replace(turned, sample_noise_rad=shaft.sample_noise_rad)
 
     words = f"dynamic at {settings['height_mm']:g} mm and {speed_rad_s:g} rad/s"
@@ -206,10 +206,10 @@ def _stage_designs(body: "PreparedData", tables: Sequence[StageTable], region: F
     free = [h for h in heights_m if all(abs(h - table.height_m) >= ALIKE_M for table in tables)]
     for kind in SEQUENCES:
         for height_m in sorted({free[0], free[len(free) // 2], free[-1]}) if free else ():
-            yield stage_design(kind, height_m, region, body.noise_std, body.strokes_made)
+            yield make_stage_design(kind, height_m, region, body.noise_std, body.strokes_made)
 
 
-def stage_design(
+def make_stage_design(
     kind: str, height_m: float, region: FeasibleRegion, noise_std: Mapping[str, float | None], strokes_made: int | None = None
 ) -> ExperimentDesign:
     """A sequence of shaft angles at one height.
@@ -232,18 +232,18 @@ def stage_design(
     stages = [{"angle_deg": deg, "direction": way} for deg, way in zip(angles_deg, ways, strict=True)]
     settings = {"kind": kind, "height_mm": round(1e3 * height_m, 3), "stages": stages}
 
-    def simulate(at: Supposed) -> StageTable | None:
+    def simulate(at: ModelPoint) -> StageTable | None:
         settled, start_rad = replace(at.rig, swing=None), at.rig.leg.start_angle_rad
-        sequence = protocol_of(settings).static_stages()  # type: ignore[union-attr]
+        sequence = make_protocol(settings).static_stages()  # type: ignore[union-attr]
         no_limits = Limits(*[np.inf] * 12)  # the loads are compared with the region
         plan = static_plan(sequence, RigFacts(start_rad, start_rad, settled.drive.ramp_s, no_limits, Rates(1e3, 1e3)))
-        if not all(region.allows(load) for load in expected_loads(plan, settled).values()):
+        if not all(region.allows(load) for load in predict_loads(plan, settled).values()):
             return None  # the leg would wedge or press too hard on the way
         empty = [
             StaticStage(height_m, n, way, angle_rad, (), 0.0, 0.0, 0.0, strokes_before=strokes_made)
             for n, (angle_rad, way) in enumerate(sequence.angles_rad, 1)
         ]
-        (table,) = stage_tables(empty, noise_std, StageMoves(STATIC["move_speed_rad_s"], 0.2, 1.0))  # a usual ramp, and at rest
+        (table,) = make_stage_tables(empty, noise_std, StageMoves(STATIC["move_speed_rad_s"], 0.2, 1.0))  # a usual ramp, and at rest
         forces = table.simulated(at).reshape(len(FORCES), -1)
         return replace(table, stages=tuple(replace(s, **dict(zip(FORCES, f, strict=True))) for s, f in zip(empty, forces.T, strict=True)))
 

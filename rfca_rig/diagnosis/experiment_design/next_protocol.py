@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.description.protocol_file import DynamicFile, StaticFile
-from rfca_rig.description.toml import checked
-from rfca_rig.description.toml_writing import comment, table, written
+from rfca_rig.description.toml import validate
+from rfca_rig.description.toml_writing import comment, format_value, table
 from rfca_rig.recording.atomic import write_atomically
 
 NEXT_PROTOCOL = "next-experiment.toml"
@@ -23,18 +23,18 @@ DYNAMIC: Mapping[str, Any] = {
 }
 
 
-def protocol_of(proposal: Mapping[str, Any]) -> DynamicFile | StaticFile:
+def make_protocol(proposal: Mapping[str, Any]) -> DynamicFile | StaticFile:
     """The protocol of a proposal with "height_mm", and "speed_rad_s" or "stages". Raises BadInput where no rig can do it."""
     title, height_mm = "next experiment", proposal["height_mm"]
     if "speed_rad_s" not in proposal:
         static = {"experiment": "static", "title": title, "heights_mm": [height_mm], **STATIC, "stages": proposal["stages"]}
-        return checked(static, StaticFile, f"the {title}")
+        return validate(static, StaticFile, f"the {title}")
     speed_rad_s, repeats = proposal["speed_rad_s"], proposal.get("repeats", 1)
     # A return that is faster than the stroke could exceed the limits of the rig.
     back = {"return_speed_rad_s": min(DYNAMIC["return_speed_rad_s"], speed_rad_s)}
     conditions = [{"height_mm": height_mm, "speed_rad_s": speed_rad_s}]
     dynamic = {"experiment": "dynamic", "title": title, "repeats": repeats, **DYNAMIC, **back, "conditions": conditions}
-    return checked(dynamic, DynamicFile, f"the {title}")
+    return validate(dynamic, DynamicFile, f"the {title}")
 
 
 def write_next_protocol(folder: Path, proposal: Mapping[str, Any] | None) -> Path | None:
@@ -43,9 +43,9 @@ def write_next_protocol(folder: Path, proposal: Mapping[str, Any] | None) -> Pat
     if proposal is None or proposal["protocol"] is None:
         path.unlink(missing_ok=True)
         return None
-    content = protocol_of(proposal).model_dump(mode="json", exclude_unset=True)
+    content = make_protocol(proposal).model_dump(mode="json", exclude_unset=True)
     settle, entries = content.pop("settle"), "stages" if "stages" in content else "conditions"
     tables = [table("settle", settle), *(table(f"[{entries}]", entry) for entry in content.pop(entries))]
-    plain = "".join(f"{name} = {written(value)}\n" for name, value in content.items())
+    plain = "".join(f"{name} = {format_value(value)}\n" for name, value in content.items())
     write_atomically(path, (comment(proposal["why"]) + "\n".join([plain, *tables])).encode("utf-8"))
     return path

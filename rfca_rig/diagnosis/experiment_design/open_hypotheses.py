@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from rfca_rig.diagnosis.config import SURE
+from rfca_rig.diagnosis.config import IDENTIFIED_PROBABILITY
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 
 PLAUSIBLE = 0.01  # probability: a less probable hypothesis is not worth an experiment
-MOST = 5  # hypotheses: each costs as many simulations of every experiment as it has parameters
+MAX_HYPOTHESES = 5  # hypotheses: each costs as many simulations of every experiment as it has parameters
 LEAST_WEIGHT = 0.05  # probability: the most probable hypothesis was not stated, so the others count at least this much
 
 
@@ -46,7 +46,7 @@ def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough
         # After an identified effect, only the effects that explain the data as well are left to be excluded.
         rivals = {name for effect in decision.effects for name in effect.cannot_tell_from}
         is_open = [accepted, *(h for h in ranked if _swaps_one_effect(h, accepted, rivals))]
-    elif decision.grade == "nothing missing" and decision.probability >= SURE:
+    elif decision.grade == "nothing missing" and decision.probability >= IDENTIFIED_PROBABILITY:
         is_open = []
     else:
         probability = softmax([h.log_joint for h in ranked])
@@ -56,8 +56,8 @@ def list_open_hypotheses(found: ModelSelectionResult, decision: Decision, enough
         is_open = likely if len(likely) > 1 else ranked[:2]
     if len(is_open) < 2:
         return None
-    weight = np.maximum(softmax([h.log_joint for h in is_open[:MOST]]), LEAST_WEIGHT)
-    return OpenHypotheses(found, tuple(is_open[:MOST]), weight / weight.sum())
+    weight = np.maximum(softmax([h.log_joint for h in is_open[:MAX_HYPOTHESES]]), LEAST_WEIGHT)
+    return OpenHypotheses(found, tuple(is_open[:MAX_HYPOTHESES]), weight / weight.sum())
 
 
 def _swaps_one_effect(hypothesis: Hypothesis, accepted: Hypothesis, rivals: set[str]) -> bool:

@@ -7,24 +7,24 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import sample_noise, shifted, swings_of
+from rfca_rig.analysis.swings import apply_nuisances, make_swing_problem, sample_noise
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_options, propose
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypotheses
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum
-from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, Stretch, stretches_of, usual_torque_Nm
+from rfca_rig.diagnosis.pendulums.nuisances import PendulumInput
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, Stretch, cut_stretches, usual_torque_Nm
 from rfca_rig.model.joint_drive import torque_trace
 from rfca_rig.model.parameters import GRAVITY_M_S2
-from rfca_rig.model.pendulum import driven
+from rfca_rig.model.pendulum import make_driven_pendulum
 
 Floats = NDArray[np.float64]
 
 REPEATS = (1, 3)  # a recording holds several stretches already
 
 
-def next_swing(campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, enough: bool) -> dict[str, object] | None:
+def propose_swing(campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, enough: bool) -> dict[str, object] | None:
     """What to record or to measure next; None where nothing is open or nothing would help. Keys as for a leg, `protocol` always None."""
     hypotheses = list_open_hypotheses(found, decision, enough)
     return None if hypotheses is None else propose(list(list_options(hypotheses, _designs(campaign), enough)))
@@ -42,7 +42,7 @@ def _designs(campaign: PendulumCampaign) -> Iterator[ExperimentDesign]:
     for deg in (20.0, 60.0, 120.0) if weight_Nm > 0.0 else ():  # nearly linear, usual, and far from it
         words = f"release joint 1 from {deg:g} deg with the motors off and record {seconds:g} s"
         yield _design(campaign, {"kind": "release", "start_deg": deg, "seconds": seconds}, words, t_s, None)
-    torque_Nm = usual_torque_Nm(campaign.pendulum, swings_of(campaign, WINDOW_S, BIN_S).windows)
+    torque_Nm = usual_torque_Nm(campaign.pendulum, make_swing_problem(campaign, WINDOW_S, BIN_S).windows)
     if not any(run.powered for run in campaign.runs):
         return
     for joint in [number for number, link in enumerate(links) if link.driven]:
@@ -68,15 +68,15 @@ def _design(campaign: PendulumCampaign, settings: dict[str, object], words: str,
     torque = np.zeros((len(t_s), links)) if torque_Nm is None else torque_Nm
     start_rad = np.append(np.radians(float(str(settings.get("start_deg", 0.0)))), np.zeros(links - 1))
 
-    def simulate(at: SupposedPendulum) -> Stretch | None:
-        ready = driven(shifted(campaign.pendulum, dict(at.off)), at.rig.effects)
+    def simulate(at: PendulumInput) -> Stretch | None:
+        ready = make_driven_pendulum(apply_nuisances(campaign.pendulum, dict(at.off)), at.rig.effects)
         motion = ready.swing(replace(torque_trace(t_s, torque), powered=is_powered), start_rad, np.zeros(links), t_s[1:])
         angle_rad, speed_rad_s = np.vstack([start_rad, motion.angle_rad]), np.vstack([np.zeros(links), motion.speed_rad_s])
         if (np.abs(angle_rad).max(axis=0) > widest_rad).any():
             return None
         speed = None if first.speed_rad_s is None else speed_rad_s
         run = PendulumRun(f"{kind}, repeat 1", kind, 1, t_s, angle_rad, speed, torque, is_powered)
-        stretches = stretches_of(swings_of(replace(like, runs=(run,)), WINDOW_S, BIN_S))
+        stretches = cut_stretches(make_swing_problem(replace(like, runs=(run,)), WINDOW_S, BIN_S))
         return replace(stretches[0], windows=tuple(window for stretch in stretches for window in stretch.windows))
 
     and_back_to_rest_min = 2.0 * float(t_s[-1]) / 60.0

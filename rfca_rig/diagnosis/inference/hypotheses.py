@@ -13,7 +13,7 @@ from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.screening import EffectProbe, terms_of
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, MarginalPosterior
-from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter
+from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ class ModelSelectionResult:
     probes: tuple[EffectProbe, ...]
     coarse: MarginalLikelihood
     in_coarse: NDArray[np.bool_]
-    scatter: Scatter
+    scatter: RepeatScatter
     likelihood: MarginalLikelihood
     dataset: Dataset
 
@@ -150,7 +150,7 @@ def _log_beyond(hypothesis: Hypothesis, wider: Hypothesis) -> float:
     names, posterior = hypothesis.fitted.coordinates.space.names, hypothesis.marginal.posterior
     # Only a set with exactly one effect equivalent counts, and only if that effect does the same as a nuisance parameter.
     is_wider = set(hypothesis.ids) < set(wider.ids) and len(equivalent) == 1 and equivalent[0] in names
-    if not is_wider or wider.marginal.farthest(wider.fitted.coordinates.nuisances) > IMPLAUSIBLE:
+    if not is_wider or wider.marginal.max_nuisance_shift(wider.fitted.coordinates.nuisances) > IMPLAUSIBLE:
         return 0.0
     place = names.index(equivalent[0])
     std = float(np.sqrt(posterior.covariance[place, place]))

@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from rfca_rig.diagnosis.config import (
-    ALIKE,
-    CONVERGED,
-    FARTHEST,
-    GOOD_ENOUGH,
+    CONVERGED_GAIN,
+    CONVERGENCE_ROUNDS,
+    DIFFERENCE_SIZE,
+    JACOBIAN_ERROR,
+    LEAST_GAIN,
     LEVELS,
-    NARROWEST,
-    POLISHED,
-    ROUGH,
+    MAX_COORDINATE,
+    MODEL_ROUGHNESS,
+    NARROWEST_STEP,
     ROUNDS,
-    SHORTER,
-    SLOPES_ERR,
+    SAME_COLUMN_COSINE,
     STEP,
-    WELL_SEEN,
-    WIDEST,
+    STEP_REDUCTION,
+    WIDEST_STEP,
 )
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.likelihood.covariance import AtError, Whitening
+from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, Whitening
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior, laplace_posteriors
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, MarginalPosterior, make_marginal_likelihood
 
@@ -67,7 +67,7 @@ class MapFit:
         return tuple(term.effect.id for term in self.coordinates.choices)
 
     @property
-    def farthest(self) -> float:
+    def max_nuisance_shift(self) -> float:
         """Largest distance of a nuisance parameter from its prior mean, in prior standard deviations."""
         return float(np.abs(self.x[: self.coordinates.nuisances]).max(initial=0.0))
 
@@ -120,7 +120,7 @@ class GaussNewton:
 
     def _make_fit(self, coordinates: Parameterization, x: Floats, predicted: Floats, jacobian: Floats) -> MapFit:
         size = np.linalg.norm(self.likelihood.usual(jacobian), axis=0)
-        return MapFit(coordinates, x, predicted, self._aligned(coordinates, jacobian), size)
+        return MapFit(coordinates, x, predicted, self._align_nuisances(coordinates, jacobian), size)
 
     def without(self, found: MapFit, number: int) -> MapFit | None:
         """The fit without one of its effects, everything else unchanged; None where the model has no answer."""
@@ -140,13 +140,13 @@ class GaussNewton:
             here, last = self._descend(here, whitening, rounds), whitening.s
         return here
 
-    def converge(self, found: MapFit, rounds: int = POLISHED) -> MapFit:
+    def converge(self, found: MapFit, rounds: int = CONVERGENCE_ROUNDS) -> MapFit:
         """Recompute all columns of the Jacobian and refine again, until that gains less than CONVERGED."""
         here = found
         for _ in range(rounds):
             before, here = here, self.refine(self._recompute_jacobian(here))
             whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
-            if self.misfit(before.x, before.predicted, whitening) - self.misfit(here.x, here.predicted, whitening) < CONVERGED:
+            if self.misfit(before.x, before.predicted, whitening) - self.misfit(here.x, here.predicted, whitening) < CONVERGED_GAIN:
                 break
         return here
 
@@ -155,14 +155,14 @@ class GaussNewton:
         no_columns = np.empty((len(here.predicted), 0))  # a hypothesis without unknowns has no column
         return self._make_fit(here.coordinates, here.x, here.predicted, np.column_stack([no_columns, *columns]))
 
-    def _descend(self, here: MapFit, whitening: AtError, rounds: int) -> MapFit:
+    def _descend(self, here: MapFit, whitening: DiscrepancyWhitening, rounds: int) -> MapFit:
         """Damped steps at one discrepancy scale towards the optimum of the linear model; a failed step shortens the next one."""
         share = 1.0
         for _ in range(rounds):
             goal = _goal(here.linear(self.dataset.rows.measured), whitening)
             before = self.misfit(here.x, here.predicted, whitening)
             # The linear model itself promises too little for a further step.
-            if before - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening) < GOOD_ENOUGH:
+            if before - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening) < LEAST_GAIN:
                 return here
             x = here.x + share * (goal - here.x)
             predicted = self.dataset.predicted(here.coordinates.supposed(x))
@@ -170,10 +170,10 @@ class GaussNewton:
             if predicted is not None:
                 # A failed step is not taken, but it shows where the Jacobian is wrong.
                 here = self._update_by_secant(here, x, predicted) if gained <= 0.0 else self._refresh_jacobian(here, x, predicted)
-            if 0.0 < gained < GOOD_ENOUGH:
+            if 0.0 < gained < LEAST_GAIN:
                 return here
             # Damping by step length: it grows back after a success, up to the full step.
-            share = min(1.0, 2.0 * share) if gained > 0.0 else SHORTER * share
+            share = min(1.0, 2.0 * share) if gained > 0.0 else STEP_REDUCTION * share
         return here
 
     def evaluate(self, found: MapFit) -> MarginalPosterior:
@@ -189,7 +189,7 @@ class GaussNewton:
     def _integrate(self, found: MapFit) -> MarginalPosterior:
         linear = found.linear(self.dataset.rows.measured)
         marginal = self.likelihood.evaluate(linear)
-        missing = missing_promise(found, self.dataset.rows.measured, marginal.posterior.mean, marginal.whitening)
+        missing = unconfirmed_gain(found, self.dataset.rows.measured, marginal.posterior.mean, marginal.whitening)
         return replace(marginal, log_evidence=marginal.log_evidence - missing)
 
     def evaluate_unlisted(self, found: MapFit) -> MarginalPosterior:
@@ -222,9 +222,9 @@ class GaussNewton:
         """
         step = x - here.x
         deviation = predicted - here.predicted - here.jacobian @ step
-        gain = step * (SLOPES_ERR * here.size) ** 2
-        jacobian = here.jacobian + np.outer(deviation, gain / (float(step @ gain) + ROUGH**2))
-        return replace(here, jacobian=self._aligned(here.coordinates, jacobian))
+        gain = step * (JACOBIAN_ERROR * here.size) ** 2
+        jacobian = here.jacobian + np.outer(deviation, gain / (float(step @ gain) + MODEL_ROUGHNESS**2))
+        return replace(here, jacobian=self._align_nuisances(here.coordinates, jacobian))
 
     def _refresh_jacobian(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
         """Move to x: all columns get the secant update, those of effects are recomputed by finite differences."""
@@ -232,9 +232,9 @@ class GaussNewton:
         of_effects = dict(list(enumerate(_widths(here.size)))[here.coordinates.nuisances :])
         for i, column in zip(of_effects, self._columns(here.coordinates, x, predicted, of_effects), strict=True):
             jacobian[:, i] = column
-        return replace(here, x=x, predicted=predicted, jacobian=self._aligned(here.coordinates, jacobian))
+        return replace(here, x=x, predicted=predicted, jacobian=self._align_nuisances(here.coordinates, jacobian))
 
-    def _aligned(self, coordinates: Parameterization, jacobian: Floats) -> Floats:
+    def _align_nuisances(self, coordinates: Parameterization, jacobian: Floats) -> Floats:
         """Replace the column of a nuisance parameter that does the equivalents as an effect by a multiple of the effect's column.
 
         Their columns are differences over other steps, so they would differ slightly. The data would then seem to distinguish what only the
@@ -249,7 +249,7 @@ class GaussNewton:
             cosine = {effect: float(size[:, effect] @ size[:, nuisance]) / (norm[effect] * norm[nuisance]) for effect in effects}
             tied = [effect for effect in effects if equivalents[effect - coordinates.nuisances] == name]
             effect = max(tied or effects, key=lambda one: abs(cosine[one]), default=None)
-            if effect is not None and (tied or abs(cosine[effect]) > ALIKE):
+            if effect is not None and (tied or abs(cosine[effect]) > SAME_COLUMN_COSINE):
                 jacobian[:, nuisance] = jacobian[:, effect] * cosine[effect] * norm[nuisance] / norm[effect]
         return jacobian
 
@@ -268,17 +268,17 @@ class GaussNewton:
     def _simulate_shifted(self, coordinates: Parameterization, x: Floats, steps: Mapping[int, float]) -> dict[int, Floats | None]:
         """The model's rows one step away from x, by the number of the unknown that is shifted."""
         places = [coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x)) for i, step in steps.items()]
-        return dict(zip(steps, self.dataset.predicted_all(places), strict=True))
+        return dict(zip(steps, self.dataset.predict_all(places), strict=True))
 
 
-def log_evidence_by_scale(found: MapFit, measured: Floats, whitenings: Sequence[AtError]) -> Floats:
+def log_evidence_by_scale(found: MapFit, measured: Floats, whitenings: Sequence[DiscrepancyWhitening]) -> Floats:
     """Log evidence of a fit to measured rows (m,) under each of k covariances, (k,)."""
     posteriors = laplace_posteriors(found.linear(measured), whitenings)
     pairs = zip(whitenings, posteriors, strict=True)
-    return np.array([p.log_evidence - missing_promise(found, measured, p.mean, whitening) for whitening, p in pairs])
+    return np.array([p.log_evidence - unconfirmed_gain(found, measured, p.mean, whitening) for whitening, p in pairs])
 
 
-def missing_promise(found: MapFit, measured: Floats, mean: Floats, whitening: Whitening) -> float:
+def unconfirmed_gain(found: MapFit, measured: Floats, mean: Floats, whitening: Whitening) -> float:
     """Gain in log posterior density at `mean` (p,) that the linear model promises and the fit did not find; `measured` is (m,).
 
     It does not count as evidence. A Jacobian across a kink promises much.
@@ -300,7 +300,7 @@ def without_scatter(dataset: Dataset) -> GaussNewton:
 def _widths(size: Floats) -> Floats:
     """Widths (p,) of finite differences: a difference should exceed the roughness of the model, within NARROWEST to WIDEST."""
     # Such a step changes the rows by about WELL_SEEN standard deviations in all.
-    return np.asarray(np.clip(WELL_SEEN / np.maximum(size, 1e-300), NARROWEST, WIDEST))
+    return np.asarray(np.clip(DIFFERENCE_SIZE / np.maximum(size, 1e-300), NARROWEST_STEP, WIDEST_STEP))
 
 
 def _goal(linear: LinearModel, whitening: Whitening) -> Floats:
@@ -310,11 +310,11 @@ def _goal(linear: LinearModel, whitening: Whitening) -> Floats:
     """
     x, free = laplace_posterior(linear, whitening).mean, np.ones(linear.jacobian.shape[1], dtype=bool)
     # Active-set iteration: every pass fixes at least one coordinate more, so it ends.
-    while np.any(np.abs(x[free]) > FARTHEST):
-        free &= np.abs(x) <= FARTHEST
-        x = np.clip(x, -FARTHEST, FARTHEST)
+    while np.any(np.abs(x[free]) > MAX_COORDINATE):
+        free &= np.abs(x) <= MAX_COORDINATE
+        x = np.clip(x, -MAX_COORDINATE, MAX_COORDINATE)
         if not free.any():
             break
         rest = LinearModel(linear.target - linear.jacobian[:, ~free] @ x[~free], linear.jacobian[:, free])
         x[free] = laplace_posterior(rest, whitening).mean
-    return np.clip(x, -FARTHEST, FARTHEST)
+    return np.clip(x, -MAX_COORDINATE, MAX_COORDINATE)

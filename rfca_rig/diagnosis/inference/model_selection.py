@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.config import (
+    ALWAYS_FITTED,
+    CLOSE_LOG_EVIDENCE,
     DEFAULT_SEARCH,
-    FARTHEST,
     GOOD_FIT,
     IMPLAUSIBLE,
     LARGEST_SET,
-    NEAR,
-    RESCALED,
-    RIVALS,
+    MAX_COORDINATE,
+    MAX_RESCALING,
     STRAINED,
     SearchConfig,
 )
@@ -39,16 +39,16 @@ from rfca_rig.diagnosis.inference.screening import (
     Point,
     Projection,
     grid_points,
+    make_projection,
     probe_effects,
-    projection_of,
     promising_points,
     terms_of,
 )
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
-from rfca_rig.diagnosis.likelihood.repeat_scatter import Scatter, estimate_scatter
+from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter, estimate_scatter
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
-from rfca_rig.model.families import related
+from rfca_rig.model.families import list_related
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -94,7 +94,7 @@ class SearchState:
     """
 
     optimizer: GaussNewton
-    scatter: Scatter
+    scatter: RepeatScatter
     coarse: GaussNewton
     in_coarse: NDArray[np.bool_]
     nominal: MapFit
@@ -204,7 +204,7 @@ def _fit_nominal(dataset: Dataset, coordinates: Parameterization, config: Search
     return SearchState(optimizer, scatter, coarse, rows, nominal, optimizer.converge(nothing))
 
 
-def _coarsen(dataset: Dataset, scatter: Scatter, conditions: int) -> tuple[GaussNewton, NDArray[np.bool_]]:
+def _coarsen(dataset: Dataset, scatter: RepeatScatter, conditions: int) -> tuple[GaussNewton, NDArray[np.bool_]]:
     """The optimiser on a subset of the conditions, and which of all rows these have."""
     subset, rows = dataset.subset(conditions)
     columns = scatter.columns[rows]
@@ -219,7 +219,7 @@ def _restrict(fit: MapFit, state: SearchState) -> MapFit:
 def _projection(state: SearchState, fit: MapFit) -> Projection:
     """The projection around a fit, on the subset of the conditions."""
     here, measured = _restrict(fit, state), state.coarse.dataset.rows.measured
-    return projection_of(here, measured, state.coarse.likelihood.level(here.linear(measured)))
+    return make_projection(here, measured, state.coarse.likelihood.level(here.linear(measured)))
 
 
 def _screen(state: SearchState, base: MapFit, projection: Projection, points: Sequence[Point]) -> Screen:
@@ -272,12 +272,12 @@ def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Float
     """Chi-square that probes i and j could remove together, (k, k), each signature scaled by a factor of 0 to RESCALED."""
     white = projection.whitening(np.column_stack([probe.signature for probe in probes]))
     # Closed solution of the 2 x 2 normal equations for all pairs at once, by Cramer's rule.
-    gram, match = white.T @ projection.through(white), white.T @ projection.residual
+    gram, match = white.T @ projection.project(white), white.T @ projection.residual
     own = np.diag(gram)
     product = np.outer(own, own)
     # Two almost parallel signatures have no useful determinant; the floor keeps the quotient finite.
     determinant = np.maximum(product - gram**2, 1e-9 * product + 1e-300)
-    first = np.clip((np.outer(match, own) - gram * match[None, :]) / determinant, 0.0, RESCALED)
+    first = np.clip((np.outer(match, own) - gram * match[None, :]) / determinant, 0.0, MAX_RESCALING)
     # The factors are limited, so the gain is evaluated by its quadratic form, not by the formula for the optimum.
     second = first.T
     quadratic = first**2 * own[:, None] + 2.0 * first * second * gram + second**2 * own[None, :]
@@ -318,7 +318,7 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
         best_of_each = {frozenset(start.terms): (gain, start) for gain, start in sorted(ends, key=lambda end: end[0])}
         best = sorted(best_of_each.values(), key=lambda end: -end[0])[:full]
         # The best RIVALS sets are always fitted: the best one without an effect measures the support of that effect.
-        near = [start for n, (gain, start) in enumerate(best) if n < RIVALS or gain > best[0][0] - NEAR]
+        near = [start for n, (gain, start) in enumerate(best) if n < ALWAYS_FITTED or gain > best[0][0] - CLOSE_LOG_EVIDENCE]
         fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), near)
         return state.with_fits(fit for fit in fits if fit is not None)
 
@@ -333,7 +333,7 @@ def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: in
 def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
     """Converge the best fits of a size with fresh Jacobians, unless they are far behind the best of all."""
     best = state.of_size(size)[: config.converged]
-    least = max((state.optimizer.free_log_evidence(fit) for fit in state.fits), default=0.0) - NEAR
+    least = max((state.optimizer.free_log_evidence(fit) for fit in state.fits), default=0.0) - CLOSE_LOG_EVIDENCE
     near = [fit for fit in best if fit is best[0] or state.optimizer.free_log_evidence(fit) > least]
     with ThreadPoolExecutor(THREADS) as pool:
         fits = [fit for fit in near if fit not in state.converged]
@@ -351,7 +351,7 @@ def _converge_all(state: SearchState, config: SearchConfig) -> SearchState:
 def _is_adequate(state: SearchState) -> bool:
     """Whether the best explanation leaves a normal model error only, with plausible nuisance parameters."""
     marginal = state.optimizer.evaluate(state.best)
-    return marginal.error < GOOD_FIT and marginal.farthest(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
+    return marginal.error < GOOD_FIT and marginal.max_nuisance_shift(state.nominal.coordinates.nuisances) < IMPLAUSIBLE
 
 
 def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchState:
@@ -374,7 +374,7 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
     if len(evaluated) < 2 + len(state.fits):
         return state
     nominal, *fits = evaluated
-    least = max(map(optimizer.free_log_evidence, fits)) - NEAR
+    least = max(map(optimizer.free_log_evidence, fits)) - CLOSE_LOG_EVIDENCE
     with ThreadPoolExecutor(THREADS) as pool:
         # Fits far behind are not refined, only evaluated where they are.
         is_worth = [n == 0 or optimizer.free_log_evidence(fit) > least for n, fit in enumerate(fits)]
@@ -398,13 +398,13 @@ def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchC
         # One variant per effect; `ranked` descends, so in reversed order the best one stays in the dictionary.
         starts += {start.terms[-1].effect.id: start for start in reversed(ranked)}.values()
     # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode than that of their prior means.
-    strained = [fit for fit in parents if fit.farthest > IMPLAUSIBLE and fit.ids]
+    strained = [fit for fit in parents if fit.max_nuisance_shift > IMPLAUSIBLE and fit.ids]
     starts += [FitStart(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in strained]
     with ThreadPoolExecutor(THREADS) as pool:
         fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), starts)
         found = [fit for fit in fits if fit is not None]
         after = state.with_fits(found)
-        least = state.optimizer.free_log_evidence(after.best) - NEAR
+        least = state.optimizer.free_log_evidence(after.best) - CLOSE_LOG_EVIDENCE
         near = [fit for fit in found if fit in after.fits and state.optimizer.free_log_evidence(fit) > least]
         converged = list(pool.map(state.optimizer.converge, near))
     exchanged = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
@@ -420,7 +420,7 @@ def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iter
     strained = {name: place for place, name in enumerate(coordinates.space.names) if abs(parent.x[place]) > STRAINED}
     equivalent = {term.effect.id: strained[term.effect.same_as] for term in terms if term.effect.same_as in strained}
     for number, term in enumerate(coordinates.choices):
-        relatives = related((term.effect.id,)) | {term.effect.id} | equivalent.keys()
+        relatives = list_related((term.effect.id,)) | {term.effect.id} | equivalent.keys()
         base = state.optimizer.without(parent, number)
         if base is not None:
             yield base, relatives - (set(parent.ids) - {term.effect.id})
@@ -455,7 +455,7 @@ def _fit_nested(state: SearchState) -> SearchState:
                 along = best.jacobian[:, place] / state.optimizer.dataset.rows.noise
                 change = (best.predicted - predicted) / state.optimizer.dataset.rows.noise
                 share = float(along @ change) / max(float(along @ along), 1e-300)
-                x[place] = np.clip(x[place] + share, -FARTHEST, FARTHEST)
+                x[place] = np.clip(x[place] + share, -MAX_COORDINATE, MAX_COORDINATE)
                 found.append(_fit(state.optimizer, state, FitStart(terms, x, of_nuisances), 5))
     return state.with_fits(fit for fit in found if fit is not None)
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from rfca_rig.analysis.fitting.space import Space
-from rfca_rig.diagnosis.config import FARTHEST, OCTAVE
+from rfca_rig.analysis.fitting.space import Prior
+from rfca_rig.diagnosis.config import MAX_COORDINATE, OCTAVE
 from rfca_rig.diagnosis.simulator import SimulatorInput
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import PresentEffect
@@ -37,7 +37,7 @@ def coordinate_of(parameter: Parameter, value: float) -> float:
     if _is_scale(parameter):
         share = np.log(max(value, 1e-300) / low) / np.log(high / low)
         # The inner limit keeps the inverse of Phi finite at and beyond the bounds.
-        return float(np.clip(ndtri(np.clip(share, 1e-12, 1.0 - 1e-12)), -FARTHEST, FARTHEST))
+        return float(np.clip(ndtri(np.clip(share, 1e-12, 1.0 - 1e-12)), -MAX_COORDINATE, MAX_COORDINATE))
     return (value - 0.5 * (low + high)) / (0.25 * (high - low))
 
 
@@ -87,7 +87,7 @@ class EffectTerm:
 class Parameterization:
     """The unknowns of one hypothesis: first the nuisance parameters of `space`, then the free parameters of each term in `choices`."""
 
-    space: Space[Any]
+    space: Prior[Any]
     choices: tuple[EffectTerm, ...] = ()
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from rfca_rig.diagnosis.config import GRID_POINTS, RESCALED
+from rfca_rig.diagnosis.config import GRID_POINTS, MAX_RESCALING
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
@@ -54,7 +54,7 @@ def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> li
     for choice, z in points:
         wider = coordinates.with_terms((*coordinates.choices, choice))
         supposed.append(wider.supposed(np.concatenate([base.x, z])))
-    found = dataset.predicted_all(supposed)
+    found = dataset.predict_all(supposed)
     return [EffectProbe(c, z, there - base.predicted) for (c, z), there in zip(points, found, strict=True) if there is not None]
 
 
@@ -100,27 +100,27 @@ class Projection:
     inverse: Floats
     residual: Floats
 
-    def through(self, whitened: Floats) -> Floats:
+    def project(self, whitened: Floats) -> Floats:
         """Part of a whitened vector (m,), or of columns (m, k), that the unknowns of the fit cannot take up."""
         return whitened - self.jacobian @ (self.inverse @ (self.jacobian.T @ whitened))
 
     def power(self, signature: Floats) -> float:
         """Squared size of a signature (m,) beyond noise, scatter, model error and nuisance parameters."""
         white = self.whitening(signature)
-        return float(white @ self.through(white))
+        return float(white @ self.project(white))
 
     def gain(self, signature: Floats) -> tuple[float, float]:
         """Chi-square that a signature (m,) could remove, and the factor by which it would have to be scaled for that."""
         white = self.whitening(signature)
-        return self.gain_inside(white, self.through(white))
+        return self.gain_of_projected(white, self.project(white))
 
-    def gain_inside(self, white: Floats, inside: Floats) -> tuple[float, float]:
+    def gain_of_projected(self, white: Floats, inside: Floats) -> tuple[float, float]:
         """The same of a signature that is whitened already, `white` (m,), with its projection `inside` (m,)."""
         power, match = float(white @ inside), float(white @ self.residual)
         if power <= 0.0:
             return 0.0, 1.0
         # Least squares along the signature. An effect cannot change its sign, and far beyond its size the signature is no guide.
-        factor = float(np.clip(match / power, 0.0, RESCALED))
+        factor = float(np.clip(match / power, 0.0, MAX_RESCALING))
         return 2.0 * factor * match - factor**2 * power, factor
 
 
@@ -132,7 +132,7 @@ def promising_points(projection: Projection, probes: Sequence[EffectProbe], most
     return [(probe.choice, probe.z) for best in of_effect.values() for probe in best[:most]]
 
 
-def projection_of(base: MapFit, measured: Floats, whitening: Whitening) -> Projection:
+def make_projection(base: MapFit, measured: Floats, whitening: Whitening) -> Projection:
     """The projection around a fit.
 
     Parameters

@@ -6,23 +6,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.matched_simulation import GRID_S, LONGER
-from rfca_rig.analysis.phases import Refused
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S
+from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
-from rfca_rig.diagnosis.experiment_design.leg_experiment import next_experiment
-from rfca_rig.diagnosis.figures import overlays
+from rfca_rig.diagnosis.experiment_design.leg_experiment import propose_experiment
+from rfca_rig.diagnosis.figures import make_overlays
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.leg.shaft_observations import late_s, turns_as_commanded
-from rfca_rig.diagnosis.leg.strokes import BOUNDED, FlapCondition
-from rfca_rig.diagnosis.residual_force.free_form import free_form, place_of
+from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, turns_as_commanded
+from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition
+from rfca_rig.diagnosis.residual_force.free_form import estimate_free_force, state_place
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, StatedPlace
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data, nuisance_values, present_effects
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import simulate_stroke
 from rfca_rig.protocol.plan import Limits
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ def build_leg_result(body: "PreparedData", verdicts: "Findings", limits: Limits 
         result,
         valley=valley_errors(body.flaps, leg.nominal.coordinates.supposed(leg.nominal.x), after, has_drive),
         unexplained=(*result.unexplained, *free_text),
-        remarks=(*body.remarks, *_remarks(body, leg), *_late(body, verdicts)),
-        next_experiment=next_experiment(body, verdicts, enough, limits),
+        remarks=(*body.remarks, *_remarks(body, leg), *_describe_delay(body, verdicts)),
+        next_experiment=propose_experiment(body, verdicts, enough, limits),
         settings={
             **result.settings,
             "conditions": len(body.flaps),
@@ -80,7 +80,7 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: "Findings") -> 
         sentence=result.sentence + (" Something else remains unexplained." if is_left else ""),
         cells=(*result.cells, *cells),
         located=(*places, *result.located),
-        overlays=(*result.overlays, *overlays(drive, of_drive.explanation, DYNAMIC)),
+        overlays=(*result.overlays, *make_overlays(drive, of_drive.explanation, DYNAMIC)),
         found_effects=(*result.found_effects, *found),
         found_rig=rig,
     )
@@ -91,11 +91,11 @@ def _locate_free_force(decision: Decision, verdicts: "Findings") -> tuple[Stated
     if decision.grade != "unexplained" or verdicts.leg_decision.grade != "unexplained":
         return None, ()
     try:
-        free = free_form(verdicts.leg)
+        free = estimate_free_force(verdicts.leg)
     except SimulationFailed as error:
         # The rest of the answer is still valid, so the failure becomes a remark.
         return None, (f"no free force could be estimated: {error}",)
-    return (None, ()) if free is None else (place_of(free), (free.text,))
+    return (None, ()) if free is None else (state_place(free), (free.text,))
 
 
 def _remarks(body: "PreparedData", leg: ModelSelectionResult) -> tuple[str, ...]:
@@ -106,12 +106,12 @@ def _remarks(body: "PreparedData", leg: ModelSelectionResult) -> tuple[str, ...]
     return (*channel, *shaft)
 
 
-def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
+def _describe_delay(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
     """The delay of the drive, where it shows: a gain of the drive that is fitted without the delay is wrong."""
     if verdicts.drive_decision is None:
         if all(turns_as_commanded(shaft) for shaft in body.shafts):
             return ()
-        late_ms = 1e3 * float(np.mean([late_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
+        late_ms = 1e3 * float(np.mean([estimate_delay_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
         return (f"but for being {late_ms:.1f} ms late the drive does what it is told",)
     fitted_ms = nuisance_values(verdicts.drive_decision.explanation).get("command_delay")
     if fitted_ms is None:
@@ -120,7 +120,9 @@ def _late(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
     return (message,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
 
 
-def valley_errors(flaps: Sequence[FlapCondition], nominal: Supposed, after: Supposed, drive_found: bool) -> Mapping[str, BeforeAfter]:
+def valley_errors(
+    flaps: Sequence[DynamicCondition], nominal: ModelPoint, after: ModelPoint, drive_found: bool
+) -> Mapping[str, BeforeAfter]:
     """Mean error of the valley in time and force, in percent, as in Table II of the paper.
 
     The nominal shaft moves as commanded. If a drive effect was found, the accepted model simulates the motion of the shaft itself.
@@ -129,7 +131,7 @@ def valley_errors(flaps: Sequence[FlapCondition], nominal: Supposed, after: Supp
     found = [
         (flap.valley, _valley(flap, nominal, True), _valley(flap, after, drive_found))
         for flap in flaps
-        if not isinstance(flap.valley, Refused)
+        if not isinstance(flap.valley, Undetermined)
     ]
     complete = [(m, b, a) for m, b, a in found if isinstance(m, Valley) and isinstance(b, Valley) and isinstance(a, Valley)]
     if not complete:
@@ -144,18 +146,20 @@ def valley_errors(flaps: Sequence[FlapCondition], nominal: Supposed, after: Supp
     }
 
 
-def _valley(flap: FlapCondition, supposed: Supposed, commanded: bool) -> Valley | Refused:
-    t_s = GRID_S * np.arange(0, int(LONGER * flap.phases.valley_s / GRID_S), dtype=np.float64)
+def _valley(flap: DynamicCondition, supposed: ModelPoint, commanded: bool) -> Valley | Undetermined:
+    t_s = GRID_S * np.arange(0, int(DURATION_FACTOR * flap.phases.valley_s / GRID_S), dtype=np.float64)
     turn = replace(flap.turn, recorded=None) if commanded else flap.turn
     if supposed.rig.effects and commanded:
         turn = replace(turn, start_rad=None)  # a drive at fault leaves its start by itself
     try:
         motion = turn.motion(supposed, float(t_s[-1]))
         known = t_s <= motion.breaks_s[-1]  # a recorded turn says nothing of the time after it
-        stroke = stroke_following(supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known], BOUNDED, flap.strokes_before)
+        stroke = simulate_stroke(
+            supposed.rig, flap.height_m + supposed.height_offset_m, motion, t_s[known], STROKE_TOLERANCE, flap.strokes_before
+        )
     except SimulationFailed as error:
         # Without an answer of the model there is no valley to compare; the condition does not count.
-        return Refused(str(error))
+        return Undetermined(str(error))
     return find_valley(stroke.t_s, stroke.fz_N)
 
 

@@ -6,20 +6,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.diagnosis.data.observations import Observations, rms
-from rfca_rig.diagnosis.leg.strokes import BOUNDED, dynamic_label
+from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, dynamic_label
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.setup import set_up
-from rfca_rig.model.stroke import stroke_of
+from rfca_rig.model.stroke import simulate_setup
 
 Floats = NDArray[np.float64]
 
 SIGNAL = "shaft_angle_rad"
 BIN_S = 0.010
 AS_COMMANDED_RAD = 0.003  # rms: what 1 ms of delay at 3 rad/s makes, and no leg notices
-BUT_LATE_RAD = 0.002  # rms beside what a delay makes
+DELAYED_RAD = 0.002  # rms beside what a delay makes
 SMALLEST_SCALE_RAD = 0.1  # a model error of 1 % is then a milliradian at least, which no leg notices
 
 
@@ -55,7 +55,7 @@ class ShaftCondition:
     repeats: Floats
     strokes_before: tuple[int, ...] = ()
 
-    def simulated(self, supposed: Supposed) -> Floats:
+    def simulated(self, supposed: ModelPoint) -> Floats:
         """Simulated angle less the commanded one, each from its start, (b,). Raises SimulationFailed.
 
         The command starts from the recorded start angle: the sag of a drive there is not used. A drive that is late by a delay moves as the
@@ -67,21 +67,21 @@ class ShaftCondition:
         if setup.drive is None:  # the leg does not act back on this shaft
             angle_rad = setup.motion.angle_rad(np.maximum(then_s, 0.0))
         else:
-            angle_rad = stroke_of(setup, then_s, BOUNDED).shaft_angle_rad
+            angle_rad = simulate_setup(setup, then_s, STROKE_TOLERANCE).shaft_angle_rad
         stood_rad = float(angle_rad[self.t_s <= max(0.0, float(self.t_s[0]))].mean())
-        return self._binned(angle_rad - stood_rad - motion.angle_rad(self.t_s) + self.start_rad)
+        return self._bin_means(angle_rad - stood_rad - motion.angle_rad(self.t_s) + self.start_rad)
 
     @property
-    def away_rad(self) -> Floats:
+    def deviation_rad(self) -> Floats:
         """By how much the shaft is ahead of its command, (b,), mean over the repeats."""
         return np.asarray(self.repeats.mean(axis=0))
 
-    def told_rad_s(self, ramp_s: float) -> Floats:
+    def commanded_rad_s(self, ramp_s: float) -> Floats:
         """Commanded speed, (b,)."""
         # A linear ramp, then the constant speed of the stroke.
-        return self._binned(self.speed_rad_s * np.clip(self.t_s / ramp_s, 0.0, 1.0))
+        return self._bin_means(self.speed_rad_s * np.clip(self.t_s / ramp_s, 0.0, 1.0))
 
-    def _binned(self, values: Floats) -> Floats:
+    def _bin_means(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self._counts)
 
     @cached_property
@@ -90,8 +90,8 @@ class ShaftCondition:
 
     def rows(self) -> Observations:
         """The rows: by how much the shaft is ahead of its command, in rad."""
-        measured = self.away_rad
-        middle = self._binned(self.t_s)
+        measured = self.deviation_rad
+        middle = self._bin_means(self.t_s)
         # The derivative allows an error in time, as for forces.
         scale = np.sqrt(measured**2 + (0.02 * np.gradient(measured, middle)) ** 2 + SMALLEST_SCALE_RAD**2)
         bins = len(measured)
@@ -99,7 +99,7 @@ class ShaftCondition:
             measured=measured,
             noise=self.sample_noise_rad / np.sqrt(self._counts * len(self.repeats)),
             scale=scale,
-            jolt=np.zeros(bins),
+            transient_scale=np.zeros(bins),
             # Model errors are correlated over about 0.3 s.
             progress=middle / 0.3,
             t_s=middle,
@@ -110,7 +110,7 @@ class ShaftCondition:
         )
 
 
-def shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftCondition | None:
+def make_shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftCondition | None:
     """The shaft of a condition until `end_s`; None where no angle was recorded."""
     traces = [trace for stroke in condition.strokes if (trace := stroke.channel(SIGNAL)) is not None]
     if not traces:
@@ -141,24 +141,24 @@ def shaft_condition(condition: Condition, end_s: float, ramp_s: float) -> ShaftC
 
 def turns_as_commanded(shaft: ShaftCondition) -> bool:
     """Whether the shaft followed its command without delay, from its start."""
-    return rms(shaft.away_rad) < AS_COMMANDED_RAD
+    return rms(shaft.deviation_rad) < AS_COMMANDED_RAD
 
 
 def tracks_command(shaft: ShaftCondition, ramp_s: float) -> bool:
-    """Whether the shaft followed its command, at once or with the constant delay `late_s`."""
+    """Whether the shaft followed its command, at once or with the constant delay `estimate_delay_s`."""
     return tracking_error(shaft, ramp_s) < 1.0
 
 
 def tracking_error(shaft: ShaftCondition, ramp_s: float) -> float:
     """Deviation of the shaft from its command; below 1 where it follows the command, at once or with a delay."""
-    return min(rms(shaft.away_rad) / AS_COMMANDED_RAD, _beside_delay_rad(shaft, ramp_s) / BUT_LATE_RAD)
+    return min(rms(shaft.deviation_rad) / AS_COMMANDED_RAD, _beside_delay_rad(shaft, ramp_s) / DELAYED_RAD)
 
 
 def _beside_delay_rad(shaft: ShaftCondition, ramp_s: float) -> float:
-    return rms(shaft.away_rad + late_s(shaft, ramp_s) * shaft.told_rad_s(ramp_s))
+    return rms(shaft.deviation_rad + estimate_delay_s(shaft, ramp_s) * shaft.commanded_rad_s(ramp_s))
 
 
-def late_s(shaft: ShaftCondition, ramp_s: float) -> float:
+def estimate_delay_s(shaft: ShaftCondition, ramp_s: float) -> float:
     """Delay of the shaft behind its command in s, by least squares."""
-    told_rad_s = shaft.told_rad_s(ramp_s)
-    return -float(told_rad_s @ shaft.away_rad) / float(told_rad_s @ told_rad_s)
+    told_rad_s = shaft.commanded_rad_s(ramp_s)
+    return -float(told_rad_s @ shaft.deviation_rad) / float(told_rad_s @ told_rad_s)

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
-from rfca_rig.analysis.fitting.scatter import USUAL
-from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint
+from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
+from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.diagnosis.config import USUAL_ERROR, WIDE_STEP
 from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
 from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable
-from rfca_rig.diagnosis.leg.strokes import FlapCondition
-from rfca_rig.diagnosis.likelihood.covariance import discrepancy, factored
+from rfca_rig.diagnosis.leg.strokes import DynamicCondition
+from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance, make_whitening
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator, spread
 from rfca_rig.errors import BadInput
@@ -22,7 +22,7 @@ from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.static_stages import StageMoves
 
 Floats = NDArray[np.float64]
-LegCondition = FlapCondition | StageTable | ShaftCondition
+LegCondition = DynamicCondition | StageTable | ShaftCondition
 
 TRIGGER_MS = 0.2  # one sample at 5 kHz: what a trigger leaves open that is read once a sample
 # Usual ways to approach a stage. The approach is not recorded, and friction makes the readings depend on it.
@@ -31,11 +31,11 @@ MOVES = (StageMoves(1.0, 0.005, HOLD_S), StageMoves(1.0, 0.05, HOLD_S), StageMov
 
 @dataclass(frozen=True)
 class LegSimulator(Simulator):
-    """The leg. If `stopped_as_told`, the shaft of static stages stopped at its commanded angle without moving back."""
+    """The leg. If `stopped_as_commanded`, the shaft of static stages stopped at its commanded angle without moving back."""
 
-    stopped_as_told: bool = True
+    stopped_as_commanded: bool = True
 
-    def simulate(self, at: Supposed, condition: LegCondition) -> Floats:
+    def simulate(self, at: ModelPoint, condition: LegCondition) -> Floats:
         """Predicted rows (m,) of a condition, signal after signal. Raises SimulationFailed."""
         return condition.simulated(at)
 
@@ -45,32 +45,32 @@ class LegSimulator(Simulator):
         moving, tables = np.flatnonzero(~np.array(is_table)), np.flatnonzero(is_table)
         return sorted(int(number) for number in (*moving[spread(len(moving), count)], *tables[:1]))
 
-    def scatter(self, at: Supposed, conditions: Sequence[LegCondition]) -> tuple[ScatterDirection, ...]:
+    def scatter(self, at: ModelPoint, conditions: Sequence[LegCondition]) -> tuple[ScatterDirection, ...]:
         """Scatter of rack height, friction, start angle and trigger.
 
         The trigger is the time at which the clock of the force starts relative to that of the shaft. A recorded start angle is simulated,
         so its scatter is not left in the mean.
         """
-        std = np.array(list(USUAL.values()))
-        parameters = tuple(replace(PARAMETERS[name], relative=False) for name in USUAL)
-        space = Space(parameters, at, std, np.ones(len(std), dtype=bool))
-        flaps = flaps_of(conditions)
+        std = np.array(list(USUAL_SCATTER.values()))
+        parameters = tuple(replace(PARAMETERS[name], relative=False) for name in USUAL_SCATTER)
+        space = Prior(parameters, at, std, np.ones(len(std), dtype=bool))
+        flaps = select_strokes(conditions)
         starts_recorded = bool(flaps) and all(flap.turn.start_rad is not None for flap in flaps)
         late, early = (at.with_effects((PresentEffect("clock_offset", (("offset_s", sign * 1e-3 * TRIGGER_MS),)),)) for sign in (1.0, -1.0))
         return (
             *(
-                ScatterDirection(name, USUAL[name], space.at(step), space.at(-step), starts_recorded and name == "start_angle")
-                for name, step in zip(USUAL, np.eye(len(std)), strict=True)
+                ScatterDirection(name, USUAL_SCATTER[name], space.at(step), space.at(-step), starts_recorded and name == "start_angle")
+                for name, step in zip(USUAL_SCATTER, np.eye(len(std)), strict=True)
             ),
             ScatterDirection("trigger", TRIGGER_MS, late, early),
         )
 
     def forget_history(self, conditions: tuple[LegCondition, ...]) -> tuple[LegCondition, ...]:
         """The conditions before the approach of the stages is known: static friction in them is free."""
-        return _with_tables(conditions, [replace(table, stopped_as_told=False) for table in tables_of(conditions)])
+        return _with_tables(conditions, [replace(table, stopped_as_commanded=False) for table in select_tables(conditions)])
 
     def infer_history(
-        self, conditions: tuple[LegCondition, ...], input_at: Callable[[Floats], Supposed], x: Floats
+        self, conditions: tuple[LegCondition, ...], input_at: Callable[[Floats], ModelPoint], x: Floats
     ) -> tuple[LegCondition, ...]:
         """The conditions with the static tables approached in the most probable way.
 
@@ -81,14 +81,14 @@ class LegSimulator(Simulator):
         input_at, x
             The input of the simulator as a function of all unknowns (p,), and their values.
         """
-        tables = [replace(table, stopped_as_told=self.stopped_as_told) for table in tables_of(conditions)]
+        tables = [replace(table, stopped_as_commanded=self.stopped_as_commanded) for table in select_tables(conditions)]
         if not tables:
             return conditions
         moves = infer_approach(tables, input_at, x)
         return _with_tables(conditions, [replace(table, moves=moves) for table in tables])
 
 
-def leg_dataset(conditions: Iterable[LegCondition], stopped_as_told: bool = True) -> Dataset:
+def make_leg_dataset(conditions: Iterable[LegCondition], stopped_as_told: bool = True) -> Dataset:
     """The dataset of the recordings of a leg. Raises BadInput where there is none."""
     conditions = tuple(conditions)
     if not conditions:
@@ -96,17 +96,17 @@ def leg_dataset(conditions: Iterable[LegCondition], stopped_as_told: bool = True
     return make_dataset(conditions, LegSimulator(stopped_as_told))
 
 
-def flaps_of(conditions: Iterable[object]) -> tuple[FlapCondition, ...]:
+def select_strokes(conditions: Iterable[object]) -> tuple[DynamicCondition, ...]:
     """The conditions of the dynamic experiment."""
-    return tuple(condition for condition in conditions if isinstance(condition, FlapCondition))
+    return tuple(condition for condition in conditions if isinstance(condition, DynamicCondition))
 
 
-def tables_of(conditions: Iterable[object]) -> tuple[StageTable, ...]:
+def select_tables(conditions: Iterable[object]) -> tuple[StageTable, ...]:
     """The tables of the static experiment."""
     return tuple(condition for condition in conditions if isinstance(condition, StageTable))
 
 
-def infer_approach(tables: Sequence[StageTable], input_at: Callable[[Floats], Supposed], x: Floats) -> StageMoves:
+def infer_approach(tables: Sequence[StageTable], input_at: Callable[[Floats], ModelPoint], x: Floats) -> StageMoves:
     """The most probable of the usual ways to move the shaft from stage to stage.
 
     Parameters
@@ -121,19 +121,19 @@ def infer_approach(tables: Sequence[StageTable], input_at: Callable[[Floats], Su
 
 def _with_tables(conditions: tuple[LegCondition, ...], tables: Sequence[StageTable]) -> tuple[LegCondition, ...]:
     """The conditions with these tables in place of theirs; the same tuple where they are the same."""
-    if tuple(tables) == tables_of(conditions):
+    if tuple(tables) == select_tables(conditions):
         return conditions
     return (*(condition for condition in conditions if not isinstance(condition, StageTable)), *tables)
 
 
-def _log_evidence(tables: Sequence[StageTable], input_at: Callable[[Floats], Supposed], x: Floats) -> float:
-    dataset = leg_dataset(tables)
+def _log_evidence(tables: Sequence[StageTable], input_at: Callable[[Floats], ModelPoint], x: Floats) -> float:
+    dataset = make_leg_dataset(tables)
     rows = dataset.rows
     # One wide difference per unknown: no step corrects this Jacobian, so it must average over the roughness of contact.
-    here, *moved = dataset.predicted_all([input_at(point) for point in (x, *(x + WIDE_STEP * unit for unit in np.eye(len(x))))])
+    here, *moved = dataset.predict_all([input_at(point) for point in (x, *(x + WIDE_STEP * unit for unit in np.eye(len(x))))])
     if here is None:
         return -np.inf
     # A difference without an answer counts as no influence.
     jacobian = np.column_stack([np.zeros(len(here)) if m is None else (m - here) / WIDE_STEP for m in moved])
-    whitening = factored(np.diag(rows.noise**2) + USUAL_ERROR**2 * discrepancy(rows))
+    whitening = make_whitening(np.diag(rows.noise**2) + USUAL_ERROR**2 * discrepancy_covariance(rows))
     return laplace_posterior(LinearModel(rows.measured - here + jacobian @ x, jacobian), whitening).log_evidence

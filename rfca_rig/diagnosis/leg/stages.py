@@ -7,12 +7,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.static_stages import StageMoves, staged_motion
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.static_stages import StageMoves, make_stage_motion
+from rfca_rig.model.stroke import simulate_stroke
 from rfca_rig.recording.model import StaticStage, collect_strokes_before
 
 Floats = NDArray[np.float64]
@@ -33,7 +33,7 @@ IN_MOTION_ONLY = (
     "shaft_friction",
     "motor_speed_ripple",
 )  # a settled reading does not show them
-HELD_ANYHOW = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %
+UNKNOWN_FRICTION = 30.0  # of the usual friction: 0.3 of it goes with a model error of 1 %
 # A third less work than by default; what is read changes by some hundredths of what a model usually errs by.
 CLOSE_ENOUGH = Tolerance(3e-5, 9e-2, 0.04, most_steps=200_000)
 REMEMBERED = 256  # tables, some kilobytes each
@@ -63,7 +63,7 @@ class StageTable:
     stages: tuple[StaticStage, ...]
     moves: StageMoves
     noise: Mapping[str, float]
-    stopped_as_told: bool = True
+    stopped_as_commanded: bool = True
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -75,11 +75,11 @@ class StageTable:
         """None, as (1, 0): each stage is read once."""
         return np.empty((1, 0))
 
-    def simulated(self, supposed: Supposed) -> Floats:
+    def simulated(self, supposed: ModelPoint) -> Floats:
         """Predicted rows (m,), signal after signal, without those that were not measured. Raises SimulationFailed."""
         return self._simulate_all(supposed)[self._is_measured()]
 
-    def _simulate_all(self, supposed: Supposed) -> Floats:
+    def _simulate_all(self, supposed: ModelPoint) -> Floats:
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
         settled = tuple(effect for effect in supposed.rig.effects if not _in_motion_only(effect))
         rig = replace(supposed.rig, swing=None, effects=settled)
@@ -99,9 +99,9 @@ class StageTable:
 
     def _unknown_friction(self) -> Floats:
         """Possible change of each signal if friction holds the tip otherwise than predicted, (signals,)."""
-        if self.stopped_as_told:
+        if self.stopped_as_commanded:
             return np.zeros(len(self.signals))
-        friction = HELD_ANYHOW * float(np.sqrt(np.mean([stage.fy_N**2 for stage in self.stages])))
+        friction = UNKNOWN_FRICTION * float(np.sqrt(np.mean([stage.fy_N**2 for stage in self.stages])))
         return np.array([friction, friction, self.height_m * friction] + [0.0] * (len(self.signals) - len(FORCES)))
 
     def _is_measured(self) -> NDArray[np.bool_]:
@@ -121,7 +121,7 @@ class StageTable:
             measured=measured[present],
             noise=np.repeat([self.noise[signal] for signal in signals], stages)[present],
             scale=np.nan_to_num(np.repeat(scale, stages)[present], nan=1.0),
-            jolt=np.repeat(self._unknown_friction(), stages)[present],
+            transient_scale=np.repeat(self._unknown_friction(), stages)[present],
             progress=np.tile(angle / STAGE_APART_RAD, len(signals))[present],
             # A stage has no time; its shaft angle takes that place.
             t_s=np.tile(angle, len(signals))[present],
@@ -148,12 +148,12 @@ def _simulate_stages(
 
     Cached: a fit often changes something that no settled reading shows, for example the swing of the leg at the start.
     """
-    motion, read_s = staged_motion(rig.leg.start_angle_rad, turned_rad, moves)
-    held = stroke_following(rig, height_m, motion, read_s, CLOSE_ENOUGH, strokes_before)
+    motion, read_s = make_stage_motion(rig.leg.start_angle_rad, turned_rad, moves)
+    held = simulate_stroke(rig, height_m, motion, read_s, CLOSE_ENOUGH, strokes_before)
     return np.array([held.fy_N, held.fz_N, held.tx_Nm, *np.degrees(np.diff(held.q_rad, axis=1)).T])
 
 
-def stage_tables(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves) -> tuple[StageTable, ...]:
+def make_stage_tables(stages: Sequence[StaticStage], noise_std: Mapping[str, float | None], moves: StageMoves) -> tuple[StageTable, ...]:
     """One table per height, and a new one after strokes in between, in the order in which the stages were recorded."""
     tables: dict[tuple[float, int | None], list[StaticStage]] = {}
     for stage in stages:

@@ -7,14 +7,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.phases import PHASES, Refused, StrokePhases
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.analysis.valley import Valley, stroke_valley, valley_and_phases
 from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
-from rfca_rig.model.stroke import SimulatedStroke, stroke_following
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
 from rfca_rig.recording.model import Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
@@ -26,12 +26,12 @@ TOUCHDOWN_BIN_S = 0.010
 BEFORE_TOUCHDOWN_S = 0.010  # repeats touch down some milliseconds apart
 BEFORE_LIFT_OFF_S = 0.020  # the moment of lift-off differs from stroke to stroke
 SMALLEST_SCALE = 0.02  # of a signal's rms over the stroke: a free leg pulls little, but not with infinite precision
-SMOOTH_OVER = 0.06  # of the way from touchdown to valley, some 50 ms: over that a model's errors are alike
-LATE_S = 0.1  # a relative error of 1 % goes with a moment that is off by 1 ms
-JOLT = 5.0  # the ringing after touchdown is that much harder to predict than slow swings
-JOLT_DIES_S = 0.06
+CORRELATION_LENGTH = 0.06  # of the way from touchdown to valley, some 50 ms: over that a model's errors are alike
+TIMING_ERROR_S = 0.1  # a relative error of 1 % goes with a moment that is off by 1 ms
+TRANSIENT_FACTOR = 5.0  # the ringing after touchdown is that much harder to predict than slow swings
+TRANSIENT_DECAY_S = 0.06
 # A stroke takes some thousands, up to 20 000 where the tip chatters; a place that takes more is no place to go to.
-BOUNDED = Tolerance(most_steps=50_000)
+STROKE_TOLERANCE = Tolerance(most_steps=50_000)
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class ShaftTurn:
     recorded: ShaftMotion | None = None
     late_s: float = 0.0
 
-    def motion(self, supposed: Supposed, end_s: float) -> ShaftMotion:
+    def motion(self, supposed: ModelPoint, end_s: float) -> ShaftMotion:
         """The motion until `end_s`, with the encoder zero and the ramp of the drive in `supposed`."""
         leg, drive = supposed.rig.leg, supposed.rig.drive
         if self.recorded is not None:
@@ -68,7 +68,7 @@ class ShaftTurn:
 
 
 @dataclass(frozen=True)
-class FlapCondition:
+class DynamicCondition:
     """One condition of the dynamic experiment: mean over its repeats in b bins, and how to simulate the same.
 
     Parameters
@@ -104,25 +104,27 @@ class FlapCondition:
     repeats: Floats
     phases: StrokePhases
     sample_noise: Mapping[str, float]
-    valley: Valley | Refused
+    valley: Valley | Undetermined
     strokes_before: tuple[int, ...] = ()
 
-    def simulated(self, supposed: Supposed) -> Floats:
+    def simulated(self, supposed: ModelPoint) -> Floats:
         """Predicted rows (k b,), signal after signal. Raises SimulationFailed."""
         stroke = self.stroke(supposed)
         return np.concatenate([self._bin_means(getattr(stroke, signal)) for signal in self.signals])
 
-    def until(self, end_s: float) -> "FlapCondition":
+    def until(self, end_s: float) -> "DynamicCondition":
         """The same without the bins that end after `end_s`, for what only the beginning shows."""
         bins = max(int(np.searchsorted(self.t_s[self.first], end_s)) - 1, 1)
         repeats = self.repeats.reshape(len(self.repeats), len(self.signals), -1)[:, :, :bins]
         t_s = self.t_s[: self.first[bins]] if bins < len(self.first) else self.t_s
         return replace(self, t_s=t_s, first=self.first[:bins], repeats=repeats.reshape(len(repeats), -1))
 
-    def stroke(self, supposed: Supposed) -> SimulatedStroke:
+    def stroke(self, supposed: ModelPoint) -> SimulatedStroke:
         """The whole simulated stroke at the samples' times. Raises SimulationFailed."""
         motion = self.turn.motion(supposed, float(self.t_s[-1]))
-        return stroke_following(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, BOUNDED, self.strokes_before)
+        return simulate_stroke(
+            supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, STROKE_TOLERANCE, self.strokes_before
+        )
 
     def _bin_means(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self.counts)
@@ -143,7 +145,9 @@ class FlapCondition:
             measured=measured,
             noise=np.concatenate(noise),
             scale=np.concatenate([_error_scale(middle, part, phase) for part in measured.reshape(signals, bins)]),
-            jolt=np.concatenate([_transient_scale(middle, part, phase, self.phases) for part in measured.reshape(signals, bins)]),
+            transient_scale=np.concatenate(
+                [_transient_scale(middle, part, phase, self.phases) for part in measured.reshape(signals, bins)]
+            ),
             progress=np.tile(_progress(middle, self.phases), signals),
             t_s=np.tile(middle, signals),
             phase=np.tile(phase, signals),
@@ -155,14 +159,14 @@ class FlapCondition:
 
 def dynamic_label(condition: str, signal: str) -> Label:
     """Label of a signal of strokes, in which the model error is smooth from touchdown on."""
-    return Label("dynamic", condition, signal, SMOOTH_OVER, errs_by_phase=False)
+    return Label("dynamic", condition, signal, CORRELATION_LENGTH, errs_by_phase=False)
 
 
-def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn) -> FlapCondition | Refused:
+def make_dynamic_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn) -> DynamicCondition | Undetermined:
     """The condition as observations; refused where none of its strokes shows a touchdown and a valley."""
-    good = [(s, p) for s in condition.strokes if not isinstance((p := _phases(s)), Refused)]
+    good = [(s, p) for s in condition.strokes if not isinstance((p := _phases(s)), Undetermined)]
     if not good:
-        return Refused(f"{condition.label}: no stroke shows a touchdown and a valley")
+        return Undetermined(f"{condition.label}: no stroke shows a touchdown and a valley")
     strokes = [stroke for stroke, _ in good]
     moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, p in good])
     # The median over repeats: a single badly detected moment does not shift the bins.
@@ -176,13 +180,13 @@ def flap_condition(condition: Condition, noise_std: Mapping[str, float | None], 
     first = np.searchsorted(time[inside], edges[:-1])
     repeats = np.array([np.concatenate([_bin_means(stroke, s, edges) for s in signals]) for stroke in strokes])
     noise = {s: noise_std.get(s) or _estimate_noise(strokes, s) for s in signals}
-    valleys = [v for stroke in strokes if not isinstance(v := stroke_valley(stroke), Refused)]
+    valleys = [v for stroke in strokes if not isinstance(v := stroke_valley(stroke), Undetermined)]
     valley = Valley(float(np.mean([v.time_s for v in valleys])), float(np.mean([v.fz_N for v in valleys])))
     before = collect_strokes_before(strokes)
-    return FlapCondition(condition.label, condition.height_m, turn, time[inside], first, signals, repeats, phases, noise, valley, before)
+    return DynamicCondition(condition.label, condition.height_m, turn, time[inside], first, signals, repeats, phases, noise, valley, before)
 
 
-def turn_of(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> ShaftTurn:
+def make_turn(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -> ShaftTurn:
     """The turn of a condition: along its recorded angles, or as commanded from its mean recorded start, `late_s` later.
 
     A shaft that follows its command is simulated from the command: the noise of an encoder must not shake the simulated leg.
@@ -200,12 +204,12 @@ def turn_of(condition: Condition, follows_recorded: bool, late_s: float = 0.0) -
     return ShaftTurn(condition.speed_rad_s, start, follow(shortest, mean))
 
 
-def _phases(stroke: Stroke) -> StrokePhases | Refused:
+def _phases(stroke: Stroke) -> StrokePhases | Undetermined:
     fz = stroke.channel("fz_N")
     if fz is None:
-        return Refused("fz was not recorded")
+        return Undetermined("fz was not recorded")
     valley, phases = valley_and_phases(*fz)
-    return valley if isinstance(valley, Refused) else phases
+    return valley if isinstance(valley, Undetermined) else phases
 
 
 def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
@@ -242,7 +246,7 @@ def _error_scale(t_s: Floats, values: Floats, phase: NDArray[np.str_]) -> Floats
     """
     least = SMALLEST_SCALE * float(np.sqrt(np.mean(values**2)))
     rms = np.array([np.sqrt(np.mean(values[phase == name] ** 2)) for name in phase])
-    return np.sqrt(values**2 + (LATE_S * np.gradient(values, t_s)) ** 2 + (0.1 * rms) ** 2 + least**2)
+    return np.sqrt(values**2 + (TIMING_ERROR_S * np.gradient(values, t_s)) ** 2 + (0.1 * rms) ** 2 + least**2)
 
 
 def _transient_scale(t_s: Floats, values: Floats, phase: NDArray[np.str_], phases: StrokePhases) -> Floats:
@@ -253,9 +257,9 @@ def _transient_scale(t_s: Floats, values: Floats, phase: NDArray[np.str_], phase
     """
     peak = float(np.abs(values[phase == "touchdown"]).max(initial=0.0))
     after_s = t_s - phases.touchdown_s
-    bounces = np.where(after_s > -BEFORE_TOUCHDOWN_S, peak * np.exp(-np.maximum(after_s, 0.0) / JOLT_DIES_S), 0.0)
+    bounces = np.where(after_s > -BEFORE_TOUCHDOWN_S, peak * np.exp(-np.maximum(after_s, 0.0) / TRANSIENT_DECAY_S), 0.0)
     swings = np.where(phase == "free", 0.5 * np.ptp(values[phase == "free"]) if (phase == "free").any() else 0.0, 0.0)
-    return np.asarray(JOLT * np.hypot(bounces, swings))
+    return np.asarray(TRANSIENT_FACTOR * np.hypot(bounces, swings))
 
 
 def _progress(t_s: Floats, phases: StrokePhases) -> Floats:

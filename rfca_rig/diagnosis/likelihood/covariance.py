@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, eigh, solve_triangular
 
-from rfca_rig.diagnosis.config import FLOOR, SHARED
+from rfca_rig.diagnosis.config import CONDITION_CORRELATION, ROUGH_VARIANCE_SHARE
 from rfca_rig.diagnosis.data.observations import Observations
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,7 @@ class Whitening(Protocol):
 
 
 @dataclass(frozen=True)
-class Factored:
+class CholeskyWhitening:
     """Whitening of a covariance, given by its lower Cholesky factor (m, m)."""
 
     factor: Floats
@@ -52,9 +52,9 @@ class Factored:
         return np.asarray(solve_triangular(self.factor, values, lower=True, check_finite=False))
 
 
-def factored(covariance: Floats) -> Factored:
+def make_whitening(covariance: Floats) -> CholeskyWhitening:
     """Whitening of a covariance (m, m), which must be positive definite."""
-    return Factored(cholesky(covariance, lower=True, check_finite=False))
+    return CholeskyWhitening(cholesky(covariance, lower=True, check_finite=False))
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class DiscrepancyBasis:
         """Map rows (m,) or columns (m, p) to this basis."""
         return np.concatenate([block.turn @ values[block.of] for block in self.blocks])
 
-    def turned_again(self, turned: Floats) -> Floats:
+    def apply_transpose(self, turned: Floats) -> Floats:
         """Apply the transpose of `turned` to columns (m, p): back to the order of the rows."""
         found = np.empty_like(turned)
         for block, part in zip(self.blocks, self.parts(turned), strict=True):
@@ -116,7 +116,7 @@ class DiscrepancyBasis:
         return np.concatenate([block.strength for block in self.blocks])
 
     @cached_property
-    def scatter_turned(self) -> Floats:
+    def scatter_in_basis(self) -> Floats:
         """B in this basis, (m, k)."""
         return self.turned(self.scatter)
 
@@ -146,7 +146,7 @@ def _shrinking(along: Floats) -> _Shrinking:
 
 
 @dataclass(frozen=True)
-class AtError:
+class DiscrepancyWhitening:
     """Whitening of C(s) at one discrepancy scale.
 
     Parameters
@@ -171,7 +171,7 @@ class AtError:
 
     @cached_property
     def _shrinking(self) -> _Shrinking:
-        return _shrinking(self._scale[:, None] * self.basis.scatter_turned)
+        return _shrinking(self._scale[:, None] * self.basis.scatter_in_basis)
 
     def __call__(self, values: Floats) -> Floats:
         return self.scaled(self.basis.turned(values))
@@ -180,9 +180,9 @@ class AtError:
         """Whiten rows (m,) or columns (m, p) that are in the basis already."""
         return self._shrinking(turned * (self._scale if turned.ndim == 1 else self._scale[:, None]))
 
-    def weighted(self, values: Floats) -> Floats:
+    def apply_precision(self, values: Floats) -> Floats:
         """C(s)^-1 times columns (m, p)."""
-        return self.basis.turned_again(self._scale[:, None] * self._shrinking(self(values)))
+        return self.basis.apply_transpose(self._scale[:, None] * self._shrinking(self(values)))
 
     def precision(self, rows: NDArray[np.bool_]) -> Floats:
         """The block (k, k) of C(s)^-1 that belongs to k of the rows; `rows` is a mask (m,)."""
@@ -213,7 +213,7 @@ class AtError:
         return np.asarray(found)
 
 
-def discrepancy(rows: Observations) -> Floats:
+def discrepancy_covariance(rows: Observations) -> Floats:
     """K (m, m): the covariance of a discrepancy of relative size 1, in the units of the rows."""
     found = np.zeros((len(rows.measured),) * 2)
     for of in _alike(rows):
@@ -232,15 +232,15 @@ def _alike(rows: Observations) -> list[Integers]:
 def _discrepancy_within(rows: Observations, of: Integers) -> Floats:
     """K (b, b) of the rows of one block: equation for K_ij in section 3 of docs/method.md."""
     condition, scale = rows.condition[of], rows.scale[of]
-    together = np.where(condition[:, None] == condition, 1.0, SHARED)
+    together = np.where(condition[:, None] == condition, 1.0, CONDITION_CORRELATION)
     # All labels of one signal of one experiment have the same correlation length, so the first is enough.
     apart = (rows.progress[of][:, None] - rows.progress[of]) / rows.labels[rows.label[of[0]]].correlation_length
     smooth = np.exp(-0.5 * apart**2) * together
-    # The diagonal holds what is independent between rows: a small share of the variance, and `jolt`.
-    return np.asarray(scale[:, None] * smooth * scale + np.diag(FLOOR * scale**2 + rows.jolt[of] ** 2))
+    # The diagonal holds what is independent between rows: a small share of the variance, and `transient_scale`.
+    return np.asarray(scale[:, None] * smooth * scale + np.diag(ROUGH_VARIANCE_SHARE * scale**2 + rows.transient_scale[of] ** 2))
 
 
-def basis_of(rows: Observations, scatter: Floats) -> DiscrepancyBasis:
+def make_basis(rows: Observations, scatter: Floats) -> DiscrepancyBasis:
     """The basis in which D and K of these rows are diagonal; `scatter` (m, k) is B."""
     return DiscrepancyBasis(tuple(_block(rows, of) for of in _alike(rows)), scatter, 2.0 * float(np.log(rows.noise).sum()))
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
-from rfca_rig.diagnosis.likelihood.covariance import AtError
+from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel
 
 Floats = NDArray[np.float64]
 
 
-def loo_residuals(linear: LinearModel, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+def loo_residuals(linear: LinearModel, whitening: DiscrepancyWhitening, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
     """Residuals (m,) on held-out conditions: measured less predicted, in the units of the signals.
 
     Parameters
@@ -43,11 +43,11 @@ def loo_residuals(linear: LinearModel, whitening: AtError, condition: NDArray[np
     return apart
 
 
-def loo_estimates(linear: LinearModel, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+def loo_estimates(linear: LinearModel, whitening: DiscrepancyWhitening, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
     """Posterior means of the unknowns (conditions, p), each from all rows but those of one condition of `left_out`."""
     # Jacobian and target side by side: one product with C^-1 gives both sides of the normal equations.
     both, unknowns = np.column_stack([linear.jacobian, linear.target]), linear.jacobian.shape[1]
-    weighted = whitening.weighted(both)
+    weighted = whitening.apply_precision(both)
     means = []
     for number in left_out:
         others, _ = products_without(both, weighted, whitening, condition == number)
@@ -56,7 +56,7 @@ def loo_estimates(linear: LinearModel, whitening: AtError, condition: NDArray[np
     return np.array(means).reshape(len(means), unknowns)
 
 
-def jackknife_std(linear: LinearModel, whitening: AtError, condition: NDArray[np.intp]) -> Floats:
+def jackknife_std(linear: LinearModel, whitening: DiscrepancyWhitening, condition: NDArray[np.intp]) -> Floats:
     """Standard deviations of all unknowns by leaving one condition out at a time, (p,); 0 with fewer than three conditions.
 
     Parameters
@@ -81,10 +81,10 @@ def jackknife_std(linear: LinearModel, whitening: AtError, condition: NDArray[np
     return np.asarray(np.sqrt((count - 1) * np.var(means, axis=0)))
 
 
-def loo_log_densities(linear: LinearModel, whitening: AtError, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
+def loo_log_densities(linear: LinearModel, whitening: DiscrepancyWhitening, condition: NDArray[np.intp], left_out: Iterable[int]) -> Floats:
     """Log predictive density of the rows of each condition given all other rows, (conditions,); 0 for conditions not in `left_out`."""
     both, log_2pi = np.column_stack([linear.jacobian, linear.target]), float(np.log(2.0 * np.pi))
-    weighted = whitening.weighted(both)
+    weighted = whitening.apply_precision(both)
     # log p(y_o | y_rest) = log p(y) - log p(y_rest). The constant with 2 pi counts only the rows of the condition.
     everything = _log_evidence(both.T @ weighted, whitening.log_det)
     found = np.zeros(int(condition.max()) + 1)
@@ -103,7 +103,7 @@ def _log_evidence(products: Floats, log_det: float) -> float:
     return 0.5 * float(match @ match - products[-1, -1] - log_det) - float(np.log(np.diag(factor)).sum())
 
 
-def products_without(both: Floats, weighted: Floats, whitening: AtError, out: NDArray[np.bool_]) -> tuple[Floats, float]:
+def products_without(both: Floats, weighted: Floats, whitening: DiscrepancyWhitening, out: NDArray[np.bool_]) -> tuple[Floats, float]:
     """Products of columns under the covariance of all rows except `out`.
 
     Parameters

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.likelihood.covariance import AtError, Whitening
+from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, Whitening
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +52,9 @@ def laplace_posterior(linear: LinearModel, whitening: Whitening) -> Posterior:
     return _solve(whitening(linear.target), whitening(linear.jacobian), whitening.log_det)
 
 
-def laplace_posteriors(linear: LinearModel, whitenings: Sequence[AtError], extra_directions: Floats | None = None) -> list[Posterior]:
+def laplace_posteriors(
+    linear: LinearModel, whitenings: Sequence[DiscrepancyWhitening], extra_directions: Floats | None = None
+) -> list[Posterior]:
     """Posteriors of a linear model at several discrepancy scales.
 
     Parameters

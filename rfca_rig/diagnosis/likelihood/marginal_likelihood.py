@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from rfca_rig.diagnosis.config import NAMED_ERRORS, UNKNOWN_ERRORS, USUAL_ERROR
 from rfca_rig.diagnosis.data.observations import Observations
-from rfca_rig.diagnosis.likelihood.covariance import AtError, basis_of
+from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, make_basis
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel, Posterior, laplace_posteriors
 
 Floats = NDArray[np.float64]
@@ -30,9 +30,9 @@ class MarginalPosterior:
     log_evidence: float
     error: float
     posterior: Posterior
-    whitening: AtError
+    whitening: DiscrepancyWhitening
 
-    def farthest(self, nuisances: int) -> float:
+    def max_nuisance_shift(self, nuisances: int) -> float:
         """Largest distance of a nuisance parameter from its prior mean, in prior standard deviations."""
         return float(np.abs(self.posterior.mean[:nuisances]).max(initial=0.0))
 
@@ -49,8 +49,8 @@ class MarginalLikelihood:
         Scales of a model that lacks something unlisted.
     """
 
-    named: tuple[AtError, ...]
-    unknown: tuple[AtError, ...]
+    named: tuple[DiscrepancyWhitening, ...]
+    unknown: tuple[DiscrepancyWhitening, ...]
 
     def evaluate(self, linear: LinearModel, extra_directions: Floats | None = None) -> MarginalPosterior:
         """Evidence and posterior if nothing else is missing; `extra_directions` (m, k) as in `laplace_posteriors`."""
@@ -62,7 +62,7 @@ class MarginalLikelihood:
         """Evidence and posterior if something unlisted is missing beside the hypothesis."""
         return _integrate_scale(self.unknown, np.full(len(self.unknown), -np.log(len(self.unknown))), linear, None)
 
-    def level(self, linear: LinearModel) -> AtError:
+    def level(self, linear: LinearModel) -> DiscrepancyWhitening:
         """The whitening at the most probable scale, the usual one at least: it reflects the actual misfit of this linear model."""
         # Both grids contain the scale where they meet, hence [1:].
         every = [whitening for whitening in (*self.named, *self.unknown[1:]) if whitening.s >= USUAL_ERROR]
@@ -70,24 +70,26 @@ class MarginalLikelihood:
         return every[int(np.argmax(logs))]
 
     @cached_property
-    def every_scale(self) -> tuple[AtError, ...]:
+    def every_scale(self) -> tuple[DiscrepancyWhitening, ...]:
         """The whitenings at all discrepancy scales of the grid, ascending."""
         return tuple(sorted({whitening.s: whitening for whitening in (*self.unknown, *self.named)}.values(), key=lambda one: one.s))
 
     @property
-    def usual(self) -> AtError:
+    def usual(self) -> DiscrepancyWhitening:
         """The whitening at the usual model error."""
         return min(self.named, key=lambda whitening: abs(whitening.s - USUAL_ERROR))
 
 
 def make_marginal_likelihood(rows: Observations, scatter: Floats) -> MarginalLikelihood:
     """The marginal likelihood of these rows; `scatter` (m, k) is B in `covariance`."""
-    basis = basis_of(rows, scatter)
-    return MarginalLikelihood(tuple(AtError(basis, s) for s in NAMED_ERRORS), tuple(AtError(basis, s) for s in UNKNOWN_ERRORS))
+    basis = make_basis(rows, scatter)
+    return MarginalLikelihood(
+        tuple(DiscrepancyWhitening(basis, s) for s in NAMED_ERRORS), tuple(DiscrepancyWhitening(basis, s) for s in UNKNOWN_ERRORS)
+    )
 
 
 def _integrate_scale(
-    whitenings: tuple[AtError, ...], log_weights: Floats, linear: LinearModel, extra_directions: Floats | None
+    whitenings: tuple[DiscrepancyWhitening, ...], log_weights: Floats, linear: LinearModel, extra_directions: Floats | None
 ) -> MarginalPosterior:
     found = laplace_posteriors(linear, whitenings, extra_directions)
     logs = np.array([posterior.log_evidence for posterior in found]) + log_weights

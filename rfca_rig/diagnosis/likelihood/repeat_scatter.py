@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.scatter import found_scatter
+from rfca_rig.analysis.fitting.scatter import estimate_scatter_std
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.simulator import ScatterDirection
 
@@ -19,14 +19,14 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Scatter:
+class RepeatScatter:
     """Standard deviations `std` by parameter, and `columns` (m, k): the effect of one of them on the rows of one condition's mean."""
 
     std: dict[str, float]
     columns: Floats
 
 
-def estimate_scatter(dataset: Dataset, at: Any) -> Scatter:
+def estimate_scatter(dataset: Dataset, at: Any) -> RepeatScatter:
     """The scatter around this input of the simulator; usual deviations where there are too few repeats to estimate it."""
     directions = dataset.simulator.scatter(at, dataset.parts)
     effect = _effects(dataset, directions)
@@ -35,12 +35,12 @@ def estimate_scatter(dataset: Dataset, at: Any) -> Scatter:
     own = effect * (std / usual)
     # A quantity that is simulated from its recorded value leaves no scatter in the mean.
     own[:, [direction.is_corrected for direction in directions]] = 0.0
-    return Scatter({direction.name: float(s) for direction, s in zip(directions, std, strict=True)}, _per_condition(dataset, own))
+    return RepeatScatter({direction.name: float(s) for direction, s in zip(directions, std, strict=True)}, _per_condition(dataset, own))
 
 
 def _effects(dataset: Dataset, directions: Sequence[ScatterDirection]) -> Floats:
     """Effect of one usual deviation of each quantity on the rows, (m, k), by central differences; 0 where the model has no answer."""
-    found = dataset.predicted_all([*(direction.above for direction in directions), *(direction.below for direction in directions)])
+    found = dataset.predict_all([*(direction.above for direction in directions), *(direction.below for direction in directions)])
     columns = np.zeros((len(dataset.rows.measured), len(directions)))
     for k, (above, below) in enumerate(zip(found[: len(directions)], found[len(directions) :], strict=True)):
         if above is not None and below is not None:
@@ -67,7 +67,7 @@ def _estimate_std(dataset: Dataset, effect: Floats, usual: Floats) -> Floats:
             effects.append(effect[here] / noise[:, None])
     if not residuals or not len(usual):
         return usual
-    return found_scatter(usual, np.concatenate(effects), np.concatenate(residuals), np.concatenate(repeat))
+    return estimate_scatter_std(usual, np.concatenate(effects), np.concatenate(residuals), np.concatenate(repeat))
 
 
 def _per_condition(dataset: Dataset, effect: Floats) -> Floats:

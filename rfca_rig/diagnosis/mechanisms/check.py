@@ -29,7 +29,7 @@ from rfca_rig.diagnosis.mechanisms.states import can_balance, estimate_states
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.inverse_dynamics import TorqueBalance, balance_torques
 from rfca_rig.mechanism.load import Mechanism, load_mechanism
-from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, places_of
+from rfca_rig.mechanism.nuisances import COMMAND_NUISANCES, NUISANCES, find_places
 
 BALANCED = 0.3  # imbalance of a joint up to which its sign is right
 
@@ -152,9 +152,9 @@ def _check_priors(experiment: Experiment, mechanism: Mechanism) -> Iterator[Chec
     count = len(space_of_mechanism(mechanism, experiment.known_to, is_driven, sensors).parameters)
     yield CheckLine("known_to", "priors", f"{count} nuisance parameters", values={"parameters": count})
     for key in experiment.known_to:
-        if key in NUISANCES and not places_of(mechanism, NUISANCES[key].objects):
+        if key in NUISANCES and not find_places(mechanism, NUISANCES[key].objects):
             yield CheckLine("known_to", key, f"the model has no {NUISANCES[key].objects}; remove it", is_warning=True)
-        elif key in OF_COMMANDS and not is_driven:
+        elif key in COMMAND_NUISANCES and not is_driven:
             yield CheckLine("known_to", key, "no recording is driven, so that it changes nothing; remove it", is_warning=True)
 
 

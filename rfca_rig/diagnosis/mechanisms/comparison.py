@@ -11,7 +11,7 @@ from rfca_rig.diagnosis.mechanisms.fit import fit_problem
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.diagnosis.mechanisms.states import can_balance, estimate_states
 from rfca_rig.diagnosis.window_fit import WindowFit
-from rfca_rig.executors.cores import algebra_on_one_thread
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.inverse_dynamics import balance_torques
 from rfca_rig.mechanism.load import load_mechanism
 
@@ -47,7 +47,7 @@ class MechanismComparison:
     joints: tuple[JointRemainder, ...]
 
 
-@algebra_on_one_thread()
+@single_threaded_blas()
 def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismComparison:
     """Recordings beside their model.
 

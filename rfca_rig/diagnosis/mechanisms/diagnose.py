@@ -14,10 +14,10 @@ from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.mechanisms.joint_law import MeasuredJointLaw, measure_joint_law, parse_place
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
-from rfca_rig.diagnosis.mechanisms.windows import MECHANISMS
+from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
-from rfca_rig.executors.cores import algebra_on_one_thread
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect
@@ -48,7 +48,7 @@ class MechanismDiagnosis:
     stated: tuple[str, ...]
 
 
-@algebra_on_one_thread()
+@single_threaded_blas()
 def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Collection[str] = (), law_at: str = "") -> MechanismDiagnosis:
     """The diagnosis of recordings of a mechanism.
 
@@ -84,7 +84,7 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
     if not enough:
         length_s = WINDOWS_OF_CONDITION * experiment.window_s
         decision = not_enough_data(found, f"{len(problem.conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} are needed")
-    result = build_result(experiment.title, found, decision, effects, MECHANISMS)
+    result = build_result(experiment.title, found, decision, effects, MOTION_EXPERIMENT)
     settings = {
         "window_s": experiment.window_s,
         "bin_s": experiment.bin_s,

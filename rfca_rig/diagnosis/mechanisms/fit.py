@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.space import Space
+from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
@@ -14,7 +14,7 @@ from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
 from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, fit_effects, summarize
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.cores import algebra_on_one_thread
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect
@@ -31,7 +31,7 @@ class MechanismFit:
     plant: Plant
 
 
-@algebra_on_one_thread()
+@single_threaded_blas()
 def fit_mechanism(experiment: Experiment, progress: Progress, names: Collection[str] = (), effects: Sequence[str] = ()) -> MechanismFit:
     """The nominal values of [known_to] and the sizes of effects fitted to all recordings, each with its prior.
 
@@ -62,7 +62,7 @@ def fit_mechanism(experiment: Experiment, progress: Progress, names: Collection[
     return fit_problem(problem, space, [problem.simulator.effects[name] for name in dict.fromkeys(effects)], progress)
 
 
-def fit_problem(problem: MechanismProblem, space: Space[MechanismInput], effects: Sequence[Effect], progress: Progress) -> MechanismFit:
+def fit_problem(problem: MechanismProblem, space: Prior[MechanismInput], effects: Sequence[Effect], progress: Progress) -> MechanismFit:
     """Fit of a prepared problem; without parameters and effects it is the nominal model itself.
 
     Parameters
@@ -85,7 +85,7 @@ def fit_problem(problem: MechanismProblem, space: Space[MechanismInput], effects
     return MechanismFit(summarize(found, fitted, windows), plant)
 
 
-def _select(space: Space[MechanismInput], names: Collection[str]) -> Space[MechanismInput]:
+def _select(space: Prior[MechanismInput], names: Collection[str]) -> Prior[MechanismInput]:
     """The parameters of these names, or of these keys of [known_to]; all if no name is given."""
     # A key alone stands for this value of all bodies, joints or actuators.
     keys = [name.rpartition(".")[2] for name in space.names]
@@ -94,4 +94,4 @@ def _select(space: Space[MechanismInput], names: Collection[str]) -> Space[Mecha
             raise BadInput(f"--parameters: {name!r} is no value of [known_to]; {suggestion(name, dict.fromkeys((*keys, *space.names)))}")
     chosen = [place for place, full in enumerate(space.names) if not names or full in names or keys[place] in names]
     parameters = tuple(space.parameters[place] for place in chosen)
-    return Space(parameters, space.centre, space.std[chosen], np.ones(len(chosen), dtype=bool))
+    return Prior(parameters, space.centre, space.std[chosen], np.ones(len(chosen), dtype=bool))

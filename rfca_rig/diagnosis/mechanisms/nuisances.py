@@ -6,9 +6,9 @@ from typing import Self
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.space import FitParameter, Space, never_below
+from rfca_rig.analysis.fitting.space import FitParameter, Prior, never_below
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.nuisances import NUISANCES, OF_COMMANDS, SENSORS, groups_of
+from rfca_rig.mechanism.nuisances import COMMAND_NUISANCES, NUISANCES, SENSORS, find_groups
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.parameters import PresentEffect
 
@@ -24,7 +24,7 @@ class MechanismInput:
     def rig(self) -> None:
         """None: no effect of a mechanism counts its size from a nominal value of the leg."""
 
-    def shifted(self, key: str, place: int, by: float) -> Self:
+    def shift_value(self, key: str, place: int, by: float) -> Self:
         """The same with a nominal value shifted by `by` more."""
         now = dict(self.off)
         return replace(self, off=tuple({**now, (key, place): now.get((key, place), 0.0) + by}.items()))
@@ -36,7 +36,7 @@ class MechanismInput:
 
 def space_of_mechanism(
     mechanism: Mechanism, known_to: Mapping[str, float], is_driven: bool, sensors: Collection[str]
-) -> Space[MechanismInput]:
+) -> Prior[MechanismInput]:
     """The space of the nuisance parameters around the nominal mechanism, of those that the recordings can show.
 
     Parameters
@@ -52,13 +52,13 @@ def space_of_mechanism(
     """
     parameters, stds = [], []
     for key, std in known_to.items():
-        if key in NUISANCES and (is_driven or key not in OF_COMMANDS):
+        if key in NUISANCES and (is_driven or key not in COMMAND_NUISANCES):
             objects = NUISANCES[key].objects
-            for name, places in groups_of(mechanism, objects).items():
+            for name, places in find_groups(mechanism, objects).items():
                 if objects not in SENSORS or name in sensors:
                     parameters.append(_parameter(mechanism, key, name, places, std))
                     stds.append(std)
-    return Space(tuple(parameters), MechanismInput(), np.array(stds), np.ones(len(stds), dtype=bool))
+    return Prior(tuple(parameters), MechanismInput(), np.array(stds), np.ones(len(stds), dtype=bool))
 
 
 def _parameter(mechanism: Mechanism, key: str, name: str, places: tuple[int, ...], std: float) -> FitParameter[MechanismInput]:

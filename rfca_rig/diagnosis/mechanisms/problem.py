@@ -12,12 +12,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.space import Space
-from rfca_rig.analysis.swings import MARGIN_S, SMOOTHED_S, bin_means, bin_starts, estimate_start, sample_std
+from rfca_rig.analysis.fitting.space import Prior
+from rfca_rig.analysis.swings import MARGIN_S, SMOOTHING_HALF_WIDTH_S, bin_means, bin_starts, estimate_start, sample_std
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.data.windows import ROUGH, group
+from rfca_rig.diagnosis.data.windows import TRANSIENT_SHARE, group_windows
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.rest_windows import correct_rest_window, cut_rest_window, group_repeats
 from rfca_rig.diagnosis.mechanisms.windows import CorrectedWindow, MechanismSimulator, Motions, Window
@@ -26,7 +26,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.contact_law import check_contacts
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Mechanism
-from rfca_rig.mechanism.nuisances import OF_RESTS
+from rfca_rig.mechanism.nuisances import START_NUISANCES
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import fit_trajectory
 from rfca_rig.mechanism.rollout import CommandTrace, Motion
@@ -64,7 +64,7 @@ class MechanismProblem:
     """
 
     simulator: MechanismSimulator
-    space: Space[MechanismInput]
+    space: Prior[MechanismInput]
     conditions: tuple[Motions, ...]
     usual: UsualMotion
     torque: Floats
@@ -146,7 +146,7 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     conditions = []
     firsts = [runs[0] for runs in group_repeats(experiment.runs)] if experiment.starts_at_rest else experiment.runs
     for run, of_run in zip(firsts, corrected, strict=True):
-        for part in group(of_run):
+        for part in group_windows(of_run):
             first, last = part[0].window, part[-1].window
             label = run.condition if experiment.starts_at_rest else run.label
             name = f"{label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
@@ -317,7 +317,7 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
             f"{where}: no signal holds the position of joint {name!r}, so its start cannot be estimated; "
             'measure it, or record from rest and state = "at rest" in [start]'
         )
-    if not experiment.starts_at_rest and (key := next((key for key in OF_RESTS if key in experiment.known_to), None)):
+    if not experiment.starts_at_rest and (key := next((key for key in START_NUISANCES if key in experiment.known_to), None)):
         raise BadInput(f'{where}: known_to.{key} is of motions from rest; remove it, or state = "at rest" in [start]')
     names = {*mechanism.joints, *mechanism.bodies, *mechanism.actuators}
     members = [member for group_ in experiment.alike.values() for member in group_]
@@ -349,14 +349,14 @@ def shortest_recording_s(experiment: Experiment) -> float:
     if experiment.starts_at_rest:
         return 2.0 * experiment.bin_s
     # The state at a start is estimated from samples on both sides of it.
-    return experiment.window_s + 2.0 * SMOOTHED_S
+    return experiment.window_s + 2.0 * SMOOTHING_HALF_WIDTH_S
 
 
 def window_starts(run: MechanismRun, experiment: Experiment) -> Floats:
     """Start times (w,) in s of the windows of a run, those with gaps among them."""
     if experiment.starts_at_rest:
         return run.t_s[:1] if run.t_s[-1] - run.t_s[0] >= shortest_recording_s(experiment) else run.t_s[:0]
-    return np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - experiment.window_s, experiment.window_s)
+    return np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - experiment.window_s, experiment.window_s)
 
 
 def _describe_no_window(experiment: Experiment) -> str:
@@ -448,4 +448,4 @@ def correct_window(window: Window, simulator: MechanismSimulator, plant: Plant, 
     square = sum((half_difference(push(more), push(-more)) / USUAL_ERROR) ** 2 for more in pushes)
     # The error torques of the joints are independent, so their effects add in squares.
     scale = np.maximum.accumulate(np.sqrt(square), axis=1)  # what has grown stays grown
-    return CorrectedWindow(window, start_effect, scale, ROUGH * scale)
+    return CorrectedWindow(window, start_effect, scale, TRANSIENT_SHARE * scale)

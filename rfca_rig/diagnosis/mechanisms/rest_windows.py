@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.swings import bin_means, bin_starts, sample_std
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
-from rfca_rig.diagnosis.data.windows import ROUGH
+from rfca_rig.diagnosis.data.windows import TRANSIENT_SHARE
 from rfca_rig.diagnosis.mechanisms.windows import CorrectedWindow, MechanismSimulator, Window
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import fit_trajectory
@@ -124,7 +124,7 @@ def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Pl
             least = SMALLEST_SCALE * float(np.sqrt(np.mean(values**2)))
             scale[row] = np.sqrt(square[row] + values**2 + (LATE_S * np.gradient(values, t_s)) ** 2 + least**2)
             jolt[row] = _bounces(t_s, values, moves, float(motion.touch_s.min(initial=np.inf)))
-    return CorrectedWindow(window, np.empty((0, *window.measured.shape)), scale, np.hypot(ROUGH * scale, jolt))
+    return CorrectedWindow(window, np.empty((0, *window.measured.shape)), scale, np.hypot(TRANSIENT_SHARE * scale, jolt))
 
 
 def _has_begun(window: Window, speed: Floats) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import SMOOTHED_S, local_polynomial
+from rfca_rig.analysis.swings import SMOOTHING_HALF_WIDTH_S, local_polynomial
 from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.diagnosis.mechanisms.problem import arrange_commands, match_columns
 from rfca_rig.mechanism.inverse_dynamics import States
@@ -46,9 +46,9 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
     commands: list[list[Floats]] = []
     for run in experiment.runs if can_balance(mechanism) else ():
         recorded, commanded = run.signals[:, match.positions], arrange_commands(run, mechanism, match)
-        for at_s in np.arange(run.t_s[0] + SMOOTHED_S, run.t_s[-1] - SMOOTHED_S, apart_s):
+        for at_s in np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - SMOOTHING_HALF_WIDTH_S, apart_s):
             # A local polynomial over a gap would invent the motion there.
-            near_s = run.t_s[np.abs(run.t_s - at_s) <= SMOOTHED_S]
+            near_s = run.t_s[np.abs(run.t_s - at_s) <= SMOOTHING_HALF_WIDTH_S]
             if near_s.size > 1 and np.diff(near_s).max() <= experiment.bin_s:
                 local = local_polynomial(run.t_s, recorded, float(at_s))
                 derivatives.append([local.derivative(order) for order in range(3)])

@@ -17,12 +17,12 @@ from rfca_rig.mechanism.joint_law import make_tabulated_effect
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant, make_plant, update_constants
 from rfca_rig.mechanism.prescribed import PrescribedMotion
-from rfca_rig.mechanism.rollout import CommandTrace, Motion, roll
+from rfca_rig.mechanism.rollout import CommandTrace, Motion, simulate_plant
 from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
 
-MECHANISMS = "motions"  # name of their experiment in labels
+MOTION_EXPERIMENT = "motions"  # name of their experiment in labels
 SMOOTH_BINS = 3.0  # correlation length of the model error of a motion from rest, in bins: as many as in a usual window
 SMOOTH_OVER = 0.3  # of a window: over that share of it the model's error is alike, as torques err with the joint's angle
 
@@ -90,12 +90,12 @@ class CorrectedWindow:
     window: Window
     start_effect: Floats
     scale: Floats
-    jolt: Floats
+    transient_scale: Floats
 
     @property
     def error_scale(self) -> Floats:
         """(s, b) smooth model errors and those that differ from bin to bin together, counted like `scale`."""
-        return np.hypot(self.scale, self.jolt)
+        return np.hypot(self.scale, self.transient_scale)
 
     @cached_property
     def gain(self) -> Floats:
@@ -114,7 +114,7 @@ class CorrectedWindow:
         """The measured rows."""
         recorded = self.window
         t_s = recorded.start_s + bin_means(recorded.t_s[:, None], recorded.bins)[:, 0]
-        return WindowRows(t_s, recorded.measured, recorded.sensor_std, self.scale, self.jolt)
+        return WindowRows(t_s, recorded.measured, recorded.sensor_std, self.scale, self.transient_scale)
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Motions:
 
     def rows(self) -> Observations:
         """The measured rows."""
-        labels = tuple(Label(MECHANISMS, self.name, signal) for signal in self.signals)
+        labels = tuple(Label(MOTION_EXPERIMENT, self.name, signal) for signal in self.signals)
         first = self.windows[0].window
         bin_s = float(np.median(np.diff(first.t_s[first.bins]))) if len(first.bins) > 1 else float(first.t_s[-1])
         # A motion from rest is one window as a whole, so its correlation length is counted in bins.
@@ -197,7 +197,7 @@ class MechanismSimulator(Simulator):
 
     def roll(self, plant: Plant, window: Window) -> Motion:
         """The plant's motion from the measured start, or from rest. Raises SimulationFailed."""
-        return roll(plant, window.trace, window.position, window.speed, window.t_s, window.since_s, window.prescribed)
+        return simulate_plant(plant, window.trace, window.position, window.speed, window.t_s, window.since_s, window.prescribed)
 
     def follow(self, plant: Plant, window: Window) -> Floats:
         """Simulated readings of that motion, (s, b). Raises SimulationFailed."""
@@ -216,7 +216,7 @@ class MechanismSimulator(Simulator):
             joint = self.mechanism.joints.index(name)
             # The joint stands elsewhere while its reading stays the same: that is an offset of its zero.
             key = "zero_offset_m" if self.mechanism.is_slide[joint] else "zero_offset_rad"
-            above, below = (at.shifted(key, joint, by) for by in (std, -std))
+            above, below = (at.shift_value(key, joint, by) for by in (std, -std))
             found.append(ScatterDirection(f"{name}.{key}", std, above, below))
         return tuple(found)
 

@@ -18,7 +18,7 @@ from rfca_rig.mechanism.laws import LARGEST, SMALLEST
 from rfca_rig.model.catalogue import catalogue, lab_texts
 from rfca_rig.model.effect import OF_PENDULUMS, Effect, Parameter
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.pendulum import Pendulum, driven
+from rfca_rig.model.pendulum import Pendulum, make_driven_pendulum
 
 Floats = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ def own_effects(pendulum: Pendulum) -> tuple[tuple[str, ...], Mapping[str, str]]
     for effect in (catalogue()[name] for name in lab_texts(catalogue())):
         try:
             # Trial simulation set-up: only the effect itself knows whether it has a place here.
-            driven(pendulum, [PresentEffect(effect.id, tuple((p.name, _middle(p)) for p in effect.parameters))])
+            make_driven_pendulum(pendulum, [PresentEffect(effect.id, tuple((p.name, _middle(p)) for p in effect.parameters))])
             fitting.append(effect.id)
         except BadInput as error:
             refused[effect.id] = str(error)

@@ -3,27 +3,27 @@
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-from rfca_rig.analysis.swings import TORQUE_ERROR, SwingProblem, swings_of
+from rfca_rig.analysis.swings import TORQUE_ERROR, SwingProblem, make_swing_problem
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR
 from rfca_rig.diagnosis.decision.decide import Decision, decide
-from rfca_rig.diagnosis.experiment_design.pendulum_experiment import next_swing
-from rfca_rig.diagnosis.figures import held_out
+from rfca_rig.diagnosis.experiment_design.pendulum_experiment import propose_swing
+from rfca_rig.diagnosis.figures import compare_held_out
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.pendulums.candidates import candidates_of, own_effects
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
-from rfca_rig.diagnosis.pendulums.windows import BIN_S, SWINGS, WINDOW_S, pendulum_dataset, stretches_of
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, SWING_EXPERIMENT, WINDOW_S, cut_stretches, make_pendulum_dataset
 from rfca_rig.diagnosis.residual_force.stated_law import OF_PENDULUM, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
-from rfca_rig.executors.cores import algebra_on_one_thread
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.effect import Effect
 
 
-@algebra_on_one_thread()
+@single_threaded_blas()
 def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: Collection[str] = (), law_at: str = "") -> Diagnosis:
     """The diagnosis of the recordings of a pendulum.
 
@@ -49,7 +49,7 @@ def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: C
         # With a single joint, "joints" and "joint1" would be the same law.
         check_place(law_at, OF_PENDULUM[:1] if len(campaign.pendulum.links) == 1 else OF_PENDULUM)
     progress("reading", 0.0)
-    found, effects = search_pendulum(swings_of(campaign, WINDOW_S, BIN_S), progress, without)
+    found, effects = search_pendulum(make_swing_problem(campaign, WINDOW_S, BIN_S), progress, without)
     progress("summing up", 0.97)
     decision = decide(found)
     diagnosis = _build_result(campaign, found, decision, effects)
@@ -65,7 +65,7 @@ def search_pendulum(problem: SwingProblem, progress: Progress, without: Collecti
     """The search over all effects that a pendulum may lack, and those effects."""
     effects = candidates_of(problem, without)
     coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
-    return search_models(pendulum_dataset(stretches_of(problem)), coordinates, effects, progress), effects
+    return search_models(make_pendulum_dataset(cut_stretches(problem)), coordinates, effects, progress), effects
 
 
 def _build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect]) -> Diagnosis:
@@ -74,13 +74,13 @@ def _build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decis
     enough = stretches >= FEWEST_CONDITIONS
     if not enough:
         decision = not_enough_data(found, f"{stretches} stretches of two seconds, {FEWEST_CONDITIONS} are needed")
-    result = build_result(campaign.title, found, decision, effects, SWINGS)
+    result = build_result(campaign.title, found, decision, effects, SWING_EXPERIMENT)
     # The search calls 1 % usual; figures for people refer to the stated torque error.
     usual = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
     return replace(
         result,
         unexplained=(*result.unexplained, *_describe_closest(found, decision)),
-        next_experiment=next_swing(campaign, found, decision, enough),
+        next_experiment=propose_swing(campaign, found, decision, enough),
         settings={
             **result.settings,
             "model_error_assumed": f"half-normal, torques wrong by {100.0 * usual:g} %",
@@ -95,5 +95,7 @@ def _describe_closest(found: ModelSelectionResult, decision: Decision) -> tuple[
     """What the closest effects would improve on held-out stretches, although they are not stated."""
     if decision.closest is None or decision.effects:
         return ()
-    figures = ", ".join(f"{name} {f.before:.2g} to {f.after:.2g}" for name, f in held_out(found, decision.closest, SWINGS).items())
+    figures = ", ".join(
+        f"{name} {f.before:.2g} to {f.after:.2g}" for name, f in compare_held_out(found, decision.closest, SWING_EXPERIMENT).items()
+    )
     return (f"with {' and '.join(decision.closest.ids)} in the model, rms on held-out stretches falls: {figures}",) if figures else ()

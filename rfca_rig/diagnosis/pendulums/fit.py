@@ -3,15 +3,15 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from rfca_rig.analysis.swings import SwingProblem, SwingWindow, shifted, swings_of
+from rfca_rig.analysis.swings import SwingProblem, SwingWindow, apply_nuisances, make_swing_problem
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum, space_of_pendulum
-from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, pendulum_dataset, stretches_of
+from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum, to_pendulum_input
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, cut_stretches, make_pendulum_dataset
 from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, summarize
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.cores import algebra_on_one_thread
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.pendulum import Pendulum
 
 PENDULUM_FIT = "rfca-pendulum-fit/1"
@@ -25,7 +25,7 @@ class PendulumFit:
     pendulum: Pendulum
 
 
-@algebra_on_one_thread()
+@single_threaded_blas()
 def fit_pendulum(campaign: PendulumCampaign, progress: Progress, names: Collection[str] = ()) -> PendulumFit:
     """The nominal values of [known_to] fitted to all runs, each with its stated uncertainty as prior.
 
@@ -45,13 +45,13 @@ def fit_pendulum(campaign: PendulumCampaign, progress: Progress, names: Collecti
     SimulationFailed
         Where the nominal pendulum cannot be simulated.
     """
-    problem = _with_nuisances(swings_of(campaign, WINDOW_S, BIN_S), names)
-    stretches = stretches_of(problem)
+    problem = _with_nuisances(make_swing_problem(campaign, WINDOW_S, BIN_S), names)
+    stretches = cut_stretches(problem)
     space = space_of_pendulum(problem.pendulum, problem.nuisances)
-    found = search_models(pendulum_dataset(stretches), Parameterization(space), [], progress)
+    found = search_models(make_pendulum_dataset(stretches), Parameterization(space), [], progress)
     fit = summarize(found, found.nothing, [_windows_of(problem, [one.window for one in stretch.windows]) for stretch in stretches])
-    shifts = dict(of_pendulum(space.at(found.nothing.marginal.posterior.mean)).off)
-    return PendulumFit(fit, shifted(problem.pendulum, shifts))
+    shifts = dict(to_pendulum_input(space.at(found.nothing.marginal.posterior.mean)).off)
+    return PendulumFit(fit, apply_nuisances(problem.pendulum, shifts))
 
 
 def _windows_of(problem: SwingProblem, windows: Sequence[SwingWindow]) -> WindowsOfCondition:
@@ -69,7 +69,7 @@ def _with_nuisances(problem: SwingProblem, names: Collection[str]) -> SwingProbl
     return replace(problem, nuisances=tuple(one for one in problem.nuisances if not names or one.name in names))
 
 
-def fitted_known_to(campaign: PendulumCampaign, fit: WindowFit) -> Mapping[str, float]:
+def update_known_to(campaign: PendulumCampaign, fit: WindowFit) -> Mapping[str, float]:
     """[known_to] after the fit; what was not fitted stays as stated.
 
     One key holds for several links, so the largest of their standard deviations is kept.

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.fitting.space import FitParameter, Space, never_below
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.fitting.space import FitParameter, Prior, never_below
 from rfca_rig.analysis.swings import Nuisance
 from rfca_rig.model.pendulum import Pendulum, rods
 
@@ -14,35 +14,35 @@ NEVER_NEGATIVE = ("joint_damping_Nm_s_per_rad", "joint_friction_Nm", "rotor_iner
 
 
 @dataclass(frozen=True)
-class SupposedPendulum(Supposed):
+class PendulumInput(ModelPoint):
     """Input of one simulation of a pendulum: the effects in `rig`, and the shifts of nominal values, by nuisance parameter."""
 
     off: tuple[tuple[str, float], ...] = ()
 
 
-def space_of_pendulum(pendulum: Pendulum, nuisances: Sequence[Nuisance]) -> Space[SupposedPendulum]:
+def space_of_pendulum(pendulum: Pendulum, nuisances: Sequence[Nuisance]) -> Prior[PendulumInput]:
     """Space of the nuisance parameters around the nominal pendulum."""
     std = np.array([nuisance.std for nuisance in nuisances])
     parameters = tuple(_parameter(pendulum, nuisance) for nuisance in nuisances)
-    return Space(parameters, SupposedPendulum(rods(pendulum)), std, np.ones(len(std), dtype=bool))
+    return Prior(parameters, PendulumInput(rods(pendulum)), std, np.ones(len(std), dtype=bool))
 
 
-def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> FitParameter[SupposedPendulum]:
+def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> FitParameter[PendulumInput]:
     link, _, key = nuisance.name.partition(".")
     shift: Callable[[float], float] = float
     if key in NEVER_NEGATIVE:
         shift = never_below(getattr(pendulum.links[int(link.removeprefix("link")) - 1], key), nuisance.std)
 
-    def read(at: SupposedPendulum) -> float:
+    def read(at: PendulumInput) -> float:
         return dict(at.off).get(nuisance.name, 0.0)
 
-    def write(at: SupposedPendulum, value: float) -> SupposedPendulum:
+    def write(at: PendulumInput, value: float) -> PendulumInput:
         return replace(at, off=(*(pair for pair in at.off if pair[0] != nuisance.name), (nuisance.name, shift(value))))
 
     unit = "" if nuisance.name.endswith("_relative") else nuisance.name.split("_", 2)[-1]
     return FitParameter(nuisance.name, unit, False, nuisance.std, read, write)
 
 
-def of_pendulum(at: Supposed) -> SupposedPendulum:
+def to_pendulum_input(at: ModelPoint) -> PendulumInput:
     """The input as that of a pendulum; without shifts where it has none."""
-    return at if isinstance(at, SupposedPendulum) else SupposedPendulum(at.rig)
+    return at if isinstance(at, PendulumInput) else PendulumInput(at.rig)

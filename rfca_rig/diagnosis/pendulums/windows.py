@@ -14,19 +14,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import SwingProblem, SwingWindow, shifted
+from rfca_rig.analysis.swings import SwingProblem, SwingWindow, apply_nuisances
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
 from rfca_rig.diagnosis.data.observations import Label, Observations
-from rfca_rig.diagnosis.data.windows import WindowRows, group, observe, start_gain
-from rfca_rig.diagnosis.pendulums.nuisances import SupposedPendulum
+from rfca_rig.diagnosis.data.windows import WindowRows, group_windows, observe, start_gain
+from rfca_rig.diagnosis.pendulums.nuisances import PendulumInput
 from rfca_rig.diagnosis.simulator import Simulator
 from rfca_rig.model.parameters import GRAVITY_M_S2
-from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, driven
+from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, make_driven_pendulum
 
 Floats = NDArray[np.float64]
 
-SWINGS = "swings"  # what their experiment is called
+SWING_EXPERIMENT = "swings"  # what their experiment is called
 WINDOW_S = 0.5
 BIN_S = 0.05  # ten rows per window and signal: pendulums of laboratory size turn back a few times a second
 SMOOTH_OVER_S = 0.15  # of the model's error: torques err with the joint's angle, which changes that fast
@@ -71,14 +71,14 @@ class Stretch:
         channels, joints, _ = self.windows[0].window.measured.shape
         return tuple(f"{('angle', 'speed')[c]}{j + 1}_{('rad', 'rad_s')[c]}" for c in range(channels) for j in range(joints))
 
-    def simulated(self, supposed: SupposedPendulum) -> Floats:
+    def simulated(self, supposed: PendulumInput) -> Floats:
         """Predicted rows (m,), signal by signal within window by window. Raises SimulationFailed, BadInput."""
-        ready = driven(shifted(self.pendulum, dict(supposed.off)), supposed.rig.effects)
+        ready = make_driven_pendulum(apply_nuisances(self.pendulum, dict(supposed.off)), supposed.rig.effects)
         return np.concatenate([window.predicted(ready).ravel() for window in self.windows])
 
     def rows(self) -> Observations:
         """The measured rows."""
-        labels = tuple(Label(SWINGS, self.named, signal) for signal in self.signals)
+        labels = tuple(Label(SWING_EXPERIMENT, self.named, signal) for signal in self.signals)
         shape = (len(self.signals), -1)
         parts = [
             WindowRows(
@@ -95,17 +95,17 @@ class Stretch:
 class PendulumSimulator(Simulator):
     """A driven chain of links without scatter; a stretch depends on nothing before it."""
 
-    def simulate(self, at: SupposedPendulum, condition: Stretch) -> Floats:
+    def simulate(self, at: PendulumInput, condition: Stretch) -> Floats:
         """Predicted rows (m,) of a stretch. Raises SimulationFailed, BadInput."""
         return condition.simulated(at)
 
 
-def pendulum_dataset(stretches: Iterable[Stretch]) -> Dataset:
+def make_pendulum_dataset(stretches: Iterable[Stretch]) -> Dataset:
     """The dataset of these stretches. Raises BadInput where there is none."""
     return make_dataset(stretches, PendulumSimulator())
 
 
-def stretches_of(problem: SwingProblem) -> tuple[Stretch, ...]:
+def cut_stretches(problem: SwingProblem) -> tuple[Stretch, ...]:
     """The stretches of all runs, in their order."""
     return tuple(s for run in range(len(problem.conditions)) for s in _of_run(problem, run))
 
@@ -116,7 +116,7 @@ def _of_run(problem: SwingProblem, run: int) -> list[Stretch]:
         return []
     torque_Nm = usual_torque_Nm(problem.pendulum, windows) * problem.torque_error / USUAL_ERROR
     started = [_start_window(window, problem.pendulum, torque_Nm) for window in windows]
-    return [_stretch(problem, run, part) for part in group(started)]
+    return [_stretch(problem, run, part) for part in group_windows(started)]
 
 
 def _stretch(problem: SwingProblem, run: int, windows: Sequence[StartedWindow]) -> Stretch:
@@ -155,7 +155,7 @@ def _start_window(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) ->
 def _scale(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> Floats:
     """Effect of a steady torque of the usual size in each joint, (c, n, b); an error that has grown does not count as shrinking."""
     # Every joint is made drivable, so that the error torque can act in passive joints, too.
-    free = driven(Pendulum(tuple(replace(link, driven=True) for link in pendulum.links)))
+    free = make_driven_pendulum(Pendulum(tuple(replace(link, driven=True) for link in pendulum.links)))
     square = np.zeros_like(window.measured)
     for more in USUAL_ERROR * np.diag(torque_Nm):
         ahead, behind = (_with_torque(window, sign * more).predicted(free) for sign in (1.0, -1.0))

@@ -11,7 +11,7 @@ from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.laws import HINGE, LOAD, NORMAL, SLIP, LawUse
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.setup import Felt, Setup, set_up
+from rfca_rig.model.setup import SensorOutput, Setup, set_up
 
 Floats = NDArray[np.float64]
 
@@ -93,8 +93,8 @@ def _read(having: Setup, place: str, argument: str, u: Floats) -> Floats:
     """Added reading (k,), from a sensor that reads zero except for the argument."""
     zero = np.zeros_like(u)
     t_s = u if argument == "time_s" else np.arange(float(len(u)))
-    plain = Felt(t_s, zero, zero, zero, u if argument == "shaft_angle_rad" else zero)
+    plain = SensorOutput(t_s, zero, zero, zero, u if argument == "shaft_angle_rad" else zero)
     if argument.startswith("reading"):
         channels: dict[str, Floats] = {place: u}
         plain = replace(plain, **channels)
-    return np.asarray(getattr(having.felt(plain), place) - getattr(plain, place))
+    return np.asarray(getattr(having.apply_sensor_changes(plain), place) - getattr(plain, place))

@@ -13,10 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.diagnosis.data.dataset import THREADS
-from rfca_rig.diagnosis.leg.strokes import FlapCondition
-from rfca_rig.diagnosis.residual_force.spline_force import Change, SplineBasis, bump_in_hinge, bump_in_turn, bumps_of, forced_stroke
+from rfca_rig.diagnosis.leg.strokes import DynamicCondition
+from rfca_rig.diagnosis.residual_force.spline_force import (
+    Change,
+    SplineBasis,
+    bump_in_hinge,
+    bump_in_turn,
+    make_basis,
+    simulate_forced_stroke,
+)
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.stroke import SimulatedStroke
@@ -46,8 +53,8 @@ class NominalCondition:
         (m, count, hinges) change of the rows per bump of a torque that resists one hinge.
     """
 
-    flap: FlapCondition
-    supposed: Supposed
+    flap: DynamicCondition
+    supposed: ModelPoint
     stroke: SimulatedStroke
     bumps: SplineBasis
     in_hinge: Floats
@@ -68,10 +75,10 @@ class NominalCondition:
         return self.rows_of({}) if stroke is None else (self.rows(stroke) - self.rows(self.stroke)) / size
 
 
-def nominal_conditions(flaps: Sequence[FlapCondition], supposed: Supposed) -> tuple[NominalCondition, ...]:
+def nominal_conditions(flaps: Sequence[DynamicCondition], supposed: ModelPoint) -> tuple[NominalCondition, ...]:
     """The conditions at an input of the simulator, with the responses of all hinges. Raises SimulationFailed."""
     hinges = len(supposed.rig.leg.link_lengths_m) - 1
-    bare = [NominalCondition(flap, supposed, forced_stroke(flap, supposed, ()), bumps_of(flap), np.empty(0)) for flap in flaps]
+    bare = [NominalCondition(flap, supposed, simulate_forced_stroke(flap, supposed, ()), make_basis(flap), np.empty(0)) for flap in flaps]
     jobs = [(here, number, hinge) for here in bare for number in range(here.bumps.count) for hinge in range(1, hinges + 1)]
     # One pool for all conditions, so that no thread waits at the end of each.
     with ThreadPoolExecutor(THREADS) as pool:
@@ -85,15 +92,15 @@ def nominal_conditions(flaps: Sequence[FlapCondition], supposed: Supposed) -> tu
 
 def _hinge_response(here: NominalCondition, number: int, hinge: int) -> Floats:
     change = bump_in_hinge(here.bumps, number, TRIED_NM, hinge)
-    return here.change_to(answer(here, here.supposed, (change,)), TRIED_NM)
+    return here.change_to(try_stroke(here, here.supposed, (change,)), TRIED_NM)
 
 
-def answer(
-    here: NominalCondition, supposed: Supposed, changes: tuple[Change, ...] = (), motion: ShaftMotion | None = None
+def try_stroke(
+    here: NominalCondition, supposed: ModelPoint, changes: tuple[Change, ...] = (), motion: ShaftMotion | None = None
 ) -> SimulatedStroke | None:
     """The stroke of the condition under these changes; None where the model has none."""
     try:
-        return forced_stroke(here.flap, supposed, changes, motion)
+        return simulate_forced_stroke(here.flap, supposed, changes, motion)
     except SimulationFailed:
         return None
 
@@ -124,7 +131,7 @@ class ForceInput:
             return list(pool.map(self.response, conditions))
 
 
-def places_of(hinges: int) -> tuple[ForceInput, ...]:
+def list_force_inputs(hinges: int) -> tuple[ForceInput, ...]:
     """All places of a leg with so many hinges; the one with the same torque in all hinges first."""
     single = [ForceInput(f"hinge{i + 1}", f"a torque in hinge {i + 1} alone", "N m", 0.05, _hinge(i)) for i in range(1, hinges + 1)]
     return (
@@ -152,7 +159,7 @@ def _shaft_angle(here: NominalCondition) -> Floats:
     """Response (m, count) to a shaft angle. The first bump is a wrong start angle, which every hypothesis may have, so it is zero."""
     motion = here.flap.turn.motion(here.supposed, float(here.flap.t_s[-1]))
     bent = [bump_in_turn(motion, here.bumps, number, TRIED_RAD) for number in range(1, here.bumps.count)]
-    columns = [here.change_to(answer(here, here.supposed, (), turn), TRIED_RAD) for turn in bent]
+    columns = [here.change_to(try_stroke(here, here.supposed, (), turn), TRIED_RAD) for turn in bent]
     return np.column_stack([here.rows_of({}), *columns])
 
 
@@ -161,7 +168,7 @@ def _floor_height(here: NominalCondition) -> Floats:
 
     It is exact for a floor that is higher all the time.
     """
-    higher = answer(here, replace(here.supposed, height_offset_m=here.supposed.height_offset_m - TRIED_M))
+    higher = try_stroke(here, replace(here.supposed, height_offset_m=here.supposed.height_offset_m - TRIED_M))
     if higher is None:
         return np.zeros((len(here.rows_of({})), here.bumps.count))
     # The change of the whole stroke, weighted over time by each bump.

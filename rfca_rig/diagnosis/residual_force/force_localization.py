@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import logsumexp
 
-from rfca_rig.diagnosis.config import SHARED
+from rfca_rig.diagnosis.config import CONDITION_CORRELATION
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
-from rfca_rig.diagnosis.leg.simulator import flaps_of
-from rfca_rig.diagnosis.likelihood.covariance import AtError, Whitening
+from rfca_rig.diagnosis.leg.simulator import select_strokes
+from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, Whitening
 from rfca_rig.diagnosis.likelihood.cross_validation import products_without
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, make_marginal_likelihood
-from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCondition, nominal_conditions, places_of
+from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCondition, list_force_inputs, nominal_conditions
 
 Floats = NDArray[np.float64]
 
@@ -57,14 +57,17 @@ class ForceScene:
     conditions: tuple[NominalCondition, ...]
 
     @property
-    def whitenings(self) -> tuple[AtError, ...]:
+    def whitenings(self) -> tuple[DiscrepancyWhitening, ...]:
         """At the usual model error and at larger ones: the response to a large force is not linear."""
         return (self.likelihood.usual, *(w for w in self.likelihood.unknown if w.s in LARGER_ERRORS))
 
     @cached_property
     def without(self) -> float:
         """Log evidence without a force."""
-        logs = [system_of(self, whitening, np.empty((len(self.target), 0))).log_evidence(np.empty((0, 0))) for whitening in self.whitenings]
+        logs = [
+            make_normal_equations(self, whitening, np.empty((len(self.target), 0))).log_evidence(np.empty((0, 0)))
+            for whitening in self.whitenings
+        ]
         return float(logsumexp(logs) - np.log(len(logs)))
 
     @cached_property
@@ -75,7 +78,7 @@ class ForceScene:
     @property
     def places(self) -> tuple[ForceInput, ...]:
         """Where a force may enter."""
-        return places_of(self.conditions[0].in_hinge.shape[2])
+        return list_force_inputs(self.conditions[0].in_hinge.shape[2])
 
     def stack_responses(self, blocks: Sequence[Floats]) -> Floats:
         """Columns (m_c, k_c) of the rows of each condition, side by side in all rows, (m, sum k_c)."""
@@ -109,9 +112,9 @@ class LocalizedForce:
     misfit: dict[str, float]
 
 
-def scene_of(dataset: Dataset, nothing: MapFit, scatter: Floats) -> ForceScene:
+def make_scene(dataset: Dataset, nothing: MapFit, scatter: Floats) -> ForceScene:
     """The scene around the fit without effects; `scatter` (m, k) is B in `covariance`. Raises SimulationFailed."""
-    flaps = [flap.until(flap.phases.valley_s + AFTER_VALLEY_S) for flap in flaps_of(dataset.parts)]
+    flaps = [flap.until(flap.phases.valley_s + AFTER_VALLEY_S) for flap in select_strokes(dataset.parts)]
     ends_s = np.array([flap.t_s[-1] for flap in flaps])
     dynamic = dataset.rows.experiment == "dynamic"
     selected = dynamic & (dataset.rows.t_s < ends_s[np.where(dynamic, dataset.rows.condition, 0)])
@@ -141,12 +144,15 @@ def localize_force(scene: ForceScene, place: ForceInput, responses: Sequence[Flo
     response = scene.stack_responses(responses)
     sizes = [place.size * size for size in SIZES]
     none = np.empty((response.shape[1], 0))
-    systems = [system_of(scene, whitening, response) for whitening in scene.whitenings]
+    systems = [make_normal_equations(scene, whitening, response) for whitening in scene.whitenings]
     # Evidence over the grid of model error, smoothness and size of the force.
     logs = np.array([[system.log_evidences(root, sizes) for root in scene.roots] for system in systems])
     level, smooth, size = np.unravel_index(int(np.argmax(logs)), logs.shape)
-    x, force, _ = systems[level].solved(sizes[size] * scene.roots[smooth])
-    left, before = misfit_of(scene, x, response @ force), misfit_of(scene, systems[level].solved(none)[0], 0.0 * scene.target)
+    x, force, _ = systems[level].solve(sizes[size] * scene.roots[smooth])
+    left, before = (
+        misfit_by_channel(scene, x, response @ force),
+        misfit_by_channel(scene, systems[level].solve(none)[0], 0.0 * scene.target),
+    )
     return LocalizedForce(
         place=place,
         log_evidence=float(logsumexp(logs) - np.log(logs.size)) - scene.without,
@@ -155,7 +161,7 @@ def localize_force(scene: ForceScene, place: ForceInput, responses: Sequence[Flo
     )
 
 
-def misfit_of(scene: ForceScene, x: Floats, pushed: Floats) -> dict[str, float]:
+def misfit_by_channel(scene: ForceScene, x: Floats, pushed: Floats) -> dict[str, float]:
     """Mean square of the residual relative to what is expected, in each channel.
 
     Parameters
@@ -172,7 +178,7 @@ def misfit_of(scene: ForceScene, x: Floats, pushed: Floats) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class System:
+class NormalEquations:
     """Normal equations of p nuisance parameters and k force coefficients, whitened.
 
     Parameters
@@ -213,7 +219,7 @@ class System:
         found = solve_triangular(factor, scale * match, lower=True, check_finite=False)
         return self.constant + 0.5 * float(found @ found) - float(np.log(np.diag(factor)).sum())
 
-    def solved(self, root: Floats) -> tuple[Floats, Floats, Floats]:
+    def solve(self, root: Floats) -> tuple[Floats, Floats, Floats]:
         """Posterior for a root (k, r): nuisance parameters (p,), forces (k,), and the covariance (k, k) of the forces."""
         gram, match = self._reduce(root)
         covariance = np.linalg.inv(gram + np.eye(len(gram)))
@@ -221,21 +227,23 @@ class System:
         return mean[:p], root @ mean[p:], root @ covariance[p:, p:] @ root.T
 
 
-def system_of(scene: ForceScene, whitening: Whitening, response: Floats) -> System:
+def make_normal_equations(scene: ForceScene, whitening: Whitening, response: Floats) -> NormalEquations:
     """The system of a response (m, k) under a covariance."""
     both, target = whitening(np.hstack([scene.jacobian, response])), whitening(scene.target)
     constant = -0.5 * (float(target @ target) + whitening.log_det)
-    return System(both.T @ both, both.T @ target, constant, scene.jacobian.shape[1])
+    return NormalEquations(both.T @ both, both.T @ target, constant, scene.jacobian.shape[1])
 
 
-def systems_without_each(scene: ForceScene, whitening: AtError, response: Floats) -> list[System]:
+def make_held_out_equations(scene: ForceScene, whitening: DiscrepancyWhitening, response: Floats) -> list[NormalEquations]:
     """Systems of the same response (m, k), each without the rows of one condition."""
     both = np.column_stack([scene.jacobian, response, scene.target])
-    weighted = whitening.weighted(both)
+    weighted = whitening.apply_precision(both)
     found = []
     for number in range(len(scene.conditions)):
         products, log_det = products_without(both, weighted, whitening, scene.rows.condition == number)
-        found.append(System(products[:-1, :-1], products[:-1, -1], -0.5 * (float(products[-1, -1]) + log_det), scene.jacobian.shape[1]))
+        found.append(
+            NormalEquations(products[:-1, :-1], products[:-1, -1], -0.5 * (float(products[-1, -1]) + log_det), scene.jacobian.shape[1])
+        )
     return found
 
 
@@ -245,7 +253,7 @@ def _roots(conditions: Sequence[NominalCondition]) -> list[Floats]:
     # Time is scaled so that touchdown and valley of all conditions coincide, since they share a part of the force.
     at = [(h.bumps.centres_s - h.flap.phases.touchdown_s) / way * np.mean(way_s) for h, way in zip(conditions, way_s, strict=True)]
     t, condition = np.concatenate(at), np.repeat(np.arange(len(at)), [len(a) for a in at])
-    together = np.where(condition[:, None] == condition, 1.0, SHARED)
+    together = np.where(condition[:, None] == condition, 1.0, CONDITION_CORRELATION)
     return [_root(np.exp(-0.5 * ((t[:, None] - t) / over) ** 2) * together) for over in SMOOTH_OVER_S]
 
 

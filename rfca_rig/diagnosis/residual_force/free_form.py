@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
-from rfca_rig.diagnosis.config import AS_GOOD, DOMINANT, NEAR, SURE
+from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, CLOSE_LOG_EVIDENCE, DOMINANT_SHARE, IDENTIFIED_PROBABILITY
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.leg.simulator import flaps_of
-from rfca_rig.diagnosis.residual_force.force_localization import ForceScene, LocalizedForce, localize_force, scene_of
+from rfca_rig.diagnosis.leg.simulator import select_strokes
+from rfca_rig.diagnosis.residual_force.force_localization import ForceScene, LocalizedForce, localize_force, make_scene
 from rfca_rig.diagnosis.residual_force.sparse_law import FoundTerm, SparseLaw, sparse_laws
 from rfca_rig.diagnosis.result import StatedPlace
 
 Floats = NDArray[np.float64]
 
-EXPLAINS = 2.0  # mean square over what is expected, up to which a channel counts as explained
-MOSTLY = 0.9  # share of the misfit that a large force, whose response is not linear, must remove instead
+EXPLAINED_MISFIT = 2.0  # mean square over what is expected, up to which a channel counts as explained
+EXPLAINED_SHARE = 0.9  # share of the misfit that a large force, whose response is not linear, must remove instead
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class FreeForm:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class PlaceCandidate:
     """A place with its free force and its formula."""
 
     placed: LocalizedForce
@@ -62,44 +62,44 @@ class Candidate:
         return float(np.logaddexp(self.placed.log_evidence, self.law.log_evidence) - np.log(2.0))
 
 
-def free_form(found: ModelSelectionResult) -> FreeForm | None:
+def estimate_free_force(found: ModelSelectionResult) -> FreeForm | None:
     """The answer for a search that identified nothing; None where no stroke was recorded. Raises SimulationFailed."""
-    if not flaps_of(found.dataset.parts):
+    if not select_strokes(found.dataset.parts):
         return None
-    ranked = candidates(scene_of(found.dataset, found.nothing.fitted, found.scatter.columns))
+    ranked = rank_places(make_scene(found.dataset, found.nothing.fitted, found.scatter.columns))
     best = ranked[0]
     return FreeForm(
         place=best.placed.place.id,
         words=best.placed.place.words,
         terms=best.law.terms,
         ranking=tuple((one.placed.place.id, one.log_evidence) for one in ranked),
-        is_located=best.log_evidence >= AS_GOOD and _explains(best),
+        is_located=best.log_evidence >= AS_GOOD_LOG_ODDS and _explains(best),
         text=_describe(ranked),
     )
 
 
-def candidates(scene: ForceScene) -> tuple[Candidate, ...]:
+def rank_places(scene: ForceScene) -> tuple[PlaceCandidate, ...]:
     """All places, most probable first; no formula is sought for those far behind."""
     responses = {place.id: place.responses(scene.conditions) for place in scene.places}
     free = [localize_force(scene, place, responses[place.id]) for place in scene.places]
     best = max(one.log_evidence for one in free)
-    near = [one for one in free if one.log_evidence > best - NEAR]
+    near = [one for one in free if one.log_evidence > best - CLOSE_LOG_EVIDENCE]
     laws = sparse_laws(scene, [(one.place, responses[one.place.id]) for one in near])
     # A formula counts only if it explains most of what the free force explains.
-    lasting = {one.place.id: law for one, law in zip(near, laws, strict=True) if law.explained > DOMINANT * one.explained["all"]}
-    found = [Candidate(one, lasting.get(one.place.id, SparseLaw())) for one in free]
+    lasting = {one.place.id: law for one, law in zip(near, laws, strict=True) if law.explained > DOMINANT_SHARE * one.explained["all"]}
+    found = [PlaceCandidate(one, lasting.get(one.place.id, SparseLaw())) for one in free]
     return tuple(sorted(found, key=lambda one: -one.log_evidence))
 
 
-def _explains(best: Candidate) -> bool:
+def _explains(best: PlaceCandidate) -> bool:
     """Whether the free force or its formula explains every channel, or most of a misfit that is too large to be linear."""
-    return max(best.placed.misfit.values()) <= EXPLAINS or max(best.placed.explained["all"], best.law.explained) >= MOSTLY
+    return max(best.placed.misfit.values()) <= EXPLAINED_MISFIT or max(best.placed.explained["all"], best.law.explained) >= EXPLAINED_SHARE
 
 
-def _describe(ranked: Sequence[Candidate]) -> str:
+def _describe(ranked: Sequence[PlaceCandidate]) -> str:
     best = ranked[0]
-    also = [other.placed.place.words for other in ranked[1:] if other.log_evidence > best.log_evidence - AS_GOOD]
-    if best.log_evidence < AS_GOOD:
+    also = [other.placed.place.words for other in ranked[1:] if other.log_evidence > best.log_evidence - AS_GOOD_LOG_ODDS]
+    if best.log_evidence < AS_GOOD_LOG_ODDS:
         return "What is missing is too small to say where it acts."
     if not _explains(best):
         return f"No single place explains all channels; {best.placed.place.words} comes closest. The cause is not known."
@@ -108,12 +108,12 @@ def _describe(ranked: Sequence[Candidate]) -> str:
         where += f", which these data cannot tell from {', '.join(also)}"
     if not best.law.terms:
         return f"{where}; no short formula for it lasts over the conditions. The cause is not known."
-    fully = best.law.log_evidence > best.placed.log_evidence or best.law.explained > MOSTLY * best.placed.explained["all"]
+    fully = best.law.log_evidence > best.placed.log_evidence or best.law.explained > EXPLAINED_SHARE * best.placed.explained["all"]
     how = "follows" if fully else "in part follows"
     return f"{where}, and {how} {formula(best.law.terms)} there: an empirical law, its cause is not known."
 
 
-def place_of(free: FreeForm) -> StatedPlace | None:
+def state_place(free: FreeForm) -> StatedPlace | None:
     """The part of the rig where something acts; all parts are equally probable a priori, and so are the force inputs of each.
 
     None where no force input explains the misfit, or where the part of the best one is less probable than SURE. In benchmark cases one in
@@ -127,9 +127,9 @@ def place_of(free: FreeForm) -> StatedPlace | None:
     weights = softmax([logsumexp(logs) - np.log(len(logs)) for logs in of_each.values()])
     best = _group(free.place)
     probability = float(weights[parts.index(best)])
-    if not free.is_located or probability < SURE:
+    if not free.is_located or probability < IDENTIFIED_PROBABILITY:
         return None
-    return StatedPlace(best, free.words, SURE)
+    return StatedPlace(best, free.words, IDENTIFIED_PROBABILITY)
 
 
 def _group(force_input: str) -> str:

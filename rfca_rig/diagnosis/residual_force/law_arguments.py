@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.swings import shifted
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.swings import apply_nuisances
 from rfca_rig.diagnosis.data.dataset import Dataset
-from rfca_rig.diagnosis.leg.simulator import flaps_of
-from rfca_rig.diagnosis.leg.strokes import FlapCondition
+from rfca_rig.diagnosis.leg.simulator import select_strokes
+from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.mechanisms.windows import Motions
-from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum
+from rfca_rig.diagnosis.pendulums.nuisances import to_pendulum_input
 from rfca_rig.diagnosis.pendulums.windows import Stretch
 from rfca_rig.diagnosis.residual_force.joint_argument import courses_of_motions, own_law_of_joint
 from rfca_rig.diagnosis.residual_force.law import Course, LawArgument
 from rfca_rig.errors import BadInput
 from rfca_rig.model.hinge_springs import bending_torque_Nm
-from rfca_rig.model.pendulum import driven
+from rfca_rig.model.pendulum import make_driven_pendulum
 from rfca_rig.model.stroke import SimulatedStroke
 from rfca_rig.model.tabulated_law import SURE_OF_SIGN_RAD_S, effect_of_table, kind_of
 
@@ -67,21 +67,21 @@ def courses(dataset: Dataset, supposed: Any, place: str, argument: str) -> list[
     motions = [part for part in dataset.parts if isinstance(part, Motions)]
     if motions:
         return courses_of_motions(dataset, motions, supposed, place, argument)
-    found = [course_of_stroke(flap, supposed, place, argument) for flap in flaps_of(dataset.parts)]
+    found = [course_of_stroke(flap, supposed, place, argument) for flap in select_strokes(dataset.parts)]
     found += [each for part in dataset.parts if isinstance(part, Stretch) for each in course_of_stretch(part, supposed, place, argument)]
     if not found:
         raise BadInput(f"no recording moves, so that a law of {argument} at {place} cannot be measured; record strokes")
     return found
 
 
-def visited_range(found: Sequence[Course]) -> tuple[float, float]:
+def find_visited_range(found: Sequence[Course]) -> tuple[float, float]:
     """Range of the argument, without a thousandth of the time at either end."""
     counted = np.concatenate([each.values[each.counts] for each in found])
     low, high = np.quantile(counted, [SELDOM, 1.0 - SELDOM]) if counted.size else (0.0, 0.0)
     return float(low), float(high)
 
 
-def knots_over(visited: tuple[float, float], is_signed: bool) -> Floats:
+def place_knots(visited: tuple[float, float], is_signed: bool) -> Floats:
     """Knots (k,) over a range, ascending."""
     low, high = visited
     if not is_signed:
@@ -98,7 +98,7 @@ def knots_over(visited: tuple[float, float], is_signed: bool) -> Floats:
     return np.asarray(scale * np.sinh(np.append(below, above[1:])))
 
 
-def own_law(dataset: Dataset, supposed: Any, place: str, argument: str, u: Floats) -> Floats | None:
+def compute_nominal_law(dataset: Dataset, supposed: Any, place: str, argument: str, u: Floats) -> Floats | None:
     """The law that the model has at the place already, without base effects.
 
     Parameters
@@ -130,14 +130,14 @@ def own_law(dataset: Dataset, supposed: Any, place: str, argument: str, u: Float
     return laws[argument]() if argument in laws else None
 
 
-def with_own(place: str, own: Floats, values: Floats) -> Floats:
+def add_own_law(place: str, own: Floats, values: Floats) -> Floats:
     """The whole law (k,) from `own` (k,) and the table `values` (k,): a share of the friction coefficient, elsewhere a force."""
     return np.asarray(own * (1.0 + values) if place == "floor_friction" else own + values)
 
 
-def _own_of_joint(dataset: Dataset, supposed: Supposed, place: str, argument: str, u: Floats) -> Floats | None:
+def _own_of_joint(dataset: Dataset, supposed: ModelPoint, place: str, argument: str, u: Floats) -> Floats | None:
     stretch = next(part for part in dataset.parts if isinstance(part, Stretch))
-    links = shifted(stretch.pendulum, dict(of_pendulum(supposed).off)).links
+    links = apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)).links
     number = "1" if len(links) == 1 else place.removeprefix("joint")
     if argument != "rate_rad_s" or not number.isdecimal():
         return None
@@ -145,7 +145,7 @@ def _own_of_joint(dataset: Dataset, supposed: Supposed, place: str, argument: st
     return np.asarray(link.joint_damping_Nm_s_per_rad * u + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S))
 
 
-def course_of_stroke(flap: FlapCondition, supposed: Supposed, place: str, argument: str) -> Course:
+def course_of_stroke(flap: DynamicCondition, supposed: ModelPoint, place: str, argument: str) -> Course:
     """The argument over one simulated stroke."""
     stroke, rig = flap.stroke(supposed), supposed.rig
     if place.startswith("hinge"):
@@ -159,7 +159,7 @@ def course_of_stroke(flap: FlapCondition, supposed: Supposed, place: str, argume
     return Course(stroke.t_s, values[:, None], counts[:, None])
 
 
-def _at_floor(flap: FlapCondition, supposed: Supposed, stroke: SimulatedStroke) -> dict[str, tuple[Floats, NDArray[np.bool_]]]:
+def _at_floor(flap: DynamicCondition, supposed: ModelPoint, stroke: SimulatedStroke) -> dict[str, tuple[Floats, NDArray[np.bool_]]]:
     """Slip speed, load and depth of the tip (n,), and where each counts."""
     q, w, length = stroke.q_rad, stroke.w_rad_s, np.array(supposed.rig.leg.link_lengths_m)
     load = stroke.normal_N[:, -1]
@@ -174,9 +174,9 @@ def _of_channel(stroke: SimulatedStroke, place: str, argument: str) -> tuple[Flo
     return values, np.ones(len(stroke.t_s), dtype=bool)
 
 
-def course_of_stretch(stretch: Stretch, supposed: Supposed, place: str, argument: str) -> list[Course]:
+def course_of_stretch(stretch: Stretch, supposed: ModelPoint, place: str, argument: str) -> list[Course]:
     """The argument over each window of a simulated stretch."""
-    ready = driven(shifted(stretch.pendulum, dict(of_pendulum(supposed).off)), supposed.rig.effects)
+    ready = make_driven_pendulum(apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)), supposed.rig.effects)
     found = []
     for each in stretch.windows:
         window = each.window

@@ -14,25 +14,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.analysis.swings import shifted
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.swings import apply_nuisances
 from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.leg.strokes import FlapCondition
+from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.mechanisms.windows import Motions
-from rfca_rig.diagnosis.pendulums.nuisances import of_pendulum
+from rfca_rig.diagnosis.pendulums.nuisances import to_pendulum_input
 from rfca_rig.diagnosis.pendulums.windows import Stretch
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
 from rfca_rig.diagnosis.residual_force.joint_argument import response_to_branch, turning_rate
 from rfca_rig.diagnosis.residual_force.law import Course, MemoryTest
 from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, course_of_stroke
-from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of
-from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, bumps_of, forced_stroke, tick
+from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, prior_root
+from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, advance_time, make_basis, simulate_forced_stroke
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.laws import HINGE, TABLE, LawUse
 from rfca_rig.model.parameters import LawTable
-from rfca_rig.model.pendulum import driven
+from rfca_rig.model.pendulum import make_driven_pendulum
 from rfca_rig.model.setup import Setup, with_law
 
 Floats = NDArray[np.float64]
@@ -77,7 +77,7 @@ def detect_memory(
     without_branches = laplace_posterior(linear, whitening).log_evidence
     best, root = None, np.empty(0)
     for size, roughness in product(SIZES, ROUGHNESS):
-        trial_root = root_of(knots, size * plausible, roughness)
+        trial_root = prior_root(knots, size * plausible, roughness)
         posterior = laplace_posterior(LinearModel(linear.target, np.column_stack([linear.jacobian, responses @ trial_root])), whitening)
         if best is None or posterior.log_evidence > best.log_evidence:
             best, root = posterior, trial_root
@@ -98,7 +98,7 @@ def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size
     turning = turning_rate(found.dataset, supposed, table, TURNING) if isinstance(found.dataset.parts[0], Motions) else 0.0
     jobs = [(number, part, knot) for number, part in enumerate(found.dataset.parts) for knot in range(count)]
     of_strokes = {
-        number: _Stroke.of(part, supposed, table) for number, part in enumerate(found.dataset.parts) if isinstance(part, FlapCondition)
+        number: _Stroke.of(part, supposed, table) for number, part in enumerate(found.dataset.parts) if isinstance(part, DynamicCondition)
     }
 
     def response(job: tuple[int, Any, int]) -> Floats | None:
@@ -142,9 +142,9 @@ class _Stroke:
     course: Course
 
     @classmethod
-    def of(cls, flap: FlapCondition, supposed: Supposed, table: LawTable) -> "_Stroke":
+    def of(cls, flap: DynamicCondition, supposed: ModelPoint, table: LawTable) -> "_Stroke":
         stroke = flap.stroke(supposed)
-        here = NominalCondition(flap, supposed, stroke, bumps_of(flap), np.empty(0))
+        here = NominalCondition(flap, supposed, stroke, make_basis(flap), np.empty(0))
         return cls(here, table, course_of_stroke(flap, supposed, table.place, table.argument))
 
     def response(self, knot: int, size: float) -> Floats:
@@ -184,7 +184,7 @@ class _Stroke:
         scale = TRIED * size / largest
         changes = tuple(course_in_hinge(here.flap.t_s, scale * column, hinge) for column, hinge in zip(torque.T, only, strict=True))
         try:
-            stroke = forced_stroke(here.flap, here.supposed, changes)
+            stroke = simulate_forced_stroke(here.flap, here.supposed, changes)
         except SimulationFailed:
             return here.rows_of({})
         return here.change_to(stroke, scale)
@@ -220,14 +220,14 @@ def course_in_hinge(t_s: Floats, torque_Nm: Floats, hinge: int) -> Change:
 
     def change(setup: Setup) -> Setup:
         row = (setup.begins_s - begin_s, STEP_S, float(len(values)))
-        return with_law(setup, LawUse(HINGE, follow, row, tick, hinge, values))
+        return with_law(setup, LawUse(HINGE, follow, row, advance_time, hinge, values))
 
     return change
 
 
-def _of_stretch(stretch: Stretch, supposed: Supposed, table: LawTable, knot: int, size: float) -> Floats:
+def _of_stretch(stretch: Stretch, supposed: ModelPoint, table: LawTable, knot: int, size: float) -> Floats:
     """Response (m,) of a pendulum. The torque over time is subtracted from the driving torque, since the law resists the turn."""
-    ready = driven(shifted(stretch.pendulum, dict(of_pendulum(supposed).off)), supposed.rig.effects)
+    ready = make_driven_pendulum(apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)), supposed.rig.effects)
     joints = range(len(stretch.pendulum.links)) if table.place == "joints" else [int(table.place.removeprefix("joint")) - 1]
     changes = []
     for started, course in zip(stretch.windows, course_of_stretch(stretch, supposed, table.place, table.argument), strict=True):

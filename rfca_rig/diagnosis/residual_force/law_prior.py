@@ -17,7 +17,7 @@ ROUGHNESS = (0.03, 0.1, 0.3, 1.0)
 NONE = 1e-3  # of a law's size: nothing, where it is known to be none
 
 
-def root_of(knots: Floats, size: float, roughness: float, zero_at_zero: bool = False) -> Floats:
+def prior_root(knots: Floats, size: float, roughness: float, zero_at_zero: bool = False) -> Floats:
     """Root (k, k) of the prior covariance of the values at the knots (k,), columns from the least free direction to the freest.
 
     With `zero_at_zero` the law is known to be zero at a knot that is 0.

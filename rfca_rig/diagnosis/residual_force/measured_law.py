@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.config import NEAR
+from rfca_rig.diagnosis.config import CLOSE_LOG_EVIDENCE
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
@@ -22,16 +22,16 @@ from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, lo
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel
 from rfca_rig.diagnosis.residual_force.law import LawArgument, MeasuredLaw
 from rfca_rig.diagnosis.residual_force.law_arguments import (
+    add_own_law,
     arguments_at,
+    compute_nominal_law,
     courses,
-    knots_over,
+    find_visited_range,
     make_argument,
-    own_law,
-    visited_range,
-    with_own,
+    place_knots,
 )
 from rfca_rig.diagnosis.residual_force.law_memory import detect_memory
-from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, root_of
+from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, prior_root
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.effect import Parameter
 from rfca_rig.model.parameters import LawTable, PresentEffect
@@ -196,10 +196,10 @@ def _fit(
     """The law over its range in the motion of `moving`, from starts with the roughness of their first prior."""
     optimizer = GaussNewton(found.dataset, found.likelihood)
     supposed = moving.fitted.coordinates.supposed(moving.fitted.x)
-    visited = visited_range(courses(found.dataset, supposed, argument.place, argument.name))
+    visited = find_visited_range(courses(found.dataset, supposed, argument.place, argument.name))
     if visited[1] - visited[0] < 1e-9:
         return None
-    knots = knots_over(visited, argument.is_signed)
+    knots = place_knots(visited, argument.is_signed)
     laws = []
     for roughness, begin in starts:
         values, first = begin.values(argument.name, knots), _term(argument, knots, FIRST_SIZE, roughness)
@@ -214,7 +214,11 @@ def _fit(
             laws.append(_hypothesis(optimizer, optimizer.converge(optimizer.refine(here, LEVELS, ROUNDS), CONVERGE)))
     # Fits that are about as probable as the best are kept: their differences widen the band.
     laws.sort(key=lambda law: -law.marginal.log_evidence)
-    return _Fits([law for law in laws if law.marginal.log_evidence > laws[0].marginal.log_evidence - NEAR], visited) if laws else None
+    return (
+        _Fits([law for law in laws if law.marginal.log_evidence > laws[0].marginal.log_evidence - CLOSE_LOG_EVIDENCE], visited)
+        if laws
+        else None
+    )
 
 
 def _start_at(law: Hypothesis) -> LawStart:
@@ -232,7 +236,7 @@ def _term(argument: LawArgument, knots: Floats, size: float, roughness: float) -
 
 
 def _root(argument: LawArgument, knots: Floats, size: float, roughness: float) -> Floats:
-    return root_of(knots, size * argument.plausible, roughness, argument.zero_at_zero)
+    return prior_root(knots, size * argument.plausible, roughness, argument.zero_at_zero)
 
 
 def _with_likeliest_prior(optimizer: GaussNewton, here: MapFit) -> MapFit:
@@ -349,7 +353,7 @@ def _jackknife_covariance(found: ModelSelectionResult, law: Hypothesis) -> Float
     rows, whitening = found.dataset.rows, law.marginal.whitening
     linear, out = law.fitted.linear(rows.measured), _list_held_out(found)
     both = np.column_stack([linear.jacobian, linear.target])
-    weighed, unit = whitening.weighted(both), np.eye(linear.jacobian.shape[1])
+    weighed, unit = whitening.apply_precision(both), np.eye(linear.jacobian.shape[1])
     estimates = []
     for number in out:
         products, _ = products_without(both, weighed, whitening, rows.condition == number)
@@ -369,8 +373,8 @@ def _whole(found: ModelSelectionResult, law: Hypothesis, covariances: Sequence[F
     term, part = _term_of(law.fitted)
 
     def at(x: Floats) -> Floats | None:
-        own = own_law(found.dataset, coordinates.supposed(x), term.argument.place, term.argument.name, np.array(term.knots))
-        return None if own is None else with_own(term.argument.place, own, x[part])
+        own = compute_nominal_law(found.dataset, coordinates.supposed(x), term.argument.place, term.argument.name, np.array(term.knots))
+        return None if own is None else add_own_law(term.argument.place, own, x[part])
 
     estimate = _estimate(law)
     here = at(estimate)

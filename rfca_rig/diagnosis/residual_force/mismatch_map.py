@@ -13,7 +13,7 @@ from scipy.special import chdtrc
 
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
-from rfca_rig.diagnosis.likelihood.covariance import factored
+from rfca_rig.diagnosis.likelihood.covariance import make_whitening
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood
 from rfca_rig.diagnosis.result import Located, MapCell
@@ -70,7 +70,7 @@ DEPARTS, AGREES = 1.6, 1.2  # mean square over what is expected
 
 
 def _misfit(linear: LinearModel, covariance: Floats, kept: NDArray[np.bool_]) -> float:
-    posterior = laplace_posterior(linear.kept(kept), factored(covariance[np.ix_(kept, kept)]))
+    posterior = laplace_posterior(linear.kept(kept), make_whitening(covariance[np.ix_(kept, kept)]))
     return posterior.chi2 / int(kept.sum())
 
 

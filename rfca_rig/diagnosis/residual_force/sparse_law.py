@@ -13,11 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.config import AS_GOOD
+from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS
 from rfca_rig.diagnosis.data.dataset import THREADS
-from rfca_rig.diagnosis.likelihood.covariance import AtError
-from rfca_rig.diagnosis.residual_force.force_inputs import CHANNELS, ForceInput, NominalCondition, answer
-from rfca_rig.diagnosis.residual_force.force_localization import ForceScene, System, misfit_of, system_of, systems_without_each
+from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening
+from rfca_rig.diagnosis.residual_force.force_inputs import CHANNELS, ForceInput, NominalCondition, try_stroke
+from rfca_rig.diagnosis.residual_force.force_localization import (
+    ForceScene,
+    NormalEquations,
+    make_held_out_equations,
+    make_normal_equations,
+    misfit_by_channel,
+)
 from rfca_rig.diagnosis.residual_force.spline_force import Change
 from rfca_rig.diagnosis.residual_force.terms import Term, library_of, signals_of
 from rfca_rig.model.laws import HINGE, LawUse
@@ -26,8 +32,8 @@ from rfca_rig.model.setup import Setup, with_law
 Floats = NDArray[np.float64]
 
 TRIED = 0.3  # of a plausible size
-AT_MOST = 3
-KEPT_IN = 0.8
+MAX_TERMS = 3
+SELECTED_SHARE = 0.8
 
 # Terms of the hinges that are simulated as a law; the order is that of the parameters of `series`.
 SERIES = ("1", "angle", "|angle|", "angle^3", "sign(rate)", "rate", "rate |rate|", "|angle| sign(rate)")
@@ -108,28 +114,31 @@ def _library(scene: ForceScene, place: ForceInput, blocks: Sequence[Floats]) -> 
     return _Library(place, terms, _stack(scene, [columns[i : i + count] for i in range(0, len(columns), count)]), per)
 
 
-def _law(scene: ForceScene, library: _Library, whitening: AtError, votes: Floats) -> SparseLaw:
+def _law(scene: ForceScene, library: _Library, whitening: DiscrepancyWhitening, votes: Floats) -> SparseLaw:
     # The votes are sums of fractions, hence the tolerance.
-    kept = [int(k) for k in np.argsort(-votes, kind="stable")[:AT_MOST] if votes[k] >= KEPT_IN - 1e-9]
+    kept = [int(k) for k in np.argsort(-votes, kind="stable")[:MAX_TERMS] if votes[k] >= SELECTED_SHARE - 1e-9]
     if not kept:
         return SparseLaw()
-    system = system_of(scene, whitening, library.responses)
+    system = make_normal_equations(scene, whitening, library.responses)
     root = _select_columns(len(library.terms), kept)
-    x, z, covariance = system.solved(root)
+    x, z, covariance = system.solve(root)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     terms = tuple(
         FoundTerm(library.terms[k].name, float(z[k] * library.per[k]), float(std[k] * library.per[k]), _unit(library, k)) for k in kept
     )
-    left, before = misfit_of(scene, x, library.responses @ z), misfit_of(scene, system.solved(root[:, :0])[0], 0.0 * scene.target)
+    left, before = (
+        misfit_by_channel(scene, x, library.responses @ z),
+        misfit_by_channel(scene, system.solve(root[:, :0])[0], 0.0 * scene.target),
+    )
     # The evidence pays for the choice among the scales, and below for the choice of each term.
     gained = system.log_evidence(root) - float(np.log(len(scene.whitenings))) - scene.without
     return SparseLaw(terms, gained - len(kept) * float(np.log(len(library.terms))), 1.0 - sum(left.values()) / sum(before.values()))
 
 
-def _votes(scene: ForceScene, library: _Library, whitening: AtError) -> Floats:
+def _votes(scene: ForceScene, library: _Library, whitening: DiscrepancyWhitening) -> Floats:
     """Share of the fits without one condition that choose each term, (k,)."""
     votes = np.zeros(len(library.terms))
-    for system in systems_without_each(scene, whitening, library.responses):
+    for system in make_held_out_equations(scene, whitening, library.responses):
         votes[_greedy(system, len(library.terms))] += 1.0 / len(scene.conditions)
     return votes
 
@@ -142,14 +151,14 @@ def _stack(scene: ForceScene, responses: Sequence[Sequence[Floats]]) -> Floats:
     return found
 
 
-def _greedy(system: System, count: int) -> list[int]:
+def _greedy(system: NormalEquations, count: int) -> list[int]:
     chosen: list[int] = []
     best = system.log_evidence(_select_columns(count, []))
-    for _ in range(AT_MOST):
+    for _ in range(MAX_TERMS):
         logs = {k: system.log_evidence(_select_columns(count, [*chosen, k])) for k in range(count) if k not in chosen}
         k = max(logs, key=lambda one: logs[one])
         # A further term must gain a clear evidence, and pay for having been chosen out of `count`.
-        if logs[k] < best + AS_GOOD + np.log(count):
+        if logs[k] < best + AS_GOOD_LOG_ODDS + np.log(count):
             break
         chosen, best = [*chosen, k], logs[k]
     return chosen
@@ -167,7 +176,7 @@ def _response(here: NominalCondition, place: ForceInput, block: Floats, term: Te
     """
     if place.id.startswith("hinge") and term.name in SERIES:
         change = series_in(place, term.name, TRIED * per)
-        return here.change_to(answer(here, here.supposed, (change,)), TRIED)
+        return here.change_to(try_stroke(here, here.supposed, (change,)), TRIED)
     if place.id in CHANNELS:
         return here.rows_of({CHANNELS[place.id]: per * course})
     sizes = per * np.linalg.lstsq(here.bumps.at(here.flap.t_s), course, rcond=None)[0]

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.fitting.parameters import Supposed
-from rfca_rig.diagnosis.leg.strokes import BOUNDED, FlapCondition
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.setup import Setup, set_up, with_law
-from rfca_rig.model.stroke import SimulatedStroke, stroke_of
+from rfca_rig.model.stroke import SimulatedStroke, simulate_setup
 
 Floats = NDArray[np.float64]
 Change = Callable[[Setup], Setup]
@@ -51,7 +51,7 @@ class SplineBasis:
         return found
 
 
-def bumps_of(flap: FlapCondition) -> SplineBasis:
+def make_basis(flap: DynamicCondition) -> SplineBasis:
     """The bumps that cover a condition's rows."""
     end_s = float(flap.t_s[-1])
     spacing_s = max(SPACING_S, end_s / MOST_BUMPS)
@@ -88,7 +88,7 @@ def torque(  # a law takes what its place offers, needed or not
     return weight * parameter[SIZE], 0.0, 0.0
 
 
-def tick(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:  # noqa: ARG001
+def advance_time(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:  # noqa: ARG001
     """Advance the time of a law by an accepted step."""
     memory[0] += elapsed if elapsed < AT_REST_S else 0.0
 
@@ -98,7 +98,7 @@ def bump_in_hinge(bumps: SplineBasis, number: int, size_Nm: float, hinge: int) -
 
     def change(setup: Setup) -> Setup:
         row = (setup.begins_s, float(bumps.centres_s[number]), bumps.spacing_s, float(number == 0), size_Nm)
-        return with_law(setup, LawUse(HINGE, torque, row, tick, hinge))
+        return with_law(setup, LawUse(HINGE, torque, row, advance_time, hinge))
 
     return change
 
@@ -137,8 +137,8 @@ def _bump_piece(x: float) -> Floats:
     return np.array([value, slope, bend, -side / 6.0 if outer else 0.5 * side])
 
 
-def forced_stroke(
-    flap: FlapCondition, supposed: Supposed, changes: tuple[Change, ...], motion: ShaftMotion | None = None
+def simulate_forced_stroke(
+    flap: DynamicCondition, supposed: ModelPoint, changes: tuple[Change, ...], motion: ShaftMotion | None = None
 ) -> SimulatedStroke:
     """The stroke of the condition with changes of its setup, along `motion` if one is given.
 
@@ -148,4 +148,4 @@ def forced_stroke(
     setup = set_up(supposed.rig, flap.height_m + supposed.height_offset_m, own_motion, flap.strokes_before)
     for change in changes:
         setup = change(setup)
-    return stroke_of(setup, flap.t_s, BOUNDED)
+    return simulate_setup(setup, flap.t_s, STROKE_TOLERANCE)

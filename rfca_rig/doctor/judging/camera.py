@@ -6,11 +6,11 @@ from rfca_rig.doctor.finding import Finding, green, red, yellow
 
 CAMERA, CALIBRATION = "camera", "camera file"
 # Reprojection error from which a new calibration is advised.
-MANY_PX = 1.0
+MAX_REPROJECTION_ERROR_PX = 1.0
 
 
 @dataclass(frozen=True)
-class CameraSeen:
+class CameraObservation:
     """Observed photo. `fault` is why there was none, else None. It showed `told` of `planned` marks, with these doubts."""
 
     fault: str | None
@@ -24,12 +24,12 @@ def judge_camera_file(path: str, fault: str | None, error_px: float) -> Finding:
     calibrate = "rfca-rig calibrate camera --help"
     if fault is not None:
         return red(CALIBRATION, fault, "calibrate the camera, and name the file in calibration_file; docs/camera.md says how:", calibrate)
-    if error_px > MANY_PX:
+    if error_px > MAX_REPROJECTION_ERROR_PX:
         return yellow(CALIBRATION, f"{path}: reprojection error {error_px:.2f} px", "calibrate again with a flat board:", calibrate)
     return green(CALIBRATION, f"{path}: reprojection error {error_px:.2f} px")
 
 
-def judge_camera(seen: CameraSeen) -> Finding:
+def judge_camera(seen: CameraObservation) -> Finding:
     if seen.fault is not None:
         return red(CAMERA, seen.fault, "put the camera right before the next static run; without [camera] forces are measured all the same")
     shown = f"{seen.told} of {seen.planned} marks told"

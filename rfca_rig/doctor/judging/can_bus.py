@@ -22,7 +22,7 @@ COMMANDS = {
 
 
 @dataclass(frozen=True)
-class CanBusSeen:
+class CanBusObservation:
     """Observed bus. `error` is None for a bus that opened. Counts of frames and error frames, and whether it went bus-off.
 
     `failed` is how the bus failed while it was open, None if it did not.
@@ -35,7 +35,7 @@ class CanBusSeen:
     failed: str | None = None
 
 
-def judge_can_bus(seen: CanBusSeen, interface: str, channel: str, known: tuple[str, ...]) -> Finding:
+def judge_can_bus(seen: CanBusObservation, interface: str, channel: str, known: tuple[str, ...]) -> Finding:
     """Finding on the bus. `known` are the interfaces of python-can."""
     name = f"{interface} {channel}"
     if interface not in known:

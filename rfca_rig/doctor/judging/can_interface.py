@@ -8,7 +8,7 @@ SUBJECT = "CAN interface"
 
 
 @dataclass(frozen=True)
-class CanInterfaceSeen:
+class CanInterfaceObservation:
     """Observed interface. `others` are the other CAN interfaces. Values are None if the system does not report them.
 
     A virtual interface has no bit rate. `state` is that of the controller (ERROR-ACTIVE, ERROR-PASSIVE, BUS-OFF ...).
@@ -26,48 +26,48 @@ class CanInterfaceSeen:
     is_fd: bool = False
 
 
-def judge_can_interface(seen: CanInterfaceSeen, bitrate: int, data_bitrate: int | None) -> Finding:
+def judge_can_interface(seen: CanInterfaceObservation, bitrate: int, data_bitrate: int | None) -> Finding:
     """Finding on the interface. `data_bitrate` is that of CAN-FD, None for a drive with classic CAN."""
     if not seen.exists:
         return _absent(seen, bitrate)
     if not seen.is_can:
         problem = f"{seen.channel} is a network interface but not CAN{_others(seen)}"
         return red(SUBJECT, problem, "put a CAN interface into channel under [motor]")
-    finding = _not_running(seen, bring_up(seen.channel, bitrate, data_bitrate))
+    finding = _not_running(seen, make_up_command(seen.channel, bitrate, data_bitrate))
     # A virtual interface has no bit rate to compare.
     if finding is None and not seen.is_virtual:
         finding = _wrong_rate(seen, bitrate, data_bitrate)
     return finding or _errors_counted(seen) or green(SUBJECT, f"{seen.channel} is up, {_rates(seen)}")
 
 
-def _not_running(seen: CanInterfaceSeen, up: str) -> Finding | None:
+def _not_running(seen: CanInterfaceObservation, up: str) -> Finding | None:
     if not seen.is_up:
         return red(SUBJECT, f"{seen.channel} is down", "bring it up:", up)
     if seen.state == "BUS-OFF":
         fix = "check wiring, termination and bit rate, then:"
-        return red(SUBJECT, f"{seen.channel} is off after too many errors", fix, down(seen.channel), up)
+        return red(SUBJECT, f"{seen.channel} is off after too many errors", fix, make_down_command(seen.channel), up)
     return None
 
 
-def _errors_counted(seen: CanInterfaceSeen) -> Finding | None:
+def _errors_counted(seen: CanInterfaceObservation) -> Finding | None:
     if seen.state not in {"ERROR-PASSIVE", "ERROR-WARNING"}:
         return None
     fix = "check the drive's power, the wiring, a 120 ohm resistor at both ends, and that the drive has the same bit rate"
     return yellow(SUBJECT, f"{seen.channel} is up, but its controller counts errors ({seen.state})", fix)
 
 
-def bring_up(name: str, bitrate: int, data_bitrate: int | None = None) -> str:
+def make_up_command(name: str, bitrate: int, data_bitrate: int | None = None) -> str:
     """Shell command that brings a kernel interface up."""
     fd = "" if data_bitrate is None else f" dbitrate {data_bitrate} fd on"
     return f"sudo ip link set {name} up type can bitrate {bitrate}{fd}"
 
 
-def down(name: str) -> str:
+def make_down_command(name: str) -> str:
     """Shell command that takes a kernel interface down."""
     return f"sudo ip link set {name} down"
 
 
-def _absent(seen: CanInterfaceSeen, bitrate: int) -> Finding:
+def _absent(seen: CanInterfaceObservation, bitrate: int) -> Finding:
     problem = f"there is no {seen.channel}{_others(seen)}"
     if seen.others:
         return red(SUBJECT, problem, f'put channel = "{seen.others[0]}" under [motor]')
@@ -77,8 +77,8 @@ def _absent(seen: CanInterfaceSeen, bitrate: int) -> Finding:
     return red(SUBJECT, problem, fix, "sudo modprobe can_raw gs_usb", f"sudo slcand -o -c -s{speed} /dev/ttyACM0 {seen.channel}")
 
 
-def _wrong_rate(seen: CanInterfaceSeen, bitrate: int, data_bitrate: int | None) -> Finding | None:
-    name, restart = seen.channel, (down(seen.channel), bring_up(seen.channel, bitrate, data_bitrate))
+def _wrong_rate(seen: CanInterfaceObservation, bitrate: int, data_bitrate: int | None) -> Finding | None:
+    name, restart = seen.channel, (make_down_command(seen.channel), make_up_command(seen.channel, bitrate, data_bitrate))
     if seen.bitrate is not None and seen.bitrate != bitrate:
         return red(SUBJECT, f"{name} runs at {seen.bitrate} bit/s, the rig file says {bitrate}", "correct the one that is wrong:", *restart)
     if data_bitrate is not None and not seen.is_fd:
@@ -92,13 +92,13 @@ def _wrong_rate(seen: CanInterfaceSeen, bitrate: int, data_bitrate: int | None) 
     return None
 
 
-def _rates(seen: CanInterfaceSeen) -> str:
+def _rates(seen: CanInterfaceObservation) -> str:
     if seen.is_virtual:
         return "virtual"
     return f"{seen.bitrate} bit/s" + ("" if seen.data_bitrate is None else f", data {seen.data_bitrate} bit/s")
 
 
-def _others(seen: CanInterfaceSeen) -> str:
+def _others(seen: CanInterfaceObservation) -> str:
     return f"; there is {', '.join(seen.others)}" if seen.others else "; no CAN interface at all"
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from rfca_rig.codecs.cubemars_meanings import error_text
 from rfca_rig.codecs.cubemars_mit import MitReply
-from rfca_rig.doctor.finding import Finding, green, listed, red, yellow
+from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
 
 DRIVE, ERROR = "drive", "drive error"
 
@@ -36,12 +36,12 @@ def _silent(seen: MitSeen, drive_id: int) -> Finding:
         return red(DRIVE, f"drive {drive_id} is in servo mode", fix)
     if seen.masters:
         fix = f"set its master id to 0 or {drive_id} in CubeMarsTool"
-        return red(DRIVE, f"drive {drive_id} replies under id {listed(seen.masters)}", fix)
+        return red(DRIVE, f"drive {drive_id} replies under id {join_ids(seen.masters)}", fix)
     other_ids = tuple(sorted({*seen.others, *seen.servo}))
     if other_ids:
         fix = f"put drive_id = {other_ids[0]} under [motor] if that is the drive, or end the program that speaks there"
         not_asked = "" if seen.asked else "; it was not asked while others speak"
-        return red(DRIVE, f"heard id {listed(other_ids)}, the rig file says {drive_id}{not_asked}", fix)
+        return red(DRIVE, f"heard id {join_ids(other_ids)}, the rig file says {drive_id}{not_asked}", fix)
     fix = "check its power, the wiring, a 120 ohm resistor at both ends, that it has 1 Mbit/s, and in CubeMarsTool its id and MIT mode"
     return red(DRIVE, f"drive {drive_id} does not answer, and nothing else speaks", fix)
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 from rfca_rig.codecs.cubemars_meanings import error_text
 from rfca_rig.codecs.cubemars_servo import Status
-from rfca_rig.doctor.finding import Finding, green, listed, red, yellow
+from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
 
 DRIVE, ERROR, ENCODER = "drive", "drive error", "drive's encoder"
 # Factors between measured and configured period: the driver refuses the first, the second gets a warning.
-REFUSED, WORTH_A_WORD = 2.0, 1.2
+REFUSED_PERIOD_RATIO, WARNING_PERIOD_RATIO = 2.0, 1.2
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def judge_servo(seen: ServoSeen, drive_id: int, status_period_s: float) -> list[
 def _silent(seen: ServoSeen, drive_id: int) -> Finding:
     if seen.others:
         fix = f"put drive_id = {seen.others[0]} under [motor], or set the drive's id in CubeMarsTool"
-        return red(DRIVE, f"heard drive {listed(seen.others)}, the rig file says {drive_id}", fix)
+        return red(DRIVE, f"heard drive {join_ids(seen.others)}, the rig file says {drive_id}", fix)
     if seen.strangers:
         fix = 'set it to servo mode in CubeMarsTool, or put device = "cubemars-mit" under [motor]'
         return red(DRIVE, f"heard {seen.strangers} frames, none a status of servo mode", fix)
@@ -53,8 +53,8 @@ def _period(period_s: float | None, wanted_s: float) -> Finding:
         return red(ENCODER, "too few status frames to tell their rate", f"set its upload rate to {1.0 / wanted_s:.0f} Hz in CubeMarsTool")
     factor = max(period_s / wanted_s, wanted_s / period_s)
     measured = f"every {1e3 * period_s:.3g} ms"
-    if factor < WORTH_A_WORD:
+    if factor < WARNING_PERIOD_RATIO:
         return green(ENCODER, measured)
     fix = f"put status_period_ms = {1e3 * period_s:.3g} under [motor], or set its upload rate to {1.0 / wanted_s:.0f} Hz in CubeMarsTool"
-    finding = red if factor >= REFUSED else yellow
+    finding = red if factor >= REFUSED_PERIOD_RATIO else yellow
     return finding(ENCODER, f"{measured}, the rig file says {1e3 * wanted_s:g} ms", fix)

@@ -3,15 +3,15 @@
 from rfca_rig.codecs.netft_commands import CalibrationInfo
 from rfca_rig.codecs.netft_configuration import NetFtConfiguration
 from rfca_rig.doctor.finding import Finding, green, yellow
-from rfca_rig.doctor.judging.can_interface import CanInterfaceSeen, bring_up
-from rfca_rig.doctor.judging.netft import BoxSeen
+from rfca_rig.doctor.judging.can_interface import CanInterfaceObservation, make_up_command
+from rfca_rig.doctor.judging.netft import BoxObservation
 
 ADAPTERS, PORTS, SENSOR = "CAN adapters", "serial port", "Net F/T"
 # Bit rate for the proposed command if the interface has none yet, in bit/s.
 USUAL_BITRATE = 1_000_000
 
 
-def judge_found_interfaces(seen: tuple[CanInterfaceSeen, ...]) -> list[Finding]:
+def judge_found_interfaces(seen: tuple[CanInterfaceObservation, ...]) -> list[Finding]:
     if not seen:
         fix = "plug the adapter in; where it is not seen, load its driver, or make a serial adapter an interface:"
         commands = ("sudo modprobe can_raw gs_usb", "sudo slcand -o -c -s8 /dev/ttyACM0 can0")
@@ -19,11 +19,11 @@ def judge_found_interfaces(seen: tuple[CanInterfaceSeen, ...]) -> list[Finding]:
     return [_interface(one) for one in seen]
 
 
-def _interface(seen: CanInterfaceSeen) -> Finding:
+def _interface(seen: CanInterfaceObservation) -> Finding:
     rate = "" if seen.bitrate is None else f", {seen.bitrate} bit/s"
     if not seen.is_up:
         fix = "bring it up, with the bit rate of the drive:"
-        return yellow("CAN interface", f"{seen.channel} is down", fix, bring_up(seen.channel, seen.bitrate or USUAL_BITRATE))
+        return yellow("CAN interface", f"{seen.channel} is down", fix, make_up_command(seen.channel, seen.bitrate or USUAL_BITRATE))
     return green("CAN interface", f'{seen.channel} is up{rate}: interface = "socketcan", channel = "{seen.channel}"')
 
 
@@ -38,7 +38,7 @@ def judge_no_ports() -> Finding:
     return green(PORTS, "none")
 
 
-def judge_found_sensor(seen: BoxSeen) -> Finding:
+def judge_found_sensor(seen: BoxObservation) -> Finding:
     if seen.says is None:
         fix = "a sensor as delivered needs this computer in its network; with the right network port for eth0:"
         return yellow(SENSOR, f"none at {seen.host}, where it is as delivered", fix, "sudo ip address add 192.168.1.100/24 dev eth0")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from rfca_rig.codecs.moteus_meanings import fault_text, mode_text
 from rfca_rig.codecs.moteus_registers import Mode
-from rfca_rig.doctor.finding import Finding, green, listed, red, yellow
+from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
 
 DRIVE, ERROR = "drive", "drive error"
 
@@ -42,7 +42,7 @@ def _silent(seen: MoteusSeen, drive_id: int) -> Finding:
     if seen.others:
         fix = f"put drive_id = {seen.others[0]} under [motor], or give the drive its id, in tview:"
         return red(
-            DRIVE, f"heard drive {listed(seen.others)}, the rig file says {drive_id}", fix, f"conf set id.id {drive_id}", "conf write"
+            DRIVE, f"heard drive {join_ids(seen.others)}, the rig file says {drive_id}", fix, f"conf set id.id {drive_id}", "conf write"
         )
     if seen.strangers:
         return red(DRIVE, f"heard {seen.strangers} frames, none of a moteus", "check device and can_prefix under [motor]")

@@ -16,7 +16,7 @@ SATURATED_BIT = SATURATED & ~ERROR
 
 
 @dataclass(frozen=True)
-class BoxSeen:
+class BoxObservation:
     """Observed box. `says` is its configuration, None for the reason in `error`."""
 
     host: str
@@ -25,7 +25,7 @@ class BoxSeen:
 
 
 @dataclass(frozen=True)
-class StreamSeen:
+class StreamObservation:
     """Observed short stream. `step` is the number of the sensor's own samples per record.
 
     `words` are the distinct status words. `error` is why the connection failed, None if it did not.
@@ -41,7 +41,7 @@ class StreamSeen:
     words: tuple[int, ...] = ()
 
 
-def judge_box(seen: BoxSeen, settings: NetFtSettings) -> Finding:
+def judge_box(seen: BoxObservation, settings: NetFtSettings) -> Finding:
     if seen.says is None:
         return red(BOX, seen.error, _reach(seen.host), f"ping -c 3 {seen.host}", "ip -brief address")
     try:
@@ -51,7 +51,7 @@ def judge_box(seen: BoxSeen, settings: NetFtSettings) -> Finding:
     return green(BOX, f"{_name(seen.says)}set as the rig file says ({settings.counts_per_N:g} counts/N, {settings.rate_Hz:g} records/s)")
 
 
-def judge_stream(seen: StreamSeen, settings: NetFtSettings, box_answers: bool | None) -> list[Finding]:
+def judge_stream(seen: StreamObservation, settings: NetFtSettings, box_answers: bool | None) -> list[Finding]:
     """Findings on the stream. `box_answers` is None if the box was not asked."""
     if not seen.received:
         return [_no_records(seen, box_answers)]
@@ -69,7 +69,7 @@ def _reach(host: str) -> str:
     )
 
 
-def _no_records(seen: StreamSeen, box_answers: bool | None) -> Finding:
+def _no_records(seen: StreamObservation, box_answers: bool | None) -> Finding:
     host, _, port = seen.address.rpartition(":")
     if seen.malformed:
         return red(STREAM, f"{seen.malformed} datagrams from {seen.address}, none with records", "check port under [force_sensor]")
@@ -85,7 +85,7 @@ def _no_records(seen: StreamSeen, box_answers: bool | None) -> Finding:
     return red(STREAM, observed, _reach(host), f"ping -c 3 {host}", "ip -brief address")
 
 
-def _records(seen: StreamSeen) -> Finding:
+def _records(seen: StreamObservation) -> Finding:
     observed = f"{seen.received} in {seen.seconds:.1f} s from {seen.address}"
     if seen.lost or seen.malformed:
         fix = "see the receive buffer below; use a network port of its own for the sensor, without a switch that others load"
@@ -93,7 +93,7 @@ def _records(seen: StreamSeen) -> Finding:
     return green(STREAM, f"{observed}, none lost")
 
 
-def _rate(seen: StreamSeen, settings: NetFtSettings) -> Finding:
+def _rate(seen: StreamObservation, settings: NetFtSettings) -> Finding:
     # Records arrive, but the box does not measure anything new.
     if not seen.step or seen.step < 0:
         fix = "switch the box's power off and on; if it stays, see its status page"

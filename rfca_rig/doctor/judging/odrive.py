@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from rfca_rig.codecs import odrive_meanings, odrive_older_meanings
 from rfca_rig.codecs.odrive_meanings import state_text
 from rfca_rig.codecs.odrive_messages import BROADCAST_NODE, AxisState, Heartbeat, OdriveFirmware, PartError
-from rfca_rig.doctor.finding import Finding, green, listed, red, yellow
+from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
 
 DRIVE, ERROR, ENCODER, TORQUE = "drive", "drive error", "drive's encoder", "drive's torque"
 # Factors between measured and configured period: the driver refuses the first, the second gets a warning.
-REFUSED, WORTH_A_WORD = 2.0, 1.2
+REFUSED_PERIOD_RATIO, WARNING_PERIOD_RATIO = 2.0, 1.2
 SAVE = "odrv0.save_configuration()"
 WATCHDOG = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
 ERROR_TEXT = {OdriveFirmware.V0_5: odrive_older_meanings.error_text, OdriveFirmware.V0_6: odrive_meanings.error_text}
@@ -62,7 +62,7 @@ def _not_heard(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     tell = (f"odrv0.axis0.config.can.node_id = {wanted.node_id}", SAVE)
     if addressed:
         fix = f"put node_id = {addressed[0]} under [motor], or tell the drive, in odrivetool:"
-        return red(DRIVE, f"heard node {listed(addressed)}, the rig file says {wanted.node_id}", fix, *tell)
+        return red(DRIVE, f"heard node {join_ids(addressed)}, the rig file says {wanted.node_id}", fix, *tell)
     if seen.others:
         return red(DRIVE, "heard a drive that has no address yet", "give it one, in odrivetool:", *tell)
     if seen.strangers:
@@ -73,7 +73,7 @@ def _not_heard(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
 
 def _identity(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
     firmware = "" if seen.firmware is None else f", firmware {seen.firmware}"
-    others = f"; also heard node {listed(seen.others)}" if seen.others else ""
+    others = f"; also heard node {join_ids(seen.others)}" if seen.others else ""
     drive = f"ODrive, node {wanted.node_id}{firmware}{others}"
     if wanted.dialect == OdriveFirmware.V0_5 and seen.firmware is not None:
         return red(DRIVE, f"{drive}: only firmware 0.6 tells its version", 'put dialect = "0.6" under [motor]')
@@ -101,9 +101,9 @@ def _encoder(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
         return red(ENCODER, "no steady encoder estimates", "set their period, in odrivetool:", *commands)
     factor = max(seen.period_s / wanted.encoder_period_s, wanted.encoder_period_s / seen.period_s)
     measured = f"every {1e3 * seen.period_s:.3g} ms"
-    if factor < WORTH_A_WORD:
+    if factor < WARNING_PERIOD_RATIO:
         return green(ENCODER, measured)
-    finding = red if factor >= REFUSED else yellow
+    finding = red if factor >= REFUSED_PERIOD_RATIO else yellow
     fix = f"put encoder_period_ms = {1e3 * seen.period_s:.3g} under [motor], or tell the drive, in odrivetool:"
     return finding(ENCODER, f"{measured}, the rig file says {wanted_ms:g} ms", fix, *commands)
 

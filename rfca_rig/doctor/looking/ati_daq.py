@@ -4,7 +4,7 @@ from pathlib import Path
 
 from rfca_rig.codecs.ati_calibration import parse_calibration
 from rfca_rig.doctor.judging.ati_daq import CardsSeen
-from rfca_rig.doctor.looking.can_bus import one_line
+from rfca_rig.doctor.looking.can_bus import shorten_error
 from rfca_rig.errors import RigError
 
 
@@ -17,7 +17,7 @@ def look_for_cards() -> CardsSeen:
     try:
         return CardsSeen(True, None, tuple(nidaqmx.system.System.local().devices.device_names))
     except nidaqmx.errors.Error as error:
-        return CardsSeen(True, one_line(error))
+        return CardsSeen(True, shorten_error(error))
 
 
 def look_at_calibration(path: str) -> str | None:

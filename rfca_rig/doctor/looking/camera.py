@@ -5,24 +5,24 @@ from contextlib import ExitStack
 from rfca_rig.bench.cameras import make_camera
 from rfca_rig.clock import Clock
 from rfca_rig.description.camera_sections import OpenCvCameraSection
-from rfca_rig.doctor.judging.camera import CameraSeen
-from rfca_rig.doctor.looking.can_bus import one_line
+from rfca_rig.doctor.judging.camera import CameraObservation
+from rfca_rig.doctor.looking.can_bus import shorten_error
 from rfca_rig.drivers.roles import Photo, Photographer
 from rfca_rig.errors import DeviceError, RigError
-from rfca_rig.vision.leg_photo import Eye, read_leg_photo
+from rfca_rig.vision.leg_photo import PhotoSetup, read_leg_photo
 
 LOOK_EVERY_S = 0.02
 
 
-def look_at_camera(section: OpenCvCameraSection, eye: Eye, clock: Clock) -> CameraSeen:
+def look_at_camera(section: OpenCvCameraSection, eye: PhotoSetup, clock: Clock) -> CameraObservation:
     try:
         with ExitStack() as stack:
             photo = _one_photo(make_camera(section, eye, clock, stack), clock, section.photo_limit_s)
         identified = read_leg_photo(photo.image, eye).identified
     except RigError as error:
-        return CameraSeen(one_line(error))
+        return CameraObservation(shorten_error(error))
     count = sum(mark is not None for mark in identified.marks)
-    return CameraSeen(None, count, len(identified.marks), tuple(doubt.words for doubt in identified.doubts))
+    return CameraObservation(None, count, len(identified.marks), tuple(doubt.words for doubt in identified.doubts))
 
 
 def _one_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import can
 
 from rfca_rig.clock import Clock
-from rfca_rig.doctor.judging.can_bus import CanBusSeen
+from rfca_rig.doctor.judging.can_bus import CanBusObservation
 
 POLL_S = 1e-3
 LISTEN_S = 1.0
@@ -15,7 +15,7 @@ CAN_ERROR_BUS_OFF = 0x40
 
 
 @dataclass(frozen=True)
-class HeardFrame:
+class ReceivedFrame:
     """A data frame, and the time when it was received."""
 
     at_s: float
@@ -28,12 +28,12 @@ class Listener:
     def __init__(self, bus: can.BusABC, clock: Clock) -> None:
         self._bus = bus
         self._clock = clock
-        self.frames: list[HeardFrame] = []
+        self.frames: list[ReceivedFrame] = []
         self.error_frames = 0
         self.went_off = False
         self.failed: str | None = None
 
-    def listen(self, seconds: float) -> list[HeardFrame]:
+    def listen(self, seconds: float) -> list[ReceivedFrame]:
         """Listens for `seconds`; returns the frames of that time."""
         first, until_s = len(self.frames), self._clock.now_s() + seconds
         while self.failed is None and self._clock.now_s() < until_s:
@@ -47,7 +47,7 @@ class Listener:
             while (message := self._bus.recv(timeout=0)) is not None:
                 self._take(message, now_s)
         except (can.CanError, OSError) as error:
-            self.failed = one_line(error)
+            self.failed = shorten_error(error)
 
     def _take(self, message: can.Message, now_s: float) -> None:
         if message.is_error_frame:
@@ -55,7 +55,7 @@ class Listener:
             self.went_off |= bool(message.arbitration_id & CAN_ERROR_BUS_OFF)
         # Remote frames are requests by other programs, and show nothing about the drive.
         elif not message.is_remote_frame:
-            self.frames.append(HeardFrame(now_s, message))
+            self.frames.append(ReceivedFrame(now_s, message))
 
     def ask(self, message: can.Message) -> None:
         """Sends a query; a failure to send is noted."""
@@ -64,19 +64,19 @@ class Listener:
         try:
             self._bus.send(message, timeout=0.0)
         except (can.CanError, OSError) as error:
-            self.failed = f"a question was not sent: {one_line(error)}"
+            self.failed = f"a question was not sent: {shorten_error(error)}"
 
-    def seen(self) -> CanBusSeen:
-        return CanBusSeen(None, len(self.frames), self.error_frames, self.went_off, self.failed)
+    def seen(self) -> CanBusObservation:
+        return CanBusObservation(None, len(self.frames), self.error_frames, self.went_off, self.failed)
 
 
-def period_s(frames: Sequence[HeardFrame]) -> float | None:
+def mean_period_s(frames: Sequence[ReceivedFrame]) -> float | None:
     """Mean time between frames in s; None for fewer than two, and for frames received at the same time."""
     if len(frames) < 2 or frames[-1].at_s <= frames[0].at_s:
         return None
     return (frames[-1].at_s - frames[0].at_s) / (len(frames) - 1)
 
 
-def one_line(error: Exception) -> str:
+def shorten_error(error: Exception) -> str:
     """Error message of another package, shortened to one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__

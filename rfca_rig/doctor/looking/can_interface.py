@@ -5,7 +5,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from rfca_rig.doctor.judging.can_interface import CanInterfaceSeen
+from rfca_rig.doctor.judging.can_interface import CanInterfaceObservation
 
 NETWORK = Path("/sys/class/net")
 # From linux/if_arp.h, linux/if.h and linux/can.h.
@@ -15,16 +15,16 @@ CANFD_MTU = 72
 IP_WITHIN_S = 2.0
 
 
-def look_at_can_interface(channel: str, network: Path = NETWORK) -> CanInterfaceSeen:
+def look_at_can_interface(channel: str, network: Path = NETWORK) -> CanInterfaceObservation:
     """Observes one interface. The bit rate is known only if the command `ip` is installed."""
     names = can_interfaces(network)
     others = tuple(name for name in names if name != channel)
     if not channel or "/" in channel or not (network / channel).exists():
-        return CanInterfaceSeen(channel, False, others)
+        return CanInterfaceObservation(channel, False, others)
     details = _query_ip(channel) if network == NETWORK else {}
     info = details.get("linkinfo", {})
     data = info.get("info_data", {})
-    return CanInterfaceSeen(
+    return CanInterfaceObservation(
         channel=channel,
         exists=True,
         others=others,

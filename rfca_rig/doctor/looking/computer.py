@@ -23,12 +23,12 @@ LOOP_S = 1.0
 BLOCK = bytes(1 << 20)
 BLOCKS = 16
 # Readings of the clock, to find its resolution.
-LOOKS = 10_000
+CLOCK_READINGS = 10_000
 # Extras that only the tests of the package need.
 FOR_TESTS = ("dev", "strangers")
 
 
-def granted_receive_buffer() -> int:
+def probe_receive_buffer() -> int:
     """Receive buffer in bytes that the system grants to a request like the driver's; nothing is sent."""
     datagrams = UdpDatagrams("127.0.0.1")
     datagrams.close()
@@ -47,7 +47,7 @@ def look_at_clock(clock: Clock) -> LoopSeen:
 
 def _step_s(clock: Clock) -> float:
     """Resolution of the clock in s: the smallest nonzero difference of two readings."""
-    times_s = np.array([clock.now_s() for _ in range(LOOKS)])
+    times_s = np.array([clock.now_s() for _ in range(CLOCK_READINGS)])
     steps_s = np.diff(times_s)
     return float(steps_s[steps_s > 0.0].min(initial=times_s[-1] - times_s[0]))
 

@@ -13,7 +13,7 @@ from rfca_rig.codecs.cubemars_mit import MitReply, Special, decode_reply, encode
 from rfca_rig.codecs.cubemars_ranges import MitRanges
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.doctor.judging.cubemars_mit import MitSeen
-from rfca_rig.doctor.looking.can_bus import LISTEN_S, HeardFrame, Listener
+from rfca_rig.doctor.looking.can_bus import LISTEN_S, Listener, ReceivedFrame
 
 ANSWER_S = 0.1
 
@@ -24,10 +24,10 @@ def look_for_mit(listener: Listener, drive_id: int, ranges: MitRanges) -> MitSee
     if asked:
         listener.ask(can.Message(arbitration_id=drive_id, data=encode_special(Special.EXIT), is_extended_id=False))
         listener.listen(ANSWER_S)
-    return mit_seen(listener.frames, drive_id, ranges, asked)
+    return observe_mit(listener.frames, drive_id, ranges, asked)
 
 
-def mit_seen(frames: Sequence[HeardFrame], drive_id: int, ranges: MitRanges, asked: bool) -> MitSeen:
+def observe_mit(frames: Sequence[ReceivedFrame], drive_id: int, ranges: MitRanges, asked: bool) -> MitSeen:
     """Sorts the received frames. A command to the drive, which an adapter may echo, is not a reply."""
     reply: MitReply | None = None
     unreadable: str | None = None

@@ -6,29 +6,29 @@ from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import Packet, Status
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.doctor.judging.cubemars_servo import ServoSeen
-from rfca_rig.doctor.looking.can_bus import LISTEN_S, HeardFrame, Listener, period_s
+from rfca_rig.doctor.looking.can_bus import LISTEN_S, Listener, ReceivedFrame, mean_period_s
 
 
 def look_for_servo(listener: Listener, drive_id: int) -> ServoSeen:
-    return servo_seen(listener.listen(LISTEN_S), drive_id)
+    return observe_servo(listener.listen(LISTEN_S), drive_id)
 
 
-def servo_seen(frames: Sequence[HeardFrame], drive_id: int) -> ServoSeen:
+def observe_servo(frames: Sequence[ReceivedFrame], drive_id: int) -> ServoSeen:
     """Sorts the received frames."""
-    is_status = {True: list[HeardFrame](), False: list[HeardFrame]()}
+    is_status = {True: list[ReceivedFrame](), False: list[ReceivedFrame]()}
     for frame in frames:
         is_status[frame.message.is_extended_id and frame.message.arbitration_id >> 8 == Packet.STATUS].append(frame)
     own = [frame for frame in is_status[True] if _drive(frame) == drive_id]
     others = tuple(sorted({_drive(frame) for frame in is_status[True]} - {drive_id}))
     status, unreadable = _last_status(own)
-    return ServoSeen(status, period_s(own), others, len(is_status[False]), unreadable)
+    return ServoSeen(status, mean_period_s(own), others, len(is_status[False]), unreadable)
 
 
-def _drive(frame: HeardFrame) -> int:
+def _drive(frame: ReceivedFrame) -> int:
     return cubemars_servo.drive_of(frame.message.arbitration_id)
 
 
-def _last_status(own: Sequence[HeardFrame]) -> tuple[Status | None, str | None]:
+def _last_status(own: Sequence[ReceivedFrame]) -> tuple[Status | None, str | None]:
     if not own:
         return None, None
     message = own[-1].message

@@ -10,14 +10,14 @@ from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.moteus import Read, Reply, Route
 from rfca_rig.codecs.moteus_registers import Register, Width
 from rfca_rig.doctor.judging.moteus import MoteusAnswer, MoteusSeen
-from rfca_rig.doctor.looking.can_bus import HeardFrame, Listener
+from rfca_rig.doctor.looking.can_bus import Listener, ReceivedFrame
 from rfca_rig.drivers.moteus_scale import OWN_ID
 
 # Time for an answer, and the interval between two ids so that the bus is not flooded, in s.
 ANSWER_S = 0.1
 SPACING_S = 2e-3
 DRIVE_IDS = range(1, 127)
-QUESTION = (
+QUERY = (
     Read(Register.MODE, Width.INT8),
     Read(Register.VOLTAGE, Width.INT16),
     Read(Register.TEMPERATURE, Width.INT16),
@@ -28,9 +28,9 @@ QUESTION = (
 def look_for_moteus(listener: Listener, drive_id: int, prefix: int, bitrate_switch: bool) -> MoteusSeen:
     listener.ask(_question(drive_id, prefix, bitrate_switch))
     listener.listen(ANSWER_S)
-    if moteus_seen(listener.frames, drive_id, prefix).answer is None:
+    if observe_moteus(listener.frames, drive_id, prefix).answer is None:
         _ask_all((other for other in DRIVE_IDS if other != drive_id), listener, prefix, bitrate_switch)
-    return moteus_seen(listener.frames, drive_id, prefix)
+    return observe_moteus(listener.frames, drive_id, prefix)
 
 
 def _ask_all(ids: Iterable[int], listener: Listener, prefix: int, bitrate_switch: bool) -> None:
@@ -44,14 +44,14 @@ def _question(drive_id: int, prefix: int, bitrate_switch: bool) -> can.Message:
     identifier = moteus.arbitration_id(Route(OWN_ID, drive_id, wants_reply=True, prefix=prefix))
     return can.Message(
         arbitration_id=identifier,
-        data=moteus.encode(QUESTION),
+        data=moteus.encode(QUERY),
         is_extended_id=identifier > 0x7FF,
         is_fd=True,
         bitrate_switch=bitrate_switch,
     )
 
 
-def moteus_seen(frames: Sequence[HeardFrame], drive_id: int, prefix: int) -> MoteusSeen:
+def observe_moteus(frames: Sequence[ReceivedFrame], drive_id: int, prefix: int) -> MoteusSeen:
     """Sorts the received frames. Queries, by other programs or our own as echoes, are skipped."""
     answer: MoteusAnswer | None = None
     unreadable: str | None = None

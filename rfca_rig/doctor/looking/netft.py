@@ -7,10 +7,10 @@ import numpy as np
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request
-from rfca_rig.doctor.judging.netft import BoxSeen, StreamSeen
-from rfca_rig.drivers.blocks import join
+from rfca_rig.doctor.judging.netft import BoxObservation, StreamObservation
+from rfca_rig.drivers.blocks import concatenate_blocks
 from rfca_rig.drivers.datagrams import Datagrams, UdpDatagrams
-from rfca_rig.drivers.netft_box import Box
+from rfca_rig.drivers.netft_box import NetFtBox
 from rfca_rig.drivers.record_sequence import RecordSequence
 from rfca_rig.errors import DeviceError
 
@@ -19,27 +19,27 @@ QUIET_S = 0.02
 STREAM_S = 0.5
 
 
-def look_at_box(host: str, box: Box) -> BoxSeen:
+def look_at_box(host: str, box: NetFtBox) -> BoxObservation:
     try:
-        return BoxSeen(host, box.says())
+        return BoxObservation(host, box.says())
     except DeviceError as error:
-        return BoxSeen(host, None, str(error))
+        return BoxObservation(host, None, str(error))
 
 
-def look_at_stream(host: str, port: int, buffered: bool, clock: Clock) -> StreamSeen:
+def look_at_stream(host: str, port: int, buffered: bool, clock: Clock) -> StreamObservation:
     """Streams for half a second. It takes the stream from any other client, and ends it."""
     address = f"{host}:{port}"
     try:
         datagrams = UdpDatagrams(host, port)
     except DeviceError as error:
-        return StreamSeen(address, 0.0, str(error))
+        return StreamObservation(address, 0.0, str(error))
     try:
         arrived = _stream(datagrams, buffered, clock)
     except DeviceError as error:
-        return StreamSeen(address, STREAM_S, str(error))
+        return StreamObservation(address, STREAM_S, str(error))
     finally:
         datagrams.close()
-    return stream_seen(address, STREAM_S, arrived)
+    return observe_stream(address, STREAM_S, arrived)
 
 
 def _stream(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
@@ -57,7 +57,7 @@ def _stream(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
     return arrived
 
 
-def stream_seen(address: str, seconds: float, datagrams: Sequence[bytes]) -> StreamSeen:
+def observe_stream(address: str, seconds: float, datagrams: Sequence[bytes]) -> StreamObservation:
     """Evaluates the received datagrams."""
     blocks: list[Records] = []
     malformed = 0
@@ -67,12 +67,12 @@ def stream_seen(address: str, seconds: float, datagrams: Sequence[bytes]) -> Str
         except MalformedFrame:
             malformed += 1
     if not blocks:
-        return StreamSeen(address, seconds, malformed=malformed)
-    records, sequence = join(blocks), RecordSequence()
+        return StreamObservation(address, seconds, malformed=malformed)
+    records, sequence = concatenate_blocks(blocks), RecordSequence()
     picked, numbers = sequence.take(records.rdt_sequence)
     # Only between neighbouring records: a lost one would look like a larger step.
     steps = np.diff(records.ft_sequence[picked]).view(np.int32)[np.diff(numbers) == 1]
-    return StreamSeen(
+    return StreamObservation(
         address=address,
         seconds=seconds,
         received=sequence.received,

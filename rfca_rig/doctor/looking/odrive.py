@@ -20,23 +20,23 @@ from rfca_rig.codecs.odrive_messages import (
     Version,
 )
 from rfca_rig.doctor.judging.odrive import OdriveSeen, OdriveWanted
-from rfca_rig.doctor.looking.can_bus import LISTEN_S, HeardFrame, Listener, period_s
+from rfca_rig.doctor.looking.can_bus import LISTEN_S, Listener, ReceivedFrame, mean_period_s
 
 ANSWER_S = 0.1
 # Messages that only a drive sends, and sends unasked: they identify an ODrive.
-TELLING = frozenset({OdriveCommand.HEARTBEAT, OdriveCommand.ENCODER_ESTIMATES})
+IDENTIFYING_COMMANDS = frozenset({OdriveCommand.HEARTBEAT, OdriveCommand.ENCODER_ESTIMATES})
 
 
 def look_for_odrive(listener: Listener, wanted: OdriveWanted) -> OdriveSeen:
     listener.listen(LISTEN_S)
-    first = odrive_seen(listener.frames, wanted)
+    first = observe_odrive(listener.frames, wanted)
     # Only an idle drive is asked: any frame feeds the watchdog of a running one.
     if first.beat is not None and first.beat.state == AxisState.IDLE:
         listener.ask(_question(cansimple.request(wanted.node_id, OdriveCommand.VERSION)))
         for part in first.beat.failed:
             listener.ask(_question(cansimple.request(wanted.node_id, cansimple.PART_COMMANDS[part])))
         listener.listen(ANSWER_S)
-    return odrive_seen(listener.frames, wanted)
+    return observe_odrive(listener.frames, wanted)
 
 
 def _question(frame: cansimple.Frame) -> can.Message:
@@ -51,14 +51,14 @@ class _Observations:
     strangers: int = 0
     own_frames: int = 0
     beat: Heartbeat | None = None
-    encoder: list[HeardFrame] = field(default_factory=list)
+    encoder: list[ReceivedFrame] = field(default_factory=list)
     torques: int = 0
     firmware: str | None = None
     part_errors: dict[str, PartError] = field(default_factory=dict)
     unreadable: str | None = None
 
 
-def odrive_seen(frames: Sequence[HeardFrame], wanted: OdriveWanted) -> OdriveSeen:
+def observe_odrive(frames: Sequence[ReceivedFrame], wanted: OdriveWanted) -> OdriveSeen:
     """Sorts the received frames."""
     observed = _Observations()
     for heard in frames:
@@ -68,7 +68,7 @@ def odrive_seen(frames: Sequence[HeardFrame], wanted: OdriveWanted) -> OdriveSee
         strangers=observed.strangers,
         own_frames=observed.own_frames,
         beat=observed.beat,
-        period_s=period_s(observed.encoder),
+        period_s=mean_period_s(observed.encoder),
         torques=observed.torques,
         firmware=observed.firmware,
         part_errors=tuple(observed.part_errors.values()),
@@ -76,11 +76,11 @@ def odrive_seen(frames: Sequence[HeardFrame], wanted: OdriveWanted) -> OdriveSee
     )
 
 
-def _take(observed: _Observations, heard: HeardFrame, wanted: OdriveWanted) -> None:
+def _take(observed: _Observations, heard: ReceivedFrame, wanted: OdriveWanted) -> None:
     message = heard.message
     identifier = message.arbitration_id
     # A frame of eight bytes with such a command, from another node: most likely another ODrive.
-    is_telling = not message.is_extended_id and identifier & 0x1F in TELLING and message.dlc == 8
+    is_telling = not message.is_extended_id and identifier & 0x1F in IDENTIFYING_COMMANDS and message.dlc == 8
     if not message.is_extended_id and cansimple.node_of(identifier) == wanted.node_id and message.dlc:
         observed.own_frames += 1
         _hear(observed, heard, _decode(observed, message, wanted.dialect), wanted)
@@ -98,7 +98,7 @@ def _decode(observed: _Observations, message: can.Message, dialect: OdriveFirmwa
         return None
 
 
-def _hear(observed: _Observations, heard: HeardFrame, message: Message | None, wanted: OdriveWanted) -> None:
+def _hear(observed: _Observations, heard: ReceivedFrame, message: Message | None, wanted: OdriveWanted) -> None:
     match message:
         case EncoderEstimates():
             observed.encoder.append(heard)

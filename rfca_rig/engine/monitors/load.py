@@ -14,11 +14,11 @@ from rfca_rig.trip_codes import Trip
 Floats = NDArray[np.float64]
 
 # Share of the limit below which the ceiling never falls: a small excess over a small prediction is no danger.
-LEAST_SHARE = 0.1
+MIN_CEILING_SHARE = 0.1
 
 
 @dataclass
-class Lasting:
+class ExceedanceTimer:
     """How long a value has been above its ceiling, by the device's own time."""
 
     below_s: float = np.nan
@@ -63,10 +63,10 @@ class LoadMonitor:
         limits, unknown = self._limits, Load(np.inf, np.inf)
         load = expected or unknown
         self._ceiling = Load(
-            max(limits.above_expected * load.force_N, LEAST_SHARE * limits.force_N),
-            max(limits.above_expected * load.torque_Nm, LEAST_SHARE * limits.torque_Nm),
+            max(limits.above_expected * load.force_N, MIN_CEILING_SHARE * limits.force_N),
+            max(limits.above_expected * load.torque_Nm, MIN_CEILING_SHARE * limits.torque_Nm),
         )
-        self._force, self._torque = Lasting(), Lasting()
+        self._force, self._torque = ExceedanceTimer(), ExceedanceTimer()
         self.peak = Load(0.0, 0.0)
 
     def check(self, samples: ForceSamples) -> None:
@@ -76,7 +76,7 @@ class LoadMonitor:
         force_N = np.sqrt((counts[:, :3] ** 2).sum(axis=1)) / self._scale.counts_per_N
         torque_Nm = np.sqrt((counts[:, 3:] ** 2).sum(axis=1)) / self._scale.counts_per_Nm
         here = Load(float(force_N.max()), float(torque_Nm.max()))
-        self.peak = self.peak.with_more(here)
+        self.peak = self.peak.max_with(here)
         self._check_peak(here)
         self._check_lasting(samples.device_s, force_N, torque_Nm)
 

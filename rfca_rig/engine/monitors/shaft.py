@@ -38,7 +38,7 @@ class ShaftMonitor:
         self._last: tuple[float, float] | None = None
         self._torque_Nm = np.nan
 
-    def reported(self, now_s: float, shaft: ShaftSamples) -> None:
+    def check_reports(self, now_s: float, shaft: ShaftSamples) -> None:
         """Checks one tick's reports; the block may be empty."""
         if not len(shaft.angle_rad):
             self._check_silence(now_s - self._reported_s)
@@ -71,7 +71,7 @@ class ShaftMonitor:
                 "restarted, or does the encoder slip? Check the zero before anything moves",
             )
 
-    def following(self, now_s: float, now: Tracking) -> None:
+    def check_tracking(self, now_s: float, now: Tracking) -> None:
         """Checks the speed, and the following error, whose limit grows with the target's speed."""
         if abs(now.speed_rad_s) > self._limits.speed_rad_s:
             raise Tripped(

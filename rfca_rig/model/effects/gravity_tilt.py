@@ -6,7 +6,7 @@ import numpy as np
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.parameters import GRAVITY_M_S2
-from rfca_rig.model.setup import Felt, Setup, with_chain, with_sensor
+from rfca_rig.model.setup import SensorOutput, Setup, with_chain, with_sensor
 from rfca_rig.model.state import Chain
 
 
@@ -28,7 +28,7 @@ def apply(setup: Setup, values: Values) -> Setup:
     shift_N = weights * sum(setup.rig.leg.link_masses_kg) * GRAVITY_M_S2 * float(np.sin(values["angle_rad"]))
     below_m = setup.rig.sensor.below_shaft_m
 
-    def shift_zero(felt: Felt) -> Felt:
+    def shift_zero(felt: SensorOutput) -> SensorOutput:
         return replace(felt, fy_N=felt.fy_N - shift_N, tx_Nm=felt.tx_Nm - below_m * shift_N)
 
     return with_sensor(leaning, shift_zero)

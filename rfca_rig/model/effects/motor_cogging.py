@@ -4,14 +4,14 @@ import numpy as np
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.effects.motor_speed_droop import ROTOR_KG_M2
-from rfca_rig.model.setup import Setup, SoftDrive, with_drive
+from rfca_rig.model.setup import CompliantDrive, Setup, with_drive
 
 
 def apply(setup: Setup, values: Values) -> Setup:
     """A motor that does not cog is the plain one."""
     if values["torque_Nm"] == 0.0:
         return setup
-    drive = SoftDrive(
+    drive = CompliantDrive(
         "motor_cogging",
         values["ki_Nm_per_rad"],
         values["kp_Nm_s_per_rad"],

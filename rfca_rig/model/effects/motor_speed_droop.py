@@ -1,13 +1,15 @@
 """A drive whose speed sags under load and surges after it: a PI speed loop on a rotor."""
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Setup, SoftDrive, with_drive
+from rfca_rig.model.setup import CompliantDrive, Setup, with_drive
 
 ROTOR_KG_M2 = 0.006  # motor and gear at the shaft; the sag itself hardly depends on it
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    drive = SoftDrive("motor_speed_droop", values["ki_Nm_per_rad"], values["kp_Nm_s_per_rad"], ROTOR_KG_M2, setup.rig.drive.holds_start)
+    drive = CompliantDrive(
+        "motor_speed_droop", values["ki_Nm_per_rad"], values["kp_Nm_s_per_rad"], ROTOR_KG_M2, setup.rig.drive.holds_start
+    )
     return with_drive(setup, drive)
 
 

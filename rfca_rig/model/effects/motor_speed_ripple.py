@@ -18,10 +18,10 @@ STEP_S = 5e-4
 
 def apply(setup: Setup, values: Values) -> Setup:
     phase_rad = 2.0 * np.pi * values["phase_cycles"]
-    return replace(setup, motion=rippled(setup.motion, values["amplitude_relative"], values["cycles_per_turn"], phase_rad))
+    return replace(setup, motion=add_ripple(setup.motion, values["amplitude_relative"], values["cycles_per_turn"], phase_rad))
 
 
-def rippled(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: float = 0.0) -> ShaftMotion:
+def add_ripple(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: float = 0.0) -> ShaftMotion:
     """The motion that follows from the law, in closed form.
 
     With psi = n (theta - theta_0) + phase, d psi / d theta_c = n (1 + a cos psi). So the angle is a function of the commanded one

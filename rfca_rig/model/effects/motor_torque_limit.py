@@ -2,11 +2,11 @@
 
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.effects.motor_speed_droop import ROTOR_KG_M2
-from rfca_rig.model.setup import Setup, SoftDrive, with_drive
+from rfca_rig.model.setup import CompliantDrive, Setup, with_drive
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    drive = SoftDrive(
+    drive = CompliantDrive(
         "motor_torque_limit",
         values["ki_Nm_per_rad"],
         values["kp_Nm_s_per_rad"],

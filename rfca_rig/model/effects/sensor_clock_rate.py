@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Felt, Setup, with_sensor
+from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 
 def apply(setup: Setup, values: Values) -> Setup:
     """With a positive rate the force appears too late after the beginning of the motion, in proportion to time, and too early before it."""
 
-    def stretch(felt: Felt) -> Felt:
+    def stretch(felt: SensorOutput) -> SensorOutput:
         then = felt.t_s * (1.0 - values["rate_relative"])
         fy, fz, tx = (np.interp(then, felt.t_s, channel) for channel in (felt.fy_N, felt.fz_N, felt.tx_Nm))
         return replace(felt, fy_N=fy, fz_N=fz, tx_Nm=tx)

@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Felt, Setup, with_sensor
+from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    def leak(felt: Felt) -> Felt:
+    def leak(felt: SensorOutput) -> SensorOutput:
         return replace(felt, fz_N=felt.fz_N + values["fz_per_fy"] * felt.fy_N)
 
     return with_sensor(setup, leak)

@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Felt, Setup, with_sensor
+from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 
 def apply(setup: Setup, values: Values) -> Setup:
-    def leak(felt: Felt) -> Felt:
+    def leak(felt: SensorOutput) -> SensorOutput:
         fy, fz, tx = felt.fy_N, felt.fz_N, felt.tx_Nm
         return replace(
             felt,

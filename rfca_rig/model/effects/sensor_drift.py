@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Felt, Setup, with_sensor
+from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 
 def apply(setup: Setup, values: Values) -> Setup:
     """The drift counts from the beginning of the motion, where every stroke is zeroed."""
 
-    def drift(felt: Felt) -> Felt:
+    def drift(felt: SensorOutput) -> SensorOutput:
         return replace(felt, fz_N=felt.fz_N + values["rate_N_per_s"] * felt.t_s)
 
     return with_sensor(setup, drift)

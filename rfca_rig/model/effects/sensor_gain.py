@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Felt, Setup, with_sensor
+from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 
 def apply(setup: Setup, values: Values) -> Setup:
     k = values["factor"]
 
-    def scale(felt: Felt) -> Felt:
+    def scale(felt: SensorOutput) -> SensorOutput:
         return replace(felt, fy_N=k * felt.fy_N, fz_N=k * felt.fz_N, tx_Nm=k * felt.tx_Nm)
 
     return with_sensor(setup, scale)

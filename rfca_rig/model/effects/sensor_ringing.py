@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.compiled import compiled
+from rfca_rig.model.compiled import jit
 from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
-from rfca_rig.model.setup import Felt, Setup, with_sensor
+from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 Floats = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ def apply(setup: Setup, values: Values) -> Setup:
     rate, ratio = 2.0 * np.pi * values["frequency_Hz"], values["damping_ratio"]
     across = rate * values["y_frequency_ratio"]
 
-    def ring(felt: Felt) -> Felt:
+    def ring(felt: SensorOutput) -> SensorOutput:
         t = felt.t_s
         return replace(
             felt,
@@ -35,12 +35,12 @@ def filter_second_order(t_s: Floats, x: Floats, rate_rad_s: float, ratio: float)
     Exact for x linear between samples.
     """
     y = x.copy()
-    swing(np.diff(t_s), x, rate_rad_s, ratio, y)
+    fill_second_order(np.diff(t_s), x, rate_rad_s, ratio, y)
     return y
 
 
-@compiled
-def swing(step_s: Floats, x: Floats, rate_rad_s: float, ratio: float, y: Floats) -> None:
+@jit
+def fill_second_order(step_s: Floats, x: Floats, rate_rad_s: float, ratio: float, y: Floats) -> None:
     """Fills `y` (m,) from its first value on. Where x is linear with slope s, y - (x - 2 d s / w) oscillates freely."""
     turning, decay, speed = rate_rad_s * np.sqrt(1.0 - ratio * ratio), ratio * rate_rad_s, 0.0
     for i in range(step_s.size):

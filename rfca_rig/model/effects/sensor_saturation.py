@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Felt, Setup, with_sensor
+from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 
 def apply(setup: Setup, values: Values) -> Setup:
     """It acts on fz after all effects of the sensor that are stated before it."""
     limit_N = values["limit_N"]
 
-    def clip(felt: Felt) -> Felt:
+    def clip(felt: SensorOutput) -> SensorOutput:
         return replace(felt, fz_N=np.clip(felt.fz_N, -limit_N, limit_N))
 
     return with_sensor(setup, clip)

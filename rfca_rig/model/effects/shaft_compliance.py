@@ -1,12 +1,12 @@
 """Torsional compliance between motor and leg."""
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Setup, SoftDrive, with_drive
+from rfca_rig.model.setup import CompliantDrive, Setup, with_drive
 
 
 def apply(setup: Setup, values: Values) -> Setup:
     stiffness = values["stiffness_Nm_per_rad"]
-    return with_drive(setup, SoftDrive("shaft_compliance", stiffness, 1e-3 * values["relaxation_ms"] * stiffness, 0.0))
+    return with_drive(setup, CompliantDrive("shaft_compliance", stiffness, 1e-3 * values["relaxation_ms"] * stiffness, 0.0))
 
 
 EFFECT = Effect(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.setup import Setup, SoftDrive, with_drive
+from rfca_rig.model.setup import CompliantDrive, Setup, with_drive
 
 STIFFNESS_NM_PER_RAD = 2000.0  # beyond the play: a steel shaft of 10 mm, which twists by 1 mrad under 2 N m
 LOSS_S_PER_RAD = 0.3  # steel on steel: a factor of five up or down changes fz by 0.1 to 0.5 N rms of 26 N
@@ -14,7 +14,7 @@ def apply(setup: Setup, values: Values) -> Setup:
     gap_rad = float(np.radians(values["half_gap_deg"]))
     if gap_rad == 0.0:
         return setup
-    return with_drive(setup, SoftDrive("shaft_play", STIFFNESS_NM_PER_RAD, 0.0, 0.0, gap_rad=gap_rad, loss_s_per_rad=LOSS_S_PER_RAD))
+    return with_drive(setup, CompliantDrive("shaft_play", STIFFNESS_NM_PER_RAD, 0.0, 0.0, gap_rad=gap_rad, loss_s_per_rad=LOSS_S_PER_RAD))
 
 
 EFFECT = Effect(

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.model.compiled import internal
+from rfca_rig.model.compiled import jit_internal
 from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
@@ -18,7 +18,7 @@ SATURATED = 20.0  # travel in saturations after which the loop is saturated to r
 PRESLIDING_AT_MOST_DEG = 1.5  # of hinge_coulomb_friction
 
 
-@internal
+@jit_internal
 def loop_slope(along: float, exponent: float) -> float:
     """dz/du, with u the turn over the saturation and both counted along the direction of turning."""
     if exponent == 1.0:
@@ -26,7 +26,7 @@ def loop_slope(along: float, exponent: float) -> float:
     return 1.0 - np.sign(along) * abs(along) ** exponent  # type: ignore[no-any-return]
 
 
-@internal
+@jit_internal
 def follow_loop(along: float, travel: float, exponent: float) -> tuple[float, float]:
     """z and dz/du after turning on by `travel` in one direction; exact for an exponent of one.
 

@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 from scipy.optimize import root
 
-from rfca_rig.analysis.mujoco_leg import hang, mujoco_leg
+from rfca_rig.analysis.mujoco_leg import mujoco_leg, settle_at_rest
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.exam.engine import simulate
-from rfca_rig.exam.experiment import READ_S, STEP_S, staged
+from rfca_rig.exam.experiment import READ_S, STEP_S, plan_stages
 from rfca_rig.exam.nominal_world import nominal_world
-from rfca_rig.exam.sensor import felt
+from rfca_rig.exam.sensor import sense
 from rfca_rig.exam.world import World
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.model import Recording, StaticStage
@@ -36,12 +36,12 @@ def by_exam(world: World, heights_m: Sequence[float] = HEIGHTS_M, angles_deg: Se
     stages = []
     for height_m in heights_m:
         higher = replace(world, mount=replace(world.mount, height_m=world.mount.height_m - 0.215 + height_m))
-        knots, read_s = staged(world.drive.start_angle_rad, angles, 0.05)
+        knots, read_s = plan_stages(world.drive.start_angle_rad, angles, 0.05)
         traces = simulate(higher, knots, read_s, width_s=READ_S, step_s=STEP_S)
-        fy, fz, tx = felt(higher, traces)
+        fy, fz, tx = sense(higher, traces)
         for i, angle in enumerate(angles_deg):
             way = "unloading" if i and angle < angles_deg[i - 1] else "loading"
-            bent = tuple(np.degrees(traces.bent_rad[i, 1:]))
+            bent = tuple(np.degrees(traces.joint_angles_rad[i, 1:]))
             shaft = float(traces.motor_angle_rad[i])
             stages.append(StaticStage(height_m, i + 1, way, shaft, bent, float(fy[i]), float(fz[i]), float(tx[i])))
     return tuple(stages)
@@ -81,7 +81,7 @@ def by_mujoco(rig: RigModel, height_m: float, angles_deg: Sequence[float], rando
     A stage is left out where that friction allows no rest near the one before.
     """
     leg = mujoco_leg(rig, height_m, False, "Euler")
-    hang(leg, float(np.radians(angles_deg[0])))
+    settle_at_rest(leg, float(np.radians(angles_deg[0])))
     phi, stages = np.array(leg.data.qpos[1:]), []
     for number, angle in enumerate(np.radians(angles_deg), start=1):
         ratio = random.uniform(-0.3, 0.3, leg.model.nq)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.torque_rotation.balance import Balance, Group
-from rfca_rig.analysis.torque_rotation.bases import Hardening, ThroughRest, spline_over
+from rfca_rig.analysis.torque_rotation.bases import Hardening, SplineThroughRest, make_spline
 from rfca_rig.analysis.torque_rotation.systematics import SystematicError, SystematicErrors
 from rfca_rig.model.parameters import GRAVITY_M_S2, TorqueSpline
 from rfca_rig.model.torque_spline import table_of
@@ -97,7 +97,7 @@ def test_torques_count_from_rest_as_believed_and_as_doubted():
     assert bent.linear(group, z, c, p).g[:, :6] - loads == pytest.approx(11.0 * x + 44.0 * x**3)
 
 
-@pytest.mark.parametrize("basis", [ThroughRest((0.05, 0.12, 0.25, 0.4))])
+@pytest.mark.parametrize("basis", [SplineThroughRest((0.05, 0.12, 0.25, 0.4))])
 def test_splines_through_rest_are_the_models_own(basis):
     torques = np.array([0.6, 1.5, 3.4, 6.8])
     spline = table_of((TorqueSpline((0.0, *basis.knots_rad), (0.0, *torques)),), 2)
@@ -114,7 +114,7 @@ def test_an_end_in_the_air_does_not_press():
 
 def test_splines_hold_the_law():
     phi = np.linspace(-0.4, 0.1, 200)
-    basis = spline_over(phi, 3)
+    basis = make_spline(phi, 3)
     torque = 11.0 * (phi + 4.2 * phi**3)
     coefficients = np.linalg.lstsq(basis.columns(phi), torque, rcond=None)[0]
     beyond = np.array([-0.5, -0.2, 0.2])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import Supposed, space_of
+from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
 from rfca_rig.analysis.prediction import predict_stroke
 from rfca_rig.analysis.torque_rotation.calibration_file import (
     can_be_written,
@@ -14,8 +14,8 @@ from rfca_rig.analysis.torque_rotation.calibration_file import (
     write_curve,
 )
 from rfca_rig.analysis.torque_rotation.curve import TorqueCurve, law_values
-from rfca_rig.analysis.torque_rotation.elastica_curves import foretold
-from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
+from rfca_rig.analysis.torque_rotation.elastica_curves import predict_hinge_curves
+from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.exam.injected_faults import with_effect
@@ -23,7 +23,7 @@ from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from tests.analysis.torque_rotation.tables import KNOWN_TO, RIG, SECTIONS, by_exam, noisy, plain, recording
 
-SUPPOSED = Supposition(SECTIONS, KNOWN_TO)
+SUPPOSED = StageAssumptions(SECTIONS, KNOWN_TO)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_hinges_and_how_well_they_are_known_come_back_from_the_file(tmp_path, re
 def test_a_fit_takes_the_errors_for_its_prior(tmp_path, result):
     write_calibration(tmp_path / "model.toml", result, SECTIONS, KNOWN_TO, [])
     read = read_model_file(tmp_path / "model.toml")
-    space = space_of(("k0", "k2"), Supposed(read.model()), read.known_to.model_dump(exclude_none=True))
+    space = make_prior(("k0", "k2"), ModelPoint(read.model()), read.known_to.model_dump(exclude_none=True))
     assert space.has_prior.all()
     assert space.prior_std == pytest.approx([result.values.k0_std, result.values.k2_std], rel=1e-4)
 
@@ -111,7 +111,7 @@ def test_rest_angles_go_into_both_files(tmp_path):
     world = nominal_world(0.215)
     bent = replace(world, hinges=replace(world.hinges, preset_rad=(0.0, 0.0, float(np.radians(1.5)), 0.0, 0.0, 0.0)))
     known_to = {**KNOWN_TO, "rest_angle_deg": 2.0}
-    result = evaluate([recording(noisy(by_exam(bent), np.random.default_rng(0)))], Supposition(SECTIONS, known_to))
+    result = evaluate([recording(noisy(by_exam(bent), np.random.default_rng(0)))], StageAssumptions(SECTIONS, known_to))
     write_calibration(tmp_path / "model.toml", result, SECTIONS, known_to, [])
     for read, rests in zip(
         (read_model_file(tmp_path / "model.toml"), written_curve(tmp_path / "c.toml", result)), result.rests, strict=True
@@ -123,7 +123,7 @@ def test_rest_angles_go_into_both_files(tmp_path):
 def test_a_leg_that_was_believed_to_follow_a_curve_is_evaluated_and_written_either_way(tmp_path, result):
     first = written_curve(tmp_path / "first.toml", result)
     nominal, known_to = first.nominal(), first.known_to.model_dump(exclude_none=True)
-    again = evaluate([recording(noisy(plain(), np.random.default_rng(2)))], Supposition(nominal, known_to))
+    again = evaluate([recording(noisy(plain(), np.random.default_rng(2)))], StageAssumptions(nominal, known_to))
     assert again.values.k0_Nm_per_rad == pytest.approx(result.values.k0_Nm_per_rad, rel=1e-4)
     write_calibration(tmp_path / "law.toml", again, nominal, known_to, [])
     assert read_model_file(tmp_path / "law.toml").leg.k0_Nm_per_rad == pytest.approx(result.values.k0_Nm_per_rad, rel=1e-4)
@@ -153,7 +153,7 @@ def test_errors_of_the_law_by_differences():
 
 
 def test_the_elastica_of_the_papers_strip():
-    held, over_link, over_k0 = foretold(RIG.leg, 11.0, 0.4)
+    held, over_link, over_k0 = predict_hinge_curves(RIG.leg, 11.0, 0.4)
     assert held.k0_Nm_per_rad == pytest.approx(120e9 * 2 * 25.4e-3 * 0.8e-3**3 / 12 / 0.039333, rel=1e-3)
     assert over_link.k0_Nm_per_rad == pytest.approx(held.k0_Nm_per_rad, rel=1e-3)
     assert over_link.k2_per_rad2 == pytest.approx(1 / 6, rel=0.05)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
+from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.exam.injected_faults import with_effect
 from rfca_rig.exam.nominal_world import nominal_world
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
 
-SUPPOSED = Supposition(SECTIONS, KNOWN_TO)
+SUPPOSED = StageAssumptions(SECTIONS, KNOWN_TO)
 
 
 def of(effect: str, **values: float):
@@ -50,7 +50,7 @@ def test_without_reversals_nothing_is_said_of_a_loop():
 
 def test_a_weak_hinge_is_named():
     result = of("damaged_hinge", hinge=4.0, stiffness_factor=0.9)
-    assert [check.hinge for check in result.hinges if check.differs] == [4]
+    assert [check.hinge for check in result.hinges if check.is_significant] == [4]
     assert any(said.startswith("Hinge 4 is 1") and "softer" in said for said in remarks(result))
 
 

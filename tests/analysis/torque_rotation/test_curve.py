@@ -6,15 +6,15 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
-from rfca_rig.analysis.torque_rotation.noise import of_shared_marks
+from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
+from rfca_rig.analysis.torque_rotation.noise import mark_correlation
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.systematics import MARKS_DEG, SLOPE, Instruments
-from rfca_rig.exam.nominal_world import drawn_off, moved, nominal_world
-from rfca_rig.exam.world import everywhere
+from rfca_rig.exam.nominal_world import apply_nominal_errors, draw_nominal_errors, nominal_world
+from rfca_rig.exam.world import for_each_hinge
 from tests.analysis.torque_rotation.tables import KNOWN_TO, NOISE, RIG, SECTIONS, by_exam, by_mujoco, noisy, plain, recording
 
-SUPPOSED = Supposition(SECTIONS, KNOWN_TO)
+SUPPOSED = StageAssumptions(SECTIONS, KNOWN_TO)
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason='MuJoCo is not installed: pip install "rfca-rig[crosscheck]"')
 
 
@@ -55,7 +55,7 @@ def test_curve_stiffness_and_bands_of_a_noisy_table():
 
 def test_what_was_stated_of_the_angles_is_used_and_marks_that_neighbours_share_are_noticed():
     rng = np.random.default_rng(8)
-    correlated = np.linalg.cholesky(of_shared_marks(RIG.leg.link_lengths_m))
+    correlated = np.linalg.cholesky(mark_correlation(RIG.leg.link_lengths_m))
     stages = tuple(
         replace(stage, hinge_deg=tuple(np.array(stage.hinge_deg) + 0.12 * correlated @ rng.normal(size=6)), hinge_std_deg=(0.12,) * 6)
         for stage in noisy(plain(), rng, 0.0)
@@ -67,7 +67,7 @@ def test_what_was_stated_of_the_angles_is_used_and_marks_that_neighbours_share_a
 
 
 def test_correlation_of_angles_between_shared_marks():
-    correlation = of_shared_marks((0.04,) * 6)
+    correlation = mark_correlation((0.04,) * 6)
     assert correlation[2, :] == pytest.approx([1 / 6, -2 / 3, 1.0, -2 / 3, 1 / 6])
 
 
@@ -122,11 +122,11 @@ def worlds(count: int):
     """Rigs off what is believed of them, floor and all, with hinges of all kinds."""
     rng = np.random.default_rng(7)
     for _ in range(count):
-        off = drawn_off(rng)
+        off = draw_nominal_errors(rng)
         k0, k2 = rng.uniform(8.0, 14.0), rng.uniform(1.5, 6.0)
-        world = moved(nominal_world(0.215), off)
+        world = apply_nominal_errors(nominal_world(0.215), off)
         floor = replace(world.floor, slope=float(rng.normal(0.0, SLOPE)), lever_share=float(rng.uniform(-0.3, 0.3)))
-        hinges = replace(world.hinges, k0_Nm_per_rad=everywhere(k0), k2_per_rad2=everywhere(k2))
+        hinges = replace(world.hinges, k0_Nm_per_rad=for_each_hinge(k0), k2_per_rad2=for_each_hinge(k2))
         yield replace(world, hinges=hinges, floor=floor), with_hinges(k0, k2)
 
 

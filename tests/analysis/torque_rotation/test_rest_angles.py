@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
+from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.systematics import Instruments
 from rfca_rig.description.nominal_model import nominal_model
@@ -27,7 +27,7 @@ def with_marks_off(stages, rng, std_deg):
 
 
 def found_in(stages, known_to=STATED, sections=SECTIONS, marks_deg=0.1):
-    return evaluate([recording(stages)], Supposition(sections, known_to, Instruments(marks_deg=marks_deg)))
+    return evaluate([recording(stages)], StageAssumptions(sections, known_to, Instruments(marks_deg=marks_deg)))
 
 
 @pytest.mark.parametrize("rest_deg", [ONE, ALL, tuple(-angle for angle in ALL)], ids=["one", "all", "all the other way"])

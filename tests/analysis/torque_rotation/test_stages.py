@@ -6,13 +6,13 @@ from math import nan
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.torque_rotation.evaluate import Supposition, evaluate
+from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
-from rfca_rig.analysis.torque_rotation.stages import stage_data
+from rfca_rig.analysis.torque_rotation.stages import make_stage_data
 from rfca_rig.errors import BadInput, SimulationFailed
 from tests.analysis.torque_rotation.tables import KNOWN_TO, NOISE, SECTIONS, noisy, plain, recording
 
-SUPPOSED = Supposition(SECTIONS, KNOWN_TO)
+SUPPOSED = StageAssumptions(SECTIONS, KNOWN_TO)
 
 
 def test_missing_angles_are_filled_by_statics_and_have_no_points():
@@ -38,7 +38,7 @@ def test_stages_that_did_not_settle_or_have_no_photo_are_left_out_and_named():
 
 
 def test_how_hinges_came_to_their_angles():
-    data = stage_data([recording(plain())], NOISE)
+    data = make_stage_data([recording(plain())], NOISE)
     assert (data.turned[0] <= 0).all()  # from straight
     assert data.turned[6].tolist() == [1.0, 1.0, 0.0, -1.0, -1.0, -1.0]
     assert (data.turned[8] <= 0).all()  # another height begins from straight again
@@ -46,7 +46,7 @@ def test_how_hinges_came_to_their_angles():
 
 def test_noise_of_a_mean_from_what_the_stage_states():
     stages = [replace(stage, std={"fz_N": 0.45}) for stage in plain()]
-    data = stage_data([recording(stages)], {"fz_N": 0.15, "fy_N": None})
+    data = make_stage_data([recording(stages)], {"fz_N": 0.15, "fy_N": None})
     assert data.force_std[0] == pytest.approx(np.array([0.1, 0.45, 0.006]) / np.sqrt(5.0))
 
 

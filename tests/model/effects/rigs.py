@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from rfca_rig.model.chain import Tolerance, advance, at_rest, room_for
+from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.setup import Setup, set_up
 from rfca_rig.model.state import Samples, State
-from rfca_rig.model.stroke import SimulatedStroke, stroke_at_speed
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
 from tests.model.legs import NO_GROUND_M, PAPER
 
 T = np.arange(-20, 560) * 2e-3
@@ -24,7 +24,7 @@ def having(rig: RigModel, **effects: Named) -> RigModel:
 
 def paper_stroke(tolerance: Tolerance | None = None, **effects: Named) -> SimulatedStroke:
     """The paper's stroke, contact and lift-off included, after twenty others."""
-    return stroke_at_speed(having(PAPER, **effects), 0.215, 2.433, T, tolerance, strokes_before=(20,))
+    return simulate_stroke_at_speed(having(PAPER, **effects), 0.215, 2.433, T, tolerance, strokes_before=(20,))
 
 
 def held(angle_rad: float) -> ShaftMotion:
@@ -43,7 +43,7 @@ def resting(rig: RigModel, angle_rad: float, height_m: float = NO_GROUND_M) -> t
     """The leg at rest with its shaft held."""
     setup = set_up(rig, height_m, held(angle_rad))
     chain = setup.chain()
-    return setup, at_rest(chain, angle_rad, setup.compiled_laws(chain))
+    return setup, find_rest_state(chain, angle_rad, setup.compile_laws(chain))
 
 
 def released(
@@ -52,10 +52,10 @@ def released(
     """Weightless unless told, the shaft held at q[0], let go from the pose q; the links behind the shaft's turn at `speed_rad_s`."""
     setup = set_up(rig, NO_GROUND_M, held(q[0]))
     chain = setup.chain()._replace(**{"gravity": 0.0, **changes})
-    laws = setup.compiled_laws(chain)
-    state = at_rest(chain, q[0], laws)
+    laws = setup.compile_laws(chain)
+    state = find_rest_state(chain, q[0], laws)
     state.q[: len(q)] = q
     state.w[1 : len(q)] = speed_rad_s
-    samples = room_for(t_s, state.q.size, len(chain.length))
+    samples = allocate_samples(t_s, state.q.size, len(chain.length))
     advance(chain, setup.motion.shaft(), state, (0.0, float(t_s[-1])), 1e-6, tolerance, samples, laws)
     return samples

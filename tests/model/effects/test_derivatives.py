@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from rfca_rig.model.anchors import note_ends
+from rfca_rig.model.anchors import store_ends
 from rfca_rig.model.contact import locate_ends
-from rfca_rig.model.forces import assemble_once, begin
+from rfca_rig.model.forces import assemble_once, prepare_pose
 from rfca_rig.model.setup import set_up
-from rfca_rig.model.stage import room_to_work
+from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import State
 from tests.model.effects.rigs import having, held
 from tests.model.effects.test_strength import SMALL
@@ -36,17 +36,17 @@ def pose(links: int, coordinates: int):
 def assembled(effects, weights, shift=None):
     setup = set_up(having(PAPER, **effects), 0.2, held(1.0))
     chain = setup.chain()._replace(drag=200.0)
-    laws = setup.compiled_laws(chain)
+    laws = setup.compile_laws(chain)
     q, w, a = pose(7, 7 + (chain.frame_mass > 0))
     random = np.random.default_rng(11)
     anchor = np.cumsum(chain.length * (np.cos(q[:7]) * chain.floor_cos + np.sin(q[:7]) * chain.floor_sin)) - 0.003 * q[:7]
     anchor += 1e-5 * random.normal(size=7)
     memory = np.zeros((laws.place.size, 7, 4))
     memory[:, 1:, 0], memory[:, 1:, 1] = random.uniform(-0.05, 0.2, 6), random.uniform(-0.1, 0.2, 6)
-    state, work = State(q, w, a, anchor, memory), room_to_work(q.size, 7)
-    begin(chain, q, work)
+    state, work = State(q, w, a, anchor, memory), allocate_workspace(q.size, 7)
+    prepare_pose(chain, q, work)
     locate_ends(chain, state, q, w, work)
-    note_ends(chain, state, q, work)
+    store_ends(chain, state, q, work)
     s = np.zeros(q.size) if shift is None else shift
     moved = (q + weights[2] * s, w + weights[1] * s, a + weights[0] * s)
     assemble_once(chain, laws, state, 0.01, *moved, weights, work)

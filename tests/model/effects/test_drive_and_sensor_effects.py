@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rfca_rig.model.motion import ramp_to_speed
-from rfca_rig.model.setup import Felt, set_up
+from rfca_rig.model.setup import SensorOutput, set_up
 from rfca_rig.model.shaft import drive_torque
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import simulate_stroke
 from tests.model.effects.rigs import NO_GROUND_M, TIGHT, T, having, held, paper_stroke, through
 from tests.model.legs import PAPER, pendulum
 
@@ -38,7 +38,7 @@ def by_scipy(t, k_angle, k_speed, rotor, magnets=lambda _: 0.0):
 def test_a_drooping_drive_turns_as_another_integrator_has_the_loop_on_its_rotor():
     t = np.linspace(0.01, 1.0, 100)
     rig = having(pendulum(1), motor_speed_droop={"kp_Nm_s_per_rad": 0.6, "ki_Nm_per_rad": 10.0})
-    ours = stroke_following(rig, NO_GROUND_M, MOTION, t, TIGHT)
+    ours = simulate_stroke(rig, NO_GROUND_M, MOTION, t, TIGHT)
     expected = by_scipy(t, 10.0, 0.6, 0.006)
     assert np.abs(expected - [commanded(x)[0] for x in t]).max() > 0.03
     assert ours.q_rad[:, 0] == pytest.approx(expected, abs=2e-6)
@@ -47,7 +47,7 @@ def test_a_drooping_drive_turns_as_another_integrator_has_the_loop_on_its_rotor(
 def test_a_motor_that_cogs_turns_as_another_integrator_has_it():
     t = np.linspace(0.01, 1.0, 100)
     values = {"torque_Nm": 0.2, "cycles_per_turn": 12.0, "phase_cycles": 0.2, "kp_Nm_s_per_rad": 1.0, "ki_Nm_per_rad": 20.0}
-    ours = stroke_following(having(pendulum(1), motor_cogging=values), NO_GROUND_M, MOTION, t, TIGHT)
+    ours = simulate_stroke(having(pendulum(1), motor_cogging=values), NO_GROUND_M, MOTION, t, TIGHT)
     expected = by_scipy(t, 20.0, 1.0, 0.006, lambda angle: 0.2 * np.sin(12.0 * (angle - 0.2) + 0.4 * np.pi))
     assert np.abs(expected - by_scipy(t, 20.0, 1.0, 0.006)).max() > 5e-3
     assert ours.q_rad[:, 0] == pytest.approx(expected, abs=2e-6)
@@ -58,7 +58,7 @@ def test_a_motor_at_its_limit_gives_just_that_torque_and_falls_behind():
     t = np.linspace(0.001, 0.25, 250)
     limit, kp, ki = 0.5 * WEIGHT_Nm, 50.0, 1000.0
     rig = having(pendulum(1), motor_torque_limit={"limit_Nm": limit, "kp_Nm_s_per_rad": kp, "ki_Nm_per_rad": ki})
-    ours = stroke_following(rig, NO_GROUND_M, through([0.0, 1.0], [1.2, 0.2]), t, TIGHT)
+    ours = simulate_stroke(rig, NO_GROUND_M, through([0.0, 1.0], [1.2, 0.2]), t, TIGHT)
     assert 0.9 * limit < (-ours.shaft_torque_Nm).max() < limit  # the rotor takes a part of it
     angle, speed = ours.q_rad[:, 0], ours.w_rad_s[:, 0]
     kinetic = 0.5 * (INERTIA + 0.006) * speed**2
@@ -71,11 +71,11 @@ def test_a_motor_at_its_limit_gives_just_that_torque_and_falls_behind():
 def test_a_shaft_with_play_rests_with_the_play_taken_up_and_turns_back_through_it():
     gap = np.radians(1.0)
     rig, t = having(pendulum(1), shaft_play={"half_gap_deg": 1.0}), np.array([0.0, 0.5, 9.9])
-    hanging = stroke_following(rig, NO_GROUND_M, held(0.3), t)
+    hanging = simulate_stroke(rig, NO_GROUND_M, held(0.3), t)
     twist = WEIGHT_Nm * np.cos(0.3 + gap) / 2000.0
     assert hanging.q_rad[:, 0] - 0.3 == pytest.approx(gap + twist, abs=1e-6)
     # slowly over the top: past straight down the weight pulls the other way
-    over = stroke_following(rig, NO_GROUND_M, through([0.0, 10.0], [1.3, 1.9]), t)
+    over = simulate_stroke(rig, NO_GROUND_M, through([0.0, 10.0], [1.3, 1.9]), t)
     assert over.q_rad[-1, 0] - (1.3 + 0.06 * 9.9) == pytest.approx(-gap, abs=1e-3)
 
 
@@ -97,7 +97,7 @@ def test_a_shaft_with_play_gives_no_energy_back_in_closed_loops_and_never_pulls(
 def test_friction_of_the_shaft_takes_its_torque_times_the_angle_out_of_the_motor():
     t = np.linspace(0.0, 1.0, 2001)
     plain, dragged = (
-        stroke_following(having(PAPER, **effects), NO_GROUND_M, ramp_to_speed(0.2269, 2.4, 0.05, 1.0), t)
+        simulate_stroke(having(PAPER, **effects), NO_GROUND_M, ramp_to_speed(0.2269, 2.4, 0.05, 1.0), t)
         for effects in ({}, {"shaft_friction": {"torque_Nm": 0.3}})
     )
     assert dragged.q_rad == pytest.approx(plain.q_rad, abs=1e-5)
@@ -109,7 +109,7 @@ def test_friction_of_the_shaft_takes_its_torque_times_the_angle_out_of_the_motor
 
 def test_a_leg_behind_a_soft_shaft_moves_as_another_integrator_has_it():
     t = np.linspace(0.01, 1.0, 100)
-    ours = stroke_following(having(pendulum(1), shaft_compliance={"stiffness_Nm_per_rad": 20.0}), NO_GROUND_M, MOTION, t, TIGHT)
+    ours = simulate_stroke(having(pendulum(1), shaft_compliance={"stiffness_Nm_per_rad": 20.0}), NO_GROUND_M, MOTION, t, TIGHT)
     assert ours.q_rad[:, 0] == pytest.approx(by_scipy(t, 20.0, 0.02, 0.0), abs=2e-6)
 
 
@@ -117,7 +117,7 @@ def test_a_leg_behind_a_soft_shaft_moves_as_another_integrator_has_it():
     "effect", [{"shaft_compliance": {"stiffness_Nm_per_rad": 20.0}}, {"motor_speed_droop": {"kp_Nm_s_per_rad": 1.0, "ki_Nm_per_rad": 20.0}}]
 )
 def test_at_rest_a_soft_drive_gives_way_by_torque_over_stiffness(effect):
-    stroke = stroke_following(having(PAPER, **effect), NO_GROUND_M, held(0.3), np.array([-0.1, 0.0, 1.0]))
+    stroke = simulate_stroke(having(PAPER, **effect), NO_GROUND_M, held(0.3), np.array([-0.1, 0.0, 1.0]))
     assert stroke.shaft_torque_Nm[0] < -0.3
     assert 20.0 * (0.3 - stroke.shaft_angle_rad) == pytest.approx(stroke.shaft_torque_Nm, abs=1e-6)
 
@@ -136,7 +136,7 @@ def test_a_rippled_shaft_has_its_law_s_speed(amplitude, cycles):
 
 def felt(t, **effects):
     setup = set_up(having(PAPER, **effects), 0.2, held(0.2))
-    return setup.felt(Felt(t, np.sin(3 * t), np.maximum(t, 0.0) * 7.0 + 2.0, np.cos(3 * t), 0.0 * t))
+    return setup.apply_sensor_changes(SensorOutput(t, np.sin(3 * t), np.maximum(t, 0.0) * 7.0 + 2.0, np.cos(3 * t), 0.0 * t))
 
 
 def test_a_lagging_sensor_follows_a_ramp_behind_by_its_time_constant():
@@ -168,7 +168,7 @@ def test_a_ringing_sensor_answers_a_vibration_with_the_gain_and_phase_of_its_mod
 def test_a_ringing_sensor_overshoots_a_step_and_settles_on_it():
     t = np.linspace(0.0, 3.0, 3001)
     setup = set_up(having(PAPER, sensor_ringing={"frequency_Hz": 10.0, "damping_ratio": 0.1}), 0.2, held(0.2))
-    step = setup.felt(Felt(t, 0.0 * t, np.where(t > 0.0, 5.0, 2.0), 0.0 * t, 0.0 * t)).fz_N
+    step = setup.apply_sensor_changes(SensorOutput(t, 0.0 * t, np.where(t > 0.0, 5.0, 2.0), 0.0 * t, 0.0 * t)).fz_N
     assert step.max() - 5.0 == pytest.approx(3.0 * np.exp(-np.pi * 0.1 / np.sqrt(0.99)), rel=2e-3)
     assert step[-1] == pytest.approx(5.0, abs=1e-6)
 
@@ -180,7 +180,7 @@ def test_a_saturated_sensor_cuts_fz_alone_off_either_way():
     inside = np.abs(whole.fz_N) < 9.0
     assert (cut.fz_N[inside] == whole.fz_N[inside]).all() and (cut.fy_N == whole.fy_N).all() and (cut.tx_Nm == whole.tx_Nm).all()
     setup = set_up(having(PAPER, sensor_saturation={"limit_N": 9.0}), 0.2, held(0.2))
-    assert setup.felt(Felt(t, t, -20.0 + t, t, t)).fz_N == pytest.approx(-9.0)
+    assert setup.apply_sensor_changes(SensorOutput(t, t, -20.0 + t, t, t)).fz_N == pytest.approx(-9.0)
 
 
 def test_a_fast_force_clock_is_later_the_longer_the_motion_lasts():

@@ -5,7 +5,7 @@ import pytest
 
 from rfca_rig.diagnosis.config import LAW_ERROR
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.effects.rigs import having
 from tests.model.legs import PAPER
 
@@ -37,7 +37,7 @@ def limit_of(pair):
 
 
 def forces(**effects):
-    stroke = stroke_at_speed(having(PAPER, **effects), 0.205, 2.6, T)
+    stroke = simulate_stroke_at_speed(having(PAPER, **effects), 0.205, 2.6, T)
     return np.array([stroke.fy_N, stroke.fz_N, stroke.tx_Nm]) / NOISE
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.bump import elevation, find_nearest
-from rfca_rig.model.chain import advance, at_rest, room_for
+from rfca_rig.model.chain import advance, allocate_samples, find_rest_state
 from rfca_rig.model.energy import mechanical_energy_J
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import Ground
 from rfca_rig.model.setup import set_up
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import simulate_stroke
 from tests.model.effects.rigs import TIGHT, T, Tolerance, having, held, paper_stroke, through
 from tests.model.legs import PAPER, pendulum
 
@@ -20,7 +20,7 @@ FINE = Tolerance(1e-6, 3e-3)
 
 
 def stroke_of(rig, height_m, start_rad):
-    return stroke_following(rig, height_m, ramp_to_speed(start_rad, 2.433, 0.05, float(T[-1])), T, FINE)
+    return simulate_stroke(rig, height_m, ramp_to_speed(start_rad, 2.433, 0.05, float(T[-1])), T, FINE)
 
 
 @pytest.mark.parametrize("slope", [0.1, -0.07])
@@ -42,7 +42,7 @@ def test_a_rigid_link_rests_as_deep_in_a_sloping_floor_as_geometry_says_and_is_p
     angle = 0.8
     c, s = 1 / np.hypot(1, slope), slope / np.hypot(1, slope)
     height = (0.3 * np.sin(angle) + slope * 0.3 * np.cos(angle)) - 1e-3 / c  # the end 1 mm in, across a floor at -height + slope y
-    stroke = stroke_following(having(STIFF, ground_tilt={"slope": slope}), height, held(angle), np.array([-0.1, 0.0, 0.1]))
+    stroke = simulate_stroke(having(STIFF, ground_tilt={"slope": slope}), height, held(angle), np.array([-0.1, 0.0, 0.1]))
     normal = 1e5 * 1e-3**1.5
     assert stroke.normal_N[:, 0] == pytest.approx(normal, rel=1e-9)
     assert stroke.fz_N == pytest.approx(0.2 * 9.81 - normal * c, rel=1e-9)
@@ -52,7 +52,7 @@ def test_a_rigid_link_rests_as_deep_in_a_sloping_floor_as_geometry_says_and_is_p
 def test_a_soft_floor_yields_besides_the_contact():
     angle, depth = 0.8, 3e-3
     soft = having(STIFF, ground_compliance={"stiffness_N_per_m1p5": 2e4})
-    N = stroke_following(soft, 0.3 * np.sin(angle) - depth, held(angle), np.array([0.0, 0.1])).normal_N[:, 0]
+    N = simulate_stroke(soft, 0.3 * np.sin(angle) - depth, held(angle), np.array([0.0, 0.1])).normal_N[:, 0]
     assert pytest.approx(depth, rel=1e-9) == (N / 1e5) ** (2 / 3) + (N / 2e4) ** (2 / 3)
 
 
@@ -61,7 +61,7 @@ def test_a_contact_of_another_exponent_presses_as_before_at_20_N_and_by_its_powe
     angle, reference = 0.8, (20.0 / 1e5) ** (2 / 3)
     for depth in (0.3 * reference, reference, 1.5 * reference):
         rig = having(STIFF, ground_exponent={"exponent": exponent})
-        N = stroke_following(rig, 0.3 * np.sin(angle) - depth, held(angle), np.array([0.0, 0.1])).normal_N[:, 0]
+        N = simulate_stroke(rig, 0.3 * np.sin(angle) - depth, held(angle), np.array([0.0, 0.1])).normal_N[:, 0]
         assert pytest.approx(20.0 * (depth / reference) ** exponent, rel=1e-6) == N
 
 
@@ -70,7 +70,7 @@ def test_the_exponent_acts_on_the_contact_that_the_other_effects_leave(order):
     values = {"ground_compliance": {"stiffness_N_per_m1p5": 2e4}, "ground_exponent": {"exponent": 1.0}}
     angle, reference = 0.8, (20.0 / 1e5) ** (2 / 3) + (20.0 / 2e4) ** (2 / 3)
     rig = having(STIFF, **{name: values[name] for name in order})
-    N = stroke_following(rig, 0.3 * np.sin(angle) - 0.5 * reference, held(angle), np.array([0.0, 0.1])).normal_N[:, 0]
+    N = simulate_stroke(rig, 0.3 * np.sin(angle) - 0.5 * reference, held(angle), np.array([0.0, 0.1])).normal_N[:, 0]
     assert pytest.approx(10.0, rel=1e-6) == N
 
 
@@ -79,7 +79,7 @@ def test_a_contact_of_another_exponent_gives_back_no_more_than_it_took(damping, 
     rig = replace(STIFF, ground=replace(STIFF.ground, damping_s_per_m=damping, leaving_damping_share=leaving_share))
     rig = having(rig, ground_exponent={"exponent": 1.0})
     t = np.linspace(0.0, 0.2, 4001)
-    stroke = stroke_following(rig, 0.3 * np.sin(0.8), through([0.0, 0.1, 0.2], [0.75, 0.85, 0.75]), t)
+    stroke = simulate_stroke(rig, 0.3 * np.sin(0.8), through([0.0, 0.1, 0.2], [0.75, 0.85, 0.75]), t)
     depth = np.maximum(0.3 * (np.sin(stroke.q_rad[:, 0]) - np.sin(0.8)), 0.0)
     work = float(np.sum(0.5 * (stroke.normal_N[1:, 0] + stroke.normal_N[:-1, 0]) * np.diff(depth)))
     stored = 0.5 * 20.0 / (20.0 / 1e5) ** (2 / 3) * depth.max() ** 2
@@ -91,7 +91,7 @@ def test_an_end_that_leaves_is_damped_by_the_share_of_what_one_that_enters_is():
     """One rigid link dips into the floor and comes out again, at 1 rad/s: at one depth twice, once each way."""
     damped = replace(STIFF, ground=replace(STIFF.ground, damping_s_per_m=1.0, leaving_damping_share=0.4))
     angles, t = [0.75, 0.85, 0.75], np.array([0.07, 0.13])
-    N = stroke_following(damped, 0.3 * np.sin(0.8), through([0.0, 0.1, 0.2], angles), t).normal_N[:, 0]
+    N = simulate_stroke(damped, 0.3 * np.sin(0.8), through([0.0, 0.1, 0.2], angles), t).normal_N[:, 0]
     q = np.array([0.82, 0.82])
     depth, rate = 0.3 * (np.sin(q) - np.sin(0.8)), 0.3 * np.cos(q)
     assert pytest.approx(1e5 * depth**1.5 * (1.0 + np.array([1.0, -0.4]) * rate), rel=1e-6) == N
@@ -102,7 +102,7 @@ def test_at_lift_off_an_adhesive_floor_pulls_the_leg_down_with_its_force_and_the
     height = 0.3 * np.sin(0.75)
     t = np.linspace(0.0, 10.0, 10001)
     sticky = having(STIFF, ground_adhesion={"force_N": force})
-    stroke = stroke_following(sticky, height, through([0.0, 10.0], [down, up]), t)
+    stroke = simulate_stroke(sticky, height, through([0.0, 10.0], [down, up]), t)
     depth = np.linspace(0.0, 1e-3, 100001)
     most = (1e5 * depth**1.5 - force * (1 - np.exp(-depth / 5e-5))).min()
     assert -force < most < -0.5 * force
@@ -147,7 +147,7 @@ def test_a_rigid_link_on_the_flank_of_a_bump_is_pushed_along_its_normal():
     y, up = 0.3 * np.cos(angle), 1.5e-3
     height = 0.3 * np.sin(angle) + up
     distance, slope, _ = find_nearest(chain_on_bump(STIFF, height, **values), y, up)
-    stroke = stroke_following(having(STIFF, ground_bump=values), height, held(angle), np.array([-0.1, 0.0, 0.1]))
+    stroke = simulate_stroke(having(STIFF, ground_bump=values), height, held(angle), np.array([-0.1, 0.0, 0.1]))
     normal = 1e5 * (STIFF.leg.link_radius_m - distance) ** 1.5
     assert abs(slope) > 0.1 and normal > 1.0
     assert stroke.normal_N[:, 0] == pytest.approx(normal, rel=1e-9)
@@ -162,11 +162,11 @@ def test_a_leg_that_bounces_on_a_bump_keeps_its_energy_and_loses_some_by_frictio
     rig = replace(PAPER, leg=leg, ground=Ground(2e4, 0.0, friction, 1e-4, 0.0))
     setup = set_up(having(rig, ground_bump={"height_mm": height_mm, "at_mm": 160.0, "width_mm": 10.0}), 0.235, held(1.1))
     chain, t = setup.chain(), np.linspace(0.01, 1.0, 100)
-    laws = setup.compiled_laws(chain)
-    state = at_rest(chain._replace(ground_depth=1.0), 1.1, laws)
+    laws = setup.compile_laws(chain)
+    state = find_rest_state(chain._replace(ground_depth=1.0), 1.1, laws)
     state.q[:] = 1.1 - np.linspace(0.0, 0.3, 7)
     begin = mechanical_energy_J(chain, state.q[None], state.w[None])[0]
-    samples = room_for(t, 7)
+    samples = allocate_samples(t, 7)
     advance(chain, setup.motion.shaft(), state, (0.0, 1.0), 1e-6, TIGHT, samples, laws)
     y = np.cumsum(chain.length * np.cos(samples.q), axis=1)[:, -1]
     touching = samples.contact[:, 0, -1] > 0.0
@@ -187,7 +187,7 @@ def test_a_bump_much_wider_than_the_way_is_a_lower_rack():
 
 def test_a_rack_that_stands_higher_is_the_stroke_from_there():
     offset, higher = paper_stroke(height_offset={"offset_mm": 4.0}), having(PAPER)
-    there = stroke_following(higher, 0.219, ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, 0.05, float(T[-1])), T)
+    there = simulate_stroke(higher, 0.219, ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, 0.05, float(T[-1])), T)
     assert offset.fz_N == pytest.approx(there.fz_N, abs=1e-9)
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from rfca_rig.model.chain import advance, room_for
+from rfca_rig.model.chain import advance, allocate_samples
 from rfca_rig.model.parameters import Ground
 from rfca_rig.model.setup import set_up
-from rfca_rig.model.stroke import stroke_at_speed, stroke_following
+from rfca_rig.model.stroke import simulate_stroke, simulate_stroke_at_speed
 from tests.model.effects.rigs import NO_GROUND_M, TIGHT, having, held, released, resting, through
 from tests.model.legs import PAPER, pendulum
 
@@ -119,7 +119,7 @@ def test_a_leg_pressed_and_held_relaxes_with_the_time_constant():
     rig = replace(pendulum(2, 0.2, 0.02, k0=5.0, hinge_damping=0.002), ground=Ground(1e9, 1.0, 0.0, 3e4, 0.0))
     rig = having(rig, spring_relaxation={"strength_relative": strength, "time_constant_s": tau})
     t = np.linspace(0.2, 4.0, 39)
-    normal = stroke_following(rig, 0.25, through([0.0, 0.02, 9.0], [0.3, 1.0, 1.0]), t).normal_N[:, -1]
+    normal = simulate_stroke(rig, 0.25, through([0.0, 0.02, 9.0], [0.3, 1.0, 1.0]), t).normal_N[:, -1]
     left = normal - normal[-1]
     early = t < 1.2
     assert np.polyfit(t[early], np.log(left[early]), 1)[0] == pytest.approx(-1.0 / tau, rel=1e-2)
@@ -202,8 +202,8 @@ def bent_at_rest(effects):
     setup, state = resting(rig, 0.2)
     rest = np.diff(state.q)
     chain = setup.chain()
-    samples = room_for(np.array([0.05, 0.5]), state.q.size)
-    advance(chain, setup.motion.shaft(), state, (0.0, 0.5), 1e-4, TIGHT, samples, setup.compiled_laws(chain))
+    samples = allocate_samples(np.array([0.05, 0.5]), state.q.size)
+    advance(chain, setup.motion.shaft(), state, (0.0, 0.5), 1e-4, TIGHT, samples, setup.compile_laws(chain))
     assert np.diff(samples.q[-1]) == pytest.approx(rest, abs=2e-6)
     return rest
 
@@ -213,5 +213,5 @@ def test_a_leg_that_fades_is_a_softer_one_after_ten_strokes_and_again_after_a_hu
     t = np.arange(0, 660, 5) * 1e-3
     fading = having(PAPER, stiffness_fading={"loss_per_decade_relative": 0.2})
     softer = replace(PAPER, leg=replace(PAPER.leg, k0_Nm_per_rad=factor * PAPER.leg.k0_Nm_per_rad))
-    found = stroke_at_speed(fading, 0.215, 2.433, t, strokes_before=before)
-    assert found.fz_N == pytest.approx(stroke_at_speed(softer, 0.215, 2.433, t).fz_N, abs=1e-9)
+    found = simulate_stroke_at_speed(fading, 0.215, 2.433, t, strokes_before=before)
+    assert found.fz_N == pytest.approx(simulate_stroke_at_speed(softer, 0.215, 2.433, t).fz_N, abs=1e-9)

@@ -9,7 +9,7 @@ from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.effects import joint_load_friction, joint_stribeck
 from rfca_rig.model.joint_drive import BEGIN, CLOCK, COUNT, STEP, TRACE, TorqueTrace, torque_at, torque_trace
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.pendulum import Pendulum, PendulumLink, swing
+from rfca_rig.model.pendulum import Pendulum, PendulumLink, simulate_pendulum
 from tests.model.effects.rigs import paper_stroke
 
 LINK = {"length_m": 0.5, "mass_kg": 0.6, "centre_of_mass_m": 0.4, "inertia_kg_m2": 0.11}
@@ -47,7 +47,7 @@ def ours(start, effects=(), **nominal):
     pendulum = Pendulum((PendulumLink(**LINK, **nominal),))
     present = tuple(PresentEffect(id_, tuple(values.items())) for id_, values in dict(effects).items())
     trace = torque_trace(RECORDED, command(RECORDED)[:, None])
-    return swing(pendulum, trace, np.array([start[0]]), np.array([start[1]]), T, present, TIGHT)
+    return simulate_pendulum(pendulum, trace, np.array([start[0]]), np.array([start[1]]), T, present, TIGHT)
 
 
 def smooth_stribeck(w, tau):
@@ -105,8 +105,10 @@ def test_nominal_values_of_drive_and_encoder_act_as_their_names_say():
 def test_with_the_motors_off_the_offset_of_the_torque_does_not_act():
     pendulum = Pendulum((PendulumLink(**LINK, torque_offset_Nm=0.3),))
     start = np.array([0.5]), np.zeros(1), T
-    off, on = (swing(pendulum, TorqueTrace(1.0, np.zeros((2, 1)), powered=powered), *start).angle_rad for powered in (False, True))
-    without = swing(Pendulum((PendulumLink(**LINK),)), TorqueTrace(1.0, np.zeros((2, 1))), *start).angle_rad
+    off, on = (
+        simulate_pendulum(pendulum, TorqueTrace(1.0, np.zeros((2, 1)), powered=powered), *start).angle_rad for powered in (False, True)
+    )
+    without = simulate_pendulum(Pendulum((PendulumLink(**LINK),)), TorqueTrace(1.0, np.zeros((2, 1))), *start).angle_rad
     assert off == pytest.approx(without, abs=1e-12)
     assert np.abs(on - without).max() > 0.05
 
@@ -166,7 +168,7 @@ def test_friction_of_one_joint_acts_on_that_joint():
     def slowed(joint):
         effect = (PresentEffect("joint_friction_of_one", (("joint", joint), ("torque_Nm", 0.1))),)
         t = np.array([2e-3])
-        return swing(double, TorqueTrace(1.0, still), np.zeros(2), np.array([0.0, 1.0]), t, effect).speed_rad_s[0, 1]
+        return simulate_pendulum(double, TorqueTrace(1.0, still), np.zeros(2), np.array([0.0, 1.0]), t, effect).speed_rad_s[0, 1]
 
     assert slowed(1.0) == pytest.approx(1.0, abs=3e-2)
     assert slowed(2.0) < slowed(1.0) - 1e-3

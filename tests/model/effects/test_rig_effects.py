@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.model.chain import at_rest
+from rfca_rig.model.chain import find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import Swing
 from rfca_rig.model.setup import set_up
-from rfca_rig.model.stroke import stroke_following
+from rfca_rig.model.stroke import simulate_stroke
 from tests.model.effects.rigs import NO_GROUND_M, T, Tolerance, having, held, paper_stroke, released, resting
 from tests.model.legs import PAPER, pendulum
 
@@ -99,7 +99,7 @@ def test_a_heavier_link_is_a_leg_with_that_mass(link):
 def test_a_tip_mass_in_grams_is_an_added_mass_in_kilograms():
     t = np.linspace(0.01, 0.3, 30)
     grams, kilograms = (
-        stroke_following(having(pendulum(1), **effect), NO_GROUND_M, ramp_to_speed(0.2, 2.0, 0.05, 1.0), t)
+        simulate_stroke(having(pendulum(1), **effect), NO_GROUND_M, ramp_to_speed(0.2, 2.0, 0.05, 1.0), t)
         for effect in ({"tip_mass": {"mass_g": 100.0}}, {"added_mass": {"mass_kg": 0.1}})
     )
     w, angle = 2.0, grams.shaft_angle_rad
@@ -114,7 +114,7 @@ def test_a_link_turning_in_a_fluid_needs_the_power_of_its_drag(speed):
     c, length, mass = 3.0, 0.5, 0.4
     t = np.linspace(0.1, 0.5, 30)
     rig = having(pendulum(1), fluid_drag={"coefficient_N_s2_per_m3": c})
-    stroke = stroke_following(rig, NO_GROUND_M, ramp_to_speed(0.2, speed, 0.05, 1.0), t, Tolerance(1e-8, 3e-5))
+    stroke = simulate_stroke(rig, NO_GROUND_M, ramp_to_speed(0.2, speed, 0.05, 1.0), t, Tolerance(1e-8, 3e-5))
     angle, v = stroke.shaft_angle_rad, speed * length / 2
     weight_Nm = mass * 9.81 * length / 2 * np.cos(angle)
     assert (stroke.shaft_torque_Nm + weight_Nm) * speed == pytest.approx(c * length * abs(v) ** 3, rel=3e-5)
@@ -148,11 +148,11 @@ def test_drag_takes_its_power_out_of_a_swinging_leg():
 @pytest.mark.parametrize("angle", [0.05, -0.05])
 def test_out_of_plumb_the_weight_pulls_along_y_too(angle):
     setup, state = resting(having(PAPER, gravity_tilt={"angle_rad": angle}), 0.3)
-    stroke = stroke_following(setup.rig, NO_GROUND_M, held(0.3), np.array([-0.1, 0.0, 0.5]))
+    stroke = simulate_stroke(setup.rig, NO_GROUND_M, held(0.3), np.array([-0.1, 0.0, 0.5]))
     assert stroke.fy_N == pytest.approx(-0.32 * 9.81 * np.sin(angle), rel=1e-6)  # the sensor's y points against the plane's
     assert stroke.fz_N == pytest.approx(0.32 * 9.81 * np.cos(angle), rel=1e-6)
     plumb = set_up(PAPER, NO_GROUND_M, held(0.3 + angle)).chain()
-    assert at_rest(plumb, 0.3 + angle).q - angle == pytest.approx(state.q, abs=1e-9)
+    assert find_rest_state(plumb, 0.3 + angle).q - angle == pytest.approx(state.q, abs=1e-9)
 
 
 def test_a_frame_that_rings_when_the_recording_begins_rings_from_there():
@@ -165,7 +165,7 @@ def test_a_frame_that_rings_when_the_recording_begins_rings_from_there():
         for begins in ({}, {"swing_sags": 1.0, "swing_sags_per_s": 0.0}, {"swing_sags": 0.0, "swing_sags_per_s": 90.0})
     ]
     motion = ramp_to_speed(0.2, 2.0, 0.05, 1.0)
-    still, sunk, pushed = (stroke_following(rig, NO_GROUND_M, motion, t_s).fz_N for rig in rigs)
+    still, sunk, pushed = (simulate_stroke(rig, NO_GROUND_M, motion, t_s).fz_N for rig in rigs)
     assert np.ptp(still) < 1e-3
     leg, rate = MASSES.sum(), 2.0 * np.pi * 15.0 * np.sqrt(4.0 / (4.0 + MASSES.sum()))
     amplitude = leg * leg * 9.81 / (4.0 + leg)  # leg mass times own^2 times sag m g / k

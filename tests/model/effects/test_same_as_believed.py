@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.parameters import PARAMETERS, Supposed
+from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.effects.rigs import having
 from tests.model.legs import PAPER
 
@@ -28,10 +28,10 @@ def test_every_effect_that_says_so_is_looked_at_here():
 @pytest.mark.parametrize("effect", VALUES)
 def test_it_does_what_the_believed_value_does(effect):
     values, value = VALUES[effect]
-    supposed = PARAMETERS[catalogue()[effect].same_as].write(Supposed(HARD), value)
-    by_effect = stroke_at_speed(having(HARD, **{effect: values}), 0.215, 2.433, T)
-    by_value = stroke_at_speed(supposed.rig, 0.215 + supposed.height_offset_m, 2.433, T)
-    plain = stroke_at_speed(HARD, 0.215, 2.433, T)
+    supposed = PARAMETERS[catalogue()[effect].same_as].write(ModelPoint(HARD), value)
+    by_effect = simulate_stroke_at_speed(having(HARD, **{effect: values}), 0.215, 2.433, T)
+    by_value = simulate_stroke_at_speed(supposed.rig, 0.215 + supposed.height_offset_m, 2.433, T)
+    plain = simulate_stroke_at_speed(HARD, 0.215, 2.433, T)
     for force in ("fy_N", "fz_N", "shaft_torque_Nm"):
         ours, theirs, without = (getattr(stroke, force) for stroke in (by_effect, by_value, plain))
         assert np.abs(ours - theirs).max() < 2e-3 * np.abs(without - theirs).max()

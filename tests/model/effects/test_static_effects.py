@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, static_stages
+from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, simulate_static_stages
 from rfca_rig.model.static_state import Touch
 from rfca_rig.model.statics import tip_chain_of, tip_jacobian, weight_torques_Nm
 from tests.model.effects.rigs import having
@@ -20,7 +20,7 @@ K0, K2 = PAPER.leg.k0_Nm_per_rad, PAPER.leg.k2_per_rad2
 
 
 def stages(rig=PAPER, angles=STAGES, height_m=0.215, **effects):
-    return static_stages(having(rig, **effects), height_m, angles, MOVES)
+    return simulate_static_stages(having(rig, **effects), height_m, angles, MOVES)
 
 
 def readings(states):
@@ -138,7 +138,7 @@ def test_lag_and_shifted_clocks_leave_no_trace_at_rest(plain, effect):
 
 
 def test_a_leg_in_the_air_is_heavier_by_the_mass_at_its_tip():
-    (state,) = static_stages(having(PAPER, tip_mass={"mass_g": 50.0}), NO_GROUND_M, [1.0], StageMoves(0.5, 0.05, 4.0))
+    (state,) = simulate_static_stages(having(PAPER, tip_mass={"mass_g": 50.0}), NO_GROUND_M, [1.0], StageMoves(0.5, 0.05, 4.0))
     assert state.fz_N == pytest.approx(0.37 * 9.81, abs=1e-3)
     assert set(state.touch) == {Touch.AIR}
 

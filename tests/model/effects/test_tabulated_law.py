@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.model_file import fitted_sections
+from rfca_rig.analysis.fitting.model_file import make_fitted_sections
 from rfca_rig.description.model_file import FoundEffect, read_model_file, write_model
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from rfca_rig.model.joint_drive import torque_trace
 from rfca_rig.model.parameters import LawTable, PresentEffect
-from rfca_rig.model.pendulum import Pendulum, PendulumLink, swing
-from rfca_rig.model.stroke import stroke_at_speed
+from rfca_rig.model.pendulum import Pendulum, PendulumLink, simulate_pendulum
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.legs import PAPER
 
 T_S = np.arange(-0.1, 1.4, 1e-3)
@@ -32,7 +32,7 @@ def formula(name, **values):
 
 
 def stroke(*effects, rig=PAPER):
-    return stroke_at_speed(replace(rig, effects=effects), 0.215, 2.433, T_S)
+    return simulate_stroke_at_speed(replace(rig, effects=effects), 0.215, 2.433, T_S)
 
 
 @pytest.mark.parametrize(
@@ -85,10 +85,10 @@ def test_a_pendulum_has_it_in_its_joints_beside_its_drive():
     trace, t_s = torque_trace(np.array([0.0, 1.0]), np.array([[0.1], [0.3]])), np.arange(0.01, 1.0, 0.01)
     start = (np.array([0.5]), np.zeros(1))
     law = table("joint1", "rate_rad_s", [-40.0, 0.0, 40.0], [-2.0, 0.0, 2.0])
-    found = swing(Pendulum((link,)), trace, *start, t_s, [law])
-    assert found.angle_rad == pytest.approx(swing(damped, trace, *start, t_s).angle_rad, abs=1e-4)
+    found = simulate_pendulum(Pendulum((link,)), trace, *start, t_s, [law])
+    assert found.angle_rad == pytest.approx(simulate_pendulum(damped, trace, *start, t_s).angle_rad, abs=1e-4)
     with pytest.raises(BadInput, match="joint2 is not there; this rig has 1 to 1"):
-        swing(Pendulum((link,)), trace, *start, t_s, [table("joint2", "rate_rad_s", [0.0, 1.0], [0.0, 1.0])])
+        simulate_pendulum(Pendulum((link,)), trace, *start, t_s, [table("joint2", "rate_rad_s", [0.0, 1.0], [0.0, 1.0])])
 
 
 KNOTS = "knots = [-1.0, 0.0, 2.5]\n"
@@ -132,7 +132,7 @@ def test_it_comes_back_from_a_model_file_as_it_went_in(tmp_path):
     (effect,) = rig.model().effects
     assert effect.table == LawTable("hinges", "rate_rad_s", (-1.0, 0.0, 2.5), (-0.02, 0.0, 0.08))
     assert nominal_model(rig.nominal()) == rig.model()
-    sections = fitted_sections(rig.nominal(), rig.model())
+    sections = make_fitted_sections(rig.nominal(), rig.model())
     law = LawTable("floor_friction", "slip_m_s", (0.0, 1.0), (0.3, 0.0))
     write_model(tmp_path / "model.toml", sections, {}, ["two laws"], [FoundEffect("tabulated_law", {}, {"the value at 0": 0.1}, law)])
     again = read_model_file(tmp_path / "model.toml").model()
