@@ -56,7 +56,7 @@ def files(texts: Mapping[str, str]) -> dict[str, str]:
 
 
 def plan_fields(plan: Plan) -> dict[str, str]:
-    """The whole resolved plan: `written_plan.plan_of` restores it."""
+    """The whole resolved plan: `written_plan.parse_plan` restores it."""
     return serialize_plan(plan)
 
 

@@ -12,7 +12,7 @@ from rfca_rig.bench.stage_photos import read_stage_photos
 from rfca_rig.channels import HINGES, SHAFT, UNITS, WRENCH
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
-from rfca_rig.engine.sink import Cycle, StageSamples
+from rfca_rig.engine.sink import Cycle, RecordedSamples
 from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Standstill
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.protocol.check import Load
@@ -113,12 +113,12 @@ class Recorder:
         self.refused -= count
         self._note_clocks()
 
-    def flap(self, stage: Flap, recorded: StageSamples) -> None:
+    def flap(self, stage: Flap, recorded: RecordedSamples) -> None:
         self._end(End(stroke=StrokeCondition(stage.speed_rad_s, stage.repeat)))
         self.strokes.append(stroke_of(stage, recorded, self._scale))
         self.where = f"after {stage.label}"
 
-    def hold(self, stage: Hold, recorded: StageSamples) -> None:
+    def hold(self, stage: Hold, recorded: RecordedSamples) -> None:
         # The photo before the end of its stage, which names it.
         photo = self._keeper.keep_photo(recorded.photo.image) if recorded.photo else ""
         static_stage = replace(static_stage_of(stage, recorded, self._scale), photo=photo)
@@ -177,7 +177,7 @@ class Recorder:
         self.stages = list(read_stage_photos(self.stages, run_folder, eye, told))
 
 
-def stroke_of(stage: Flap, recorded: StageSamples, scale: SensorScale) -> Stroke:
+def stroke_of(stage: Flap, recorded: RecordedSamples, scale: SensorScale) -> Stroke:
     """The stroke with raw counts, scale and both clocks of each device."""
     start = make_commanded_start(recorded.start_s, recorded.turns_rad)
     streams = {
@@ -187,7 +187,7 @@ def stroke_of(stage: Flap, recorded: StageSamples, scale: SensorScale) -> Stroke
     return Stroke(stage.height_m, stage.speed_rad_s, stage.repeat, streams)
 
 
-def static_stage_of(stage: Hold, recorded: StageSamples, scale: SensorScale) -> StaticStage:
+def static_stage_of(stage: Hold, recorded: RecordedSamples, scale: SensorScale) -> StaticStage:
     """Means over the averaging time, with the standard deviation of a single sample. Hinge angles follow from the photo later."""
     counts = recorded.force.counts.astype(np.float64)
     wrench = dict(zip(WRENCH, (counts / _counts_per_unit(scale)).T, strict=True))

@@ -120,7 +120,7 @@ USUAL_MISFIT = 1.2
 AS_GOOD_LOG_ODDS = 3.0  # log posterior odds within which the data do not tell two effects apart
 WORTH_ADDING = 0.1  # share of the held-out mean square that an effect must remove to be part of the explanation
 CONDITION_SIZE_STD = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next
-INFORMATIVE_SHARE = 0.5  # share of VARIES_BY: a group whose own size stays less certain says nothing about the variation
+INFORMATIVE_SHARE = 0.5  # share of CONDITION_SIZE_STD: a group whose own size stays less certain says nothing about the variation
 # Share of what it explains that the law of a right effect may leave: friction laws of real gears are right to 20 to 40 % of themselves, so
 # a second law of the same family that leaves less could be the true one.
 LAW_ERROR = 0.2

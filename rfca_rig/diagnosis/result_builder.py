@@ -103,7 +103,7 @@ def _find_not_seen(
 
 
 def list_moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:
-    """Nuisance parameters beyond MOVED prior standard deviations, farthest first."""
+    """Nuisance parameters beyond MOVED_PRIOR_STD prior standard deviations, farthest first."""
     space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
     priors, values = nuisance_priors(hypothesis), nuisance_values(hypothesis)
     found = [

@@ -62,7 +62,7 @@ class NetFtSensor:
     """A `ForceSensor` over datagrams, with an endless stream. Sends a bias only in `bias`: taring belongs to the experiment.
 
     The box does not answer requests, so a missing sensor shows only as silence, see `silent_s`. With `box` its configuration is
-    checked before each start. `advice` is a note on the connection for the health report, see `receive_buffer_advice`.
+    checked before each start. `advice` is a note on the connection for the health report, see `advise_receive_buffer`.
     """
 
     def __init__(self, datagrams: Datagrams, clock: Clock, settings: NetFtSettings, box: NetFtBox | None = None, advice: str = "") -> None:

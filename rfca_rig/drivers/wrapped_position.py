@@ -1,7 +1,7 @@
 """Unwrapping of a 16 bit position, with detection of jumps and of a position stuck at the end of its range."""
 
 CODES = 1 << 16
-# A code at the end of its range for longer than STUCK_S, at a reported speed above TURNING_RAD_S, is stuck.
+# A code at the end of its range for longer than STUCK_S, at a reported speed above MIN_SPEED_RAD_S, is stuck.
 STUCK_S = 0.05
 MIN_SPEED_RAD_S = 0.5
 

@@ -13,7 +13,7 @@ from rfca_rig.protocol.plan import Approach, Flap, Hold
 
 
 @dataclass(frozen=True)
-class StageSamples:
+class RecordedSamples:
     """Samples of one stage, as the devices gave them.
 
     `start_s` is the host time of the commanded start, before which the shaft had stood for `stood_s`. `turns_rad` is to be subtracted from
@@ -53,15 +53,15 @@ class Sink(Protocol):
         """The stage records from now on. One that never gets to `flap`, `hold` or `cycles` was cut short."""
 
     def start(self, start_s: float, turns_rad: float) -> None:
-        """The commanded start is at host time `start_s`; both values as in `StageSamples`."""
+        """The commanded start is at host time `start_s`; both values as in `RecordedSamples`."""
 
     def take(self, shaft: ShaftSamples, force: ForceSamples) -> None:
         """What the devices reported in one tick."""
 
-    def flap(self, stage: Flap, recorded: StageSamples) -> None:
+    def flap(self, stage: Flap, recorded: RecordedSamples) -> None:
         """A stroke is done."""
 
-    def hold(self, stage: Hold, recorded: StageSamples) -> None:
+    def hold(self, stage: Hold, recorded: RecordedSamples) -> None:
         """A static stage is done."""
 
     def cycle(self, cycle: Cycle) -> None:

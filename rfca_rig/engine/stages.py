@@ -7,7 +7,7 @@ from rfca_rig.drivers.roles import Photo, Photographer
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
 from rfca_rig.engine.settling import settle
-from rfca_rig.engine.sink import Sink, StageSamples
+from rfca_rig.engine.sink import RecordedSamples, Sink
 from rfca_rig.errors import RigError, Tripped
 from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, signed_turn
 from rfca_rig.trip_codes import Trip
@@ -90,7 +90,7 @@ def _trapezoid(x: float, ramp: float) -> tuple[float, float]:
     return top * (x - 0.5 * ramp), top
 
 
-def flap(loop: Loop, stage: Flap, sink: Sink) -> StageSamples:
+def flap(loop: Loop, stage: Flap, sink: Sink) -> RecordedSamples:
     """Holds, ramps to speed, sweeps, and stops in the air; records until the end of the sweep.
 
     Returns
@@ -109,7 +109,7 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> StageSamples:
         sink.start(start_s, turns_rad)
         _sweep(loop, stage)
     _stop_in_the_air(loop, stage)
-    return StageSamples(collector.shaft(), collector.force(), start_s, turns_rad, settled=True)
+    return RecordedSamples(collector.shaft(), collector.force(), start_s, turns_rad, settled=True)
 
 
 def approach(loop: Loop, stage: Approach) -> None:
@@ -138,7 +138,7 @@ def _ticks(loop: Loop, count: int) -> Iterator[int]:
         yield k
 
 
-def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None) -> StageSamples:
+def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None) -> RecordedSamples:
     """Waits until settled and for the dwell, then records for the averaging time while the photo is taken; holds the shaft throughout.
 
     Raises Tripped where no report of the shaft came while it averaged.
@@ -166,7 +166,7 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
     # A mean of no samples is no measurement. The silence limit may be longer than the averaging time.
     if not len(shaft.angle_rad):
         raise Tripped(Trip.ENCODER_SILENT, f"no report of the shaft's angle in the {timing.average_s:g} s of {stage.label}")
-    return StageSamples(shaft, collector.force(), start_s, turns_rad, settled.reached, capture.photo, capture.fault, start_s - stopped_s)
+    return RecordedSamples(shaft, collector.force(), start_s, turns_rad, settled.reached, capture.photo, capture.fault, start_s - stopped_s)
 
 
 def _stand(loop: Loop, target_rad: float, duration_s: float) -> None:

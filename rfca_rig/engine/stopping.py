@@ -93,7 +93,7 @@ def disable_motor(motor: ShaftMotor, clock: Clock) -> None:
 
 
 def _watch_shaft(bench: Bench) -> Standstill:
-    """Watches the reported shaft until it stands or WATCHED_S is over."""
+    """Watches the reported shaft until it stands or WATCH_LIMIT_S is over."""
     began_s = stood_s = bench.clock.now_s()
     angles: list[float] = []
     while (now_s := bench.clock.now_s()) - began_s < WATCH_LIMIT_S:

@@ -58,7 +58,7 @@ class StatementScores:
 
     - `singles`: detectable single effects of which the effect, or its family, is stated and nothing wrong.
     - `claims_on_nothing`: cases with nothing missing in which an effect or family is stated.
-    - `wrong`: wrong ones of all statements at SURE or more.
+    - `wrong`: wrong ones of all statements at SURE_PROBABILITY or more.
     - `family`: approximate laws whose family, or effect, is stated and nothing wrong.
     - `sizes`: parameters of true effects inside their 90 % intervals; `family_sizes`: the same where the law is approximate.
     - `triples`: cases of three effects in which two or more are stated and nothing wrong.

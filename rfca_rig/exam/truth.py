@@ -59,5 +59,5 @@ def _sizes_alone(case: Case, whole: EffectVisibility) -> dict[str, EffectVisibil
 
 
 def _round(size: float) -> float | None:
-    # JSON has no infinity: null stands for it, see `outcome.truth_in`.
+    # JSON has no infinity: null stands for it, see `outcome.parse_truth`.
     return float(f"{size:.3g}") if math.isfinite(size) else None

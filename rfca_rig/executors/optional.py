@@ -10,7 +10,7 @@ from rfca_rig.errors import BadInput
 
 @cache
 def import_distributed() -> Any:
-    """The package `import_distributed`. Raises BadInput if it is not installed.
+    """The package `distributed`. Raises BadInput if it is not installed.
 
     Its log messages on lost workers and late heartbeats are suppressed, as the executor reports them itself.
     """

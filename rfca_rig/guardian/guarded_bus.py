@@ -20,7 +20,7 @@ from rfca_rig.guardian.torque_off import MIN_REPETITIONS, REPEAT_S
 
 # A new interpreter has to start and open the bus.
 STARTED_WITHIN_S = 30.0
-# Time in s for a confirmation. HUNG_S is the silence after which the guardian counts as hung; it reports every 20 ms.
+# Time in s for a confirmation. MAX_GUARDIAN_SILENCE_S is the silence after which the guardian counts as hung; it reports every 20 ms.
 CONFIRMED_WITHIN_S = 0.25
 ENDED_WITHIN_S = 1.0
 MAX_GUARDIAN_SILENCE_S = 0.25

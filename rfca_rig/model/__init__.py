@@ -1,4 +1,4 @@
-"""The mechanics of the leg; knows nothing of hardware. Entry points: `stroke.stroke_at_speed` and `stroke.stroke_following`.
+"""The mechanics of the leg; knows nothing of hardware. Entry points: `stroke.simulate_stroke_at_speed` and `stroke.simulate_stroke`.
 
 1. `parameters` holds a rig; `setup.set_up` puts the effects of the `catalogue` into it.
 2. `chain` is the compiled chain of links with its `forces`, `contact` and `laws`.

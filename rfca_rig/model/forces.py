@@ -160,7 +160,7 @@ def add_hinge_laws(
     chain: Chain, laws: Laws, state: State, elapsed: float, q: Floats, w: Floats, a: Floats, weights: Weights | None, work: Work
 ) -> None:
     """Adds the torques of effects in the hinges; `elapsed` [s] counts from the beginning of the step, `q`, `w` and `a` are (c,)."""
-    # The slope of all effects is noted, because a large change of it makes J outdated; see `stage.in_the_regime_of_J`.
+    # The slope of all effects is noted, because a large change of it makes J outdated; see `stage.is_jacobian_valid`.
     for i in range(chain.length.size):
         work.regime[1, i] = 0.0
     for m in range(laws.place.size):

@@ -2,7 +2,7 @@
 
 The state at rest depends on how the leg came there. When a shaft that turned at 1 rad/s stops within some milliseconds, the sliding tip
 is thrown back by some micrometres against the ties to the ground, and its friction falls below mu N by a newton or more. Only a shaft that
-creeps, or slows down softly, leaves it at the limit, as in `static_path`. A static table that was measured with fast moves must be
+creeps, or slows down softly, leaves it at the limit, as in `follow_static_path`. A static table that was measured with fast moves must be
 compared with these states.
 
 Effects of the rig act here as in a stroke; those with memory keep it from stage to stage. Effects of the sensor are applied to its

@@ -7,7 +7,7 @@ from rfca_rig.twins.plant import TwinPlant
 from rfca_rig.twins.sensor import SensorTwin
 
 LONGEST_STEP_S = 2e-3
-# Steps are this many times longer while the shaft is slower than RESTING_RAD_S.
+# Steps are this many times longer while the shaft is slower than MAX_RESTING_SPEED_RAD_S.
 RESTING_STEP_FACTOR = 5
 MAX_RESTING_SPEED_RAD_S = 1e-3
 

@@ -20,7 +20,7 @@ from rfca_rig.clock import WallClock
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
 from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.run import run_plan
-from rfca_rig.engine.sink import Sink, StageSamples
+from rfca_rig.engine.sink import RecordedSamples, Sink
 from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.keeper import InProcessRecorder
@@ -98,7 +98,7 @@ class WrittenByTheLoop(Sink):
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def flap(self, stage: Flap, recorded: StageSamples) -> None:
+    def flap(self, stage: Flap, recorded: RecordedSamples) -> None:
         stroke = stroke_of(stage, recorded, SCALE)
         write_recording(replace(HEADER, strokes=(stroke,)), self._folder / f"{stage.repeat}.h5")
 

@@ -18,7 +18,7 @@ ICE = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0, drag
 
 
 def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndarray, rtol: float) -> np.ndarray:
-    """fz (m,) at `t_s` > 0 of a stroke without friction; the shaft as in `stroke_at_speed`."""
+    """fz (m,) at `t_s` > 0 of a stroke without friction; the shaft as in `simulate_stroke_at_speed`."""
     chain = make_chain(rig, height_m)
     n, ramp_s = chain.length.size, rig.drive.ramp_s
     rest = find_rest_state(chain, rig.leg.start_angle_rad)

@@ -13,7 +13,7 @@ from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.drivers.roles import SensorScale, StreamHealth
 from rfca_rig.engine.arming import prove_stop
 from rfca_rig.engine.run import run_plan
-from rfca_rig.engine.sink import Sink, StageSamples
+from rfca_rig.engine.sink import RecordedSamples, Sink
 from rfca_rig.errors import DeviceError, Tripped
 from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording.model import Stroke
@@ -58,10 +58,10 @@ class InMemory(Sink):
         self._scale = scale
         self.strokes: list[Stroke] = []
 
-    def flap(self, stage: Flap, recorded: StageSamples) -> None:
+    def flap(self, stage: Flap, recorded: RecordedSamples) -> None:
         self.strokes.append(stroke_of(stage, recorded, self._scale))
 
-    def hold(self, stage: object, recorded: StageSamples) -> None:
+    def hold(self, stage: object, recorded: RecordedSamples) -> None:
         raise AssertionError(f"no hold in this plan, but {stage}: {recorded}")
 
 

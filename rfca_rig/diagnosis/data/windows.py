@@ -27,7 +27,7 @@ class WindowRows:
     """Measured values of one window with s signals in b bins.
 
     `t_s` (b,) are times in the run; `measured`, `noise`, `scale` and `transient_scale` are (s, b), as in `Observations`. Without a
-    `transient_scale`, the errors that differ from bin to bin are ROUGH times `scale`.
+    `transient_scale`, the errors that differ from bin to bin are TRANSIENT_SHARE times `scale`.
     """
 
     t_s: Floats

@@ -252,7 +252,8 @@ class Comparison:
     def condition_scatter(self, number: int) -> float:
         """Relative standard deviation of the size of one effect between conditions, beyond chance.
 
-        The size of each condition is a random effect with prior deviation VARIES_BY. Conditions whose size stays uncertain are ignored.
+        The size of each condition is a random effect with prior deviation CONDITION_SIZE_STD. Conditions whose size stays uncertain are
+        ignored.
         """
         signature, best, group = self._signatures[number], self.best, self.result.dataset.rows.condition
         columns = [column for g in range(int(group.max()) + 1) if np.any(column := np.where(group == g, signature, 0.0))]

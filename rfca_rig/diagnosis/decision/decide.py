@@ -7,12 +7,12 @@
    error, and the distance of its nuisance parameters from their priors.
 
 ==================  ================================================================================================================
-`identified`        every effect has a probability of SURE, the held-out misfit is as small as models usually leave, and no nuisance
-                    parameter is implausible
-`mostly`            every stated effect has a probability of STATED, and together they remove DOMINANT of what can be removed of the
-                    held-out misfit, or a nuisance parameter is implausible without them; none of them only makes up for what an
-                    approximate law of the others leaves
-`family`            one family has a probability of STATED, and the best explanation removes as much
+`identified`        every effect has a probability of IDENTIFIED_PROBABILITY, the held-out misfit is as small as models usually leave, and
+                    no nuisance parameter is implausible
+`mostly`            every stated effect has a probability of STATED_PROBABILITY, and together they remove DOMINANT_SHARE of what can be
+                    removed of the held-out misfit, or a nuisance parameter is implausible without them; none of them only makes up for
+                    what an approximate law of the others leaves
+`family`            one family has a probability of STATED_PROBABILITY, and the best explanation removes as much
 `nothing missing`   nothing is stated, and the model without effects predicts all held-out conditions as well as models usually do
 `unexplained`       otherwise
 ==================  ================================================================================================================
@@ -207,7 +207,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
 
 
 def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
-    """Implausible nuisance parameters, in words, that a hypothesis replaces; empty where there are none, or it explains DOMINANT.
+    """Implausible nuisance parameters, in words, that a hypothesis replaces; empty where there are none, or it explains DOMINANT_SHARE.
 
     With them the model without effects predicts as usual, and the hypothesis needs none of them.
     """

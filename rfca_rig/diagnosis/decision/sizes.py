@@ -4,8 +4,8 @@ The standard deviation of a parameter has two independent parts:
 
 1. The data: the larger one of two estimates. One is the posterior at the discrepancy scale of the hypothesis. The other is a delete-one
    jackknife over conditions (Quenouille, Biometrika 43 (1956) 353), which is robust to errors that the observations of one condition share.
-2. The law itself: a real cause departs from its law in the catalogue by LAWS_SIZE at least. Where held-out misfit remains, it departs by up
-   to the share of that misfit in what the effect removes.
+2. The law itself: a real cause departs from its law in the catalogue by LAW_SIZE_ERROR at least. Where held-out misfit remains, it
+   departs by up to the share of that misfit in what the effect removes.
 """
 
 import numpy as np

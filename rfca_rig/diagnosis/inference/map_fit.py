@@ -141,7 +141,7 @@ class GaussNewton:
         return here
 
     def converge(self, found: MapFit, rounds: int = CONVERGENCE_ROUNDS) -> MapFit:
-        """Recompute all columns of the Jacobian and refine again, until that gains less than CONVERGED."""
+        """Recompute all columns of the Jacobian and refine again, until that gains less than CONVERGED_GAIN."""
         here = found
         for _ in range(rounds):
             before, here = here, self.refine(self._recompute_jacobian(here))
@@ -217,8 +217,8 @@ class GaussNewton:
     def _update_by_secant(self, here: MapFit, x: Floats, predicted: Floats) -> MapFit:
         """Secant update of the whole Jacobian from the model's rows at x, each column in proportion to its probable error.
 
-        It is a Kalman update: columns are known to SLOPES_ERR of their size, and the model is rough by ROUGH. Section 5 of docs/method.md
-        has the formula.
+        It is a Kalman update: columns are known to JACOBIAN_ERROR of their size, and the model is rough by MODEL_ROUGHNESS. Section 5 of
+        docs/method.md has the formula.
         """
         step = x - here.x
         deviation = predicted - here.predicted - here.jacobian @ step
@@ -238,7 +238,8 @@ class GaussNewton:
         """Replace the column of a nuisance parameter that does the equivalents as an effect by a multiple of the effect's column.
 
         Their columns are differences over other steps, so they would differ slightly. The data would then seem to distinguish what only the
-        prior does. It applies to stated equivalents, for example the height of the rack, and to columns whose cosine exceeds ALIKE.
+        prior does. It applies to stated equivalents, for example the height of the rack, and to columns whose cosine exceeds
+        SAME_COLUMN_COSINE.
         """
         size = jacobian / self.dataset.rows.noise[:, None]
         # In units of noise, so that channels of different units count alike.
@@ -298,8 +299,8 @@ def without_scatter(dataset: Dataset) -> GaussNewton:
 
 
 def _widths(size: Floats) -> Floats:
-    """Widths (p,) of finite differences: a difference should exceed the roughness of the model, within NARROWEST to WIDEST."""
-    # Such a step changes the rows by about WELL_SEEN standard deviations in all.
+    """Widths (p,) of finite differences: a difference should exceed the roughness of the model, within NARROWEST_STEP to WIDEST_STEP."""
+    # Such a step changes the rows by about DIFFERENCE_SIZE standard deviations in all.
     return np.asarray(np.clip(DIFFERENCE_SIZE / np.maximum(size, 1e-300), NARROWEST_STEP, WIDEST_STEP))
 
 

@@ -269,7 +269,7 @@ def _pair_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
 
 
 def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Floats:
-    """Chi-square that probes i and j could remove together, (k, k), each signature scaled by a factor of 0 to RESCALED."""
+    """Chi-square that probes i and j could remove together, (k, k), each signature scaled by a factor of 0 to MAX_RESCALING."""
     white = projection.whitening(np.column_stack([probe.signature for probe in probes]))
     # Closed solution of the 2 x 2 normal equations for all pairs at once, by Cramer's rule.
     gram, match = white.T @ projection.project(white), white.T @ projection.residual
@@ -317,7 +317,7 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
         ]
         best_of_each = {frozenset(start.terms): (gain, start) for gain, start in sorted(ends, key=lambda end: end[0])}
         best = sorted(best_of_each.values(), key=lambda end: -end[0])[:full]
-        # The best RIVALS sets are always fitted: the best one without an effect measures the support of that effect.
+        # The best ALWAYS_FITTED sets are always fitted: the best one without an effect measures the support of that effect.
         near = [start for n, (gain, start) in enumerate(best) if n < ALWAYS_FITTED or gain > best[0][0] - CLOSE_LOG_EVIDENCE]
         fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), near)
         return state.with_fits(fit for fit in fits if fit is not None)

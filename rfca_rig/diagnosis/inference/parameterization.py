@@ -32,7 +32,7 @@ def value_of(parameter: Parameter, z: float) -> float:
 
 
 def coordinate_of(parameter: Parameter, value: float) -> float:
-    """Standard normal coordinate of a value; beyond the bounds of a log-uniform parameter it is limited to FARTHEST deviations."""
+    """Standard normal coordinate of a value; beyond the bounds of a log-uniform parameter it is limited to MAX_COORDINATE deviations."""
     low, high = parameter.low, parameter.high
     if _is_scale(parameter):
         share = np.log(max(value, 1e-300) / low) / np.log(high / low)

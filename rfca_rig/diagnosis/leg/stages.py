@@ -54,7 +54,7 @@ class StageTable:
         How the shaft moves from stage to stage.
     noise
         Standard deviations by signal.
-    stopped_as_told
+    stopped_as_commanded
         Whether the shaft stopped at its commanded angle. If not, it may have moved back a little at every stop. Friction then holds the tip
         with a force that cannot be predicted.
     """

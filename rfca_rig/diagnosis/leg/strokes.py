@@ -242,7 +242,7 @@ def _bin_means(stroke: Stroke, signal: str, edges: Floats) -> Floats:
 def _error_scale(t_s: Floats, values: Floats, phase: NDArray[np.str_]) -> Floats:
     """Size (b,) of a signal that a relative model error refers to, after "The scale rule" in section 3 of docs/method.md.
 
-    It is the value and its change within LATE_S, at least a share of the rms in the phase and in the whole stroke.
+    It is the value and its change within TIMING_ERROR_S, at least a share of the rms in the phase and in the whole stroke.
     """
     least = SMALLEST_SCALE * float(np.sqrt(np.mean(values**2)))
     rms = np.array([np.sqrt(np.mean(values[phase == name] ** 2)) for name in phase])

@@ -116,8 +116,9 @@ def _describe(ranked: Sequence[PlaceCandidate]) -> str:
 def state_place(free: FreeForm) -> StatedPlace | None:
     """The part of the rig where something acts; all parts are equally probable a priori, and so are the force inputs of each.
 
-    None where no force input explains the misfit, or where the part of the best one is less probable than SURE. In benchmark cases one in
-    ten of the stated parts was wrong, by hundreds in log evidence, since responses are linear. So no more than SURE is stated.
+    None where no force input explains the misfit, or where the part of the best one is less probable than IDENTIFIED_PROBABILITY. In
+    benchmark cases one in ten of the stated parts was wrong, by hundreds in log evidence, since responses are linear. So no more than
+    IDENTIFIED_PROBABILITY is stated.
     """
     of_each: dict[str, list[float]] = {}
     for name, log_evidence in free.ranking:
