@@ -14,11 +14,12 @@ from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.attach_view import attach_view, twin_clock
 from rfca_rig.cli.finalize_run import FinishedRun, finish, finish_cut_short, note_end, open_folder
-from rfca_rig.cli.paths import make_run_folder
+from rfca_rig.cli.paths import find_file, make_run_folder
 from rfca_rig.cli.preflight import check_before_run, print_plan, recording_size
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.signals import handle_signals
 from rfca_rig.cli.terminal import Say, make_marked_say, progress_bar
+from rfca_rig.cli.trusted_code import trust
 from rfca_rig.clock import WallClock
 from rfca_rig.engine.arming import prove_stop
 from rfca_rig.engine.bench import Bench
@@ -75,6 +76,8 @@ def run_and_record(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say],
     check_room(config.runs, recording_size(config))
     if config.dry:
         return None, None
+    if config.rig_name:
+        trust(find_file("calibration", config.rig_name))
     if config.rig.is_real:
         ask_operator(config)
     return _record(config, Supervision(expected), on_stage)

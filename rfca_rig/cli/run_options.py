@@ -7,6 +7,7 @@ from pathlib import Path
 from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.cli.paths import find_file
 from rfca_rig.cli.run_config import RunConfig, Viewing
+from rfca_rig.cli.trusted_code import find_rig
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import read_text
@@ -36,7 +37,7 @@ class RunOptions:
 
 def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]) -> RunConfig:
     """The configuration; `plan_of` reads a protocol's file into a plan of the rig. Raises BadInput for anything unusable."""
-    rig_path, protocol_path = find_file("calibration", asked.rig), find_file("protocols", asked.protocol)
+    rig_path, protocol_path = find_rig(asked.rig), find_file("protocols", asked.protocol)
     rig = read_rig(rig_path)
     plan = plan_of(protocol_path, rig.facts())
     eye, camera_text = _eye(rig, plan)

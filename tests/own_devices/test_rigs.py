@@ -68,7 +68,7 @@ def test_a_run_with_both_trips_at_her_limits_and_does_not_go_on_with_another_dri
     driver.write_text(driver.read_text() + "\n# mended\n")
     said = typed(monkeypatch, capsys, "resume", folder, "--after-trip", "--dry-run")
     assert said.exit_code == 2
-    assert f"{rig}: motor_driver_file is not as the run began with; to go on with it as it stands, say --rig {rig}" in said.err
+    assert f"{rig}: would execute {driver}, which never drove a run on this computer; read it, then give --rig {rig}" in said.err
 
 
 def test_her_drive_proves_its_watchdog_before_anything_moves(tmp_path):

@@ -14,11 +14,11 @@ def contract(
 
     Example: rfca-rig contract our-rig.toml
     """
-    from rfca_rig.cli.paths import find_file
+    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
 
-    path = find_file("calibration", rig)
+    path = find_rig(rig)
     described = read_rig(path)
     try:
         from rfca_rig.contracts.keeping import run_conformance_tests

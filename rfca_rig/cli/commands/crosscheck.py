@@ -35,6 +35,7 @@ def crosscheck(
     from rfca_rig.cli.first_compile import announce_first_compile
     from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.progress import progress
+    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
@@ -46,7 +47,7 @@ def crosscheck(
     load_mujoco()
     if picture is not None:
         check_picture_path(picture)
-    model = read_rig(find_file("calibration", rig)).model()
+    model = read_rig(find_rig(rig)).model()
     # MuJoCo would simulate another leg, and the difference would be taken for an error of the model.
     if model.effects:
         raise BadInput(f"{rig}: has effects switched on; MuJoCo computes the plain leg and ground only, take the [[effects]] out")

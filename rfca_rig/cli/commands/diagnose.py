@@ -97,12 +97,12 @@ def diagnose(
         diagnosis = _diagnose_leg(open_with_nominal_model(paths), asked)
     else:
         from rfca_rig.cli.commands.close_the_loop import ClosedLoop
-        from rfca_rig.cli.paths import find_file
+        from rfca_rig.cli.trusted_code import find_rig
 
         # The command is stored with the result, without options at their defaults.
         options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed}
         command = command_line("diagnose", *paths, *known, "--close-the-loop", options=options)
-        diagnosis = _in_rounds(ClosedLoop(find_file("calibration", rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
+        diagnosis = _in_rounds(ClosedLoop(find_rig(rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
     _say(diagnosis, out, as_json)
     printing.print([out / "diagnosis.html"], as_json)
 

@@ -32,14 +32,14 @@ def doctor(rig: RigToCheck = None, runs: Runs = Path("runs"), as_json: Json = Fa
     Nothing is sent that could turn the shaft; not to be used while a run is going on, for it takes over the sensor's stream.
     Exit code 1 where something is red.
     """
-    from rfca_rig.cli.paths import find_file
+    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.doctor.finding import Colour
     from rfca_rig.doctor.rig_checks import check_rig
     from rfca_rig.doctor.scan import scan
 
-    described = None if rig is None else read_rig(find_file("calibration", rig))
+    described = None if rig is None else read_rig(find_rig(rig))
     clock = WallClock()
     checks = scan(runs, clock) if described is None else check_rig(described, runs, clock)
     # JSON is printed as one document, after all checks; text line by line, as each is done.

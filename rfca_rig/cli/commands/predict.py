@@ -29,12 +29,12 @@ def predict(
 
     from rfca_rig.analysis.prediction import predict_stroke, write_csv
     from rfca_rig.cli.first_compile import announce_first_compile
-    from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.progress import progress
+    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
 
-    rig_model = read_model_file(model).model() if model else read_rig(find_file("calibration", rig)).model()
+    rig_model = read_model_file(model).model() if model else read_rig(find_rig(rig)).model()
     with progress(as_json) as bars:
         announce_first_compile(bars, as_json)
         prediction = predict_stroke(rig_model, height / 1e3, speed, sweep)

@@ -71,8 +71,8 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
 
     from rfca_rig.bench.rig_compatibility import read_compatible_rig
     from rfca_rig.cli.commands.close_the_loop import nominal_model_of
-    from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.run_config import RunConfig
+    from rfca_rig.cli.trusted_code import check_trusted, find_rig
     from rfca_rig.errors import BadInput
     from rfca_rig.protocol.remaining import make_remaining_plan
 
@@ -82,7 +82,11 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
     name = rig or stored.get("rig")
     if name is None:
         raise BadInput(f"{begun.folder}: does not say where its rig file is; say so with --rig")
-    now = read_compatible_rig(begun, find_file("calibration", name), deliberately=rig is not None)
+    path = find_rig(name)
+    if rig is None:
+        # The recording names this file; a recording from elsewhere must not choose what is executed here.
+        check_trusted(path, f"--rig {name}")
+    now = read_compatible_rig(begun, path, deliberately=rig is not None)
     model, model_text = nominal_model_of(now.rig, begun.header)
     camera_text = stored.get("camera_file", "") if remaining_plan.photos else ""
     return RunConfig(

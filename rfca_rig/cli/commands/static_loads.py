@@ -114,11 +114,11 @@ def force(
 
 
 def _leg(rig: str, model: Path | None) -> "Leg":
-    from rfca_rig.cli.paths import find_file
+    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
 
-    return (read_model_file(model) if model is not None else read_rig(find_file("calibration", rig))).model().leg
+    return (read_model_file(model) if model is not None else read_rig(find_rig(rig))).model().leg
 
 
 def _numbers(text: str) -> list[float]:

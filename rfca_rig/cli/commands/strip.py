@@ -22,11 +22,11 @@ def strip(
 
     from rfca_rig.analysis.strips import compare_strips
     from rfca_rig.cli.first_compile import announce_first_compile
-    from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.progress import progress
+    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.rig_file import read_rig
 
-    model = read_rig(find_file("calibration", rig)).model()
+    model = read_rig(find_rig(rig)).model()
     with progress(as_json) as bars:
         announce_first_compile(bars, as_json)
         comparison = compare_strips(model, height / 1e3, speed, bars.counting("strips"))

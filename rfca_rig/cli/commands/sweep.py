@@ -112,14 +112,14 @@ def _is_path(name: str) -> bool:
 
 
 def _model(rig: str | None, model: Path | None) -> "RigModel":
-    from rfca_rig.cli.paths import find_file
+    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
 
     if rig and model:
         raise BadInput("--rig and --model both say which model; name one of them")
-    return read_model_file(model).model() if model else read_rig(find_file("calibration", rig or "twin")).model()
+    return read_model_file(model).model() if model else read_rig(find_rig(rig or "twin")).model()
 
 
 def _run_sweep(

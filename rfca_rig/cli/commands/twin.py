@@ -50,8 +50,8 @@ def serve(
     from rfca_rig.bench.openings import Openings
     from rfca_rig.bench.served import open_served
     from rfca_rig.cli.first_compile import COMPILE_NOTICE
-    from rfca_rig.cli.paths import find_file
     from rfca_rig.cli.terminal import make_marked_say
+    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.model.compiled import is_warm
@@ -60,7 +60,7 @@ def serve(
 
     say = make_marked_say("SIM", quiet)
     orders = parse_fault_events(fault or [])
-    described = read_rig(find_file("calibration", rig))
+    described = read_rig(find_rig(rig))
     # There is no password, so opening the server to the network needs a warning.
     if not is_loopback(listen):
         say(f"WARNING open to the network: whoever reaches {listen} can command this twin and read it; there is no password")
