@@ -7,6 +7,7 @@ from pathlib import Path
 from rfca_rig.campaign.opening import RECORDING_NAME
 from rfca_rig.campaign.pendulum import PendulumCampaign, read_pendulum_campaign, run_files
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
+from rfca_rig.campaign.plausibility import find_slips
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.progress import ProgressCount, ignore_progress
@@ -14,14 +15,18 @@ from rfca_rig.recording.atomic import make_folder_atomically
 from rfca_rig.recording.store import write_recording
 
 
-def import_campaign(folder: Path, out_folder: Path, told: ProgressCount = ignore_progress) -> Path:
+def import_campaign(folder: Path, out_folder: Path, told: ProgressCount = ignore_progress, as_is: bool = False) -> Path:
     """Read the campaign in `folder` and write `out_folder`/run.h5, all or nothing. Returns the file's path.
 
-    `told` receives how many of its files have been read. Raises BadInput, one line, where the campaign cannot be used or `out_folder`
-    exists. Raises RigError where the disk refuses.
+    `told` receives how many of its files have been read. Raises BadInput, one line, where the campaign cannot be used, `out_folder` exists,
+    or a value is probably in another unit, unless it is to be taken `as_is`. Raises RigError where the disk refuses.
     """
     _check_new(out_folder)
     recording = read_campaign(folder, told)
+    slips = [] if as_is else find_slips(recording)
+    if slips:
+        more = f" (and {len(slips) - 1} more; rfca-rig check {folder} lists them)" if len(slips) > 1 else ""
+        raise BadInput(f"{folder}: {slips[0].where}: {slips[0].words}{more}; correct it, or import it with --as-is")
     _make(out_folder, lambda partial: write_recording(recording, partial / RECORDING_NAME))
     return out_folder / RECORDING_NAME
 

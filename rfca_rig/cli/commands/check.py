@@ -15,14 +15,19 @@ def check(
 ) -> None:
     """Check a run on disk: every file by its hash, every stage by its counts, a line each. Exit code 2 where one is damaged.
 
+    Of a campaign from elsewhere (campaign.toml): values that are probably in another unit or of the other sign.
+
     Of recordings of a mechanism (experiment.toml): what can be used, how well the nominal model predicts, signs and units that are
     probably wrong. Exit code 2 where something cannot be used.
 
     Example: rfca-rig check runs/REAL-flapping-001
     """
+    from rfca_rig.campaign.layout import FILE_NAME as CAMPAIGN
     from rfca_rig.campaign.opening import experiment_among
 
-    if experiment_among([folder]) is None:
+    if (folder / CAMPAIGN).is_file():
+        _check_campaign(folder, as_json)
+    elif experiment_among([folder]) is None:
         _check_run(folder, as_json)
     else:
         _check_experiment(folder, as_json)
@@ -50,6 +55,26 @@ def _check_run(run: Path, as_json: bool) -> None:
     damage = describe_damage(run, findings)
     if damage is not None:
         raise BadInput(damage)
+
+
+def _check_campaign(folder: Path, as_json: bool) -> None:
+    """A campaign from elsewhere: whether it can be read, and whether its values are plausible beside each other."""
+    from rfca_rig.campaign.plausibility import find_slips
+    from rfca_rig.campaign.reading import read_campaign
+    from rfca_rig.errors import BadInput
+
+    recording = read_campaign(folder)
+    slips = find_slips(recording)
+    if as_json:
+        rows = [{"where": slip.where, "found": slip.words} for slip in slips]
+        typer.echo(json.dumps({"campaign": str(folder), "slips": rows}, indent=1))
+    else:
+        for slip in slips:
+            typer.echo(f"WARNING {slip.where}: {slip.words}")
+    if slips:
+        raise BadInput(f"{folder}: {len(slips)} value{'s' * (len(slips) > 1)} probably in another unit; rfca-rig import --as-is takes them")
+    if not as_json:
+        typer.echo(f"{folder}: {len(recording.strokes)} strokes and {len(recording.static)} static stages, values plausible", err=True)
 
 
 def _check_experiment(folder: Path, as_json: bool) -> None:

@@ -13,6 +13,7 @@ def import_folder(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="New folder for the recording; runs/IMPORT-NAME if not given.")
     ] = None,
+    as_is: Annotated[bool, typer.Option("--as-is", help="Import values that are probably in another unit, too.")] = False,
     as_json: Json = False,
 ) -> None:
     """Read recordings from elsewhere (format rfca-campaign/1) into the form that report and diagnosis work on.
@@ -41,7 +42,7 @@ def import_folder(
         typer.echo(f"IMPORT {len(pendulum.runs)} runs of a pendulum in {target}; next: rfca-rig diagnose {target}", err=True)
         return
     with progress(as_json) as bars:
-        recording = read_recording(import_campaign(folder, target, bars.counting("reading strokes")))
+        recording = read_recording(import_campaign(folder, target, bars.counting("reading strokes"), as_is))
     if as_json:
         counted = {"strokes": len(recording.strokes), "static_stages": len(recording.static)}
         typer.echo(json.dumps({"source": "IMPORT", "run": str(target), "title": recording.title, **counted}, indent=1))
