@@ -27,7 +27,7 @@ class CommandPort:
         return f"Net F/T commands on TCP {self._host}:{self.port}"
 
     def poll(self, now_s: float) -> None:  # noqa: ARG002 (answers at once)
-        self._connections += [_Connection(client) for client in accept_all(self._listening)]
+        self._connections += [_Connection(client) for client in accept_all(self._listening, len(self._connections))]
         for connection in self._connections:
             connection.rest += connection.client.receive()
             # TCP has no message borders: commands are cut from the byte stream by their length.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.listening import LOOPBACK, listening_tcp
-from rfca_rig.twin_server.tcp_client import TcpClient, accept_all
+from rfca_rig.twin_server.tcp_client import TcpClient, accept_all, is_http
 
 LONGEST_LINE = 1024
 VERBS = "on NAME, off NAME, off all, faults, status, height MM"
@@ -37,7 +37,7 @@ class ControlPort:
         return f"control lines on TCP {LOOPBACK}:{self.port} ({VERBS})"
 
     def poll(self, now_s: float) -> None:  # noqa: ARG002 (commands act at once)
-        self._connections += [_Connection(client) for client in accept_all(self._listening)]
+        self._connections += [_Connection(client) for client in accept_all(self._listening, len(self._connections))]
         for connection in self._connections:
             self._listen(connection)
             connection.client.flush()
@@ -46,7 +46,12 @@ class ControlPort:
             connection.client.close()
 
     def _listen(self, connection: _Connection) -> None:
-        *lines, connection.rest = (connection.rest + connection.client.receive()).split(b"\n")
+        received = connection.rest + connection.client.receive()
+        # The body of a browser's request may hold valid commands; none of it is obeyed.
+        if is_http(received):
+            connection.client.open = False
+            return
+        *lines, connection.rest = received.split(b"\n")
         for line in lines:
             answer = self._answer(line.decode("ascii", "replace").split())
             connection.client.send("".join(f"{reply}\n" for reply in answer).encode("ascii", "replace"))

@@ -8,6 +8,8 @@ from rfca_rig.twin_server.tcp_client import TcpClient, accept_all
 from rfca_rig.twins.netft_box import NetFtBoxTwin, Page
 
 LONGEST_REQUEST = 8192
+# Of one connection: a page takes milliseconds.
+LONGEST_S = 10.0
 REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not Allowed", 503: "Service Unavailable"}
 
 
@@ -16,6 +18,7 @@ class _Connection:
     client: TcpClient
     request: bytes = b""
     answered: bool = False
+    since_s: float = 0.0
 
 
 class HttpPort:
@@ -32,11 +35,13 @@ class HttpPort:
     def address(self) -> str:
         return f"Net F/T pages on HTTP {self._host}:{self.port}"
 
-    def poll(self, now_s: float) -> None:  # noqa: ARG002 (answers at once)
-        self._connections += [_Connection(client) for client in accept_all(self._listening)]
+    def poll(self, now_s: float) -> None:
+        self._connections += [_Connection(client, since_s=now_s) for client in accept_all(self._listening, len(self._connections))]
         for connection in self._connections:
             self._listen(connection)
             connection.client.flush()
+            if now_s - connection.since_s > LONGEST_S:
+                connection.client.open = False
         for connection in [connection for connection in self._connections if connection.client.done]:
             self._connections.remove(connection)
             connection.client.close()

@@ -6,7 +6,7 @@ from rfca_rig.codecs import socketcand
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.twin_server.listening import listening_tcp
 from rfca_rig.twin_server.shared_wire import SharedWire, frame_of, is_classic, message_of
-from rfca_rig.twin_server.tcp_client import TcpClient, accept_all
+from rfca_rig.twin_server.tcp_client import TcpClient, accept_all, is_http
 from rfca_rig.twins.can_wire import CanEnd
 
 NEVER = float("inf")
@@ -42,7 +42,7 @@ class SocketcandPort:
         return f"socketcand {self._host}:{self.port}, any channel name"
 
     def poll(self, now_s: float) -> None:
-        for client in accept_all(self._listening):
+        for client in accept_all(self._listening, len(self._members)):
             client.send(socketcand.GREETING)
             self._members.append(_Member(client, self._wire.join()))
         for member in self._members:
@@ -54,6 +54,10 @@ class SocketcandPort:
     def _listen_to(self, member: _Member, now_s: float) -> None:
         received = member.client.receive()
         if not received:
+            return
+        # The body of a browser's request may hold valid messages; none of it is obeyed.
+        if is_http(received):
+            member.client.open = False
             return
         try:
             messages, member.rest = socketcand.split(member.rest + received)

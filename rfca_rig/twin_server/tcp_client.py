@@ -1,11 +1,16 @@
 """Non-blocking connection to one TCP client."""
 
+import errno
 import socket
 from contextlib import suppress
 
 # Limit of the send queue, and largest read, in bytes.
 MAX_QUEUED_BYTES = 4 << 20
 BLOCK = 1 << 16
+# Of one port. Some five ports of these stay far below the 1024 files that a process may usually have open.
+MAX_CLIENTS = 64
+# A browser can send these to any port of its own machine, from any page: no device speaks so.
+HTTP_METHODS = (b"GET ", b"POST ", b"PUT ", b"DELETE ", b"HEAD ", b"OPTIONS ", b"PATCH ", b"CONNECT ", b"TRACE ")
 
 
 class TcpClient:
@@ -62,12 +67,25 @@ class TcpClient:
         self._connection.close()
 
 
-def accept_all(listening: socket.socket) -> list[TcpClient]:
-    """Accepts all clients that have connected since the last call."""
+def accept_all(listening: socket.socket, connected: int) -> list[TcpClient]:
+    """Accepts the clients that have connected since the last call, beside `connected` ones; beyond MAX_CLIENTS they are disconnected."""
     clients: list[TcpClient] = []
     while True:
         try:
             connection, _ = listening.accept()
         except (BlockingIOError, ConnectionError):
             return clients
-        clients.append(TcpClient(connection))
+        except OSError as error:
+            # No file left in this process or system: who waits is accepted once others have gone.
+            if error.errno in (errno.EMFILE, errno.ENFILE):
+                return clients
+            raise
+        if connected + len(clients) < MAX_CLIENTS:
+            clients.append(TcpClient(connection))
+        else:
+            connection.close()
+
+
+def is_http(received: bytes) -> bool:
+    """Whether a client begins as a browser does."""
+    return received.startswith(HTTP_METHODS)

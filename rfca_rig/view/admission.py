@@ -7,9 +7,9 @@ A domain name that resolves to this machine (DNS rebinding) shows in Host.
 from collections.abc import Sequence
 from urllib.parse import parse_qs, urlsplit
 
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rfca_rig.view.access_token import is_token
 
@@ -40,7 +40,7 @@ class Admission:
             return
         refusal = self._refusal(scope)
         if not refusal:
-            await self._application(scope, receive, send)
+            await self._application(scope, receive, _with_policy(send))
         elif scope["type"] == "websocket":
             # ASGI requires that the connect event is received before the socket may be closed.
             await receive()
@@ -65,6 +65,19 @@ class Admission:
     def _has_token(self, scope: Scope) -> bool:
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
         return len(given) == 1 and is_token(given[0], self._token)
+
+
+def _with_policy(send: Send) -> Send:
+    """Every response has the headers of POLICY, files of /static too."""
+
+    async def send_with_policy(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in POLICY.items():
+                headers[name] = value
+        await send(message)
+
+    return send_with_policy
 
 
 def is_loopback(address: str) -> bool:

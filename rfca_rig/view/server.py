@@ -60,6 +60,8 @@ class Pages:
     async def stream(self, socket: WebSocket) -> None:
         """Serves one page until it is closed."""
         if self.open >= MOST_PAGES:
+            # A browser learns code and reason only of a connection that was accepted.
+            await socket.accept()
             await socket.close(TRY_LATER, f"{MOST_PAGES} pages are open already")
             return
         await socket.accept()
@@ -100,8 +102,8 @@ class Pages:
 async def _listen(socket: WebSocket, feed: Feed) -> None:
     """Reads messages of the page until it is closed."""
     while True:
-        # Invalid JSON (ValueError), or a binary message (KeyError), is ignored: it must not end the stream.
-        with suppress(ValueError, KeyError):
+        # Invalid or deeply nested JSON, or a binary message (KeyError), is ignored: it must not end the stream.
+        with suppress(ValueError, KeyError, RecursionError):
             message = json.loads(await socket.receive_text())
             if isinstance(message, dict):
                 feed.hear(message)
@@ -113,7 +115,10 @@ async def _read_body(request: Request) -> Mapping[str, Any]:
         body += piece
         if len(body) > LARGEST_BODY:
             raise ValueError("too long")
-    body_object = json.loads(body)
+    try:
+        body_object = json.loads(body)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
     if not isinstance(body_object, dict):
         raise ValueError("no object")
     return body_object

@@ -16,7 +16,7 @@ from rfca_rig.twin_server.real_time import LONGEST_LEAP_S, RealTimeLoop
 from rfca_rig.twin_server.shared_wire import SharedWire
 from rfca_rig.twin_server.slcan_port import SlcanPort
 from rfca_rig.twin_server.socketcand_port import SocketcandPort
-from rfca_rig.twin_server.tcp_client import MAX_QUEUED_BYTES
+from rfca_rig.twin_server.tcp_client import MAX_CLIENTS, MAX_QUEUED_BYTES
 from rfca_rig.twin_server.udp_link import UdpLink
 from tests.twin_server.polling import polled, quick_clock
 
@@ -258,3 +258,40 @@ def test_twins_that_cannot_follow_slip_and_do_not_run_after_the_clock():
     assert np.diff(moments).max() == pytest.approx(LONGEST_LEAP_S)
     assert loop.slipped_s == pytest.approx(1.8 - 0.05 * (len(moments) - 1), abs=0.05)
     assert "behind the clock" in loop.status()
+
+
+POST = b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: text/plain\r\n\r\n"
+
+
+def test_a_page_in_a_browser_commands_nothing(wire):
+    """A form on any page can send this to any port of the same machine."""
+    panel = FaultPanel(CAN_FAULTS)
+    control = ControlPort(panel, 0, lambda _: None, lambda: "")
+    bus = SocketcandPort(wire, HOST, 0, 0.0)
+    twin = wire.join()
+    with polled(control), polled(bus):
+        for port, body in ((control, b"on can-silent\n"), (bus, b"< open can0 >< send 29 1 7 >")):
+            with closing(socket.create_connection((HOST, port.port), 2.0)) as talk:
+                talk.sendall(POST + body)
+                while talk.recv(200):
+                    pass
+    assert not panel.is_on("can-silent")
+    assert twin.recv(0) is None
+
+
+def test_a_port_serves_so_many_clients_and_no_more(wire):
+    port = SocketcandPort(wire, HOST, 0, 0.0)
+    with polled(port):
+        clients = [socket.create_connection((HOST, port.port), 2.0) for _ in range(MAX_CLIENTS)]
+        assert all(one.recv(20) == b"< hi >" for one in clients)
+        with closing(socket.create_connection((HOST, port.port), 2.0)) as beyond:
+            assert beyond.recv(20) == b""
+        clients.pop().close()
+        until_s = quick_clock.now_s() + 5.0
+        answer = b""
+        while not answer and quick_clock.now_s() < until_s:
+            with closing(socket.create_connection((HOST, port.port), 2.0)) as again:
+                answer = again.recv(20)
+        assert answer == b"< hi >"
+        for one in clients:
+            one.close()

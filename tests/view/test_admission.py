@@ -35,6 +35,23 @@ def asked(kind="http", path="/", query=f"token={TOKEN}", headers=HERE):
     return sent[0]
 
 
+def test_every_response_has_the_headers_of_the_policy():
+    sent = []
+
+    async def application(scope, receive, send):
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"cache-control", b"max-age=99")]})
+
+    async def send(message):
+        sent.append(message)
+
+    scope = {"type": "http", "path": "/static/view.js", "query_string": b"", "headers": [(b"host", b"127.0.0.1:8650")]}
+    asyncio.run(Admission(application, TOKEN)(scope, None, send))
+    headers = dict(sent[0]["headers"])
+    assert headers[b"x-content-type-options"] == b"nosniff"
+    assert b"default-src 'self'" in headers[b"content-security-policy"]
+    assert headers[b"cache-control"] == b"no-store"
+
+
 def is_refused(found):
     return found != "in" and (found.get("status") == 403 or found["type"] == "websocket.close")
 

@@ -123,6 +123,7 @@ def test_a_page_opened_late_sees_how_the_run_ended_and_only_with_the_token(tmp_p
         assert asked_to_stop(guessed, b'{"how": "now"}') == 403
         assert asked_to_stop(view.url, b'{"how": "now"}', Origin="http://example.com") == 403
         assert asked_to_stop(view.url, b"now") == 400
+        assert asked_to_stop(view.url, b'{"how": ' + b"[" * 900) == 400
         assert asked_to_stop(view.url, b'{"how": "gently"}') == 400
 
 

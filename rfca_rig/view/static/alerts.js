@@ -52,7 +52,7 @@ export class Alerts {
   }
 
   showConnection(status, silentMs) {
-    const isFrozen = (status === "lost" || status === "refused") && !(this.isEnded && this.mode === "live");
+    const isFrozen = ["lost", "refused", "full"].includes(status) && !(this.isEnded && this.mode === "live");
     element("lost").hidden = !isFrozen;
     document.body.classList.toggle("frozen", isFrozen);
     if (isFrozen) this.tellLoss(status, silentMs);
@@ -61,14 +61,17 @@ export class Alerts {
   tellLoss(status, silentMs) {
     const isRefused = status === "refused";
     const isReplay = this.mode === "replay";
-    const says = isRefused
+    const isFull = status === "full";
+    const says = isFull
+      ? "As many pages are open as the run serves. Close another one; this one then goes on by itself."
+      : isRefused
       ? "The address lacks the token, or has that of an earlier run. Open the address that the run printed."
       : isReplay
         ? "To go on looking at the recording, type rfca-rig view again."
         : "What you see is not what happens. The run may go on, and the buttons above may not reach it. Use ^C at its terminal, or the emergency stop.";
-    setText("lost-head", isRefused ? "Not allowed" : isReplay ? "The view has ended" : "Connection lost");
+    setText("lost-head", isFull ? "Too many pages" : isRefused ? "Not allowed" : isReplay ? "The view has ended" : "Connection lost");
     setText("lost-says", says);
-    setText("lost-since", isRefused || this.mode === undefined ? "" : `This picture is ${(silentMs / 1e3).toFixed(1)} s old.`);
+    setText("lost-since", isFull || isRefused || this.mode === undefined ? "" : `This picture is ${(silentMs / 1e3).toFixed(1)} s old.`);
   }
 }
 

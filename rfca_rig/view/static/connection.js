@@ -3,9 +3,10 @@
 const SILENT_MS = 1500; // a state comes every 200 ms
 const RETRY_MS = 1000;
 const CHECK_MS = 100;
+const TOO_MANY = 1013; // the server's close code where as many pages are open as it serves
 
 export class Connection {
-  // heard(message) for every message; changed(status, silent_ms) at every check, status one of "connecting", "open", "lost", "refused"
+  // heard(message) for every message; changed(status, silent_ms) at every check, status one of "connecting", "open", "lost", "refused", "full"
   constructor(heard, changed) {
     this.token = new URLSearchParams(location.search).get("token") ?? "";
     this.status = "connecting";
@@ -20,7 +21,7 @@ export class Connection {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/stream?token=${encodeURIComponent(this.token)}`);
     socket.onmessage = (event) => this.take(event);
-    socket.onclose = () => this.closed();
+    socket.onclose = (event) => this.closed(event.code);
     this.socket = socket;
   }
 
@@ -30,8 +31,8 @@ export class Connection {
     this.heard(JSON.parse(event.data));
   }
 
-  async closed() {
-    this.status = (await this.isRefused()) ? "refused" : "lost";
+  async closed(code) {
+    this.status = code === TOO_MANY ? "full" : (await this.isRefused()) ? "refused" : "lost";
     setTimeout(() => this.open(), RETRY_MS);
   }
 

@@ -93,7 +93,7 @@ function checked(status, silentMs) {
 }
 
 function titleFor(status) {
-  if (status === "lost" || status === "refused") return alerts.isEnded ? `ended – ${shown.hello?.title ?? ""}` : "CONNECTION LOST";
+  if (["lost", "refused", "full"].includes(status)) return alerts.isEnded ? `ended – ${shown.hello?.title ?? ""}` : "CONNECTION LOST";
   if (shown.state?.trip) return `TRIP ${shown.state.trip.code}`;
   return shown.hello ? `${shown.hello.mark} ${percent(shown.state?.done ?? 0)} ${shown.hello.title}` : "rfca-rig";
 }
