@@ -11,7 +11,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording.journal import block_size, read_blocks
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGES, SUMS, journals, stage_files
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.run_text import events_of, events_text, read_ending, read_header
+from rfca_rig.recording.run_text import INTERRUPTED, events_of, events_text, read_ending, read_header
 from rfca_rig.recording.store import read_texts
 from rfca_rig.recording.summary import RecordingSummary, add_up, summarize
 from rfca_rig.recording.sums import read_sums, sha256_of
@@ -59,9 +59,9 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     yield from _check_stages(folder, sums, events_of(folder) if events.is_sound else [])
     yield from (_check_journal(folder, journal) for journal in journals(folder))
     has_ending, has_recording = (folder / ENDING).is_file(), (folder / RECORDING).is_file()
-    if has_ending or has_recording or ENDING in sums:
+    if has_ending or ENDING in sums or _has_ended(folder, texts):
         yield sums.finding(ENDING, partial(_ending, folder, texts))
-    elif not journals(folder):
+    elif not has_recording and not journals(folder):
         yield FileFinding(ENDING, f"is not there: the run goes on, or was not finished; then type rfca-rig recover {folder}")
     if has_recording or RECORDING in sums:
         yield sums.finding(RECORDING, partial(_like_its_stages, folder))
@@ -176,8 +176,29 @@ def _title(folder: Path, texts: Recording | None) -> str:
     if texts is not None:
         for name in ("title", "source", "nominal", "known_to"):
             _compare(folder / HEADER, name, getattr(header, name), getattr(texts, name))
-        _compare(folder / HEADER, "provenance", header.provenance, {name: texts.provenance.get(name) for name in header.provenance})
+        # What the end says takes the place of what the header said, such as the devices' counters.
+        said_later = _provenance_of_ending(folder)
+        first = {name: text for name, text in header.provenance.items() if name not in said_later}
+        _compare(folder / HEADER, "provenance", first, {name: texts.provenance.get(name) for name in first})
     return f"{header.source} {header.title}"
+
+
+def _provenance_of_ending(folder: Path) -> Mapping[str, str]:
+    """Nothing where the end is missing or damaged, which is a finding of its own."""
+    try:
+        ending = read_ending(folder)
+    except BadInput:
+        return {}
+    return {} if ending is None else ending.provenance
+
+
+def _has_ended(folder: Path, texts: Recording | None) -> bool:
+    """Whether `run.h5` holds the end of a run, so that the file it came from must be there."""
+    try:
+        known = {*read_header(folder).provenance, "events", INTERRUPTED}
+    except BadInput:
+        return False
+    return texts is not None and not known.issuperset(texts.provenance)
 
 
 def _events(folder: Path, texts: Recording | None) -> str:

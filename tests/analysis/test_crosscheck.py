@@ -218,7 +218,7 @@ def test_the_command_answers_a_person(typed):
 
 @needs_mujoco
 def test_a_picture_of_no_known_kind_is_refused_before_anything_is_computed(typed, monkeypatch):
-    monkeypatch.setattr("rfca_rig.analysis.crosscheck.stroke_at_speed", None)
+    monkeypatch.setattr("rfca_rig.analysis.crosscheck.simulate_stroke_at_speed", None)
     with pytest.raises(BadInput, match=r"p\.gif: a picture ends in \.svg"):
         typed("--picture", "p.gif")
 

@@ -22,8 +22,8 @@ STACKED = (
     ("fluid_drag", (("coefficient_N_s2_per_m3", 1.0),)),
     ("frame_compliance", (("frequency_Hz", 30.0), ("moving_mass_kg", 5.0), ("damping_ratio", 0.05))),
 )
-FIRST = "import numpy as np; from rfca_rig.model.stroke import stroke_at_speed; from tests.model.legs import PAPER; "
-FIRST += "stroke_at_speed(PAPER, 0.215, 2.433, np.arange(1, 1401) * 1e-3)"
+FIRST = "import numpy as np; from rfca_rig.model.stroke import simulate_stroke_at_speed; from tests.model.legs import PAPER; "
+FIRST += "simulate_stroke_at_speed(PAPER, 0.215, 2.433, np.arange(1, 1401) * 1e-3)"
 
 
 def stroke(rig: RigModel) -> object:

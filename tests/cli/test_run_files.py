@@ -42,7 +42,7 @@ def test_an_interrupted_run_is_recovered_and_what_it_says_to_type_next_works(her
     assert typed(monkeypatch, capsys, *said.err.split("next: rfca-rig ")[1].split()).exit_code == 0
     again = typed(monkeypatch, capsys, "recover", "crashed/run.h5")
     assert (again.exit_code, len(again.err.splitlines())) == (2, 1)
-    assert "is whole" in again.err
+    assert "restore stages/0002.h5 from a copy" in again.err
 
 
 def test_a_disk_that_fills_up_stops_the_run_in_one_line_and_the_rest_is_kept(here, monkeypatch, capsys):

@@ -220,7 +220,7 @@ def linear_view():
     rivals = [_rival(slopes[k], np.diag([0.3, 0.2 + 0.1 * k])) for k in range(2)]
     contest = SimpleNamespace(open=rivals, found=SimpleNamespace(scatter=RepeatScatter({"height": 0.05}, np.empty((ROWS, 0)))))
     dataset = SimpleNamespace(
-        predicted_all=lambda points: [predicted[k] + slopes[k] @ x for k, x in points],
+        predict_all=lambda points: [predicted[k] + slopes[k] @ x for k, x in points],
         flaps=(),
     )
     for k, rival in enumerate(rivals):

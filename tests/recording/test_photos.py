@@ -106,11 +106,11 @@ def test_a_control_process_that_dies_before_its_photo_is_through_loses_that_phot
         from pathlib import Path
         from rfca_rig.recording import run_folder
         from rfca_rig.recording.photo_sender import PhotoSender
-        from rfca_rig.recording.process_keeper import ProcessKeeper
+        from rfca_rig.recording.process_keeper import RecorderClient
         from tests.recording.growing import exhaust, hand_over, header, run_blocks, wait_until_acknowledged
         folder = Path({str(tmp_path / "run")!r})
         run_folder.create(folder, header())
-        keeper = ProcessKeeper(folder, patient=False)
+        keeper = RecorderClient(folder, patient=False)
         for number, blocks in enumerate(run_blocks(2), start=1):
             exhaust(hand_over(keeper, number, blocks))
         wait_until_acknowledged(keeper, 2)

@@ -106,11 +106,11 @@ def test_the_death_of_the_control_process_costs_nothing_that_it_had_handed_over(
         import os
         from pathlib import Path
         from rfca_rig.recording import run_folder
-        from rfca_rig.recording.process_keeper import ProcessKeeper
+        from rfca_rig.recording.process_keeper import RecorderClient
         from tests.recording.growing import begun, header
         folder = Path({str(tmp_path / "run")!r})
         run_folder.create(folder, header())
-        keeper = ProcessKeeper(folder, patient=False)
+        keeper = RecorderClient(folder, patient=False)
         for block in begun(1):
             keeper.give(block)
         os._exit(9)

@@ -11,6 +11,7 @@ import pytest
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording import atomic
 from rfca_rig.recording.model import Column, Stream, Stroke
+from rfca_rig.recording.seal import SEALED
 from rfca_rig.recording.store import read_recording, write_recording
 from tests.recording.same import assert_same
 from tests.recording.samples import recording, stroke
@@ -133,10 +134,17 @@ def test_a_single_flipped_bit_is_noticed(tmp_path: Path):
         assert "checksum" in refusal(tmp_path / "flipped.h5")
 
 
-def test_a_file_that_another_program_edited_still_opens(tmp_path: Path):
+def test_a_file_that_another_program_edited_is_refused(tmp_path: Path):
     path = write_recording(recording(), tmp_path / "run.h5")
     with h5py.File(path, "r+") as file:
         file.attrs["note"] = "checked by hand"
+    assert "its checksum is gone from its end, so it was changed after it was written" in refusal(path)
+
+
+def test_a_file_from_before_files_stated_that_they_are_sealed_still_opens(tmp_path: Path):
+    path = write_recording(recording(), tmp_path / "run.h5")
+    with h5py.File(path, "r+") as file:
+        del file.attrs[SEALED]
     assert_same(read_recording(path), recording())
 
 
@@ -156,7 +164,7 @@ def test_files_of_another_kind_are_refused(tmp_path: Path):
 def test_a_recording_with_a_part_missing_is_refused(tmp_path: Path, gone: str):
     path = write_recording(recording(), tmp_path / "run.h5")
     with h5py.File(path, "r+") as file:
-        del file[gone]
+        del file[gone], file.attrs[SEALED]
     assert "not a whole recording" in refusal(path)
 
 
@@ -164,6 +172,7 @@ def test_a_simulated_stream_in_a_real_recording_is_refused(tmp_path: Path):
     path = write_recording(dataclasses.replace(recording(), source="REAL"), tmp_path / "run.h5")
     with h5py.File(path, "r+") as file:
         file["strokes/002/force"].attrs["source"] = "SIM"
+        del file.attrs[SEALED]
     assert "/strokes/002/force is marked SIM in a recording marked REAL" in refusal(path)
 
 
@@ -172,6 +181,7 @@ def test_a_file_from_before_there_were_photos_still_opens(tmp_path: Path):
     with h5py.File(path, "r+") as file:
         for name in [name for name in file["static"] if "std_deg" in name or name.startswith("photo") or name == "overlay"]:
             del file["static"][name]
+        del file.attrs[SEALED]
     found, given = read_recording(path).static, recording().static
     assert repr([stage.hinge_deg for stage in found]) == repr([stage.hinge_deg for stage in given])
     assert all(math.isnan(std) for stage in found for std in stage.hinge_std_deg)

@@ -9,6 +9,7 @@ from rfca_rig.cli.options import Json
 
 if TYPE_CHECKING:
     from rfca_rig.progress import ProgressCount
+    from rfca_rig.recording.checking import FileFinding
     from rfca_rig.recording.model import Recording
 
 
@@ -52,8 +53,11 @@ def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
 
     if run_folder.needs_no_recovery(folder):
         raise BadInput(f"{folder}: is whole; there is nothing to recover")
-    lost = [finding for finding in check_run(folder) if not finding.is_sound and finding.file not in REMADE]
-    if lost:
+    unsound = [finding for finding in check_run(folder) if not finding.is_sound]
+    lost = [finding for finding in unsound if finding.file not in REMADE]
+    # A stage that is gone keeps nobody from the others; a damaged file must not get new checksums.
+    has_work = len(lost) < len(unsound) or not all((folder / name).is_file() for name in REMADE)
+    if lost and not (has_work and all(_is_gone(folder, finding) for finding in lost)):
         raise BadInput(str(describe_damage(folder, lost)))
     # First the stage in progress: it belongs into run.h5 like the others.
     run_folder.close_journals(folder)
@@ -67,6 +71,11 @@ def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
         write_ending(folder, Ending({**interrupted, **added}, with_photos.static))
     run_folder.build_recording(folder, watcher)
     return run_folder.read_without_samples(folder)
+
+
+def _is_gone(folder: Path, finding: "FileFinding") -> bool:
+    """Whether the file of a stage or photo does not exist, other than damaged ones."""
+    return not (folder / finding.file).is_file() and "/" in finding.file
 
 
 def _older(path: Path) -> "Recording":

@@ -50,7 +50,7 @@ class Observations:
         Standard deviation from the sensor alone, in that unit.
     scale
         Size of the signal that a relative model error refers to: 1 % of it is the effect of a generalised force that is wrong by 1 %.
-    jolt
+    transient_scale
         Size of a model error that is independent from row to row; it is multiplied by the discrepancy scale like `scale`.
     progress
         Position along the condition over which the model error is smooth, in the unit of the label's `correlation_length`.
@@ -109,7 +109,7 @@ def stack_observations(parts: list[Observations]) -> Observations:
 
 
 # Columns that are only concatenated; `label` and `condition` need an offset.
-_PLAIN = ("measured", "noise", "scale", "jolt", "progress", "t_s", "phase")
+_PLAIN = ("measured", "noise", "scale", "transient_scale", "progress", "t_s", "phase")
 
 
 def rms(values: Floats) -> float:

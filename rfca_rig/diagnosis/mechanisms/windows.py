@@ -83,7 +83,7 @@ class CorrectedWindow:
         (k, s, b) effect of one standard deviation in each measured position and speed of the start; none for a start at rest.
     scale
         (s, b) effect of torques that are wrong by their full usual size.
-    jolt
+    transient_scale
         (s, b) the size of errors that differ from bin to bin, counted like `scale`.
     """
 
