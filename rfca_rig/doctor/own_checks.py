@@ -78,9 +78,12 @@ def judge_own_sensor(sensor: ForceSensor, clock: Clock) -> Finding:
     try:
         sensor.start()
         began_s = clock.now_s()
-        for _ in _poll(clock):
-            sensor.read()
-        sensor.stop()
+        # Also where reading fails: the sensor would go on streaming.
+        try:
+            for _ in _poll(clock):
+                sensor.read()
+        finally:
+            sensor.stop()
     except RigError as error:
         return red(SENSOR, str(error), NEXT, "rfca-rig contract YOUR-RIG.toml")
     health = sensor.health()

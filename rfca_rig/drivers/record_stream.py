@@ -31,7 +31,6 @@ RATE_CHECK_S = 1.0
 RATE_TOLERANCE = 0.03
 # A generic error: bit 15 has no meaning on a Net F/T.
 GENERIC_ERROR = ERROR | 1 << 15
-MOST_BUFFERED = 1 << 20
 # Counts are stored as int32.
 MAX_COUNT = 2**31 - 1
 

@@ -21,7 +21,6 @@ from rfca_rig.model.state import Laws
 Floats = NDArray[np.float64]
 
 # Indices in the parameters of a drive, of every law that reads the torque, and in the memory.
-FACTOR, DELAY, LAG = 0, 1, 2
 STEP, COUNT, BEGIN, TRACE = 5, 6, 7, MAX_PARAMETERS
 CLOCK = 3
 

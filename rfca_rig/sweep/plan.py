@@ -79,6 +79,10 @@ class SweepPlan:
         return design
 
 
+# Share of a range at which no whole number lies, unless the range is a multiple of it.
+INSIDE = 0.381966
+
+
 def check_plan(plan: SweepPlan) -> SweepPlan:
     """Return the plan after checking all of its values. Raises BadInput."""
     if not plan.varied:
@@ -91,9 +95,9 @@ def check_plan(plan: SweepPlan) -> SweepPlan:
     for axis in plan.axes:
         for value in axis.values:
             _check_value(axis.name, value)
-    # All limits but that of whole numbers are intervals, so the ends of a range are checked.
+    # Limits are intervals, so the ends of a range are checked, and a value between them for quantities that take whole numbers only.
     for each in plan.samples.ranges if plan.samples else ():
-        for value in (each.low, each.high):
+        for value in (each.low, each.high, each.low + INSIDE * (each.high - each.low)):
             _check_value(each.name, value)
     effects = plan.design(0).rig.effects
     for present in effects:

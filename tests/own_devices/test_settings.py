@@ -7,6 +7,7 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import concatenate_samples, motor_rig
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
+from rfca_rig.doctor.own_checks import judge_own_sensor
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.serial_line import serial_line
 from rfca_rig.twins.speed_loop import LoopGains
@@ -73,3 +74,25 @@ def test_an_answer_is_stamped_with_when_it_was_asked_for():
         shaft = concatenate_samples(blocks)
         slope, offset = np.polyfit(shaft.device_s, shaft.angle_rad, 1)
         assert np.abs(shaft.angle_rad - slope * shaft.device_s - offset).max() < 2e-3
+
+
+class FailingSensor:
+    """Its wire breaks while it streams."""
+
+    def __init__(self) -> None:
+        self.is_streaming = False
+
+    def start(self) -> None:
+        self.is_streaming = True
+
+    def read(self) -> None:
+        raise DeviceError("the wire is broken")
+
+    def stop(self) -> None:
+        self.is_streaming = False
+
+
+def test_a_sensor_whose_reading_fails_is_told_to_stop():
+    sensor = FailingSensor()
+    assert "the wire is broken" in judge_own_sensor(sensor, TwinClock()).seen
+    assert not sensor.is_streaming

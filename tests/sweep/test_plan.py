@@ -160,6 +160,7 @@ def test_a_wrong_file_is_one_line(tmp_path, change, said):
         ({"vary": ["k0=8:9"], "samples": 9}, "take 8 or 16, or --method latin"),
         ({"vary": ["k0=8:9"], "samples": 8, "method": "lhs"}, "--method lhs: should be sobol or latin"),
         ({"vary": ["links=1:8:8"]}, "links = 1: must be a whole number of 2 to 60"),
+        ({"vary": ["links=2:12"], "samples": 8}, r"links = 5\.81966: must be a whole number of 2 to 60"),
         ({"vary": ["k0=1:2:100000", "k2=1:2:1000"]}, "at most 10000000 in one sweep"),
         ({"vary": ["k2=-0.2,1"]}, "k2_per_rad2 = -0.2: must be -0.135 or more: below, the torque of a hinge falls before 90 degrees"),
         ({"vary": ["height=1,2"]}, "did you mean height_mm"),

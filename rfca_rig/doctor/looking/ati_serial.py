@@ -29,14 +29,17 @@ def _stream(path: str, sensor: AtiSerialSensor, clock: Clock) -> ControllerSeen:
     first_s = last_s = None
     records = 0
     until_s = clock.now_s() + STREAM_S
-    while clock.now_s() < until_s:
-        clock.wait_until(clock.now_s() + POLL_S)
-        arrived = len(sensor.read().sequence)
-        if arrived and first_s is None:
-            first_s = clock.now_s()
-        elif arrived and first_s is not None:
-            last_s, records = clock.now_s(), records + arrived
-    sensor.stop()
+    # Also where reading fails: the controller would go on streaming.
+    try:
+        while clock.now_s() < until_s:
+            clock.wait_until(clock.now_s() + POLL_S)
+            arrived = len(sensor.read().sequence)
+            if arrived and first_s is None:
+                first_s = clock.now_s()
+            elif arrived and first_s is not None:
+                last_s, records = clock.now_s(), records + arrived
+    finally:
+        sensor.stop()
     health = sensor.health()
     rate_Hz = records / (last_s - first_s) if first_s is not None and last_s is not None else 0.0
     return ControllerSeen(path, None, STREAM_S, health.received, rate_Hz, tuple(health.notes))

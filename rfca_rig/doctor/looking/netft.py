@@ -50,10 +50,13 @@ def _stream(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
     datagrams.send(encode_request(RdtCommand.START_BUFFERED if buffered else RdtCommand.START_SINGLE))
     arrived: list[bytes] = []
     until_s = clock.now_s() + STREAM_S
-    while clock.now_s() < until_s:
-        clock.wait_until(clock.now_s() + POLL_S)
-        arrived += datagrams.receive_all()
-    datagrams.send(encode_request(RdtCommand.STOP))
+    # Also where reading fails: the box would stream to this address for ever.
+    try:
+        while clock.now_s() < until_s:
+            clock.wait_until(clock.now_s() + POLL_S)
+            arrived += datagrams.receive_all()
+    finally:
+        datagrams.send(encode_request(RdtCommand.STOP))
     return arrived
 
 
