@@ -1,7 +1,7 @@
 """`diagnose` for the leg: recordings in, the whole answer out."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +12,19 @@ from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import Condition, group_by_condition
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
-from rfca_rig.diagnosis.decision.decide import Decision, decide
+from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.leg.drive_tracking import find_excluded_sizes
+from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.leg.result import build_leg_result
-from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, estimate_delay_s, make_shaft_condition, tracks_command
+from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, make_shaft_condition, tracks_command
 from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
-from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
+from rfca_rig.diagnosis.leg.strokes import make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, join_not_seen
 from rfca_rig.errors import BadInput
@@ -31,7 +32,6 @@ from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS, Effect
 from rfca_rig.model.families import members_of
-from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.recording.identity import identity_of
@@ -43,59 +43,6 @@ Floats = NDArray[np.float64]
 SEEN_ON_THE_SHAFT = ("motor_cogging", "motor_speed_droop", "motor_speed_ripple", "motor_torque_limit")
 # A twist or play behind the motor shows in the recorded angle where the encoder is on the leg's side, else in the forces alone.
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance", "shaft_play")
-
-
-@dataclass(frozen=True)
-class PreparedData:
-    """Prepared data of a diagnosis: the nominal model with its standard uncertainties, and the recordings as conditions.
-
-    Parameters
-    ----------
-    title
-        Titles of the recordings.
-    rig
-        The nominal model.
-    known_to
-        Standard uncertainties by key of [known_to].
-    noise_std
-        Stated sensor noise by signal; None where it is to be estimated.
-    flaps, shafts
-        Conditions of the strokes, and of the motion of the shaft where it was recorded.
-    as_commanded
-        Whether every shaft followed its command, at once or with a delay.
-    coordinates
-        The nuisance parameters.
-    remarks
-        Conditions that cannot be used, with the reason.
-    strokes_made
-        How many strokes the leg has made in all; None where their order is not known.
-    """
-
-    title: str
-    rig: RigModel
-    known_to: Mapping[str, float]
-    noise_std: Mapping[str, float | None]
-    flaps: tuple[DynamicCondition, ...]
-    shafts: tuple[ShaftCondition, ...]
-    as_commanded: bool
-    coordinates: Parameterization
-    remarks: tuple[str, ...]
-    strokes_made: int | None = None
-
-
-@dataclass(frozen=True)
-class Findings:
-    """Results in the forces, and in the motion of the shaft where that was recorded and does not follow the command.
-
-    `effects` were looked for in the forces, `drive_effects` in the motion of the shaft.
-    """
-
-    effects: Sequence[Effect]
-    drive_effects: Sequence[Effect]
-    leg: ModelSelectionResult
-    leg_decision: Decision
-    drive: ModelSelectionResult | None
-    drive_decision: Decision | None
 
 
 @single_threaded_blas()

@@ -18,7 +18,8 @@ from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.analysis.valley import valley_and_phases
 from rfca_rig.campaign.opening import open_with_nominal_model
 from rfca_rig.description.toml_writing import comment, format_value
-from rfca_rig.diagnosis.diagnose import PreparedData, prepare_data
+from rfca_rig.diagnosis.diagnose import prepare_data
+from rfca_rig.diagnosis.leg.findings import PreparedData
 from rfca_rig.diagnosis.leg.nuisances import SAGS, SAGS_PER_S
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.errors import BadInput

@@ -3,49 +3,18 @@
 It is linear between its knots and constant beyond them. A positive value resists a positive speed, or a positive position.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.load import Mechanism
+from rfca_rig.mechanism.plant import JointLaw, Plant
 from rfca_rig.model.effect import Effect, Values
 from rfca_rig.model.parameters import LawTable
 from rfca_rig.model.tabulated_law import TABULATED_LAW
 
-if TYPE_CHECKING:
-    from rfca_rig.mechanism.plant import Plant
-
 Floats = NDArray[np.float64]
 
 QUANTITIES = ("speed", "position")
-
-
-@dataclass(frozen=True, eq=False)
-class JointLaw:
-    """A table in the form of a plant.
-
-    Parameters
-    ----------
-    joint
-        Index of the joint.
-    by_speed
-        Whether the torque depends on the speed, instead of the position.
-    knots, values
-        (k,) ascending speeds or positions, and the torques [N m or N].
-    branches
-        (k,) added to the values while the argument rises, and subtracted while it falls.
-    turning
-        Rate of the argument below which its direction is smoothed, so that there is none at rest.
-    """
-
-    joint: int
-    by_speed: bool
-    knots: Floats
-    values: Floats
-    branches: Floats
-    turning: float = 1.0
 
 
 def name_argument(mechanism: Mechanism, joint: int, quantity: str) -> str:
@@ -60,14 +29,14 @@ def make_tabulated_effect(mechanism: Mechanism, table: LawTable) -> Effect:
     knots, values = np.array(table.knots), np.array(table.values)
     law = JointLaw(joint, table.argument.startswith("speed"), knots, values, np.zeros(count))
 
-    def apply(plant: "Plant", values: Values) -> "Plant":  # noqa: ARG001
+    def apply(plant: Plant, values: Values) -> Plant:  # noqa: ARG001
         plant.laws = (*plant.laws, law)
         return plant
 
     return Effect(TABULATED_LAW, "joints", f"a law of {table.argument} in {table.place}", "tabulated", "measured", (), apply)
 
 
-def compute_own_law(plant: "Plant", joint: int, by_speed: bool, u: Floats) -> Floats | None:
+def compute_own_law(plant: Plant, joint: int, by_speed: bool, u: Floats) -> Floats | None:
     """Computes the torques (k,) that a plant has already in a joint at speeds or positions `u` (k,), with all else at the reference.
 
     Friction that depends on the load is no function of the speed and is not included. None where the plant has no torque there.

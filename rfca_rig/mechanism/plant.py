@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.contact_law import DAMPING, FRICTION, MORE_POWER, STIFFNESS
-from rfca_rig.mechanism.joint_law import JointLaw
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.prescribed import ARMATURE
 
@@ -17,6 +16,32 @@ Floats = NDArray[np.float64]
 
 # Margin of a pair that MuJoCo must ignore: the geoms would have to overlap by 1 km.
 NEVER_M = -1e3
+
+
+@dataclass(frozen=True, eq=False)
+class JointLaw:
+    """A table in the form of a plant.
+
+    Parameters
+    ----------
+    joint
+        Index of the joint.
+    by_speed
+        Whether the torque depends on the speed, instead of the position.
+    knots, values
+        (k,) ascending speeds or positions, and the torques [N m or N].
+    branches
+        (k,) added to the values while the argument rises, and subtracted while it falls.
+    turning
+        Rate of the argument below which its direction is smoothed, so that there is none at rest.
+    """
+
+    joint: int
+    by_speed: bool
+    knots: Floats
+    values: Floats
+    branches: Floats
+    turning: float = 1.0
 
 
 @dataclass(eq=False)

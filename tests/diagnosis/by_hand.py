@@ -11,10 +11,10 @@ from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.diagnosis.decision.decide import Decision
-from rfca_rig.diagnosis.diagnose import Findings, PreparedData
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
+from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.leg.stages import make_stage_tables

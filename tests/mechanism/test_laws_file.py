@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from rfca_rig.mechanism.amend import write_amended_model
-from rfca_rig.mechanism.joint_law import JointLaw
 from rfca_rig.mechanism.laws_file import PARTS, write_laws
 from rfca_rig.mechanism.load import load_mechanism
-from rfca_rig.mechanism.plant import make_plant
+from rfca_rig.mechanism.plant import JointLaw, make_plant
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from tests.mechanism.arm import Arm, mjcf
 

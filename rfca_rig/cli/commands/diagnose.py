@@ -1,7 +1,10 @@
 """rfca-rig diagnose"""
 
 from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
+from functools import partial
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -81,7 +84,7 @@ def diagnose(
     if law and (each or close_the_loop):
         raise BadInput("--law measures the law of one diagnosis; leave out --each and --close-the-loop")
     if each and not close_the_loop:
-        diagnose_each(paths, out, asked.without, workers, cluster, as_json)
+        diagnose_each(paths, out, partial(diagnose_quietly, asked.without), workers, cluster, as_json)
         return
     if each or workers or cluster:
         raise BadInput("--workers and --cluster share out what --each makes many of; one diagnosis, or --close-the-loop, stays here")
@@ -105,6 +108,21 @@ def diagnose(
         diagnosis = _in_rounds(ClosedLoop(find_rig(rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
     _say(diagnosis, out, as_json)
     printing.print([out / "diagnosis.html"], as_json)
+
+
+def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | None:
+    """One diagnosis without output; returns the reason where the recordings cannot be used."""
+    from rfca_rig.errors import RigError
+    from rfca_rig.recording.atomic_dir import atomic_directory
+
+    recordings, folder = job
+    try:
+        # All or nothing: a folder that exists counts as done when the command is typed again.
+        with atomic_directory(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            diagnose([recordings], into, without=list(without))
+    except RigError as error:
+        return str(error)
+    return None
 
 
 def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:

@@ -1,10 +1,7 @@
 """rfca-rig diagnose --each: many recordings, a separate diagnosis of each."""
 
 import json
-from collections.abc import Sequence
-from contextlib import redirect_stderr, redirect_stdout
-from functools import partial
-from io import StringIO
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +15,14 @@ if TYPE_CHECKING:
 
 ANSWER = "diagnosis.json"
 
+Job = Callable[[tuple[Path, Path]], str | None]
 
-def diagnose_each(
-    paths: Sequence[Path], out: Path, without: tuple[str, ...], workers: int | None, cluster: str | None, as_json: bool
-) -> None:
-    """A folder for each path under `out`; an existing one stays. Raises RigError where some could not be diagnosed."""
+
+def diagnose_each(paths: Sequence[Path], out: Path, job: Job, workers: int | None, cluster: str | None, as_json: bool) -> None:
+    """A folder for each path under `out`; an existing one stays. Raises RigError where some could not be diagnosed.
+
+    `job` makes one diagnosis of (recordings, folder), and returns the reason where the recordings cannot be used.
+    """
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import RigError, Stopped
     from rfca_rig.recording.atomic_dir import refresh_nfs_cache, remove_leftovers
@@ -32,7 +32,7 @@ def diagnose_each(
     remove_leftovers(out)
     try:
         with progress(quiet=as_json) as bars, open_executor(workers, cluster, bars.told, out) as executor:
-            failed = _diagnose_all(folders, without, executor, bars.told)
+            failed = _diagnose_all(folders, job, executor, bars.told)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
     # Workers on other computers wrote the answers; this computer may not see the new folders yet.
@@ -61,9 +61,7 @@ def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
     return folders
 
 
-def _diagnose_all(
-    folders: dict[str, tuple[Path, Path]], without: tuple[str, ...], executor: "TaskExecutor", told: ProgressReport
-) -> dict[str, str]:
+def _diagnose_all(folders: dict[str, tuple[Path, Path]], job: Job, executor: "TaskExecutor", told: ProgressReport) -> dict[str, str]:
     """Diagnoses what is missing; returns the reason, by name, for each that failed."""
     from rfca_rig.executors.mapping import TaskFailure, map_unordered
 
@@ -71,28 +69,12 @@ def _diagnose_all(
     before = len(folders) - len(to_do)
     failed: dict[str, str] = {}
     told("diagnoses", before, len(folders))
-    for number, ((_, into), result) in enumerate(map_unordered(executor, partial(diagnose_quietly, without), to_do), start=before + 1):
+    for number, ((_, into), result) in enumerate(map_unordered(executor, job, to_do), start=before + 1):
         why = result.reason if isinstance(result, TaskFailure) else result
         if why is not None:
             failed[into.name] = why
         told("diagnoses", number, len(folders))
     return failed
-
-
-def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | None:
-    """One diagnosis without output; returns the reason where the recordings cannot be used."""
-    from rfca_rig.cli.commands.diagnose import diagnose
-    from rfca_rig.errors import RigError
-    from rfca_rig.recording.atomic_dir import atomic_directory
-
-    recordings, folder = job
-    try:
-        # All or nothing: a folder that exists counts as done when the command is typed again.
-        with atomic_directory(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            diagnose([recordings], into, without=list(without))
-    except RigError as error:
-        return str(error)
-    return None
 
 
 def _in_words(answer: dict[str, Any]) -> str:

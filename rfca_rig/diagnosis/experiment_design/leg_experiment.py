@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, Option, list_options, propose
 from rfca_rig.diagnosis.experiment_design.next_protocol import DYNAMIC, NEXT_PROTOCOL, STATIC, make_protocol
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses, list_open_hypotheses
+from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, make_shaft_condition
 from rfca_rig.diagnosis.leg.simulator import select_tables
 from rfca_rig.diagnosis.leg.stages import MEAN_OF_SAMPLES, StageTable, make_stage_tables
@@ -25,9 +25,6 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.experiments import RigFacts, static_plan
 from rfca_rig.protocol.plan import Limits, Rates
 from rfca_rig.recording.model import Column, StaticStage, Stream, Stroke
-
-if TYPE_CHECKING:
-    from rfca_rig.diagnosis.diagnose import Findings, PreparedData
 
 REPEATS = (3, 5, 10)  # strokes of one condition: from a quick look to a usual series
 GRID = 4  # heights, and speeds: the ends of the range and two between
@@ -64,7 +61,7 @@ class FeasibleRegion:
         return sorted(h for h in heights if h > 0.0 and self.lowest_m - 1e-9 <= h <= self.highest_m + 1e-9)
 
 
-def propose_experiment(body: "PreparedData", verdicts: "Findings", enough: bool, limits: Limits | None = None) -> dict[str, object] | None:
+def propose_experiment(body: PreparedData, verdicts: Findings, enough: bool, limits: Limits | None = None) -> dict[str, object] | None:
     """The next experiment; None where nothing is open or nothing would help.
 
     Parameters
@@ -95,7 +92,7 @@ def propose_experiment(body: "PreparedData", verdicts: "Findings", enough: bool,
 
 
 def _list_options(
-    body: "PreparedData", verdicts: "Findings", hypotheses: OpenHypotheses, enough: bool, limits: Limits | None
+    body: PreparedData, verdicts: Findings, hypotheses: OpenHypotheses, enough: bool, limits: Limits | None
 ) -> Iterator[Option]:
     of_shaft, region = hypotheses.found is verdicts.drive, _find_region(body, verdicts, limits)
     designs = [design for _, design in _flap_designs(body, verdicts, region, body.shafts[0] if of_shaft else None)]
@@ -104,7 +101,7 @@ def _list_options(
     return list_options(hypotheses, designs, enough)
 
 
-def _find_region(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> FeasibleRegion:
+def _find_region(body: PreparedData, verdicts: Findings, limits: Limits | None) -> FeasibleRegion:
     """The limits of the rig where they are known, otherwise the speeds and loads that were recorded. Raises SimulationFailed."""
     flaps, tables, fit = body.flaps, select_tables(verdicts.leg.dataset.parts), verdicts.leg.nothing.fitted
     heights = [*(flap.height_m for flap in flaps), *(table.height_m for table in tables)]
@@ -124,7 +121,7 @@ def _load_of(stroke: SimulatedStroke) -> Load:
 
 
 def _flap_designs(
-    body: "PreparedData", verdicts: "Findings", region: FeasibleRegion, shaft: ShaftCondition | None = None
+    body: PreparedData, verdicts: Findings, region: FeasibleRegion, shaft: ShaftCondition | None = None
 ) -> Iterator[tuple[float, ExperimentDesign]]:
     """Strokes at heights and speeds over the region, each with its distance from the nearest recorded condition; 1 is the least."""
     slowest = min(SLOWEST_RAD_S, 0.5 * region.speed_rad_s)
@@ -197,7 +194,7 @@ def make_stroke_design(
     return ExperimentDesign(settings, words, SET_UP_MIN, each_min, REPEATS, simulate, NEXT_PROTOCOL)
 
 
-def _stage_designs(body: "PreparedData", tables: Sequence[StageTable], region: FeasibleRegion) -> Iterator[ExperimentDesign]:
+def _stage_designs(body: PreparedData, tables: Sequence[StageTable], region: FeasibleRegion) -> Iterator[ExperimentDesign]:
     """Sequences of stages at a low, a middle and a high rack where no table was recorded.
 
     Two tables of one height would be joined into one sequence.

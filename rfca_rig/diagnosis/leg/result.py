@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
 from rfca_rig.diagnosis.experiment_design.leg_experiment import propose_experiment
 from rfca_rig.diagnosis.figures import make_overlays
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, turns_as_commanded
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition
 from rfca_rig.diagnosis.residual_force.free_form import estimate_free_force, state_place
@@ -25,14 +25,11 @@ from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.stroke import simulate_stroke
 from rfca_rig.protocol.plan import Limits
 
-if TYPE_CHECKING:
-    from rfca_rig.diagnosis.diagnose import Findings, PreparedData
-
 SHOWS = 3.0  # standard deviations
 DYNAMIC = "dynamic"
 
 
-def build_leg_result(body: "PreparedData", verdicts: "Findings", limits: Limits | None) -> Diagnosis:
+def build_leg_result(body: PreparedData, verdicts: Findings, limits: Limits | None) -> Diagnosis:
     """The whole answer; `limits` are those of the rig that the next experiment is for, if they are known."""
     leg, decision = verdicts.leg, verdicts.leg_decision
     enough = len(body.flaps) >= FEWEST_CONDITIONS
@@ -63,7 +60,7 @@ def build_leg_result(body: "PreparedData", verdicts: "Findings", limits: Limits 
     )
 
 
-def _with_drive(result: Diagnosis, decision: Decision, verdicts: "Findings") -> Diagnosis:
+def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Diagnosis:
     """The answer with the results in the motion of the shaft: places, curves, and the effects of the drive in the model found."""
     drive, of_drive = verdicts.drive, verdicts.drive_decision
     if drive is None or of_drive is None:
@@ -86,7 +83,7 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: "Findings") -> 
     )
 
 
-def _locate_free_force(decision: Decision, verdicts: "Findings") -> tuple[StatedPlace | None, tuple[str, ...]]:
+def _locate_free_force(decision: Decision, verdicts: Findings) -> tuple[StatedPlace | None, tuple[str, ...]]:
     """Place of a free force outside the catalogue, and its empirical law if it has a short one; the cause is not known."""
     if decision.grade != "unexplained" or verdicts.leg_decision.grade != "unexplained":
         return None, ()
@@ -98,7 +95,7 @@ def _locate_free_force(decision: Decision, verdicts: "Findings") -> tuple[Stated
     return (None, ()) if free is None else (state_place(free), (free.text,))
 
 
-def _remarks(body: "PreparedData", leg: ModelSelectionResult) -> tuple[str, ...]:
+def _remarks(body: PreparedData, leg: ModelSelectionResult) -> tuple[str, ...]:
     alone = lone_channel(leg.dataset.rows, leg.nothing.fitted, leg.likelihood)
     # A force on the leg would show in all channels.
     channel = (f"only {alone} parts: without it nothing is missing, which speaks for the sensor",) if alone else ()
@@ -106,7 +103,7 @@ def _remarks(body: "PreparedData", leg: ModelSelectionResult) -> tuple[str, ...]
     return (*channel, *shaft)
 
 
-def _describe_delay(body: "PreparedData", verdicts: "Findings") -> tuple[str, ...]:
+def _describe_delay(body: PreparedData, verdicts: Findings) -> tuple[str, ...]:
     """The delay of the drive, where it shows: a gain of the drive that is fitted without the delay is wrong."""
     if verdicts.drive_decision is None:
         if all(turns_as_commanded(shaft) for shaft in body.shafts):
