@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.checking import check_run
+from rfca_rig.recording.checking import REMADE, check_run
 from rfca_rig.recording.cooperative import run_to_completion
 from rfca_rig.recording.layout import journals
 from rfca_rig.recording.model import Recording
@@ -74,7 +74,8 @@ def survives(crashed: Path, copy: Path, kind: str, share: float) -> None:
     file = being_written(copy, kind)
     cut(file, round(share * file.stat().st_size), kind)
     assert_whole(run_folder.read_stages(copy))
-    assert all(finding.is_sound for finding in check_run(copy)), list(check_run(copy))
+    # Hashes that were cut off are damage, which recovery makes good.
+    assert all(finding.is_sound or finding.file in REMADE for finding in check_run(copy)), list(check_run(copy))
     assert_whole(recovered(copy))
     shutil.rmtree(copy)
 
