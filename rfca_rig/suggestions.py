@@ -1,8 +1,17 @@
-"""What somebody who mistyped a name may have meant."""
+"""Text for people: what a mistyped name may have meant, and text from files without control characters."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
+from unicodedata import category
+
+
+def printable(text: str) -> str:
+    """Replace control characters, which could move the cursor of a terminal, rename its window or write to its clipboard.
+
+    Line feeds and tabs stay. A file from elsewhere may hold the others in any of its texts.
+    """
+    return "".join("\N{REPLACEMENT CHARACTER}" if category(one) == "Cc" and one not in "\n\t" else one for one in text)
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

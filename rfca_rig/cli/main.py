@@ -41,6 +41,7 @@ from rfca_rig.cli.commands import (
 from rfca_rig.cli.completion import add_completions
 from rfca_rig.cli.encoding import use_ascii_fallback
 from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
+from rfca_rig.suggestions import printable
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 
@@ -150,5 +151,5 @@ def _usage_text(error: TyperException) -> str:
 
 def _leave(message: str, exit_code: int) -> None:
     if message:
-        typer.echo(f"rfca-rig: {message}", err=True)
+        typer.echo(f"rfca-rig: {printable(message)}", err=True)
     sys.exit(exit_code)

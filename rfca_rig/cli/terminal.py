@@ -7,6 +7,8 @@ from contextlib import contextmanager, suppress
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from rfca_rig.suggestions import printable
+
 Say = Callable[[str], None]
 
 
@@ -46,4 +48,4 @@ def _print(console: Console, mark: str, line: str) -> None:
     """A closed terminal must not keep a motor from stopping, nor a recording from being completed."""
     with suppress(OSError):
         # No markup: rich would take bracketed words of a message, for example [limits], for styles.
-        console.print(f"{mark} {line}", markup=False, soft_wrap=True)
+        console.print(f"{mark} {printable(line)}", markup=False, soft_wrap=True)

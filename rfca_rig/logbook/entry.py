@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from rfca_rig.suggestions import printable
+
 KINDS = ("dynamic", "static", "fatigue", "imported")
 ENDINGS = ("done", "stopped", "tripped", "worn out", "failed", "interrupted", "unfinished", "damaged")
 SOURCES = ("SIM", "REAL", "IMPORT")
@@ -56,6 +58,10 @@ class Entry:
     motions: int = 0
     named_conditions: tuple[str, ...] = ()
     seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("title", "operator", "sample", "why"):
+            object.__setattr__(self, name, printable(getattr(self, name)))
 
     def plain(self) -> dict[str, Any]:
         """As types that JSON has."""

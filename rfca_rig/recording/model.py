@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.suggestions import printable
+
 Floats = NDArray[np.float64]
 Source = Literal["SIM", "REAL", "IMPORT"]
 Direction = Literal["loading", "unloading"]
@@ -134,6 +136,10 @@ class Recording:
     static: tuple[StaticStage, ...]
     provenance: Mapping[str, str] = field(default_factory=dict)
     raw: tuple[RawStage, ...] = ()
+
+    def __post_init__(self) -> None:
+        # Titles are printed by nearly every command; the file may come from elsewhere.
+        object.__setattr__(self, "title", printable(self.title))
 
     def with_order(self) -> "Recording":
         """The same with its strokes counted, where a rig or a twin recorded them: there they are stored in the order of time."""

@@ -38,6 +38,7 @@ def _check_run(run: Path, as_json: bool) -> None:
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.checking import check_run, describe_damage
+    from rfca_rig.suggestions import printable
 
     findings = []
     with progress(as_json) as bars:
@@ -48,7 +49,7 @@ def _check_run(run: Path, as_json: bool) -> None:
             findings.append(finding)
             # Printed as it is found: a long run takes minutes, and the first damage should show at once.
             if not as_json:
-                typer.echo(f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: {finding.words}")
+                typer.echo(f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: {printable(finding.words)}")
     if as_json:
         rows = [{"file": finding.file, "sound": finding.is_sound, "found": finding.words} for finding in findings]
         typer.echo(json.dumps({"run": str(run), "files": rows}, indent=1))
