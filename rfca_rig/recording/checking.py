@@ -45,9 +45,14 @@ def _them(names: Sequence[str]) -> str:
     return "it" if len(names) == 1 else "them"
 
 
+def is_run_folder(folder: Path) -> bool:
+    """Whether a run wrote the folder, by any of its files: also one that has lost its header."""
+    return any((folder / name).exists() for name in (HEADER, EVENTS, STAGES))
+
+
 def check_run(folder: Path) -> Iterator[FileFinding]:
     """A finding per file, in the order in which a run writes them. Raises BadInput where `folder` holds no run."""
-    if not (folder / HEADER).is_file():
+    if not is_run_folder(folder):
         yield from _check_older(folder)
         return
     sums = _Sums(folder)

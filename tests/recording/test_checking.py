@@ -152,6 +152,10 @@ def edit_ending(folder: Path) -> None:
     file.write_text(file.read_text().replace('"done"', '"gone"'))
 
 
+def remove_header(folder: Path) -> None:
+    (folder / "run.json").unlink()
+
+
 def remove_sums(folder: Path) -> None:
     (folder / "SHA256SUMS").unlink()
 
@@ -174,6 +178,8 @@ def empty_sums(folder: Path) -> None:
         ((edit_hdf5, sum_up_anew), ["run.h5"]),
         ((edit_hdf5, append_byte, remove_sums), ["run.h5", "SHA256SUMS"]),
         ((remove_sums,), ["SHA256SUMS"]),
+        ((remove_header,), ["run.json"]),
+        ((remove_header, remove_sums), ["run.json", "SHA256SUMS"]),
         ((empty_sums,), ["SHA256SUMS"]),
         ((drop_line("0001.h5"),), ["SHA256SUMS"]),
     ],

@@ -27,12 +27,12 @@ def recover(
 
     from rfca_rig.campaign.opening import RECORDING_NAME
     from rfca_rig.cli.progress import progress
-    from rfca_rig.recording.run_folder import is_run
+    from rfca_rig.recording.checking import is_run_folder
     from rfca_rig.recording.summary import summarize
 
     path = run if run.suffix == ".h5" else run / RECORDING_NAME
     with progress(as_json) as bars:
-        recording = _recover_run(path.parent, bars.counting("stages")) if is_run(path.parent) else _older(path)
+        recording = _recover_run(path.parent, bars.counting("stages")) if is_run_folder(path.parent) else _older(path)
     found = summarize(path, thorough=False)
     if as_json:
         counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
