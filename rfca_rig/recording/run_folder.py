@@ -174,7 +174,7 @@ def close_journals(folder: Path) -> int:
 
 
 def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
-    """Continues a finished run: adds `event` to its events, on disk, then removes the files that only a finished run has.
+    """Continues a finished run: adds `event` to its events, on disk, and removes the files that only a finished run has.
 
     `resumed` is how many such events there were when the run was read. Raises BadInput where the run is still going on, or where somebody
     else has resumed it since; RigError when the disk refuses.
@@ -184,14 +184,15 @@ def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
     try:
         if sum(one.get("event") == event["event"] for one in events_of(folder)) != resumed:
             raise BadInput(f"{folder}: another process has resumed the run at this moment; wait for its end")
+        # Both were made of the events, and would contradict them. The checksums go first: none may be left of a file that is gone.
+        for name in (SUMS, RECORDING):
+            remove(folder / name)
         # A crash may have left part of a line, to which the new event would be joined.
         events.cut_to(complete_lines_length((folder / EVENTS).read_bytes()))
         events.append((json.dumps(event, ensure_ascii=False) + "\n").encode())
-        # The event first: after a crash in between, the run still shows that and why it was continued.
+        # Before the end is removed: after a crash in between, the run still shows how it had ended, or why it was continued.
         events.force()
-        # The checksums go first: without them, no check compares the remaining files with outdated hashes.
-        for name in (SUMS, RECORDING, ENDING):
-            remove(folder / name)
+        remove(folder / ENDING)
         DiskReserve(folder).lay()
     finally:
         events.close()

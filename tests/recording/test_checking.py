@@ -9,11 +9,12 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.checking import check_run
+from rfca_rig.recording.checking import REMADE, check_run
 from rfca_rig.recording.run_text import Ending, write_ending
 from rfca_rig.recording.store import write_recording
 from rfca_rig.recording.sums import write_sums
 from tests.cli.typed import typed
+from tests.recording.dying import calls_of, killed_at
 from tests.recording.growing import begun, grown
 from tests.recording.samples import recording
 
@@ -203,3 +204,17 @@ def test_an_edit_is_found_whatever_became_of_the_hashes(whole: Path, tmp_path: P
         assert again.exit_code == 2
         assert "recover cannot make it again" in said.err
         assert "recover cannot make it again" in again.err
+
+
+def test_a_crash_while_a_run_is_resumed_is_no_edit(whole: Path, tmp_path: Path):
+    """Whatever is gone then, recover makes again."""
+
+    def resume(folder: Path):
+        return lambda _: run_folder.reopen(folder, {"event": "run resumed"}, 0)
+
+    shutil.copytree(whole, tmp_path / "counted")
+    for call in range(1, calls_of(resume(tmp_path / "counted")) + 1):
+        folder = tmp_path / f"killed-{call}"
+        shutil.copytree(whole, folder)
+        killed_at(call, resume(folder))
+        assert set(damaged_files(folder)) <= set(REMADE)
