@@ -72,7 +72,7 @@ def compare_condition(rig: RigModel, condition: Condition, shaft: Shaft = "avera
     condition
         Measured strokes of one height and one commanded speed.
     shaft
-        Motion of the simulated shaft, as in `matched_simulation.counterparts`.
+        Motion of the simulated shaft, as in `matched_simulation.simulate_matching`.
 
     Raises
     ------

@@ -18,23 +18,33 @@ from rfca_rig.recording.model import Recording, Stroke
 Floats = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.81
-DEGREES = 180.0 / math.pi
+RAD_PER_DEG = math.pi / 180.0
 # Factor from the slip to the right unit, and the unit that was probably meant.
 LENGTHS = {1e3: "metres", 10.0: "centimetres", 25.4: "inches", 1e-3: "micrometres"}
 MASSES = {1e3: "kilograms", 453.6: "pounds", 1e-3: "milligrams"}
 FORCES = {1e3: "kN", 1e-3: "mN", GRAVITY_M_S2: "kgf"}
 MOMENTS = {1e-3: "N mm", 1e3: "kN m"}
-ANGLES = {1.0 / DEGREES: "degrees", 2.0 * math.pi: "turns", 1e-3: "mrad"}
-SPEEDS = {1.0 / DEGREES: "deg/s", math.pi / 30.0: "rpm", 2.0 * math.pi: "turns per second"}
+ANGLES = {RAD_PER_DEG: "degrees", 2.0 * math.pi: "turns", 1e-3: "mrad"}
+SPEEDS = {RAD_PER_DEG: "deg/s", math.pi / 30.0: "rpm", 2.0 * math.pi: "turns per second"}
 TIMES = {1e-3: "milliseconds", 1e-6: "microseconds", 60.0: "minutes"}
 
 
 @dataclass(frozen=True)
 class Slip:
-    """A quantity that is probably in another unit or of the other sign. `where` names the key or file, `words` says why."""
+    """A quantity that is probably in another unit or of the other sign.
+
+    `where` names the key or stroke, `what` the quantity, `found` says why it is suspicious, `guess` what was probably meant,
+    "" for no guess.
+    """
 
     where: str
-    words: str
+    what: str
+    found: str
+    guess: str = ""
+
+    @property
+    def words(self) -> str:
+        return f"{self.what}: {self.found}{f': {self.guess}' if self.guess else ''}"
 
 
 def find_slips(recording: Recording) -> list[Slip]:
@@ -58,7 +68,10 @@ def find_slips(recording: Recording) -> list[Slip]:
         slips += _compare(where, "shaft angle", abs(stage.shaft_angle_rad), (0.0, 2.0 * math.pi), ANGLES)
         if slips:
             break
-    return list({(slip.words.partition(":")[0], slip.words.rpartition(":")[2]): slip for slip in reversed(slips)}.values())[::-1]
+    first: dict[tuple[str, str], Slip] = {}
+    for slip in slips:
+        first.setdefault((slip.what, slip.guess or slip.found), slip)
+    return list(first.values())
 
 
 def _leg_slips(leg: Mapping[str, Any]) -> Iterator[Slip]:
@@ -116,7 +129,8 @@ def _shaft_slips(where: str, t_s: Floats, angle_rad: Floats, stated_rad_s: float
     either = {**SPEEDS, **{1.0 / factor: f"shaft angle in {unit}" for factor, unit in ANGLES.items()}}
     yield from _compare(where, "stated speed beside the recorded one", stated_rad_s / max(abs(speed), 1e-9), (0.5, 2.0), either)
     if speed < 0.0 < stated_rad_s:
-        yield Slip(where, f"shaft angle: falls at {abs(speed):.3g} rad/s where the stated speed is positive: is its sign turned?")
+        found = f"falls at {abs(speed):.3g} rad/s where the stated speed is positive"
+        yield Slip(where, "shaft angle", found, "is its sign turned?")
 
 
 def _force_slips(where: str, t_s: Floats, columns: Mapping[str, Floats], length_m: float, weight_N: float) -> Iterator[Slip]:
@@ -137,7 +151,7 @@ def _force_slips(where: str, t_s: Floats, columns: Mapping[str, Floats], length_
         strength = float(trapezoid(np.abs(change["fz_N"][moving]), t_s[moving]))
         # The ground only pushes: over a stroke the mean of fz, positive downwards, is negative.
         if impulse > 0.3 * strength:
-            yield Slip(where, "fz_N: the ground pulls the leg down over the whole stroke: is its sign turned?")
+            yield Slip(where, "fz_N", "the ground pulls the leg down over the whole stroke", "is its sign turned?")
 
 
 def _compare(where: str, what: str, value: float, plausible: tuple[float, float], factors: Mapping[float, str]) -> Iterator[Slip]:
@@ -146,8 +160,8 @@ def _compare(where: str, what: str, value: float, plausible: tuple[float, float]
     if low <= value <= high:
         return
     if not math.isfinite(value):
-        yield Slip(where, f"{what}: is {value}")
+        yield Slip(where, what, f"is {value}")
         return
     fitting = [unit for factor, unit in factors.items() if value > 0.0 and low <= value * factor <= high]
-    guess = f": {' or '.join(fitting)}?" if fitting else ""
-    yield Slip(where, f"{what}: {value:.4g} where {low:.3g} to {high:.3g} is plausible{guess}")
+    guess = f"{' or '.join(fitting)}?" if fitting else ""
+    yield Slip(where, what, f"{value:.4g} where {low:.3g} to {high:.3g} is plausible", guess)

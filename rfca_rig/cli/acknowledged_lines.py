@@ -7,9 +7,8 @@ from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import Clock
 from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.recording.keeper import RunBackend
+from rfca_rig.recording.process_keeper import SILENT_S
 
-# An acknowledgement takes some tens of milliseconds on a disk that works.
-SILENT_S = 2.0
 # Half of the time for which the queue takes everything that a 15 kHz sensor sends: what the stop takes still fits.
 STOP_S = 10.0
 

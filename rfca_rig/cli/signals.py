@@ -52,6 +52,7 @@ class SignalHandler:
         """The system ends the process: the shaft is slowed down, then the motor is disabled."""
         if self._is_closing:
             self._say("the recording is being finished; then the run ends")
+            return
         if self._stop_request.is_over:
             return
         self._stop_request.ask(StopLevel.RAMP_DOWN, OUTSIDE[signal.Signals(number)])

@@ -1,7 +1,7 @@
 """Which Python files of own devices may run: those that this command line leads to, and those that drove a run on this computer before.
 
 A rig file names Python files, and reading the rig executes them. A recording from elsewhere names a rig file, and a folder from elsewhere
-may hold `calibration/twin.toml`, which a bare name finds before the shipped one. Neither may execute a file that nobody here chose.
+may hold `calibration/twin.toml`, which a bare name finds before the shipped one. Neither may execute a file that the user did not choose.
 """
 
 import hashlib
@@ -29,20 +29,24 @@ def find_rig(name: str) -> Path:
 
 def check_trusted(rig_path: Path, remedy: str) -> None:
     """Raises BadInput, with what to type instead, where a rig file names code that is not trusted."""
-    known = set(_list_file().read_text(encoding="utf-8").split()) if _list_file().is_file() else set()
+    trusted = _trusted_hashes()
     for file in _code_of(rig_path):
-        if _hash(file) not in known:
+        if _hash(file) not in trusted:
             raise BadInput(f"{rig_path}: would execute {file}, which never drove a run on this computer; read it, then give {remedy}")
 
 
 def trust(rig_path: Path) -> None:
     """Adds the code of a rig file that drives a run. A folder that takes no file only means that `resume` asks for --rig."""
-    hashes = [_hash(file) for file in _code_of(rig_path)]
-    if hashes:
+    new = {_hash(file) for file in _code_of(rig_path)} - _trusted_hashes()
+    if new:
         with suppress(OSError):
             _list_file().parent.mkdir(parents=True, exist_ok=True)
             with _list_file().open("a", encoding="utf-8") as file:
-                file.writelines(f"{one}\n" for one in hashes)
+                file.writelines(f"{one}\n" for one in sorted(new))
+
+
+def _trusted_hashes() -> set[str]:
+    return set(_list_file().read_text(encoding="utf-8").split()) if _list_file().is_file() else set()
 
 
 def _list_file() -> Path:

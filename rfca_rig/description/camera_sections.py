@@ -67,7 +67,7 @@ CameraSection = Annotated[OpenCvCameraSection | PhotoFolderSection, Field(discri
 
 
 class TwinCameraSection(Section):
-    """[twin.camera]: degradation of the twin's photos; the keys are explained in `twins.image_noise.Disturbance`."""
+    """[twin.camera]: degradation of the twin's photos; the keys are explained in `twins.image_noise.ImageDisturbance`."""
 
     defocus_px: NotNegative = 0.7
     noise_counts: NotNegative = 2.0

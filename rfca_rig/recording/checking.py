@@ -30,11 +30,9 @@ class FileFinding:
     is_sound: bool = True
 
 
-def describe_damage(folder: Path, findings: Iterable[FileFinding]) -> str | None:
-    """What is damaged and what helps, as check and recover say it; None where every file is sound."""
-    damaged = [finding.file for finding in findings if not finding.is_sound]
-    if not damaged:
-        return None
+def describe_damage(folder: Path, findings: Iterable[FileFinding]) -> str:
+    """What is damaged and what helps, as check and recover say it, from findings that are not sound."""
+    damaged = [finding.file for finding in findings]
     lost = [name for name in damaged if name not in REMADE]
     if lost:
         return f"{folder}: damaged: {', '.join(damaged)}; restore {', '.join(lost)} from a copy: recover cannot make {_them(lost)} again"
@@ -48,6 +46,12 @@ def _them(names: Sequence[str]) -> str:
 def is_run_folder(folder: Path) -> bool:
     """Whether a run wrote the folder, by any of its files: also one that has lost its header."""
     return any((folder / name).exists() for name in (HEADER, EVENTS, STAGES))
+
+
+def needs_no_recovery(folder: Path, findings: Iterable[FileFinding]) -> bool:
+    """Whether nothing needs recovery: no stage is unfinished, `run.h5` exists, and every file is as it was written."""
+    has_all = all((folder / name).is_file() for name in (ENDING, RECORDING, SUMS))
+    return has_all and not journals(folder) and all(finding.is_sound for finding in findings)
 
 
 def check_run(folder: Path) -> Iterator[FileFinding]:

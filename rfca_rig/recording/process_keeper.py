@@ -26,7 +26,7 @@ PAUSE_S = 0.002
 
 
 class RecorderClient:
-    """Implements `keeper.Keeper` with a process of its own, which survives this one.
+    """Implements `keeper.RunBackend` with a process of its own, which survives this one.
 
     A recorder so far behind that the queue is full ends the run. With `patient`, for rigs whose time stands still meanwhile, the caller
     waits instead.
@@ -77,6 +77,10 @@ class RecorderClient:
             # Events after the stop, for example `motor off`, are kept if possible, in the room of the reserve.
             self._queue.put(content)
             raise self._complaint_error()
+        if not self._queue.put(content):
+            self._put_when_there_is_room(content)
+
+    def _put_when_there_is_room(self, content: bytes) -> None:
         until_s = self._clock.now_s() + PATIENT_S
         warned_s = self._clock.now_s() + SILENT_S
         while not self._queue.put(content):

@@ -11,7 +11,6 @@ import h5py
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import AppendOnlyFile, remove, sync_folder, translate_os_errors
-from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.cooperative import Steps, run_to_completion
 from rfca_rig.recording.disk_reserve import DiskReserve
 from rfca_rig.recording.hdf5_file import NewHdf5File, new_hdf5_file
@@ -196,9 +195,3 @@ def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
         DiskReserve(folder).lay()
     finally:
         events.close()
-
-
-def needs_no_recovery(folder: Path) -> bool:
-    """Whether nothing needs recovery: no stage is unfinished, `run.h5` exists, and every file is as it was written."""
-    has_all = all((folder / name).is_file() for name in (ENDING, RECORDING, SUMS))
-    return has_all and not journals(folder) and all(finding.is_sound for finding in check_run(folder))

@@ -149,12 +149,12 @@ def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:
     return Table("recordings", "From each recording alone, ± half of a 95 % interval.", columns, rows)
 
 
-def elastica_table(foretold: Sequence[PredictedHingeCurve], result: StaticResult) -> Table:
+def elastica_table(predicted: Sequence[PredictedHingeCurve], result: StaticResult) -> Table:
     """Values that the elastica predicts for the paper's strip, with the measured ones below."""
     values = result.values
     rows: list[dict[str, Value]] = [
         {"held": one.says, "free_mm": 1e3 * one.free_m, "k0_Nm_per_rad": one.k0_Nm_per_rad, "k2_per_rad2": one.k2_per_rad2}
-        for one in foretold
+        for one in predicted
     ]
     measured: dict[str, Value] = {"held": "measured here", "k0_Nm_per_rad": values.k0_Nm_per_rad, "k2_per_rad2": values.k2_per_rad2}
     columns = (

@@ -38,15 +38,15 @@ class Admission:
         if scope["type"] == "lifespan":
             await self._application(scope, receive, send)
             return
-        refusal = self._refusal(scope)
+        refusal, send = self._refusal(scope), _with_policy(send)
         if not refusal:
-            await self._application(scope, receive, _with_policy(send))
+            await self._application(scope, receive, send)
         elif scope["type"] == "websocket":
             # ASGI requires that the connect event is received before the socket may be closed.
             await receive()
             await send({"type": "websocket.close", "code": REFUSED, "reason": refusal})
         else:
-            await PlainTextResponse(f"{refusal}\n", 403, POLICY)(scope, receive, send)
+            await PlainTextResponse(f"{refusal}\n", 403)(scope, receive, send)
 
     def _refusal(self, scope: Scope) -> str:
         """Reason for a refusal, "" where the request is admitted."""

@@ -17,7 +17,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rfca_rig.trip_codes import Trip
-from rfca_rig.view.admission import POLICY, Admission
+from rfca_rig.view.admission import Admission
 from rfca_rig.view.messages import Message
 from rfca_rig.view.page_feed import Feed, FeedSource
 
@@ -93,10 +93,10 @@ class Pages:
         try:
             is_asked = self._source.stop((await _read_body(request))["how"])
         except (LookupError, TypeError, ValueError):
-            return PlainTextResponse('say {"how": "safe point"} or {"how": "now"}\n', 400, POLICY)
+            return PlainTextResponse('say {"how": "safe point"} or {"how": "now"}\n', 400)
         if not is_asked:
-            return PlainTextResponse("nothing here can be stopped any more\n", 409, POLICY)
-        return PlainTextResponse("asked for\n", 202, POLICY)
+            return PlainTextResponse("nothing here can be stopped any more\n", 409)
+        return PlainTextResponse("asked for\n", 202)
 
 
 async def _listen(socket: WebSocket, feed: Feed) -> None:
@@ -129,7 +129,7 @@ def _text(message: Message) -> str:
 
 
 async def _page(_request: Request) -> Response:
-    return FileResponse(STATIC / "index.html", headers=dict(POLICY))
+    return FileResponse(STATIC / "index.html")
 
 
 async def _trip(request: Request) -> Response:
@@ -139,8 +139,8 @@ async def _trip(request: Request) -> Response:
     files = [folder / f"{code}.md" for folder in TRIPS] if code in set(Trip) else []
     for file in files:
         if file.is_file():
-            return PlainTextResponse(file.read_text(encoding="utf-8"), headers=POLICY)
-    return PlainTextResponse(f"nothing is known here of {code}\n", 404, POLICY)
+            return PlainTextResponse(file.read_text(encoding="utf-8"))
+    return PlainTextResponse(f"nothing is known here of {code}\n", 404)
 
 
 def application(pages: Pages, token: str) -> ASGIApp:

@@ -13,6 +13,7 @@ import pytest
 from rfca_rig.campaign.opening import open_recordings
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.checking import check_run, needs_no_recovery
 from rfca_rig.recording.journal import frame_block, parse_blocks
 from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.layout import journals, stage_files
@@ -56,9 +57,9 @@ def test_the_file_is_made_anew_from_the_stages_byte_for_byte(tmp_path: Path):
     path = finished(tmp_path / "run")
     before = path.read_bytes()
     path.unlink()
-    assert not run_folder.needs_no_recovery(tmp_path / "run")
+    assert not needs_no_recovery(tmp_path / "run", check_run(tmp_path / "run"))
     assert run_folder.build_recording(tmp_path / "run").read_bytes() == before
-    assert run_folder.needs_no_recovery(tmp_path / "run")
+    assert needs_no_recovery(tmp_path / "run", check_run(tmp_path / "run"))
 
 
 def test_sha256sum_finds_everything_in_order(tmp_path: Path):
@@ -210,7 +211,7 @@ def test_a_writer_that_goes_on_with_a_run_leaves_no_torn_line(tmp_path: Path):
 def test_damaged_hashes_are_summed_up_anew(tmp_path: Path):
     finished(tmp_path / "run", 1)
     (tmp_path / "run" / "SHA256SUMS").write_text("nonsense")
-    assert not run_folder.needs_no_recovery(tmp_path / "run")
+    assert not needs_no_recovery(tmp_path / "run", check_run(tmp_path / "run"))
 
 
 def test_a_half_written_event_is_passed_over(tmp_path: Path):

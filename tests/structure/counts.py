@@ -76,11 +76,11 @@ def read_modules(package: str = "rfca_rig") -> dict[str, Module]:
     return found
 
 
-def find_imports(modules: dict[str, Module], at_import_only: bool = False) -> dict[str, set[str]]:
-    """Modules that each module imports; with `at_import_only` without those that a function imports when called."""
+def find_imports(modules: dict[str, Module]) -> dict[str, set[str]]:
+    """Modules that each module imports, also those that only a function or a type checker imports."""
     found: dict[str, set[str]] = {name: set() for name in modules}
     for name, module in modules.items():
-        for node in _statements(module.tree) if at_import_only else ast.walk(module.tree):
+        for node in ast.walk(module.tree):
             if isinstance(node, ast.ImportFrom) and node.module in modules:
                 for alias in node.names:
                     full = f"{node.module}.{alias.name}"
@@ -89,17 +89,6 @@ def find_imports(modules: dict[str, Module], at_import_only: bool = False) -> di
                 found[name] |= {alias.name for alias in node.names if alias.name in modules}
         found[name].discard(name)
     return found
-
-
-def _statements(tree: ast.AST) -> Iterator[ast.AST]:
-    """Nodes that run at import: neither bodies of functions nor what only a type checker reads."""
-    for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-            continue
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
-            continue
-        yield node
-        yield from _statements(node)
 
 
 def find_circles(modules: dict[str, Module]) -> list[list[str]]:
@@ -146,7 +135,7 @@ def find_single_users(modules: dict[str, Module]) -> list[tuple[str, str]]:
     ]
 
 
-def find_array_functions(modules: dict[str, Module]) -> Iterator[tuple[str, Function, bool]]:
+def find_array_functions(modules: dict[str, Module]) -> Iterator[tuple[str, bool]]:
     """Public functions that take or return an array, and whether their docstring, or their class's, states a shape."""
     for module in modules.values():
         names = re.compile(rf"\b({'|'.join(['NDArray', 'ndarray', *sorted(module.array_names)])})\b")
@@ -158,7 +147,7 @@ def find_array_functions(modules: dict[str, Module]) -> Iterator[tuple[str, Func
                 documents = [ast.get_docstring(function) or ""]
                 if owner is not None:
                     documents.append(ast.get_docstring(owner) or "")
-                yield f"{module.name}:{function.lineno} {function.name}", function, any(SHAPE.search(one) for one in documents)
+                yield f"{module.name}:{function.lineno} {function.name}", any(SHAPE.search(one) for one in documents)
 
 
 def _public_functions(tree: ast.AST, owner: ast.ClassDef | None = None) -> Iterator[tuple[ast.ClassDef | None, Function]]:
@@ -233,7 +222,7 @@ def count_all() -> dict[str, int | float]:
         for node in ast.walk(module.tree)
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     )
-    stated = [states for _, _, states in find_array_functions(modules)]
+    stated = [states for _, states in find_array_functions(modules)]
     documents = [text for function in functions if (text := ast.get_docstring(function))]
     folders = Counter(str(module.path.parent) for module in modules.values() if module.path.name != "__init__.py")
     return {
@@ -265,7 +254,7 @@ def main() -> None:
         if prefix:
             modules = {name: module for name, module in modules.items() if name.startswith(prefix)}
     if asked.shapes:
-        lines = [where for where, _, states in find_array_functions(modules) if not states]
+        lines = [where for where, states in find_array_functions(modules) if not states]
     elif asked.single_users:
         lines = [f"{name} is used by {user} alone" for name, user in find_single_users(modules) if name.startswith(asked.single_users)]
     elif asked.past_participles:

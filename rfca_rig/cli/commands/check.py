@@ -53,9 +53,9 @@ def _check_run(run: Path, as_json: bool) -> None:
     if as_json:
         rows = [{"file": finding.file, "sound": finding.is_sound, "found": finding.words} for finding in findings]
         typer.echo(json.dumps({"run": str(run), "files": rows}, indent=1))
-    damage = describe_damage(run, findings)
-    if damage is not None:
-        raise BadInput(damage)
+    damaged = [finding for finding in findings if not finding.is_sound]
+    if damaged:
+        raise BadInput(describe_damage(run, damaged))
 
 
 def _check_campaign(folder: Path, as_json: bool) -> None:

@@ -48,17 +48,19 @@ def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
     from rfca_rig.bench.stage_photos import read_missing_photos
     from rfca_rig.errors import BadInput
     from rfca_rig.recording import run_folder
-    from rfca_rig.recording.checking import REMADE, check_run, describe_damage
+    from rfca_rig.recording.checking import REMADE, check_run, describe_damage, needs_no_recovery
     from rfca_rig.recording.run_text import INTERRUPTED, Ending, read_ending, write_ending
 
-    if run_folder.needs_no_recovery(folder):
+    # Once: it reads every file of the run.
+    findings = list(check_run(folder))
+    if needs_no_recovery(folder, findings):
         raise BadInput(f"{folder}: is whole; there is nothing to recover")
-    unsound = [finding for finding in check_run(folder) if not finding.is_sound]
+    unsound = [finding for finding in findings if not finding.is_sound]
     lost = [finding for finding in unsound if finding.file not in REMADE]
-    # A stage that is gone keeps nobody from the others; a damaged file must not get new checksums.
+    # A stage that is gone does not prevent recovery of the others; a damaged file must not get new checksums.
     has_work = len(lost) < len(unsound) or not all((folder / name).is_file() for name in REMADE)
     if lost and not (has_work and all(_is_gone(folder, finding) for finding in lost)):
-        raise BadInput(str(describe_damage(folder, lost)))
+        raise BadInput(describe_damage(folder, lost))
     # First the stage in progress: it belongs into run.h5 like the others.
     run_folder.close_journals(folder)
     # A run that ended normally, and only lost run.h5, keeps what its end says.
