@@ -21,8 +21,8 @@ from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, PendulumLink, make
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Half width of the stretch around a window's start from which its state is estimated.
-SMOOTHING_HALF_WIDTH_S = 0.06
+# Half width of the stretch around a window's start from which its state is estimated, and that of the next narrower one that is tried.
+SMOOTHING_HALF_WIDTH_S, NARROWER = 0.06, 0.7
 # A cubic is too stiff for the second link of a double pendulum.
 POLYNOMIAL_DEGREE = 5
 BIN_S = 0.02
@@ -275,7 +275,7 @@ class LocalPolynomial:
     """Positions near one moment as a polynomial in the time from that moment, divided by `half_s`.
 
     `coefficients` (POLYNOMIAL_DEGREE + 1, n) have standard deviations `std` (POLYNOMIAL_DEGREE + 1,) per unit of noise. `missed` (n,) is
-    the rms of the misfit.
+    the standard deviation of the misfit.
     """
 
     coefficients: Floats
@@ -288,20 +288,26 @@ class LocalPolynomial:
         return np.asarray(factorial(order) * self.coefficients[order] / self.half_s**order)
 
 
-def local_polynomial(t_s: Floats, position: Floats, at_s: float) -> LocalPolynomial:
-    """Least-squares polynomial through the positions (m, n) around `at_s`, for ascending times `t_s` (m,).
+def local_polynomial(t_s: Floats, position: Floats, at_s: float, half_s: float = SMOOTHING_HALF_WIDTH_S) -> LocalPolynomial:
+    """Least-squares polynomial through the positions (m, n) within `half_s` of `at_s`, for ascending times `t_s` (m,).
 
-    The window is widened where fewer samples lie in it than the polynomial needs.
+    The stretch is widened where fewer samples lie in it than the polynomial needs.
     """
-    half_s = max(SMOOTHING_HALF_WIDTH_S, 0.5 * (POLYNOMIAL_DEGREE + 2) * float(np.median(np.diff(t_s))))
+    half_s = max(half_s, _narrowest_half_width(t_s))
     # The tolerance keeps samples at the border in, whatever the rounding of their times.
     near = np.abs(t_s - at_s) <= half_s * (1.0 + 1e-9)
     design = np.vander((t_s[near] - at_s) / half_s, POLYNOMIAL_DEGREE + 1, increasing=True)
     solution = np.linalg.lstsq(design, position[near], rcond=None)[0]
-    missed = np.sqrt(np.mean((design @ solution - position[near]) ** 2, axis=0))
+    degrees_of_freedom = max(np.count_nonzero(near) - POLYNOMIAL_DEGREE - 1, 1)
+    missed = np.sqrt(np.sum((design @ solution - position[near]) ** 2, axis=0) / degrees_of_freedom)
     # Covariance of the coefficients for noise of standard deviation 1.
     std = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
     return LocalPolynomial(np.asarray(solution, dtype=np.float64), std, missed, half_s)
+
+
+def _narrowest_half_width(t_s: Floats) -> float:
+    """Half width in s of a stretch with one sample more than the polynomial has coefficients."""
+    return 0.5 * (POLYNOMIAL_DEGREE + 2) * float(np.median(np.diff(t_s)))
 
 
 def estimate_start(t_s: Floats, position: Floats, start_s: float, noise: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -316,11 +322,20 @@ def estimate_start(t_s: Floats, position: Floats, start_s: float, noise: Floats)
 
     Notes
     -----
-    The misfit of the polynomial counts as noise too, for instance where dry friction reverses.
+    The misfit of the polynomial counts as noise too, for instance where dry friction reverses. Of several half widths, each joint takes
+    the one with the least standard deviation of the speed: the widest one in smooth motion, a narrower one near an impact.
     """
-    local = local_polynomial(t_s, position, start_s)
-    std = local.std[:, None] * np.maximum(noise, local.missed)
-    return local.derivative(0), local.derivative(1), std[0], std[1] / local.half_s
+    # A stretch needs twice the samples of the narrowest one; with fewer, the misfit itself is hardly known.
+    least_s = 2.0 * _narrowest_half_width(t_s)
+    halves_s = [SMOOTHING_HALF_WIDTH_S]
+    while (half_s := NARROWER * halves_s[-1]) >= least_s:
+        halves_s.append(half_s)
+    fits = [local_polynomial(t_s, position, start_s, half_s) for half_s in halves_s]
+    # (widths, 2, n): of position and of speed.
+    std = np.array([fit.std[:2, None] * np.maximum(noise, fit.missed) / np.array([[1.0], [fit.half_s]]) for fit in fits])
+    best, joints = std[:, 1].argmin(axis=0), np.arange(position.shape[1])
+    at, speed = (np.array([fit.derivative(order) for fit in fits])[best, joints] for order in (0, 1))
+    return at, speed, std[best, 0, joints], std[best, 1, joints]
 
 
 def _start_effect(window: SwingWindow, ready: DrivenPendulum, angle_std: Floats, speed_std: Floats) -> Floats:

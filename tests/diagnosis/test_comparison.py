@@ -206,6 +206,17 @@ def test_the_law_error_without_an_effect_is_that_of_the_others(gained):
     assert gained.law_error_without("sensor_gain") == 1.0
 
 
+def test_the_others_do_not_count_where_they_need_an_implausible_value(gained):
+    """A nuisance parameter at the end of its prior takes the place of the effect then."""
+    both = strained(replace(gained.best, hypothesis=replace(gained.best.hypothesis, ids=("sensor_gain", "sensor_crosstalk"))), 0.0)
+
+    def law_error_without_crosstalk(strain):
+        comparison = Comparison(gained.result, (both, strained(gained.best, strain), gained.nothing))
+        return _with(comparison, "best", both).law_error_without("sensor_crosstalk")
+
+    assert law_error_without_crosstalk(IMPLAUSIBLE + 0.1) == 1.0 > LAW_ERROR > law_error_without_crosstalk(IMPLAUSIBLE - 0.1)
+
+
 def tried(family):
     """A probe of every member."""
     return tuple(SimpleNamespace(choice=SimpleNamespace(effect=SimpleNamespace(id=name))) for name in members_of(family))

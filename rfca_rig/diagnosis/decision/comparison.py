@@ -190,9 +190,17 @@ class Comparison:
         return float(min(np.sqrt(left / removed), 1.0)) if removed > 0.0 else 1.0
 
     def law_error_without(self, name: str) -> float:
-        """Law error of the best explanation without one of its effects; 1 where no effect remains."""
+        """Law error of the best explanation without one of its effects; 1 where no effect remains, or the rest is no explanation.
+
+        The rest does not count if it needs an implausible nuisance parameter that the best explanation does not need.
+        """
         others = set(self.best.ids) - {name}
-        return next((self.law_error(one) for one in self.ranked if others and set(one.ids) == others), 1.0)
+        rest = next((one for one in self.ranked if others and set(one.ids) == others), None)
+        return 1.0 if rest is None or self._is_less_plausible(rest, self.best) else self.law_error(rest)
+
+    def _is_less_plausible(self, simpler: ScaledHypothesis, whole: ScaledHypothesis) -> bool:
+        """Whether a subset needs an implausible nuisance parameter that the whole set does not need."""
+        return whole.hypothesis.fitted.max_nuisance_shift < IMPLAUSIBLE < simpler.hypothesis.fitted.max_nuisance_shift
 
     @cached_property
     def noise_floor(self) -> float:
@@ -230,7 +238,7 @@ class Comparison:
         """
         for simpler in self.ranked:
             is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
-            if is_part and not one.hypothesis.fitted.max_nuisance_shift < IMPLAUSIBLE < simpler.hypothesis.fitted.max_nuisance_shift:
+            if is_part and not self._is_less_plausible(simpler, one):
                 log_ratio = np.median(np.log(simpler.held_out_rms / one.held_out_rms))
                 # The threshold is a share of the mean square, and `log_ratio` that of an rms, hence the half.
                 if log_ratio < -0.5 * np.log1p(-WORTH_ADDING):

@@ -16,6 +16,7 @@ from rfca_rig.diagnosis.config import (
     CONVERGED_GAIN,
     CONVERGENCE_ROUNDS,
     DIFFERENCE_SIZE,
+    FAILED_STEPS,
     JACOBIAN_ERROR,
     LEAST_GAIN,
     LEVELS,
@@ -157,7 +158,7 @@ class GaussNewton:
 
     def _descend(self, here: MapFit, whitening: DiscrepancyWhitening, rounds: int) -> MapFit:
         """Damped steps at one discrepancy scale towards the optimum of the linear model; a failed step shortens the next one."""
-        share = 1.0
+        share, failed, is_fresh = 1.0, 0, False
         for _ in range(rounds):
             goal = _goal(here.linear(self.dataset.rows.measured), whitening)
             before = self.misfit(here.x, here.predicted, whitening)
@@ -174,6 +175,11 @@ class GaussNewton:
                 return here
             # Damping by step length: it grows back after a success, up to the full step.
             share = min(1.0, 2.0 * share) if gained > 0.0 else STEP_REDUCTION * share
+            failed = 0 if gained > 0.0 else failed + 1
+            is_fresh = is_fresh and gained <= 0.0
+            if failed == FAILED_STEPS and not is_fresh:
+                # The secant updates cannot correct a Jacobian that is wrong in directions the steps did not take.
+                here, share, failed, is_fresh = self._recompute_jacobian(here), 1.0, 0, True
         return here
 
     def evaluate(self, found: MapFit) -> MarginalPosterior:
