@@ -15,13 +15,11 @@ from rfca_rig.bench.motors import make_motor, make_motor_twin, open_commanding_b
 from rfca_rig.bench.racks import HandRack, TwinRack
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinSection
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twin_server.fault_schedule import FaultEvent
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.motor import MotorTwin
-from rfca_rig.twins.sensor import SensorTwin
-from rfca_rig.twins.world import TwinWorld
+from rfca_rig.twins.wires import can_wire
+from rfca_rig.twins.world import MotorTwin, SensorTwin, TwinWorld
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 # Height of the twin's rack until a plan sets it.

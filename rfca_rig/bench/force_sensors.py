@@ -32,11 +32,9 @@ from rfca_rig.errors import BadInput
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
 from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
-from rfca_rig.twins.datagram_link import DatagramLink, datagram_link
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.netft_box import NetFtBoxTwin
-from rfca_rig.twins.sensor import SensorTwin
-from rfca_rig.twins.serial_line import SerialLine, serial_line
+from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import DatagramLink, SerialLine, datagram_link, serial_line
+from rfca_rig.twins.world import SensorTwin
 
 
 def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> ForceSensor:

@@ -28,11 +28,10 @@ from rfca_rig.guardian.guarded_bus import GuardedBus
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
-from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
-from rfca_rig.twins.moteus_loop import MoteusGains
-from rfca_rig.twins.motor import MotorTwin
+from rfca_rig.twins.drive_parts import LoopGains
+from rfca_rig.twins.moteus import MoteusGains, MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
-from rfca_rig.twins.speed_loop import LoopGains
+from rfca_rig.twins.world import MotorTwin
 
 # Watchdog of the twin of a lab's own motor, whose real one the rig file does not state.
 USUAL_WATCHDOG_S = 0.1

@@ -15,7 +15,7 @@ import numpy as np
 from rfca_rig import __version__
 from rfca_rig.bench.checkout import UNKNOWN, source_state
 from rfca_rig.bench.outcome import Outcome
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.written_plan import serialize_plan
 

@@ -1,7 +1,7 @@
 """Racks: one whose lead screws a person turns, and the twin's."""
 
 from rfca_rig.errors import BadInput
-from rfca_rig.twins.plant import TwinPlant
+from rfca_rig.twins.world import TwinPlant
 
 
 class HandRack:

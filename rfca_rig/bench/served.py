@@ -28,7 +28,7 @@ from rfca_rig.twin_server.socketcand_port import SocketcandPort
 from rfca_rig.twin_server.tampered_bus import TamperedBus
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twin_server.udp_link import UdpLink
-from rfca_rig.twins.sensor import SensorTwin
+from rfca_rig.twins.world import SensorTwin
 
 # The first step of the simulation, which may compile the model.
 WARM_UP_S = 2e-3

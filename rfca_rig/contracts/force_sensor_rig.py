@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.roles import ForceSamples, ForceSensor
-from rfca_rig.twins.sensor import SensorTwin
+from rfca_rig.twins.world import SensorTwin
 
 # Period of the reading loop in s.
 TICK_S = 2e-3

@@ -11,9 +11,8 @@ import numpy as np
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.roles import ShaftMotor, ShaftSamples
-from rfca_rig.twins.can_wire import CanEnd, can_wire
-from rfca_rig.twins.datagram_link import datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import CanEnd, can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 
 TICK_S = 2e-3

@@ -10,7 +10,7 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.failing_buses import BusFullFor, UnpluggedBus
 from rfca_rig.contracts.motor_hooks import MotorHooks
 from rfca_rig.errors import DeviceError
-from rfca_rig.twins.can_wire import can_wire
+from rfca_rig.twins.wires import can_wire
 
 
 class MotorStops(MotorHooks):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from rfca_rig.twins.serial_line import HostEnd
+from rfca_rig.twins.wires import HostEnd
 
 # Bits to flip in a changed byte.
 FLIPPED_BITS = 0x5A

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.twins.plant import ShaftDrive, ShaftState
+from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 Floats = NDArray[np.float64]
 

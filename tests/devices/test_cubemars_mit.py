@@ -19,10 +19,9 @@ from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
-from rfca_rig.twins.datagram_link import datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 
 RANGES = MIT_RANGES["AK80-9"]

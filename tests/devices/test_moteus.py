@@ -17,9 +17,8 @@ from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
-from rfca_rig.twins.moteus_loop import MoteusGains
+from rfca_rig.twins.moteus import MoteusGains, MoteusTwin, MoteusTwinSettings
+from rfca_rig.twins.wires import can_wire
 
 GEARED = {"gear_ratio": 3.0, "direction": -1, "zero_turns": 2.75}
 

@@ -14,8 +14,8 @@ from rfca_rig.contracts.force_sensor_rig import ForceSensorRig
 from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES, UdpDatagrams
 from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.datagram_link import LinkEnd, datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import LinkEnd, datagram_link
 from tests.devices.rig import Tampered, twin_rig
 
 SECOND = 0.5

@@ -17,9 +17,8 @@ from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES, advise_receive_buff
 from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.netft_box import CommandBox, HttpBox
 from rfca_rig.errors import BadInput, DeviceError, RigError
-from rfca_rig.twins.datagram_link import datagram_link
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.netft_box import NetFtBoxTwin
+from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import datagram_link
 
 
 def made(settings: NetFtTwinSettings | None = None) -> tuple[NetFtBoxTwin, NetFtTwin]:

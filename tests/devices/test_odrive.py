@@ -17,11 +17,10 @@ from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.rotor import Rotor
 from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import datagram_link
+from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
-from rfca_rig.twins.speed_loop import LoopGains
+from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.devices.rig import twin_rig
 

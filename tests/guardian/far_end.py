@@ -17,8 +17,8 @@ from rfca_rig.twin_server.slcan_port import SlcanPort
 from rfca_rig.twin_server.socketcand_port import SocketcandPort
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
-from rfca_rig.twins.datagram_link import datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.guardian.rigs import MIT, SERVO
 

@@ -14,7 +14,7 @@ from rfca_rig.drivers.cubemars_settings import MitSettings
 from rfca_rig.guardian.link import GuardianLink
 from rfca_rig.guardian.process import Guardian
 from rfca_rig.guardian.records import GuardianRecord, RecordKind, from_frame
-from rfca_rig.twins.can_wire import can_wire
+from rfca_rig.twins.wires import can_wire
 
 SETTINGS = MitSettings(1, "AK80-9")
 LAST_WORD = MitTorqueOffFrames(SETTINGS)

@@ -21,11 +21,9 @@ from rfca_rig.twin_server.http_port import HttpPort
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
 from rfca_rig.twin_server.tampered_bus import TamperedBus
 from rfca_rig.twin_server.tampered_link import TamperedLink
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import LinkEnd, datagram_link
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.netft_box import NetFtBoxTwin
+from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
+from rfca_rig.twins.wires import LinkEnd, can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.twin_server.polling import polled
 
