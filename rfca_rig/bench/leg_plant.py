@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import resolve_effect, set_up
 from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import resolve_effect, set_up
 from rfca_rig.model.state import Chain, Laws, Shaft, State
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 

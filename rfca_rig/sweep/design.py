@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rfca_rig.model.paper.strip import Strip, cell_m, paper_strips, table_1_materials, with_first_link, with_links
 from rfca_rig.model.parameters import Leg, PresentEffect, RigModel
-from rfca_rig.model.rediscretize import cell_m, with_first_link, with_links
-from rfca_rig.model.strip import Strip, paper_strips, table_1_materials
 
 FITTED_STRIP = paper_strips({material.name: material for material in table_1_materials()}["CFSP"], 0.8e-3)
 """The strip of which the nominal k0 is taken to be: the paper's, two pieces of CFSP of 0.8 mm."""
@@ -33,7 +32,7 @@ class SweepCase:
         return replace(self.rig, leg=leg if self.links is None else with_links(leg, self.links))
 
     def cell_m(self) -> float:
-        """The length of strip that each hinge represents; see `model.rediscretize`. Raises BadInput."""
+        """The length of strip that each hinge represents; see `model.paper.strip`. Raises BadInput."""
         leg = self._leg()
         hinges = len(leg.link_lengths_m) - 1
         # Fewer hinges share the same strip, so each represents more of it.

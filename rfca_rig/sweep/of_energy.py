@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rfca_rig.model.energy import mechanical_energy_J
+from rfca_rig.model.forces import mechanical_energy_J
 from rfca_rig.sweep.computed import CaseResults, Floats
 
 

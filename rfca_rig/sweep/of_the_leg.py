@@ -3,7 +3,7 @@
 import numpy as np
 
 from rfca_rig.model.hinge_springs import bending_stiffness_Nm_per_rad, bending_torque_Nm
-from rfca_rig.model.static_state import StaticState
+from rfca_rig.model.static_stages import StaticState
 from rfca_rig.model.statics_contact import follow_static_path
 from rfca_rig.sweep.computed import CaseResults, OutputMissing
 

@@ -14,8 +14,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effect import OF_PENDULUMS
 from rfca_rig.model.effect import Parameter as OfEffect
-from rfca_rig.model.rediscretize import MOST_LINKS
-from rfca_rig.model.strip import table_1_materials
+from rfca_rig.model.paper.strip import MOST_LINKS, table_1_materials
 from rfca_rig.sweep.design import SweepCase, set_effect_value
 
 Value = float | str

@@ -20,7 +20,7 @@ from rfca_rig.exam.pendulum_cases import (
     torque_scale_Nm,
 )
 from rfca_rig.exam.pendulum_world import Friction, PendulumWorld, Tones, swing
-from rfca_rig.model.joint_drive import torque_trace
+from rfca_rig.model.effects.joint_torques import torque_trace
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
 from rfca_rig.model.pendulum import simulate_pendulum as swing_of_model

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.model import laws
-from rfca_rig.model.effects import hinge_stop, spring_relaxation
+from rfca_rig.model.effects import hinge_stiffness, spring_memory
 
 CALL_BOTH = """
 import ctypes
@@ -46,10 +46,13 @@ def test_a_second_process_takes_over_what_the_first_compiled_and_does_not_mix_th
 
 
 def test_a_law_is_kept_under_its_own_name_and_the_source_of_all(monkeypatch):
-    keys = {laws._key_of(law) for law in (hinge_stop.torque, spring_relaxation.torque, spring_relaxation.advance)}
+    keys = {
+        laws._key_of(law)
+        for law in (hinge_stiffness.hinge_stop_torque, spring_memory.spring_relaxation_torque, spring_memory.spring_relaxation_advance)
+    }
     assert len(keys) == 3
     monkeypatch.setattr(laws, "_source_of_laws", lambda: "another edition")
-    assert laws._key_of(hinge_stop.torque) not in keys
+    assert laws._key_of(hinge_stiffness.hinge_stop_torque) not in keys
 
 
 def test_a_lab_s_own_law_is_compiled_in_every_process(monkeypatch):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, PPoly
 
-from rfca_rig.model.torque_spline import polynomial
+from rfca_rig.model.hinge_springs import polynomial
 
 Floats = NDArray[np.float64]
 

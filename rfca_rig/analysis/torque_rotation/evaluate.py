@@ -27,8 +27,8 @@ from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResul
 from rfca_rig.analysis.torque_rotation.systematics import Instruments, SystematicErrors, list_systematic_errors
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.hinge_springs import FEWEST_ANGLES as FEWEST_KNOTS
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.torque_spline import FEWEST_ANGLES as FEWEST_KNOTS
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording.model import Recording
 

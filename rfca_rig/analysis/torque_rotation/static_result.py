@@ -19,8 +19,8 @@ from rfca_rig.analysis.torque_rotation.points import Points
 from rfca_rig.analysis.torque_rotation.recovery import CurveFit
 from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.errors import BadInput
+from rfca_rig.model.hinge_springs import knots_from
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.torque_spline import knots_from
 from rfca_rig.recording.model import StaticStage
 
 
