@@ -20,14 +20,11 @@ from rfca_rig.description.force_sensor_sections import (
 )
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinSection
-from rfca_rig.drivers.ati_serial import AtiSerialSensor
-from rfca_rig.drivers.daq_ft import DaqFtSensor, DaqFtSettings
-from rfca_rig.drivers.datagrams import UdpDatagrams, advise_receive_buffer
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.netft_box import CommandBox, HttpBox, NetFtBox
-from rfca_rig.drivers.nidaqmx_gages import NidaqmxGages
+from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor
+from rfca_rig.drivers.force_sensors.daq_ft import DaqFtSensor, DaqFtSettings, NidaqmxGages
+from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSensor, NetFtSettings
+from rfca_rig.drivers.ports import UdpDatagrams, advise_receive_buffer, open_port
 from rfca_rig.drivers.roles import ForceSensor
-from rfca_rig.drivers.serial_port import open_port
 from rfca_rig.errors import BadInput
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings

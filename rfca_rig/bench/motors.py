@@ -15,13 +15,13 @@ from rfca_rig.description.motor_sections import (
 )
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinDriveSection
-from rfca_rig.drivers.can_bus import CanBusSettings
-from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames, ServoTorqueOffFrames
-from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import Guard, TorqueOffFrames
-from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.motors.cubemars import MitTorqueOffFrames, ServoTorqueOffFrames
+from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.errors import BadInput
 from rfca_rig.guardian.guarded_bus import GuardedBus

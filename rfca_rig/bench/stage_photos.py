@@ -9,7 +9,7 @@ import numpy as np
 
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.description.toml import model_of
-from rfca_rig.drivers.picture_file import read_picture
+from rfca_rig.drivers.photo_files import read_picture
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import write_atomically

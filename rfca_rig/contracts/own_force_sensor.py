@@ -10,7 +10,7 @@ from rfca_rig.contracts.noisy_port import NoisyPort
 from rfca_rig.description.force_sensor_sections import ForceSensorKeys
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.drivers.record_stream import RecordStream
+from rfca_rig.drivers.force_sensors.record_stream import RecordStream
 from rfca_rig.twins.wires import serial_line
 
 LATENCY_S = 0.02

@@ -6,7 +6,7 @@ import can
 
 from rfca_rig.bench.motors import open_bus
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.cubemars_ranges import mit_ranges
+from rfca_rig.codecs.cubemars_drives import mit_ranges
 from rfca_rig.codecs.odrive_messages import OdriveFirmware
 from rfca_rig.description.motor_sections import (
     CubemarsMitSection,

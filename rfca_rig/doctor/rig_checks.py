@@ -38,10 +38,9 @@ from rfca_rig.doctor.looking.netft import look_at_box, look_at_stream
 from rfca_rig.doctor.looking.serial_port import look_at_serial_port
 from rfca_rig.doctor.motor_checks import check_motor
 from rfca_rig.doctor.own_checks import check_own_motor, check_own_sensor
-from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES
-from rfca_rig.drivers.netft import NetFtSettings
-from rfca_rig.drivers.netft_box import CommandBox, HttpBox, NetFtBox
-from rfca_rig.drivers.photo_folder import list_pictures
+from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSettings
+from rfca_rig.drivers.photo_files import list_pictures
+from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES
 from rfca_rig.errors import BadInput, RigError
 
 # Watchdog timeout assumed for drives whose timeout is not in the rig file.

@@ -14,8 +14,8 @@ from rfca_rig.doctor.looking.can_interface import can_interfaces, look_at_can_in
 from rfca_rig.doctor.looking.computer import probe_receive_buffer
 from rfca_rig.doctor.looking.netft import look_at_box
 from rfca_rig.doctor.looking.serial_port import look_for_serial_ports
-from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES
-from rfca_rig.drivers.netft_box import HttpBox
+from rfca_rig.drivers.force_sensors.netft import HttpBox
+from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES
 
 # Factory address of a Net F/T, its record rate, and a short time limit, since usually none is there.
 NETFT_AS_DELIVERED = "192.168.1.1"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.netbox_status import status_text
+from rfca_rig.codecs.rdt import status_text
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load

@@ -5,8 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from rfca_rig.drivers.blocks import concatenate_blocks
-from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples
+from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples, concatenate_blocks
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest, Tick
 from rfca_rig.engine.limit_monitor import LimitMonitor, Tracking
 from rfca_rig.errors import DeviceError, Tripped

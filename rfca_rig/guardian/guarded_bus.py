@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 import can
 
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.drivers.can_bus import CanBusSettings
+from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import GuardianTorqueOff, TorqueOffFrames, TorqueOffResult
 from rfca_rig.guardian.link import MAX_QUEUED_BYTES, GuardianLink
 from rfca_rig.guardian.process import FAILED, READY, GuardianAssignment, signature

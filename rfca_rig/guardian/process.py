@@ -13,7 +13,7 @@ from types import FrameType
 import can
 
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.drivers.can_bus import CanBusSettings
+from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import TorqueOffFrames
 from rfca_rig.guardian.link import GuardianLink
 from rfca_rig.guardian.records import GuardianRecord, RecordKind, from_frame, from_result, from_text, to_frame

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.codecs.netft_commands import COMMAND_BYTES
+from rfca_rig.codecs.netft_configuration import COMMAND_BYTES
 from rfca_rig.twin_server.listening import listening_tcp
 from rfca_rig.twin_server.tcp_client import TcpClient, accept_all
 from rfca_rig.twins.netft import NetFtBoxTwin

@@ -6,17 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.codecs.malformed import MalformedFrame
-from rfca_rig.codecs.netbox_status import SATURATED
-from rfca_rig.codecs.netft_commands import (
+from rfca_rig.codecs.netft_configuration import (
+    PATH,
     CalibrationInfo,
+    NetFtConfiguration,
     NetFtReading,
     ReadCalibrationInfo,
     decode_command,
     encode_calibration,
+    encode_configuration,
     encode_reading,
 )
-from rfca_rig.codecs.netft_configuration import PATH, NetFtConfiguration, encode_configuration
-from rfca_rig.codecs.rdt import MAX_RECORDS, RECORD_BYTES, RdtCommand, Records, Request, decode_request, encode_records
+from rfca_rig.codecs.rdt import MAX_RECORDS, RECORD_BYTES, SATURATED, RdtCommand, Records, Request, decode_request, encode_records
 from rfca_rig.twins.wires import DatagramLink, SampleGrid
 
 Floats = NDArray[np.float64]

@@ -9,8 +9,8 @@ import numpy as np
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings

@@ -11,12 +11,12 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from rfca_rig.clock import Clock, TwinClock
+from rfca_rig.codecs.cubemars_drives import MIT_RANGES
 from rfca_rig.codecs.cubemars_mit import MitCommand, Special, decode_command, decode_reply, encode_command, encode_special
-from rfca_rig.codecs.cubemars_ranges import MIT_RANGES
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.motor_rig import MotorRig, concatenate_samples, drain, motor_rig
 from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings

@@ -15,7 +15,7 @@ from rfca_rig.codecs.odrive_messages import ControlMode
 from rfca_rig.contracts.failing_buses import UnpluggedBus
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings

@@ -12,7 +12,7 @@ from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.odrive_messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.wires import can_wire

@@ -8,8 +8,8 @@ import pytest
 
 from rfca_rig.contracts.motor_rig import MotorRig, motor_rig
 from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings

@@ -9,7 +9,7 @@ from rfca_rig.doctor.judging.ati_daq import CardsSeen, judge_calibration, judge_
 from rfca_rig.doctor.judging.ati_serial import ControllerSeen, judge_controller
 from rfca_rig.doctor.judging.found import judge_found_sensor
 from rfca_rig.doctor.judging.netft import BoxObservation, StreamObservation, judge_box, judge_stream
-from rfca_rig.drivers.netft import NetFtSettings
+from rfca_rig.drivers.force_sensors.netft import NetFtSettings
 from tests.doctor.said import colours, whole
 
 SETTINGS = NetFtSettings()

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rfca_rig.drivers.camera_thread import CameraThread
+from rfca_rig.drivers.camera import CameraThread
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.engine.run import run_plan
 from rfca_rig.engine.stages import HOLD_PERIOD_S

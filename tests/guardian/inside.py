@@ -9,8 +9,7 @@ import can
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.cubemars_mit import MitReply, encode_reply
-from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames
-from rfca_rig.drivers.cubemars_settings import MitSettings
+from rfca_rig.drivers.motors.cubemars import MitSettings, MitTorqueOffFrames
 from rfca_rig.guardian.link import GuardianLink
 from rfca_rig.guardian.process import Guardian
 from rfca_rig.guardian.records import GuardianRecord, RecordKind, from_frame

@@ -13,8 +13,8 @@ from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.signals import SignalHandler
 from rfca_rig.clock import TwinClock
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.engine.interfaces import Bench, StopRequest
 from rfca_rig.protocol.check import Load

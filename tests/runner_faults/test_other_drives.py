@@ -10,10 +10,10 @@ import pytest
 
 from rfca_rig.bench.fault_injection import events_of
 from rfca_rig.clock import TwinClock
-from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
-from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.engine.stopping import Sink

@@ -12,9 +12,8 @@ import numpy as np
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.rdt import RdtCommand, encode_request
 from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.netft_box import HttpBox
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.force_sensors.netft import HttpBox, NetFtSensor, NetFtSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
 from rfca_rig.twin_server.http_port import HttpPort

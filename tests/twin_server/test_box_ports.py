@@ -6,8 +6,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from rfca_rig.codecs.netft_commands import ReadCalibrationInfo, encode_calibration, encode_command
-from rfca_rig.drivers.netft_box import CommandBox, HttpBox
+from rfca_rig.codecs.netft_configuration import ReadCalibrationInfo, encode_calibration, encode_command
+from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox
 from rfca_rig.twin_server.command_port import CommandPort
 from rfca_rig.twin_server.faults import FORCE_FAULTS, FaultPanel
 from rfca_rig.twin_server.http_port import HttpPort

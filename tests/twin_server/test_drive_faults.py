@@ -10,8 +10,8 @@ import pytest
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.odrive_messages import OdriveFirmware
 from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import DeviceError
 from rfca_rig.twin_server.faults import CAN_FAULTS, ODRIVE_FAULTS, FaultPanel
 from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events

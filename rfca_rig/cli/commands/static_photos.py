@@ -36,7 +36,7 @@ def photos(
     from rfca_rig.cli.paths import make_run_folder
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.toml import read_text
-    from rfca_rig.drivers.photo_folder import list_photos
+    from rfca_rig.drivers.photo_files import list_photos
     from rfca_rig.recording.store import write_recording
 
     (recording,) = open_recordings([run])

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.codecs.cubemars_meanings import error_text
+from rfca_rig.codecs.cubemars_drives import error_text
 from rfca_rig.codecs.cubemars_mit import MitReply
 from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
 

@@ -1,7 +1,6 @@
 """Evaluates devices found without a rig file; a missing one is not an error."""
 
-from rfca_rig.codecs.netft_commands import CalibrationInfo
-from rfca_rig.codecs.netft_configuration import NetFtConfiguration
+from rfca_rig.codecs.netft_configuration import CalibrationInfo, NetFtConfiguration
 from rfca_rig.doctor.finding import Finding, green, yellow
 from rfca_rig.doctor.judging.can_interface import CanInterfaceObservation, make_up_command
 from rfca_rig.doctor.judging.netft import BoxObservation

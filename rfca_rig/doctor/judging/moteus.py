@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.codecs.moteus_meanings import fault_text, mode_text
-from rfca_rig.codecs.moteus_registers import Mode
+from rfca_rig.codecs.moteus_registers import Mode, fault_text, mode_text
 from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
 
 DRIVE, ERROR = "drive", "drive error"

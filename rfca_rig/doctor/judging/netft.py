@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.codecs.netbox_status import ERROR, MONITOR_LATCHED, SATURATED, WARNINGS, status_text
-from rfca_rig.codecs.netft_commands import CalibrationInfo
-from rfca_rig.codecs.netft_configuration import NetFtConfiguration
+from rfca_rig.codecs.netft_configuration import CalibrationInfo, NetFtConfiguration
+from rfca_rig.codecs.rdt import ERROR, MONITOR_LATCHED, SATURATED, WARNINGS, status_text
 from rfca_rig.doctor.finding import Finding, green, red, yellow
-from rfca_rig.drivers.netft import NetFtSettings
-from rfca_rig.drivers.netft_box import refuse_difference
+from rfca_rig.drivers.force_sensors.netft import NetFtSettings, refuse_difference
 from rfca_rig.errors import RigError
 
 BOX, STREAM, RATE, STATUS = "sensor's box", "sensor's records", "sensor's rate", "sensor's status"

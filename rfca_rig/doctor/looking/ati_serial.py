@@ -2,8 +2,8 @@
 
 from rfca_rig.clock import Clock
 from rfca_rig.doctor.judging.ati_serial import ControllerSeen
-from rfca_rig.drivers.ati_serial import AtiSerialSensor, AtiSerialSettings
-from rfca_rig.drivers.serial_port import open_port
+from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor, AtiSerialSettings
+from rfca_rig.drivers.ports import open_port
 from rfca_rig.errors import DeviceError
 
 POLL_S = 5e-3

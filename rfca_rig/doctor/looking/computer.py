@@ -14,7 +14,7 @@ from rfca_rig.doctor.judging.clock import LoopSeen
 from rfca_rig.doctor.judging.compiled_cache import CacheSeen
 from rfca_rig.doctor.judging.disk import DiskSeen
 from rfca_rig.doctor.judging.packages import ExtraSeen, PackageSeen
-from rfca_rig.drivers.datagrams import UdpDatagrams
+from rfca_rig.drivers.ports import UdpDatagrams
 from rfca_rig.model.compiled import CACHE_FOLDER
 
 # Period of the control loop, and duration of the timing test, in s.

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import can
 
 from rfca_rig.codecs import cubemars_servo
+from rfca_rig.codecs.cubemars_drives import MitRanges
 from rfca_rig.codecs.cubemars_mit import MitReply, Special, decode_reply, encode_special
-from rfca_rig.codecs.cubemars_ranges import MitRanges
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.doctor.judging.cubemars_mit import MitSeen
 from rfca_rig.doctor.looking.can_bus import LISTEN_S, Listener, ReceivedFrame

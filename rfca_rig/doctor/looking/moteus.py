@@ -11,7 +11,7 @@ from rfca_rig.codecs.moteus import Read, Reply, Route
 from rfca_rig.codecs.moteus_registers import Register, Width
 from rfca_rig.doctor.judging.moteus import MoteusAnswer, MoteusSeen
 from rfca_rig.doctor.looking.can_bus import Listener, ReceivedFrame
-from rfca_rig.drivers.moteus_scale import OWN_ID
+from rfca_rig.drivers.motors.moteus_replies import OWN_ID
 
 # Time for an answer, and the interval between two ids so that the bus is not flooded, in s.
 ANSWER_S = 0.1

@@ -8,10 +8,10 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request
 from rfca_rig.doctor.judging.netft import BoxObservation, StreamObservation
-from rfca_rig.drivers.blocks import concatenate_blocks
-from rfca_rig.drivers.datagrams import Datagrams, UdpDatagrams
-from rfca_rig.drivers.netft_box import NetFtBox
-from rfca_rig.drivers.record_sequence import RecordSequence
+from rfca_rig.drivers.force_sensors.netft import NetFtBox
+from rfca_rig.drivers.force_sensors.records import RecordSequence
+from rfca_rig.drivers.ports import Datagrams, UdpDatagrams
+from rfca_rig.drivers.roles import concatenate_blocks
 from rfca_rig.errors import DeviceError
 
 POLL_S = 2e-3
