@@ -28,11 +28,6 @@ def start_acquisition(assignment: AcquisitionAssignment) -> tuple[subprocess.Pop
     return subprocesses.spawn(MODULE, assignment)
 
 
-if __name__ == "__main__":
-    with Connection(int(sys.argv[1])) as parent:
-        run_acquisition(parent)
-
-
 class AcquiredDatagrams:
     """Implements `drivers.datagrams.Datagrams` for one sensor. No record is lost, whatever this process does meanwhile.
 
@@ -118,3 +113,8 @@ class AcquiredDatagrams:
             self._process.wait()
         self._child.close()
         self._ring.remove()
+
+
+if __name__ == "__main__":
+    with Connection(int(sys.argv[1])) as parent:
+        run_acquisition(parent)

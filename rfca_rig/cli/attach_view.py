@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import typer
 
-from rfca_rig.bench.outcome import Outcome
+from rfca_rig.bench.provenance import Outcome
 from rfca_rig.cli.run_config import RunConfig, Viewing
 from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import TwinClock, WatchedTwinClock

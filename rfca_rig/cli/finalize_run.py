@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rfca_rig.bench import provenance
-from rfca_rig.bench.outcome import Outcome
+from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.bench.resume import ending_of, reopen_run
 from rfca_rig.cli.acknowledged_lines import AcknowledgedLines

@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 from rfca_rig.bench.factory import open_bench
-from rfca_rig.bench.outcome import Outcome
+from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.attach_view import attach_view, twin_clock

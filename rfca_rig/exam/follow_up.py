@@ -27,7 +27,7 @@ from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.simulate_campaign import add_experiment
 from rfca_rig.exam.write import CAMPAIGNS
-from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.executors.mapping import TaskExecutor
 from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic import write_atomically
 

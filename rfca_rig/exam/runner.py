@@ -4,8 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from rfca_rig.errors import RigError
-from rfca_rig.executors.base import TaskExecutor
-from rfca_rig.executors.mapping import TaskFailure, map_unordered
+from rfca_rig.executors.mapping import TaskExecutor, TaskFailure, map_unordered
 from rfca_rig.progress import ProgressReport
 
 Job = TypeVar("Job")

@@ -16,8 +16,8 @@ from rfca_rig.exam.runner import run_jobs
 from rfca_rig.exam.sealing import is_sealed, list_unwritten, seal_all, write_missing
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.exam.truth import truth_of
-from rfca_rig.executors.base import TaskExecutor
 from rfca_rig.executors.local import process_executor
+from rfca_rig.executors.mapping import TaskExecutor
 from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic_dir import atomic_directory, remove_leftovers
 

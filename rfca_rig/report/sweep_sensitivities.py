@@ -10,8 +10,7 @@ from rfca_rig.report.sweep_views import sample_groups
 from rfca_rig.report.table import Table, TableColumn, TableRow
 from rfca_rig.sweep.quantities import Value
 from rfca_rig.sweep.result import SweepResult
-from rfca_rig.sweep.samples import shares
-from rfca_rig.sweep.sensitivity import FirstOrder, first_order
+from rfca_rig.sweep.samples import FirstOrder, first_order, shares
 
 # Combinations of the grid's values for which sensitivities are computed.
 MOST_GROUPS = 6

@@ -13,7 +13,7 @@ from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.state import Chain
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
-from rfca_rig.sweep.design import SweepCase
+from rfca_rig.sweep.quantities import SweepCase
 
 Floats = NDArray[np.float64]
 

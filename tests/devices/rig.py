@@ -8,7 +8,7 @@ import can
 import numpy as np
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import ForceSamples, ShaftSamples

@@ -14,8 +14,7 @@ from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs.cubemars_drives import MIT_RANGES
 from rfca_rig.codecs.cubemars_mit import MitCommand, Special, decode_command, decode_reply, encode_command, encode_special
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, concatenate_samples, drain, motor_rig
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import MotorRig, Rotor, concatenate_samples, drain, motor_rig
 from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError

@@ -11,8 +11,7 @@ from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import SetCurrent, SetPosition, SetPositionSpeed, Status
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import MotorRig, Rotor, drain, motor_rig
 from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings

@@ -13,8 +13,7 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.ati_calibration import GageBlock, TemperatureCompensation, TransducerCalibration, parse_calibration
-from rfca_rig.contracts.force_sensor import ForceSensorContract
-from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
+from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, constant
 from rfca_rig.drivers.force_sensors.daq_ft import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings, NidaqmxGages
 from rfca_rig.drivers.force_sensors.records import FrozenRecordCounter
 from rfca_rig.errors import BadInput, DeviceError

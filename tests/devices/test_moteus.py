@@ -13,8 +13,7 @@ from rfca_rig.codecs import moteus
 from rfca_rig.codecs.moteus import Refusal, Reply, Route, Subframe, Write
 from rfca_rig.codecs.moteus_registers import Mode, Register, Width
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import MotorRig, Rotor, drain, motor_rig
 from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.moteus import MoteusGains, MoteusTwin, MoteusTwinSettings

@@ -14,7 +14,7 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.codecs import moteus as codec
 from rfca_rig.codecs.moteus import Read, Reply, Write
 from rfca_rig.codecs.moteus_registers import Mode, Register, Width
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link

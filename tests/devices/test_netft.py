@@ -9,8 +9,7 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.rdt import RECORD_BYTES, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
-from rfca_rig.contracts.force_sensor import ForceSensorContract
-from rfca_rig.contracts.force_sensor_rig import ForceSensorRig
+from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, UdpDatagrams
 from rfca_rig.errors import BadInput, DeviceError

@@ -6,8 +6,7 @@ from contextlib import AbstractContextManager
 
 import pytest
 
-from rfca_rig.contracts.motor_rig import MotorRig, motor_rig
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import MotorRig, Rotor, motor_rig
 from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import DeviceError

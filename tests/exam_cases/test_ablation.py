@@ -12,7 +12,7 @@ from rfca_rig.exam.ablation import FOLDER, run_ablation, taken_out
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.outcome import DETECTABLE
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.executors.base import InProcessExecutor
+from rfca_rig.executors.mapping import InProcessExecutor
 
 
 def saying(verdict: str, *effects: tuple[str, float]):

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from rfca_rig.clock import WallClock
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.twin_server.real_time import RealTimeLoop
 from rfca_rig.twin_server.shared_wire import SharedWire
 from rfca_rig.twin_server.slcan_port import SlcanPort

@@ -10,10 +10,9 @@ import pytest
 
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.motors import make_motor
-from rfca_rig.bench.openings import Openings
-from rfca_rig.bench.served import open_served
+from rfca_rig.bench.served import Openings, open_served
 from rfca_rig.clock import TwinClock, WallClock
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.doctor.finding import Colour

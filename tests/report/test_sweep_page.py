@@ -11,7 +11,7 @@ from rfca_rig.report.sweep_sensitivities import compute_sensitivities
 from rfca_rig.report.sweep_text import formula, name_and_unit
 from rfca_rig.report.sweep_views import sample_groups, views
 from rfca_rig.sweep.result import SweepResult
-from rfca_rig.sweep.typed_sweep import plan_from_options
+from rfca_rig.sweep.sweep_file import plan_from_options
 from tests.model.legs import PAPER
 from tests.report.outline import Outline
 

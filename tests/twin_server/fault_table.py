@@ -11,7 +11,7 @@ import numpy as np
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.rdt import RdtCommand, encode_request
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.drivers.force_sensors.netft import HttpBox, NetFtSensor, NetFtSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError

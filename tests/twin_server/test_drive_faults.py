@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.odrive_messages import OdriveFirmware
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import DeviceError

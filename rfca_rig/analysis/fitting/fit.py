@@ -17,8 +17,7 @@ from rfca_rig.analysis.fitting.scatter import StrokeWhitening, estimate_scatter_
 from rfca_rig.analysis.fitting.solver import Progress, Residuals, descend
 from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.executors.base import TaskExecutor
-from rfca_rig.executors.mapping import TaskFailure, map_unordered
+from rfca_rig.executors.mapping import TaskExecutor, TaskFailure, map_unordered
 
 Floats = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ def photos(
     from dataclasses import replace
     from shutil import rmtree
 
-    from rfca_rig.bench.hand_photos import eye_for, with_hand_photos
+    from rfca_rig.bench.stage_photos import eye_for, with_hand_photos
     from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
     from rfca_rig.cli.paths import make_run_folder
     from rfca_rig.cli.progress import progress
