@@ -1,12 +1,22 @@
-"""Evaluates the camera of the static experiment: its calibration, and the marks that it shows."""
+"""The camera of the static experiment: its calibration, and the marks in one photo of the hanging leg. Nothing moves."""
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 
+from rfca_rig.bench.cameras import make_camera
+from rfca_rig.clock import Clock
+from rfca_rig.description.camera_sections import OpenCvCameraSection
+from rfca_rig.doctor.devices.can import shorten_error
 from rfca_rig.doctor.finding import Finding, green, red, yellow
+from rfca_rig.drivers.roles import Photo, Photographer
+from rfca_rig.errors import DeviceError, RigError
+from rfca_rig.vision.leg_photo import PhotoSetup, read_leg_photo
 
 CAMERA, CALIBRATION = "camera", "camera file"
 # Reprojection error from which a new calibration is advised.
 MAX_REPROJECTION_ERROR_PX = 1.0
+
+LOOK_EVERY_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -44,3 +54,24 @@ def judge_photo_folder(folder: str, fault: str | None) -> Finding:
     if fault is not None:
         return red(CAMERA, fault, "make the folder, and tell the camera's program to put its photos there:", f"mkdir -p {folder}")
     return green(CAMERA, f"photos are to come into {folder}")
+
+
+def look_at_camera(section: OpenCvCameraSection, eye: PhotoSetup, clock: Clock) -> CameraObservation:
+    try:
+        with ExitStack() as stack:
+            photo = _one_photo(make_camera(section, eye, clock, stack), clock, section.photo_limit_s)
+        identified = read_leg_photo(photo.image, eye).identified
+    except RigError as error:
+        return CameraObservation(shorten_error(error))
+    count = sum(mark is not None for mark in identified.marks)
+    return CameraObservation(None, count, len(identified.marks), tuple(doubt.words for doubt in identified.doubts))
+
+
+def _one_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:
+    camera.begin()
+    until_s = clock.now_s() + limit_s
+    while clock.now_s() < until_s:
+        if photo := camera.taken():
+            return photo
+        clock.wait_until(clock.now_s() + LOOK_EVERY_S)
+    raise DeviceError(f"the camera gave no photo within {limit_s:g} s; check its cable and power")
