@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rfca_rig.analysis.compare import ComparedCondition, compare_condition
+from rfca_rig.analysis.compare import ComparedCondition, Table2Row, compare_condition, make_table2_row
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, make_peak_row
 from rfca_rig.analysis.repeats import group_by_condition
-from rfca_rig.analysis.table2 import Table2Row, make_table2_row
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
+from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
 from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.inline_svg import inline_svg

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
+from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
 from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.report.table import Table, TableColumn, TableRow, Value, with_common_decimals

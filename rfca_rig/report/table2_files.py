@@ -3,9 +3,9 @@
 import json
 from typing import Any
 
+from rfca_rig.analysis.compare import PAPER_AVERAGE_ERROR_PCT, Table2
+from rfca_rig.analysis.compare import Table2Row as Compared
 from rfca_rig.analysis.repeats import Spread
-from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Table2
-from rfca_rig.analysis.table2 import Table2Row as Compared
 from rfca_rig.report.table import Foot, Table, TableColumn, TableRow
 from rfca_rig.report.text import count_noun
 

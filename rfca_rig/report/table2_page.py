@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+from rfca_rig.analysis.compare import PAPER_AVERAGE_ERROR_PCT, Table2
 from rfca_rig.analysis.matched_simulation import Shaft
-from rfca_rig.analysis.table2 import PAPER_AVERAGE_ERROR_PCT, Table2
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.report import overlay
 from rfca_rig.report.provenance import PageContext

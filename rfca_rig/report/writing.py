@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from rfca_rig.analysis.compare import Table2
 from rfca_rig.analysis.matched_simulation import Shaft
-from rfca_rig.analysis.table2 import Table2
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording.model import Recording
 from rfca_rig.report.files import table_files, write_all

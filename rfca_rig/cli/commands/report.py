@@ -12,8 +12,8 @@ from rfca_rig.cli.options import Json, Model, Pdf
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
+    from rfca_rig.analysis.compare import Table2
     from rfca_rig.analysis.matched_simulation import Shaft as ShaftName
-    from rfca_rig.analysis.table2 import Table2
     from rfca_rig.diagnosis.window_fit import WindowFit
     from rfca_rig.report.motions_page import MotionsReport
 

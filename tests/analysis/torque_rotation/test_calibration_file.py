@@ -7,13 +7,13 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
 from rfca_rig.analysis.prediction import predict_stroke
+from rfca_rig.analysis.torque_rotation.bases import TorqueCurve, law_values
 from rfca_rig.analysis.torque_rotation.calibration_file import (
     can_be_written,
     can_curve_be_written,
     write_calibration,
     write_curve,
 )
-from rfca_rig.analysis.torque_rotation.curve import TorqueCurve, law_values
 from rfca_rig.analysis.torque_rotation.elastica_curves import predict_hinge_curves
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
