@@ -8,7 +8,7 @@ Valid for one stroke per recording at up to about 5 rad/s, sampled at 500 Hz or 
 touch. It is up to 30 ms late for a touch that begins as softly as the leg swings. Lift-off is the moment when the ground no longer pushes,
 not that of the last contact. A simulated stroke has known contact forces and uses them.
 
-Touchdown and lift-off are found by `fit_quadratic`, a local quadratic least squares over a window in time.
+Touchdown and lift-off are found by `local_quadratic`, a local quadratic least squares over a window in time.
 """
 
 from dataclasses import dataclass

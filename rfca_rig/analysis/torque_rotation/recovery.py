@@ -37,7 +37,7 @@ LOADED_STD = 4.0
 # Above the floor: an end that may touch, as far as a photo shows. Including an end in the air does no harm.
 NEAR_M = 6e-3
 MIN_DEPTH_M = 1e-4
-ACTIVE_CONTACTS_MAX_ROUNDS = 6
+MAX_CONTACT_ROUNDS = 6
 
 # Initial error of a hinge angle in a photo.
 USUAL_HINGE_DEG = 0.15
@@ -73,7 +73,7 @@ def solve_contacts(balance: Balance, data: StageData, C: Floats, start: Point, e
         Where no balance is found.
     """
     tried, point = set(), start
-    for _ in range(ACTIVE_CONTACTS_MAX_ROUNDS):
+    for _ in range(MAX_CONTACT_ROUNDS):
         adjusted = _adjust_or_fail(balance, data, C, point, ends)
         # A set that was tried before would repeat itself for ever.
         tried.add(tuple(ends))
