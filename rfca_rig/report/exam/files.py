@@ -10,9 +10,9 @@ from typing import Any
 
 from rfca_rig import __version__
 from rfca_rig.exam.ablation import AblationResult
-from rfca_rig.exam.bars import bars
 from rfca_rig.exam.score import ExamScores, Share
 from rfca_rig.exam.scored import ExamResult, ScoredCase
+from rfca_rig.exam.scoring import bars
 from rfca_rig.report.diagnosis.json_file import to_json_types
 from rfca_rig.report.exam.page import page
 from rfca_rig.report.exam.tables import ablation_table, bars_table, confusion_table, follow_up_table

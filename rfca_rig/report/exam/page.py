@@ -12,12 +12,11 @@ from matplotlib.ticker import MaxNLocator
 
 from rfca_rig import __version__
 from rfca_rig.exam import cases
-from rfca_rig.exam.bars import ScoreGoal, bars
+from rfca_rig.exam.answer import CLASS, DETECTABLE, EXTRA, OUTCOMES, RIGHT, WRONG
 from rfca_rig.exam.claims import ClaimCalibration
-from rfca_rig.exam.outcome import CLASS, DETECTABLE, EXTRA, OUTCOMES, RIGHT, WRONG
-from rfca_rig.exam.score import POWER_AT, ExamScores, Share
+from rfca_rig.exam.score import LISTED, POWER_AT, ExamScores, Share
 from rfca_rig.exam.scored import ExamResult, ParameterDeviation, ScoredCase
-from rfca_rig.exam.worst_cases import LISTED
+from rfca_rig.exam.scoring import ScoreGoal, bars
 from rfca_rig.report.exam.tables import ablation_table, follow_up_table, matrix_of
 from rfca_rig.report.provenance import Origin, command_line
 from rfca_rig.report.style import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing, inline_svg

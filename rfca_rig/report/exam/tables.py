@@ -9,11 +9,10 @@ from math import isfinite
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.ablation import AblationResult, WronglyNamed
-from rfca_rig.exam.answer import VERDICTS
-from rfca_rig.exam.bars import ScoreGoal
+from rfca_rig.exam.answer import CLASS, EXTRA, RIGHT, VERDICTS, WRONG
 from rfca_rig.exam.follow_up import ArmResult
-from rfca_rig.exam.outcome import CLASS, EXTRA, RIGHT, WRONG
 from rfca_rig.exam.scored import ScoredCase
+from rfca_rig.exam.scoring import ScoreGoal
 from rfca_rig.exam.sizes import SIZE_RANGES
 from rfca_rig.report.table import Table, TableColumn, TableRow, Value
 

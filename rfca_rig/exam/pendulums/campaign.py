@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.pendulum_cases import KNOWN_TO, PendulumCase, damping_std, offset_std, swing_rad_s, torque_scale_Nm
-from rfca_rig.exam.pendulum_world import PendulumTrace, PendulumWorld, Tones, swing
+from rfca_rig.exam.pendulums.cases import KNOWN_TO, PendulumCase, damping_std, offset_std, swing_rad_s, torque_scale_Nm
+from rfca_rig.exam.pendulums.world import PendulumTrace, PendulumWorld, Tones, swing
 from rfca_rig.exam.truth import FORMAT
 
 Floats = NDArray[np.float64]

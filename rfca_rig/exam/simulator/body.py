@@ -6,7 +6,7 @@ The plane has y along the floor and d downwards; angles grow from y towards d. B
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import jit_internal
+from rfca_rig.exam.simulator.compiled import jit_internal
 
 Floats = NDArray[np.float64]
 

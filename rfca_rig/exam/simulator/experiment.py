@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.engine import Traces, simulate
-from rfca_rig.exam.sensor import Noise, record_columns, sense
-from rfca_rig.exam.world import HINGES, World
+from rfca_rig.exam.simulator.engine import Traces, simulate
+from rfca_rig.exam.simulator.sensor import Noise, record_columns, sense
+from rfca_rig.exam.simulator.world import HINGES, World
 
 Floats = NDArray[np.float64]
 

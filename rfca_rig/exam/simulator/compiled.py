@@ -16,7 +16,7 @@ _jitable = cast(Any, register_jitable)
 
 def _folder() -> str:
     """Cache folder for the present source of the simulator: numba notices edits in a function's own file only."""
-    content = b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("engine*.py")))
+    content = b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py")))
     parent = os.environ.get("NUMBA_CACHE_DIR") or str(Path.home() / ".cache" / "rfca-rig")
     return str(Path(parent) / f"exam-{hashlib.sha256(content).hexdigest()[:16]}")
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rfca_rig.exam.pendulum_world import G_M_S2, Friction, PendulumWorld
+from rfca_rig.exam.pendulums.world import G_M_S2, Friction, PendulumWorld
 
 PENDULUM_NOTHING, PENDULUM_SINGLE, PENDULUM_PAIR, PENDULUM_STRANGER = PENDULUM_KINDS = (
     "pendulum, nothing missing",

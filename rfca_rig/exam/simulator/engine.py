@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.exam.engine_step import FIRST_ANGLE, run
-from rfca_rig.exam.world import GRAVITY_M_S2, World
+from rfca_rig.exam.simulator.step import FIRST_ANGLE, run
+from rfca_rig.exam.simulator.world import GRAVITY_M_S2, World
 
 Floats = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.compiled import jit_cached
-from rfca_rig.exam.engine import Traces
-from rfca_rig.exam.world import World
+from rfca_rig.exam.simulator.compiled import jit_cached
+from rfca_rig.exam.simulator.engine import Traces
+from rfca_rig.exam.simulator.world import World
 
 Floats = NDArray[np.float64]
 
