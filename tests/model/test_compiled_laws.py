@@ -12,7 +12,7 @@ from rfca_rig.model.effects import hinge_stiffness, spring_memory
 
 CALL_BOTH = """
 import ctypes
-from rfca_rig.model.effects import hinge_backlash, hinge_stop
+from rfca_rig.model.effects.hinge_stiffness import hinge_backlash_torque, hinge_stop_torque
 from rfca_rig.model.laws import HINGE, address_of
 
 Numbers = ctypes.c_double * 8
@@ -22,7 +22,7 @@ def torque(law, *parameters):
     call(Numbers(0.5, 0.0, 0.0, 10.0, 0.0), Numbers(), Numbers(*parameters), out)
     return out[0]
 
-print(torque(hinge_backlash.torque, 0.1), torque(hinge_stop.torque, 0.3, 40.0, 1.0))
+print(torque(hinge_backlash_torque, 0.1), torque(hinge_stop_torque, 0.3, 40.0, 1.0))
 """
 
 

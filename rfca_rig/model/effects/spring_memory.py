@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from rfca_rig.model.compiled import jit_internal
 from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
@@ -121,6 +122,9 @@ def slack(phi: float, elapsed: float, memory: Any, tau: float) -> tuple[float, f
     left, share = np.exp(-elapsed / tau), tau / elapsed
     gained = phi - memory[1]
     return phi - gained * share * (1.0 - left) + (memory[0] - memory[1]) * left, 1.0 - share * (1.0 - left)
+
+
+slack = njit(slack, error_model="numpy")
 
 
 def spring_relaxation_torque(
