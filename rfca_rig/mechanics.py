@@ -16,10 +16,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.contact import normal_force
-from rfca_rig.model.elastica import Bent, Holds, bend, even_mesh, mesh_through
-from rfca_rig.model.equivalent_stiffness import EncasedStrip, centre_lay
-from rfca_rig.model.mixed_dynamics import solve_exchanged
-from rfca_rig.model.newton_euler import (
+from rfca_rig.model.paper.dynamics import (
     EndLoads,
     LinkChain,
     joint_accelerations,
@@ -28,17 +25,22 @@ from rfca_rig.model.newton_euler import (
     mass_matrix,
     no_loads,
     right_side_Nm,
+    solve_exchanged,
 )
-from rfca_rig.model.statics import (
+from rfca_rig.model.paper.elastica import Bent, Holds, bend, even_mesh, mesh_through
+from rfca_rig.model.paper.equivalent_stiffness import EncasedStrip, centre_lay
+from rfca_rig.model.paper.statics import (
     TipChain,
+    TipForceEstimate,
     absolute_angles,
     equilibrium_under_tip_force,
     imbalance_Nm,
     tip_chain_of,
+    tip_force,
+    tip_force_weighing_angles,
     tip_jacobian,
     tip_place_m,
 )
-from rfca_rig.model.svd_inverse import TipForceEstimate, tip_force, tip_force_weighing_angles
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from scipy.optimize import minimize
 
 from rfca_rig import mechanics
 from rfca_rig.errors import BadInput
-from rfca_rig.model.mixed_dynamics import DrivenChain, KnownTorque
-from rfca_rig.model.rigid_floor import RigidFloor
+from rfca_rig.model.paper.dynamics import DrivenChain, KnownTorque
+from rfca_rig.model.paper.rigid_floor import RigidFloor
 from tests.model.legs import PAPER
 
 PAGE = Path(__file__).parents[1] / "docs" / "mechanics.md"

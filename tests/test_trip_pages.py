@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from rfca_rig.engine.ramp_up import RampUp
+from rfca_rig.engine.run import RampUp
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach

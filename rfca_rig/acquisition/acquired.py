@@ -1,14 +1,18 @@
 """Datagrams of a sensor, received by a separate process; a replacement for `UdpDatagrams`."""
 
 import subprocess
+import sys
 from contextlib import suppress
+from multiprocessing.connection import Connection
 
-from rfca_rig.acquisition.process import AcquisitionAssignment, RecordSource
+from rfca_rig import subprocesses
+from rfca_rig.acquisition.process import AcquisitionAssignment, RecordSource, run_acquisition
 from rfca_rig.acquisition.ring import Ring, RingReader
-from rfca_rig.acquisition.starting import start_acquisition
 from rfca_rig.clock import WallClock
 from rfca_rig.codecs.rdt import MAX_RECORDS, PORT, RECORD_BYTES
 from rfca_rig.errors import DeviceError
+
+MODULE = "rfca_rig.acquisition.acquired"
 
 # 17 s of records at 15 kHz, 12 MB.
 RING_RECORDS = 1 << 18
@@ -17,6 +21,11 @@ STARTED_WITHIN_S = 30.0
 ENDED_WITHIN_S = 2.0
 # Cap per call, so that a flood of invalid datagrams cannot fill the memory.
 MAX_REFUSED_PER_READ = 100
+
+
+def start_acquisition(assignment: AcquisitionAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
+    """Starts the acquisition process; returns it and a connection to it."""
+    return subprocesses.spawn(MODULE, assignment)
 
 
 class AcquiredDatagrams:
@@ -104,3 +113,8 @@ class AcquiredDatagrams:
             self._process.wait()
         self._child.close()
         self._ring.remove()
+
+
+if __name__ == "__main__":
+    with Connection(int(sys.argv[1])) as parent:
+        run_acquisition(parent)

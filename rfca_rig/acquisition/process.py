@@ -8,7 +8,7 @@ import numpy as np
 
 from rfca_rig.acquisition.ring import Ring
 from rfca_rig.clock import WallClock
-from rfca_rig.drivers.datagrams import UdpDatagrams
+from rfca_rig.drivers.ports import UdpDatagrams
 from rfca_rig.errors import DeviceError
 
 # Pause between two reads of the socket: 15 datagrams at 15 kHz, while the socket holds hundreds.

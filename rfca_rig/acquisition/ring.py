@@ -1,12 +1,17 @@
-"""Lock-free ring buffer of records in shared memory: one writer, any number of readers, none of which waits."""
+"""Lock-free ring buffer of records in shared memory: one writer, any number of readers, none of which waits.
 
+Attaching to shared memory by name, without the attaching process removing it at its end.
+"""
+
+import multiprocessing
+import sys
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.acquisition.shared import attach_shared_memory
 from rfca_rig.errors import DeviceError
 
 Bytes = NDArray[np.uint8]
@@ -17,6 +22,25 @@ MARK = 0x52464341_52494E47
 # Room for 16 words of 64 bits, of which seven are used.
 HEADER_BYTES = 128
 _MARK, _CAPACITY, _RECORD_BYTES, _CLAIMED, _PUBLISHED, _REFUSED, _REFUSED_BYTES = range(7)
+
+
+def attach_shared_memory(name: str) -> SharedMemory:
+    """Opens the shared memory `name` of another process, which stays its owner.
+
+    Before Python 3.13 an attaching process is registered as an owner too: when it ends, its resource tracker removes the memory
+    although others use it (python/cpython#82300). Children of the owner share its tracker and must not unregister it. Raises
+    DeviceError if there is no such memory.
+    """
+    try:
+        if sys.version_info >= (3, 13):
+            return SharedMemory(name, track=False)
+        memory = SharedMemory(name)
+    except FileNotFoundError as error:
+        raise DeviceError(f"there is no shared memory called {name}; has the acquisition ended?") from error
+    # A child started by multiprocessing shares the owner's tracker, whose entry must stay.
+    if multiprocessing.parent_process() is None:
+        resource_tracker.unregister(memory._name, "shared_memory")  # type: ignore[attr-defined]
+    return memory
 
 
 @dataclass(frozen=True)

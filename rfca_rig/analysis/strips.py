@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.prediction import predict_stroke
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.equivalent_stiffness import EncasedStrip, by_its_middle, centre_lay
 from rfca_rig.model.hinge_springs import bending_torque_Nm
+from rfca_rig.model.paper.equivalent_stiffness import EncasedStrip, by_its_middle, centre_lay
+from rfca_rig.model.paper.strip import Material, Strip, paper_strips, table_1_materials
 from rfca_rig.model.parameters import Leg, RigModel
-from rfca_rig.model.strip import Material, Strip, paper_strips, table_1_materials
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun
 from rfca_rig.errors import BadInput
-from rfca_rig.model.joint_drive import TorqueTrace, torque_trace
+from rfca_rig.model.effects.joint_torques import TorqueTrace, torque_trace
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, PendulumLink, make_driven_pendulum
 

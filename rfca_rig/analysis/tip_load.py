@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.model.paper.statics import equilibrium_under_tip_force, tip_chain_of, tip_force_weighing_angles
 from rfca_rig.model.parameters import Leg
-from rfca_rig.model.statics import equilibrium_under_tip_force, tip_chain_of
-from rfca_rig.model.svd_inverse import tip_force_weighing_angles
 
 Floats = NDArray[np.float64]
 

@@ -9,15 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.local_fit import LocalFit, local_quadratic
 from rfca_rig.analysis.phases import (
     PRESSING_DEPTH,
     SMOOTHING_S,
     TOUCHDOWN_LASTS_S,
     Contact,
+    LocalFit,
     StrokePhases,
     Undetermined,
     find_contact,
+    local_quadratic,
     smooth_trace,
 )
 from rfca_rig.recording.model import Stroke

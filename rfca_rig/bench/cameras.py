@@ -9,9 +9,7 @@ import numpy as np
 
 from rfca_rig.clock import Clock
 from rfca_rig.description.camera_sections import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
-from rfca_rig.drivers.arriving_photos import ArrivingPhotos
-from rfca_rig.drivers.camera import OpenCvCamera
-from rfca_rig.drivers.camera_thread import CameraThread
+from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
 from rfca_rig.drivers.roles import Camera, Photo, Photographer
 from rfca_rig.twins.camera import CameraTwin, StandingLeg
 from rfca_rig.vision.leg_photo import PhotoSetup

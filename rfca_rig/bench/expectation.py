@@ -1,17 +1,24 @@
-"""Loads that the nominal model predicts for a plan, for its check and its printout."""
+"""Loads that the nominal model predicts: for a plan, its check and its printout, and for whole turns of the shaft.
 
+Whole turns are cycles, and the way home after a stop.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.bench.predicted_loads import turn_loads
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, signed_turn
+from rfca_rig.protocol.plan import TURN_RAD, Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, signed_turn
+
+SAMPLE_S = 1e-3
 
 Floats = NDArray[np.float64]
 
@@ -19,12 +26,60 @@ Floats = NDArray[np.float64]
 Motion = tuple[float, tuple[MoveShaft | None, ...]]
 # Index of a stage in its sequence, and its load.
 Loads = list[tuple[int, Load]]
-
-# Sampling of predicted loads, in s: a stroke has an impact, a static sequence has none.
-SAMPLE_S = 1e-3
 SLOW_SAMPLE_S = 1e-2
 # Simulated duration of a hold: enough for the model to settle.
 HOLD_S = 0.5
+
+
+@dataclass(frozen=True)
+class Bending:
+    """The largest angle between the last link and the first in one turn, and the shaft angle there; in rad."""
+
+    bending_rad: float
+    shaft_rad: float
+
+    def text(self) -> str:
+        bending_deg, shaft_deg = math.degrees(self.bending_rad), math.degrees(self.shaft_rad)
+        return f"{bending_deg:.1f} deg between first and last link, with the shaft at {shaft_deg:.0f} deg"
+
+
+def predict_bending(rig: RigModel, height_m: float, speed_rad_s: float) -> Bending:
+    """Bending over one turn on the ground, which bends the leg backwards; swinging in the air is not counted."""
+    turn = _turn(rig, height_m, speed_rad_s)
+    # Positive where the tip lags behind the first link, which is how the ground bends the leg.
+    back_rad = turn.q_rad[:, 0] - turn.q_rad[:, -1]
+    most = int(np.argmax(back_rad))
+    return Bending(float(back_rad[most]), float(turn.q_rad[most, 0]))
+
+
+def turn_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
+    """Load of each stage of cycles, and of moves forwards directly after the rack, which may begin anywhere in a turn."""
+    found: dict[tuple[float, float], Load] = {}
+    conditions = dict(_turns(plan))
+    for condition in set(conditions.values()):
+        found[condition] = _load_at_peak(_turn(rig, *condition))
+    return {stage: found[condition] for stage, condition in conditions.items()}
+
+
+def _turns(plan: Plan) -> Iterator[tuple[Stage, tuple[float, float]]]:
+    """Each stage with its height and speed."""
+    before: Stage | None = None
+    for stage in plan.stages:
+        if isinstance(stage, Cycles):
+            yield stage, (stage.height_m, stage.speed_rad_s)
+        # Only a resumed plan has such a move: the shaft may stand anywhere, even on the ground, so a whole turn is
+        # assumed.
+        elif isinstance(stage, MoveShaft) and stage.forwards and isinstance(before, SetHeight):
+            yield stage, (before.height_m, stage.speed_rad_s)
+        before = stage
+
+
+def _turn(rig: RigModel, height_m: float, speed_rad_s: float) -> SimulatedStroke:
+    return simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(0.0, TURN_RAD / speed_rad_s, SAMPLE_S))
+
+
+def _load_at_peak(turn: SimulatedStroke) -> Load:
+    return Load(float(np.hypot(turn.fy_N, turn.fz_N).max()), float(np.abs(turn.tx_Nm).max()))
 
 
 def predict_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:

@@ -12,20 +12,41 @@ from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.bench.force_sensors import make_force_sensor, make_sensor_pair
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.motors import make_motor, make_motor_twin, open_commanding_bus
-from rfca_rig.bench.racks import HandRack, TwinRack
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinSection
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twin_server.fault_schedule import FaultEvent
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.motor import MotorTwin
-from rfca_rig.twins.sensor import SensorTwin
-from rfca_rig.twins.world import TwinWorld
+from rfca_rig.twins.wires import can_wire
+from rfca_rig.twins.world import MotorTwin, SensorTwin, TwinPlant, TwinWorld
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 # Height of the twin's rack until a plan sets it.
 FIRST_HEIGHT_M = 0.25
+
+
+class HandRack:
+    """Asks a person to set the height, and waits. The engine has disabled the motor before."""
+
+    def set_height(self, height_m: float) -> None:
+        """Returns when Enter was pressed. Raises BadInput where the input ended without it."""
+        try:
+            input(f"REAL motor off. Set the rack to {1e3 * height_m:.1f} mm, clear the leg, then press Enter ")
+        except EOFError:
+            raise BadInput(
+                f"the input ended before the rack was said to stand at {1e3 * height_m:.1f} mm; run it from a terminal, "
+                "where a person can press Enter"
+            ) from None
+
+
+class TwinRack:
+    """Moves at once."""
+
+    def __init__(self, plant: TwinPlant) -> None:
+        self._plant = plant
+
+    def set_height(self, height_m: float) -> None:
+        self._plant.set_height(height_m)
 
 
 @contextmanager

@@ -16,10 +16,10 @@ from rfca_rig.twin_server.tampered_bus import DriveDialect, NoDialect, TamperedB
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
-from rfca_rig.twins.datagram_link import DatagramLink
 from rfca_rig.twins.moteus import MoteusTwin
-from rfca_rig.twins.motor import MotorTwin
 from rfca_rig.twins.odrive import OdriveTwin
+from rfca_rig.twins.wires import DatagramLink
+from rfca_rig.twins.world import MotorTwin
 
 
 def faults_of(rig: RigFile) -> tuple[Fault, ...]:

@@ -20,23 +20,18 @@ from rfca_rig.description.force_sensor_sections import (
 )
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinSection
-from rfca_rig.drivers.ati_serial import AtiSerialSensor
-from rfca_rig.drivers.daq_ft import DaqFtSensor, DaqFtSettings
-from rfca_rig.drivers.datagrams import UdpDatagrams, advise_receive_buffer
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.netft_box import CommandBox, HttpBox, NetFtBox
-from rfca_rig.drivers.nidaqmx_gages import NidaqmxGages
+from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor
+from rfca_rig.drivers.force_sensors.daq_ft import DaqFtSensor, DaqFtSettings, NidaqmxGages
+from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSensor, NetFtSettings
+from rfca_rig.drivers.ports import UdpDatagrams, advise_receive_buffer, open_port
 from rfca_rig.drivers.roles import ForceSensor
-from rfca_rig.drivers.serial_port import open_port
 from rfca_rig.errors import BadInput
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
 from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
-from rfca_rig.twins.datagram_link import DatagramLink, datagram_link
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.netft_box import NetFtBoxTwin
-from rfca_rig.twins.sensor import SensorTwin
-from rfca_rig.twins.serial_line import SerialLine, serial_line
+from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import DatagramLink, SerialLine, datagram_link, serial_line
+from rfca_rig.twins.world import SensorTwin
 
 
 def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> ForceSensor:

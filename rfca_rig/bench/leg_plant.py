@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import resolve_effect, set_up
 from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import resolve_effect, set_up
 from rfca_rig.model.state import Chain, Laws, Shaft, State
-from rfca_rig.twins.plant import ShaftDrive, ShaftState
+from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class TwinScatter:
 
 @dataclass
 class LegPlant:
-    """Implements twins.plant.Plant, and twins.camera.StandingLeg.
+    """Implements twins.world.TwinPlant, and twins.camera.StandingLeg.
 
     `rotor_inertia_kg_m2` is the drive's, at the shaft; `random` decides the scatter.
     """

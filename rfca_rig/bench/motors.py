@@ -15,24 +15,23 @@ from rfca_rig.description.motor_sections import (
 )
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinDriveSection
-from rfca_rig.drivers.can_bus import CanBusSettings
-from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames, ServoTorqueOffFrames
-from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import Guard, TorqueOffFrames
-from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.motors.cubemars import MitTorqueOffFrames, ServoTorqueOffFrames
+from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.errors import BadInput
 from rfca_rig.guardian.guarded_bus import GuardedBus
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
-from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
-from rfca_rig.twins.moteus_loop import MoteusGains
-from rfca_rig.twins.motor import MotorTwin
+from rfca_rig.twins.drive_parts import LoopGains
+from rfca_rig.twins.moteus import MoteusGains, MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
-from rfca_rig.twins.speed_loop import LoopGains
+from rfca_rig.twins.world import MotorTwin
 
 # Watchdog of the twin of a lab's own motor, whose real one the rig file does not state.
 USUAL_WATCHDOG_S = 0.1

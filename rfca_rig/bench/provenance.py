@@ -2,22 +2,83 @@
 
 A simulated run is the same to the last byte when it is repeated with the same seed, machine, source and person. So everything stated here
 is either one of these, or a time by the rig's own clock.
+
+Also the state of the source that this program runs from, and how a run ended, in words for people and in codes for sorting runs.
 """
 
 import getpass
 import hashlib
+import os
 import platform
+import re
+import subprocess
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 
 import h5py
 import numpy as np
 
 from rfca_rig import __version__
-from rfca_rig.bench.checkout import UNKNOWN, source_state
-from rfca_rig.bench.outcome import Outcome
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
+from rfca_rig.errors import RigError, Tripped
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.written_plan import serialize_plan
+
+PACKAGE = Path(__file__).parents[1]
+WITHIN_S = 5.0
+NOT_A_CHECKOUT = "not a checkout"
+UNKNOWN = "unknown"
+_STATUS = ("git", "status", "--porcelain=v2", "--branch", "--untracked-files=no")
+_REVISION = "# branch.oid "
+
+DONE = "done"
+
+
+def source_state(package: Path = PACKAGE) -> dict[str, str]:
+    """Git revision, and whether tracked files were changed since; plain words where there is no checkout, or git fails.
+
+    Takes some hundredths of a second, so it is called when a run begins and not when the program starts.
+    """
+    root = package.parent
+    if not (root / ".git").exists():
+        return {"git_revision": NOT_A_CHECKOUT, "git_dirty": NOT_A_CHECKOUT}
+    lines = _status_lines(root)
+    revision = next((line.removeprefix(_REVISION) for line in lines if line.startswith(_REVISION)), UNKNOWN)
+    changed = "yes" if any(not line.startswith("#") for line in lines) else "no"
+    return {"git_revision": revision, "git_dirty": changed if lines else UNKNOWN}
+
+
+def _status_lines(root: Path) -> list[str]:
+    """Lines of git status; none where git is missing, slow, or mistrusts another user's folder. The run goes on without."""
+    # Without optional locks git status only reads: it does not disturb a git command that runs meanwhile.
+    environment = {**os.environ, "GIT_OPTIONAL_LOCKS": "0"}
+    try:
+        finished = subprocess.run(_STATUS, cwd=root, env=environment, capture_output=True, text=True, timeout=WITHIN_S, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return []
+    return finished.stdout.splitlines()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """`why` in words, the exit status of the command, and a reason code: that of a trip, else the kind of error, or `done`."""
+
+    why: str
+    exit_status: int
+    reason: str
+
+    @staticmethod
+    def of(error: RigError | None) -> "Outcome":
+        """None for a run that was completed."""
+        if error is None:
+            return Outcome(DONE, 0, DONE)
+        return Outcome(str(error), error.exit_code, str(error.code) if isinstance(error, Tripped) else _kind(error))
+
+
+def _kind(error: RigError) -> str:
+    """Class name in lower case with hyphens: DiskFull becomes disk-full."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "-", type(error).__name__).lower()
 
 
 def software_and_host(bench: Bench) -> dict[str, str]:

@@ -12,8 +12,7 @@ from rfca_rig.bench.stage_photos import read_stage_photos
 from rfca_rig.channels import HINGES, SHAFT, UNITS, WRENCH
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
-from rfca_rig.engine.sink import Cycle, RecordedSamples
-from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Standstill
+from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Cycle, RecordedSamples, Standstill
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles

@@ -1,16 +1,150 @@
-"""Continues a stopped run in its own folder, and joins what it recorded before and after."""
+"""Continues an interrupted run in its own folder: as it stands on disk, its rig compared key by key, and both parts joined."""
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from rfca_rig.bench.begun import RESUMED, InterruptedRun
+import numpy as np
+
 from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos
 from rfca_rig.clock import Clock
+from rfca_rig.description.own_devices import texts_of
+from rfca_rig.description.rig_file import RigFile, read_rig
+from rfca_rig.description.toml import model_of, read_text
+from rfca_rig.errors import TRIP, BadInput
+from rfca_rig.protocol.plan import Plan
+from rfca_rig.protocol.remaining import PlanProgress
+from rfca_rig.protocol.written_plan import parse_plan
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.model import StaticStage
-from rfca_rig.recording.run_text import Ending, events_of
+from rfca_rig.recording.layout import stage_files
+from rfca_rig.recording.model import Recording, StaticStage
+from rfca_rig.recording.outline import outline_of
+from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
+from rfca_rig.suggestions import not_there
 from rfca_rig.vision.leg_photo import PhotoSetup
+
+RESUMED = "run resumed"
+# What the end of an earlier part says that no later part repeats.
+CARRIED_ENDING_KEYS = (
+    "ended",
+    "exit_status",
+    "reason",
+    "ended_at",
+    "lasted_s",
+    "worst_loop_gap_ms",
+    "sensor_records",
+    "standstill",
+    "interrupted",
+)
+NO_REASON_RECORDED = "it ended without a word: a crash, or a power cut"
+
+NOMINAL_SECTIONS = ("leg", "ground", "sensor", "drive", "effects", "known_to")
+# All analyses use one nominal model per recording, so these values may not change within a run.
+FIXED = (*(f"{section}." for section in NOMINAL_SECTIONS), "rig.kind")
+
+
+@dataclass(frozen=True)
+class InterruptedRun:
+    """A run that may be continued: `header` as it began, the whole `plan`, and `static` with the stages so far and their photos' angles.
+
+    `why` is the last reason to stop. `last_seen` has both clocks of the last event that states them. `ending` is what its end said,
+    `resumed` how often it was continued before.
+    """
+
+    folder: Path
+    header: Recording
+    plan: Plan
+    done: PlanProgress
+    static: tuple[StaticStage, ...]
+    why: str
+    last_seen: Mapping[str, str | float]
+    ending: Mapping[str, str]
+    resumed: int
+
+    @property
+    def has_tripped(self) -> bool:
+        return self.why.startswith(TRIP)
+
+    def seed(self) -> int | None:
+        """Seed for a continued twin, from its first seed and the number of continuations; None on a real rig."""
+        # Another seed than before, or the noise of the first part would repeat; the same every time, so that runs are
+        # reproducible.
+        first = self.header.provenance.get("seed")
+        return None if first is None else int(np.random.SeedSequence([int(first), self.resumed + 1]).generate_state(1)[0])
+
+
+def read_interrupted_run(folder: Path) -> InterruptedRun:
+    """Reads an interrupted run; its journals are made into stage files first, as `recover` does.
+
+    Raises BadInput where there is no run, where it still goes on or is done, where a file is damaged, or where its stages are not those of
+    its plan.
+    """
+    if not run_folder.is_run(folder):
+        message = (
+            f"{folder}: holds no run that could go on; rfca-rig runs --ended stopped lists some" if folder.exists() else not_there(folder)
+        )
+        raise BadInput(message)
+    header = read_header(folder)
+    # A stage in progress becomes a stage file of its own, cut short, and is repeated by the rest of the plan.
+    run_folder.close_journals(folder)
+    events, outlines = events_of(folder), [outline_of(file) for file in stage_files(folder)]
+    why = _why(events)
+    if why == "done":
+        raise BadInput(f"{folder}: is done; there is nothing left to resume")
+    plan = _plan(folder, header)
+    strokes = [stroke for part in outlines for stroke in part.strokes]
+    ending = read_ending(folder)
+    static = run_folder.with_photo_angles(tuple(stage for part in outlines for stage in part.static), ending)
+    _check_stages(folder, plan, strokes, static)
+    return InterruptedRun(
+        folder=folder,
+        header=header,
+        plan=plan,
+        # Cycles are numbered over the whole run, so the largest number counts, not the number of rows.
+        done=PlanProgress(len(strokes), len(static), max((part.last_cycle for part in outlines), default=0)),
+        static=static,
+        why=why,
+        last_seen=_last_clocks(events),
+        ending=_ending_texts(ending),
+        resumed=sum(event["event"] == RESUMED for event in events),
+    )
+
+
+def _plan(folder: Path, header: Recording) -> Plan:
+    try:
+        return parse_plan(header.title, header.provenance)
+    except BadInput as error:
+        raise BadInput(f"{folder}: cannot go on: {error}") from None
+
+
+def _why(events: list[dict[str, Any]]) -> str:
+    """The reason of the end, from the events since the run began or was last continued; a trip takes precedence."""
+    since = next((place for place in reversed(range(len(events))) if events[place]["event"] == RESUMED), 0)
+    reasons = [str(event["why"]) for event in events[since:] if event["event"] in ("motor off", "run ends") and "why" in event]
+    # A trip takes precedence: it is the cause of whatever ended the run after it.
+    tripped = [why for why in reasons if why.startswith(TRIP)]
+    return (tripped or reasons or [NO_REASON_RECORDED])[-1]
+
+
+def _ending_texts(ending: Ending | None) -> dict[str, str]:
+    """What the end said of the part before, without its photos, which are listed again."""
+    return {} if ending is None else {name: text for name, text in ending.provenance.items() if name in CARRIED_ENDING_KEYS}
+
+
+def _last_clocks(events: list[dict[str, Any]]) -> dict[str, str | float]:
+    last: dict[str, Any] = next((event for event in reversed(events) if "utc" in event), {})
+    return {name: last[name] for name in ("t_s", "utc") if name in last}
+
+
+def _check_stages(folder: Path, plan: Plan, strokes: Sequence[tuple[float, float, int]], static: Sequence[StaticStage]) -> None:
+    flaps = [(flap.height_m, flap.speed_rad_s, flap.repeat) for flap in plan.flaps][: len(strokes)]
+    holds = [(hold.height_m, hold.number) for hold in plan.holds][: len(static)]
+    # Files hold mm and plans m; see `height_mm` of `recording.strokes` for the exact round trip.
+    flapped = [(height_mm / 1e3, *speed_and_repeat) for height_mm, *speed_and_repeat in strokes]
+    if flapped != flaps or [(stage.height_m, stage.stage) for stage in static] != holds:
+        raise BadInput(f"{folder}: its stage files are not what its plan begins with; type rfca-rig check {folder}")
 
 
 def reopen_run(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, rig_changes: Mapping[str, str]) -> None:
@@ -49,3 +183,63 @@ def _with_photo_read(stage: StaticStage, folder: Path, eye: PhotoSetup | None) -
 def _resumed_text(folder: Path) -> str:
     """Each continuation, from the run's events, as JSON."""
     return json.dumps([event for event in events_of(folder) if event["event"] == RESUMED], ensure_ascii=False)
+
+
+@dataclass(frozen=True)
+class PresentRig:
+    """The present rig file, and its changes since the run began: the new value by key, as text."""
+
+    rig: RigFile
+    text: str
+    changes: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -> PresentRig:
+    """The rig file in `path`. Raises BadInput, naming the keys, where it differs from the run's and `deliberately` is False.
+
+    The nominal model of leg and surroundings may never change within a run: one recording has one nominal model.
+    """
+    now, text = read_rig(path), read_text(path)
+    before = model_of(begun.header.provenance["rig_file"], RigFile, begun.folder / "rig_file")
+    # A lab's driver or a curve may change while the rig file that names it stays the same.
+    changes = {**_changes(before, model_of(text, RigFile, path)), **_other_drivers(begun, now), **_other_curve(begun, before, now)}
+    fixed = [key for key in changes if key.startswith(FIXED)]
+    if fixed:
+        raise BadInput(f"{path}: {_list_keys(fixed)} not as the run began with; one run has one belief, so begin a new one")
+    if changes and not deliberately:
+        raise BadInput(f"{path}: {_list_keys(list(changes))} not as the run began with; to go on with it as it stands, say --rig {path}")
+    return PresentRig(now, text, changes)
+
+
+def _list_keys(keys: list[str]) -> str:
+    shown = ", ".join(keys[:4]) + (f" and {len(keys) - 4} more" if len(keys) > 4 else "")
+    return f"{shown} {'is' if len(keys) == 1 else 'are'}"
+
+
+def _changes(before: RigFile, now: RigFile) -> dict[str, str]:
+    # Compared as validated models, so that comments, order and defaults of the text make no difference.
+    old, new = (dict(_flat(rig.model_dump(mode="json"), "")) for rig in (before, now))
+    return {key: str(new.get(key, "gone")) for key in sorted({*old, *new}) if old.get(key) != new.get(key)}
+
+
+def _other_drivers(begun: InterruptedRun, now: RigFile) -> dict[str, str]:
+    """Files of a lab's own devices whose text has changed, with the present text."""
+    before = begun.header.provenance
+    return {name: text for name, text in texts_of(now.motor, now.force_sensor).items() if before.get(name, text) != text}
+
+
+def _other_curve(begun: InterruptedRun, before: RigFile, now: RigFile) -> dict[str, str]:
+    """The file of a torque-rotation curve, if its values have changed. A run with a model file does not use the rig file's curve."""
+    section = before.leg.torque_rotation
+    if section is None or section.curve is None or "model_file" in begun.header.provenance:
+        return {}
+    old, new = (model["leg"].get("torque_rotation") for model in (begun.header.nominal, now.nominal()))
+    return {} if old == new else {"leg.torque_rotation.curve": section.curve}
+
+
+def _flat(values: Mapping[str, Any], above: str) -> list[tuple[str, Any]]:
+    found: list[tuple[str, Any]] = []
+    for key, value in values.items():
+        name = f"{above}{key}"
+        found += _flat(value, f"{name}.") if isinstance(value, dict) else [(name, value)]
+    return found

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from rfca_rig.bench.factory import Twins, make_twins
 from rfca_rig.bench.fault_injection import dialect_of, events_of, faults_of_served_rig
 from rfca_rig.bench.force_sensors import make_netft_twins, make_own_twin, make_serial_twin
-from rfca_rig.bench.openings import Openings, OpenPorts
 from rfca_rig.clock import Clock
 from rfca_rig.description.force_sensor_sections import AtiSerialSection, ForceSensorKeys, NetFtSection
 from rfca_rig.description.rig_file import RigFile, TwinSection
@@ -20,6 +20,8 @@ from rfca_rig.twin_server.fault_schedule import FaultEvent, FaultSchedule
 from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.fdcanusb_port import FdcanusbPort
 from rfca_rig.twin_server.http_port import HttpPort
+from rfca_rig.twin_server.listening import LOOPBACK
+from rfca_rig.twin_server.port import Port
 from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
 from rfca_rig.twin_server.real_time import RealTimeLoop
 from rfca_rig.twin_server.shared_wire import SharedWire
@@ -28,10 +30,43 @@ from rfca_rig.twin_server.socketcand_port import SocketcandPort
 from rfca_rig.twin_server.tampered_bus import TamperedBus
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twin_server.udp_link import UdpLink
-from rfca_rig.twins.sensor import SensorTwin
+from rfca_rig.twins.world import SensorTwin
 
 # The first step of the simulation, which may compile the model.
 WARM_UP_S = 2e-3
+
+
+@dataclass(frozen=True)
+class Openings:
+    """Requested ports; 0 is any that is free. `control_port` is always on this machine only."""
+
+    host: str = LOOPBACK
+    rdt_port: int = 0
+    http_port: int = 0
+    command_port: int = 0
+    can_port: int = 0
+    control_port: int = 0
+    slcan: bool = False
+    height_m: float = 0.25
+
+
+class OpenPorts:
+    """The opened ones: `ports` to be polled, `addresses` for people, `names` for programs."""
+
+    def __init__(self) -> None:
+        self.ports: list[Port] = []
+        self.addresses: list[str] = []
+        self.names: dict[str, int | str] = {}
+
+    def note(self, address: str, **names: int | str) -> None:
+        """Adds an address that its twin reads and writes by itself."""
+        self.addresses.append(address)
+        self.names.update(names)
+
+    def add(self, port: Port, **names: int | str) -> None:
+        """Adds a port that must be polled."""
+        self.ports.append(port)
+        self.note(port.address(), **names)
 
 
 class ServedSensor:

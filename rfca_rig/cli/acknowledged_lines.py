@@ -5,7 +5,7 @@ from collections import deque
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import Clock
-from rfca_rig.engine.stop_request import StopLevel, StopRequest
+from rfca_rig.engine.interfaces import StopLevel, StopRequest
 from rfca_rig.recording.keeper import RunBackend
 from rfca_rig.recording.process_keeper import SILENT_S
 

@@ -5,14 +5,12 @@ from contextlib import contextmanager
 
 import typer
 
-from rfca_rig.bench.outcome import Outcome
+from rfca_rig.bench.provenance import Outcome
 from rfca_rig.cli.run_config import RunConfig, Viewing
 from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import TwinClock, WatchedTwinClock
 from rfca_rig.drivers.roles import StreamHealth
-from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver
-from rfca_rig.engine.stop_request import StopRequest
+from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest
 from rfca_rig.errors import RigError, Tripped
 from rfca_rig.recording.keeper import RunBackend
 from rfca_rig.view.live_view import LiveView

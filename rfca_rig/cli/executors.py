@@ -11,8 +11,8 @@ import typer
 from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
-    from rfca_rig.executors.base import TaskExecutor
     from rfca_rig.executors.environment import Facts
+    from rfca_rig.executors.mapping import TaskExecutor
 
 Workers = Annotated[
     int | None, typer.Option("--workers", metavar="N", min=1, max=1024, help="Processes of one thread each; one per core if not given.")

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rfca_rig.bench.begun import InterruptedRun
+from rfca_rig.bench.resume import InterruptedRun
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.protocol.plan import Plan

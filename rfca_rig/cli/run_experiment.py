@@ -9,7 +9,7 @@ from pathlib import Path
 import typer
 
 from rfca_rig.bench.factory import open_bench
-from rfca_rig.bench.outcome import Outcome
+from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.attach_view import attach_view, twin_clock
@@ -21,9 +21,8 @@ from rfca_rig.cli.signals import handle_signals
 from rfca_rig.cli.terminal import Say, make_marked_say, progress_bar
 from rfca_rig.cli.trusted_code import trust
 from rfca_rig.clock import WallClock
-from rfca_rig.engine.arming import prove_stop
-from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.run import Supervision, run_plan
+from rfca_rig.engine.interfaces import Bench
+from rfca_rig.engine.run import Supervision, prove_stop, run_plan
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.disk_reserve import check_room

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from rfca_rig.cli.terminal import Say
-from rfca_rig.engine.stop_request import StopLevel, StopRequest
+from rfca_rig.engine.interfaces import StopLevel, StopRequest
 
 OUTSIDE = {signal.SIGTERM: "ended by SIGTERM"}
 if sys.platform != "win32":  # which has no SIGHUP

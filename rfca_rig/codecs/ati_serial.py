@@ -6,10 +6,12 @@ counts, high byte first. With `CD E` a checksum follows. The documents do not de
 256. If a controller computes it differently, every record is refused, and the driver reports it.
 """
 
+import itertools
 import re
 import struct
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol
 
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 
@@ -23,6 +25,12 @@ Counts = tuple[int, int, int, int, int, int]
 
 _BINARY = struct.Struct(">B6h")
 _ASCII = re.compile(rb" *([01])((?:, *-?[0-9]{1,5}){6})\r?\n?")
+
+LONGEST_LINE = 200
+# Number of consecutive records that must be valid before an alignment is accepted.
+ALIGNED_RUN = 4
+# Change of a count between records; a larger one is a sign of bytes that are out of step.
+LARGEST_JUMP = 2**13
 
 
 class RecordForm(Enum):
@@ -120,3 +128,180 @@ def _decode_binary(data: bytes, form: RecordForm) -> AtiRecord:
 def checksum(record: bytes) -> bytes:
     """One byte: the sum of the record's bytes modulo 256."""
     return bytes([sum(record) & 0xFF])
+
+
+@dataclass(frozen=True, slots=True)
+class FoundRecord:
+    """A record, and the number of records lost before it."""
+
+    missed: int
+    record: AtiRecord
+
+
+class RecordDecoder(Protocol):
+    """Decoder that is fed with received bytes, in pieces of any length."""
+
+    malformed: int
+    last_malformed: str
+
+    def feed(self, data: bytes) -> list[FoundRecord]:
+        """The records that `data` completes. Never raises: invalid data are counted in `malformed` and skipped."""
+        ...
+
+
+def record_stream(form: RecordForm) -> RecordDecoder:
+    """A new decoder for records of this form."""
+    return AsciiStream() if form is RecordForm.ASCII else BinaryStream(form)
+
+
+class AsciiStream:
+    """Decoder of ASCII lines. Fields have a fixed width, so a line of another length than its neighbours lost or gained a character.
+
+    The width is learned: two consecutive lines of the same new length are accepted. Text before the first record (echo, prompt) is
+    ignored.
+    """
+
+    def __init__(self) -> None:
+        self.malformed = 0
+        self.last_malformed = ""
+        self._held = b""
+        self._width = self._odd_width = -1
+        self._spoilt = 0
+
+    def feed(self, data: bytes) -> list[FoundRecord]:
+        *lines, self._held = (self._held + data).split(b"\n")
+        # A line end that was lost must not let the buffer grow.
+        if len(self._held) > LONGEST_LINE:
+            lines, self._held = [*lines, self._held], b""
+        return [found for line in lines if (found := self._decode_line(line + b"\n")) is not None]
+
+    def _decode_line(self, line: bytes) -> FoundRecord | None:
+        try:
+            record = decode_record(line, RecordForm.ASCII)
+            self._check_width(len(line))
+        except MalformedFrame as error:
+            self._refuse(line, error)
+            return None
+        missed = max(1, round(self._spoilt / self._width)) if self._spoilt else 0
+        self._spoilt = 0
+        return FoundRecord(missed, record)
+
+    def _check_width(self, width: int) -> None:
+        if width not in (self._width, self._odd_width):
+            self._odd_width = width
+            raise MalformedFrame(f"line of {width} characters among lines of {self._width}")
+        self._width, self._odd_width = width, -1
+
+    def _refuse(self, line: bytes, error: MalformedFrame) -> None:
+        """Count a malformed line and its characters.
+
+        The characters give the number of lost records: a line that lost its end contains the next one, one that gained an end became two.
+        """
+        # Before the first record there is no width, and nothing was lost.
+        if self._width > 0:
+            self.malformed += 1
+            self.last_malformed = str(error)
+            self._spoilt += len(line)
+
+
+class BinaryStream:
+    """Decoder of binary records, which have a fixed length and no start mark.
+
+    While records are valid, each begins where the one before ended. After an invalid one, an alignment is searched at which several
+    consecutive records are valid. Without checksum there may be many; the one with the smallest changes of values is taken.
+    """
+
+    def __init__(self, form: RecordForm) -> None:
+        self.malformed = 0
+        self.last_malformed = ""
+        self._form = form
+        self._size = form.record_bytes
+        self._held = bytearray()
+        self._last: AtiRecord | None = None
+        self._in_step = True
+        self._skipped = 0
+
+    def feed(self, data: bytes) -> list[FoundRecord]:
+        self._held += data
+        found = []
+        while (record := self._next()) is not None:
+            found.append(record)
+        return found
+
+    def _next(self) -> FoundRecord | None:
+        if self._in_step and len(self._held) >= self._size:
+            record = self._record_at(0)
+            if record is not None and self._follows(record):
+                return self._accept(record)
+            self._lose_step()
+        if not self._in_step and self._find_step():
+            record = self._record_at(0)
+            assert record is not None
+            return self._accept(record)
+        return None
+
+    def _record_at(self, at: int) -> AtiRecord | None:
+        try:
+            return decode_record(bytes(self._held[at : at + self._size]), self._form)
+        except MalformedFrame as error:
+            self._reason = str(error)
+            return None
+
+    def _follows(self, record: AtiRecord) -> bool:
+        if self._last is None or self._form is RecordForm.BINARY_CHECKSUM or _jump(self._last, record) <= LARGEST_JUMP:
+            return True
+        self._reason = f"values jump by {_jump(self._last, record)} counts from one record to the next"
+        return False
+
+    def _lose_step(self) -> None:
+        self._in_step = False
+        self.malformed += 1
+        self.last_malformed = self._reason
+
+    def _find_step(self) -> bool:
+        """Skip to the best alignment; False where more bytes are needed to compare all alignments."""
+        while len(self._held) >= (ALIGNED_RUN + 2) * self._size:
+            at = self._best_alignment()
+            self._skip(at or self._size)
+            if at is not None:
+                self._in_step = True
+                return True
+        return False
+
+    def _best_alignment(self) -> int | None:
+        """The best alignment within the length of two records, so that one damaged record does not hide the true one behind it."""
+        fits = [at for at in range(1, 2 * self._size + 1) if self._fits(at)]
+        if not fits:
+            return None
+        best = min(fits, key=self._roughness)
+        # The first offset of the same alignment: a later one would lose a good record.
+        return min(at for at in fits if (at - best) % self._size == 0)
+
+    def _fits(self, at: int) -> bool:
+        return all(self._record_at(at + n * self._size) is not None for n in range(ALIGNED_RUN))
+
+    def _roughness(self, at: int) -> int:
+        records = [record for n in range(ALIGNED_RUN) if (record := self._record_at(at + n * self._size)) is not None]
+        return sum(_jump(before, after) for before, after in itertools.pairwise(records))
+
+    def _skip(self, count: int) -> None:
+        del self._held[:count]
+        self._skipped += count
+
+    def _accept(self, record: AtiRecord) -> FoundRecord:
+        """Remove a record from the buffer; skipped bytes count as the records that they would fill, but not before the first record."""
+        missed = round(self._skipped / self._size) if self._last is not None else 0
+        self._skipped = 0
+        self._last = record
+        del self._held[: self._size]
+        return FoundRecord(missed, record)
+
+
+def _jump(before: AtiRecord, after: AtiRecord) -> int:
+    return max(abs(b - a) for a, b in zip(before.counts, after.counts, strict=True))
+
+
+def without_echo(data: bytes, echo: bytes) -> bytes | None:
+    """The data after the echoed command and its line end; None while these have not arrived completely."""
+    at = data.find(echo + LINE_END)
+    return None if at < 0 else data[at + len(echo) + len(LINE_END) :]

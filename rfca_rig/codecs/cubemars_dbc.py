@@ -4,8 +4,7 @@ A DBC holds one message per arbitration id. The one for MIT mode therefore has t
 send them. For a drive that replies under its own id, set `reply_id` to None; the database then has no command.
 """
 
-from rfca_rig.codecs.cubemars_meanings import ERRORS
-from rfca_rig.codecs.cubemars_ranges import GAIN_Nm_PER_RAD, GAIN_Nm_S_PER_RAD, MitRanges
+from rfca_rig.codecs.cubemars_drives import ERRORS, GAIN_Nm_PER_RAD, GAIN_Nm_S_PER_RAD, MitRanges
 from rfca_rig.codecs.cubemars_servo import OriginMode, Packet
 
 # A DBC marks extended identifiers by this bit.

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import floor
 
-from rfca_rig.codecs.cubemars_ranges import GAIN_Nm_PER_RAD, GAIN_Nm_S_PER_RAD, MitRanges
+from rfca_rig.codecs.cubemars_drives import GAIN_Nm_PER_RAD, GAIN_Nm_S_PER_RAD, MitRanges
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 
 POSITION_CODES = 1 << 16

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.contracts.motor_hooks import MotorHooks
-from rfca_rig.contracts.motor_rig import drain
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import MotorHooks, Rotor, drain
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import DeviceError
-from rfca_rig.twins.can_wire import can_wire
+from rfca_rig.twins.wires import can_wire
 
 NOT_FINITE = [float("nan"), float("inf"), -float("inf")]
 

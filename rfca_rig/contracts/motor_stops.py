@@ -7,10 +7,44 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.contracts.failing_buses import BusFullFor, UnpluggedBus
-from rfca_rig.contracts.motor_hooks import MotorHooks
+from rfca_rig.contracts.motor_rig import MotorHooks
 from rfca_rig.errors import DeviceError
-from rfca_rig.twins.can_wire import can_wire
+from rfca_rig.twins.wires import can_wire
+
+
+class UnpluggedBus(can.BusABC):
+    """A bus whose adapter was unplugged."""
+
+    channel_info = "pulled"
+
+    def __init__(self) -> None:
+        super().__init__(channel="pulled")
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002
+        raise can.CanOperationError("transmit buffer full")
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002
+        raise can.CanOperationError("no such device")
+
+
+class BusFullFor(can.BusABC):
+    """A bus whose transmit queue is full for the first `frames` frames."""
+
+    channel_info = "full"
+
+    def __init__(self, frames: int) -> None:
+        super().__init__(channel="full")
+        self._left = frames
+        self.sent: list[can.Message] = []
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002
+        self._left -= 1
+        if self._left >= 0:
+            raise can.CanOperationError("transmit buffer full")
+        self.sent.append(msg)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002
+        return None, False
 
 
 class MotorStops(MotorHooks):

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.contracts.force_sensor import ForceSensorContract
-from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
-from rfca_rig.contracts.noisy_port import NoisyPort
+from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, NoisyPort, constant
 from rfca_rig.description.force_sensor_sections import ForceSensorKeys
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.drivers.record_stream import RecordStream
-from rfca_rig.twins.serial_line import serial_line
+from rfca_rig.drivers.force_sensors.record_stream import RecordStream
+from rfca_rig.twins.wires import serial_line
 
 LATENCY_S = 0.02
 # Duration of the lost piece of the stream in s.

@@ -11,7 +11,7 @@ from rfca_rig.description.motor_sections import MotorKeys
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.drivers.roles import ShaftMotor
-from rfca_rig.twins.speed_loop import LoopGains
+from rfca_rig.twins.drive_parts import LoopGains
 
 SILENT_S = 0.3
 

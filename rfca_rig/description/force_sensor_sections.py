@@ -7,9 +7,9 @@ from pydantic import ConfigDict, Field, model_validator
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.ati_serial import RecordForm
 from rfca_rig.description.sections import Positive, Section
-from rfca_rig.drivers.ati_serial import AtiSerialSettings
+from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSettings
+from rfca_rig.drivers.ports import SerialPort, open_port
 from rfca_rig.drivers.roles import ForceSensor as ForceSensorRole
-from rfca_rig.drivers.serial_port import SerialPort, open_port
 from rfca_rig.errors import BadInput
 
 Port = Annotated[int, Field(gt=0, le=65535)]

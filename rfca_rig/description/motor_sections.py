@@ -6,9 +6,9 @@ import can
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.cubemars_ranges import MIT_RANGES
+from rfca_rig.codecs.cubemars_drives import MIT_RANGES
 from rfca_rig.description.sections import Positive, Section
-from rfca_rig.drivers.can_bus import CanBusSettings
+from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.roles import ShaftMotor
 
 # Rate of commands during a stroke, and of the reports of a drive that only answers commands.

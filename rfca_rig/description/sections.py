@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import resolve_effect
+from rfca_rig.model.hinge_springs import knots_from
 from rfca_rig.model.parameters import LawTable, PresentEffect
-from rfca_rig.model.setup import resolve_effect
 from rfca_rig.model.tabulated_law import TABULATED_LAW
-from rfca_rig.model.torque_spline import knots_from
 
 _TABLE_KEYS = ("place", "argument", "knots", "values")
 HINGE_LAW = "k0*phi + k0*k2*phi**3"

@@ -18,8 +18,8 @@ from typing import Any, TypeVar
 from rfca_rig.description.sections import HINGE_LAW, LAW_KEYS, KnownToSection, LegSection, Section, TorqueRotationSection
 from rfca_rig.description.toml import read_text, validate
 from rfca_rig.errors import BadInput
+from rfca_rig.model.hinge_springs import slope_at_rest
 from rfca_rig.model.parameters import TorqueSpline
-from rfca_rig.model.torque_spline import slope_at_rest
 
 File = TypeVar("File", bound=Section)
 

@@ -29,9 +29,8 @@ from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, me
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, join_not_seen
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
-from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.catalogue import catalogue, members_of
 from rfca_rig.model.effect import OF_PENDULUMS, Effect
-from rfca_rig.model.families import members_of
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.recording.identity import identity_of

@@ -10,10 +10,10 @@ import numpy as np
 from rfca_rig.clock import Clock
 from rfca_rig.description.force_sensor_sections import ForceSensorKeys
 from rfca_rig.description.motor_sections import MotorKeys
+from rfca_rig.doctor.devices.can import shorten_error
 from rfca_rig.doctor.finding import Finding, green, red, yellow
-from rfca_rig.doctor.looking.can_bus import shorten_error
+from rfca_rig.drivers.ports import SerialPort
 from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
-from rfca_rig.drivers.serial_port import SerialPort
 from rfca_rig.errors import RigError
 
 # Observation time and poll interval, and the silence that the driver treats as a fault, in s.

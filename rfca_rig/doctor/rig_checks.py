@@ -1,4 +1,4 @@
-"""Checks of all devices that a rig file names, in turn."""
+"""Checks of all devices that a rig file names, in turn. Those of the motor stop at the first red finding."""
 
 from collections.abc import Iterator
 from math import tau
@@ -9,6 +9,8 @@ import numpy as np
 
 from rfca_rig.bench.motors import make_motor, open_bus
 from rfca_rig.clock import Clock
+from rfca_rig.codecs.cubemars_drives import mit_ranges
+from rfca_rig.codecs.odrive_messages import OdriveFirmware
 from rfca_rig.description.camera_file import read_camera_file
 from rfca_rig.description.camera_sections import PhotoFolderSection
 from rfca_rig.description.force_sensor_sections import (
@@ -19,38 +21,112 @@ from rfca_rig.description.force_sensor_sections import (
     NetFtSection,
     OwnForceSensorSection,
 )
-from rfca_rig.description.motor_sections import MoteusSection, Motor, MotorKeys
+from rfca_rig.description.motor_sections import (
+    CubemarsMitSection,
+    CubemarsServoSection,
+    MoteusSection,
+    Motor,
+    MotorKeys,
+    MotorSection,
+    OdriveSection,
+    OwnMotorSection,
+)
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.doctor.computer_checks import check_computer
+from rfca_rig.doctor.computer import check_computer, judge_receive_buffer, probe_receive_buffer
+from rfca_rig.doctor.devices.ati_sensors import (
+    judge_calibration,
+    judge_card,
+    judge_controller,
+    look_at_calibration,
+    look_at_controller,
+    look_for_cards,
+)
+from rfca_rig.doctor.devices.camera import judge_camera, judge_camera_file, judge_photo_folder, look_at_camera
+from rfca_rig.doctor.devices.can import (
+    CanBusObservation,
+    Listener,
+    judge_can_bus,
+    judge_can_interface,
+    look_at_can_interface,
+    shorten_error,
+)
+from rfca_rig.doctor.devices.cubemars import judge_mit, judge_servo, look_for_mit, look_for_servo
+from rfca_rig.doctor.devices.moteus import judge_moteus, look_for_moteus
+from rfca_rig.doctor.devices.netft import judge_box, judge_stream, look_at_box, look_at_stream
+from rfca_rig.doctor.devices.odrive import OdriveWanted, judge_odrive, look_for_odrive
+from rfca_rig.doctor.devices.serial_ports import judge_serial_port, look_at_serial_port
 from rfca_rig.doctor.finding import Colour, Finding, green, yellow
-from rfca_rig.doctor.judging.ati_daq import judge_calibration, judge_card
-from rfca_rig.doctor.judging.ati_serial import judge_controller
-from rfca_rig.doctor.judging.camera import judge_camera, judge_camera_file, judge_photo_folder
-from rfca_rig.doctor.judging.netft import judge_box, judge_stream
-from rfca_rig.doctor.judging.receive_buffer import judge_receive_buffer
-from rfca_rig.doctor.judging.serial_port import judge_serial_port
-from rfca_rig.doctor.looking.ati_daq import look_at_calibration, look_for_cards
-from rfca_rig.doctor.looking.ati_serial import look_at_controller
-from rfca_rig.doctor.looking.camera import look_at_camera
-from rfca_rig.doctor.looking.can_bus import shorten_error
-from rfca_rig.doctor.looking.computer import probe_receive_buffer
-from rfca_rig.doctor.looking.netft import look_at_box, look_at_stream
-from rfca_rig.doctor.looking.serial_port import look_at_serial_port
-from rfca_rig.doctor.motor_checks import check_motor
 from rfca_rig.doctor.own_checks import check_own_motor, check_own_sensor
-from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES
-from rfca_rig.drivers.netft import NetFtSettings
-from rfca_rig.drivers.netft_box import CommandBox, HttpBox, NetFtBox
-from rfca_rig.drivers.photo_folder import list_pictures
+from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSettings
+from rfca_rig.drivers.photo_files import list_pictures
+from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES
 from rfca_rig.errors import BadInput, RigError
+
+KNOWN = tuple(sorted(can.VALID_INTERFACES))
 
 # Watchdog timeout assumed for drives whose timeout is not in the rig file.
 USUAL_WATCHDOG_S = 0.1
 
-
 SHAFT = "shaft"
 LISTEN_S = 0.3
 POLL_S = 5e-3
+
+
+def check_motor(motor: Motor, clock: Clock) -> Iterator[Finding]:
+    """Yields the findings on interface, bus and drive. Opens the bus of [motor] for about one second."""
+    before = _before_the_bus(motor)
+    if before is not None:
+        yield before
+        if before.colour is Colour.RED:
+            return
+    try:
+        bus = open_bus(motor)
+    # Interfaces of python-can raise exceptions of many types, even NameError and ImportError if a vendor library is missing.
+    except Exception as error:
+        yield _bus(motor, CanBusObservation(f"{type(error).__name__}: {shorten_error(error)}"))
+        return
+    with bus:
+        yield from check_drive(motor, Listener(bus, clock))
+
+
+def _before_the_bus(motor: MotorSection) -> Finding | None:
+    """Finding on the kernel interface or serial port below the bus; None if there is none to check."""
+    if motor.interface == "socketcan":
+        return judge_can_interface(look_at_can_interface(motor.channel), motor.bitrate, motor.fd_bitrate)
+    if motor.channel.startswith("/dev/"):
+        return judge_serial_port(look_at_serial_port(motor.channel), "[motor]")
+    return None
+
+
+def check_drive(motor: Motor, listener: Listener) -> Iterator[Finding]:
+    """Yields the findings on the bus and, unless it is red, on the drive."""
+    # The drive is probed first: bus errors may show only once frames have passed.
+    findings = _drive(motor, listener)
+    bus = _bus(motor, listener.seen())
+    yield bus
+    if bus.colour is not Colour.RED:
+        yield from findings
+
+
+def _bus(motor: MotorSection, seen: CanBusObservation) -> Finding:
+    return judge_can_bus(seen, motor.interface, motor.channel, KNOWN)
+
+
+def _drive(motor: Motor, listener: Listener) -> list[Finding]:
+    match motor:
+        case OdriveSection():
+            wanted = OdriveWanted(motor.node_id, motor.encoder_period_ms / 1e3, OdriveFirmware(motor.dialect))
+            return judge_odrive(look_for_odrive(listener, wanted), wanted)
+        case CubemarsMitSection():
+            return judge_mit(look_for_mit(listener, motor.drive_id, mit_ranges(motor.model)), motor.drive_id)
+        case CubemarsServoSection():
+            return judge_servo(look_for_servo(listener, motor.drive_id), motor.drive_id, motor.status_period_ms / 1e3)
+        case MoteusSection():
+            seen = look_for_moteus(listener, motor.drive_id, motor.can_prefix, motor.bitrate_switch)
+            return judge_moteus(seen, motor.drive_id)
+        case OwnMotorSection():
+            # Checked through its own driver, see `own_checks`.
+            return []
 
 
 def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:

@@ -4,23 +4,62 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rfca_rig.clock import Clock
-from rfca_rig.doctor.computer_checks import check_computer
-from rfca_rig.doctor.finding import Finding
-from rfca_rig.doctor.judging.found import judge_found_adapters, judge_found_interfaces, judge_found_sensor, judge_no_ports
-from rfca_rig.doctor.judging.receive_buffer import judge_receive_buffer
-from rfca_rig.doctor.judging.serial_port import judge_found_port
-from rfca_rig.doctor.looking.adapters import look_for_adapters
-from rfca_rig.doctor.looking.can_interface import can_interfaces, look_at_can_interface
-from rfca_rig.doctor.looking.computer import probe_receive_buffer
-from rfca_rig.doctor.looking.netft import look_at_box
-from rfca_rig.doctor.looking.serial_port import look_for_serial_ports
-from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES
-from rfca_rig.drivers.netft_box import HttpBox
+from rfca_rig.codecs.netft_configuration import CalibrationInfo, NetFtConfiguration
+from rfca_rig.doctor.computer import check_computer, judge_receive_buffer, probe_receive_buffer
+from rfca_rig.doctor.devices.can import CanInterfaceObservation, can_interfaces, look_at_can_interface, look_for_adapters, make_up_command
+from rfca_rig.doctor.devices.netft import BoxObservation, look_at_box
+from rfca_rig.doctor.devices.serial_ports import judge_found_port, look_for_serial_ports
+from rfca_rig.doctor.finding import Finding, green, yellow
+from rfca_rig.drivers.force_sensors.netft import HttpBox
+from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES
+
+ADAPTERS, PORTS, SENSOR = "CAN adapters", "serial port", "Net F/T"
+# Bit rate for the proposed command if the interface has none yet, in bit/s.
+USUAL_BITRATE = 1_000_000
 
 # Factory address of a Net F/T, its record rate, and a short time limit, since usually none is there.
 NETFT_AS_DELIVERED = "192.168.1.1"
 NETFT_RATE_Hz = 7000.0
 NETFT_WITHIN_S = 0.5
+
+
+def judge_found_interfaces(seen: tuple[CanInterfaceObservation, ...]) -> list[Finding]:
+    if not seen:
+        fix = "plug the adapter in; where it is not seen, load its driver, or make a serial adapter an interface:"
+        commands = ("sudo modprobe can_raw gs_usb", "sudo slcand -o -c -s8 /dev/ttyACM0 can0")
+        return [yellow("CAN interface", "none in the kernel", fix, *commands)]
+    return [_interface(one) for one in seen]
+
+
+def _interface(seen: CanInterfaceObservation) -> Finding:
+    rate = "" if seen.bitrate is None else f", {seen.bitrate} bit/s"
+    if not seen.is_up:
+        fix = "bring it up, with the bit rate of the drive:"
+        return yellow("CAN interface", f"{seen.channel} is down", fix, make_up_command(seen.channel, seen.bitrate or USUAL_BITRATE))
+    return green("CAN interface", f'{seen.channel} is up{rate}: interface = "socketcan", channel = "{seen.channel}"')
+
+
+def judge_found_adapters(seen: tuple[tuple[str, str], ...]) -> list[Finding]:
+    """Findings on adapters other than the kernel's, as (interface, channel) of python-can."""
+    if not seen:
+        return [green(ADAPTERS, "none beside the kernel's")]
+    return [green(ADAPTERS, f'interface = "{interface}", channel = "{channel}"') for interface, channel in seen]
+
+
+def judge_no_ports() -> Finding:
+    return green(PORTS, "none")
+
+
+def judge_found_sensor(seen: BoxObservation) -> Finding:
+    if seen.says is None:
+        fix = "a sensor as delivered needs this computer in its network; with the right network port for eth0:"
+        return yellow(SENSOR, f"none at {seen.host}, where it is as delivered", fix, "sudo ip address add 192.168.1.100/24 dev eth0")
+    return green(SENSOR, _describe(seen.host, seen.says))
+
+
+def _describe(host: str, says: NetFtConfiguration | CalibrationInfo) -> str:
+    name = f"{says.product} {says.serial_number}" if isinstance(says, NetFtConfiguration) else "a sensor"
+    return f"{name} at {host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = {says.counts_per_Nm:.10g}"
 
 
 def scan(runs: Path, clock: Clock) -> Iterator[Finding]:

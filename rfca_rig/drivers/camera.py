@@ -1,6 +1,9 @@
-"""Camera opened by OpenCV: USB (UVC) cameras, and other video devices of the system."""
+"""Cameras: one opened by OpenCV, on a thread of its own, and one that stores its photos in a folder itself."""
 
+import queue
+import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol
 
 import cv2
@@ -8,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.clock import Clock
-from rfca_rig.drivers.roles import Photo
-from rfca_rig.errors import DeviceError
+from rfca_rig.drivers.photo_files import list_pictures, read_picture
+from rfca_rig.drivers.roles import Camera, Photo
+from rfca_rig.errors import BadInput, DeviceError
 
 # Number of frames that camera drivers may buffer; these are older than the call and are discarded.
 STORED_FRAMES = 4
 # Frames to discard after opening, until exposure and white balance have settled.
 FIRST_FRAMES = 10
+
+LOOK_EVERY_S = 0.1
 
 
 class Capture(Protocol):
@@ -92,3 +98,101 @@ class OpenCvCamera:
 
     def identity(self) -> dict[str, str]:
         return {"camera": f"OpenCV camera {self._number}", "camera_size_px": f"{self._size_px[0]} x {self._size_px[1]}"}
+
+
+class CameraThread:
+    """Implements `Photographer` with any `Camera`. One photo is in progress at a time.
+
+    A camera that never answers blocks only its own daemon thread, which ends with the process.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._identity = camera.identity()
+        self._asked: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[Photo | Exception] = queue.SimpleQueue()
+        self._is_pending = False
+        self._thread = threading.Thread(target=self._work, name="camera", daemon=True)
+        self._thread.start()
+
+    def begin(self) -> None:
+        # A photo that arrived too late for its request is discarded.
+        self._answer()
+        if self._is_pending:
+            raise DeviceError("the camera has not answered since an earlier photo; unplug it and plug it in again before the next run")
+        self._is_pending = True
+        self._asked.put(True)
+
+    def taken(self) -> Photo | None:
+        answer = self._answer()
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def _answer(self) -> Photo | Exception | None:
+        try:
+            answer = self._answers.get_nowait()
+        except queue.Empty:
+            return None
+        self._is_pending = False
+        return answer
+
+    def _work(self) -> None:
+        try:
+            while self._asked.get():
+                self._answers.put(self._photo())
+        finally:
+            self._camera.close()
+
+    def _photo(self) -> Photo | Exception:
+        try:
+            return self._camera.photo()
+        # Any exception is passed on, and raised on the control loop's thread by `taken`.
+        except Exception as error:
+            return error
+
+    def close(self) -> None:
+        self._answer()
+        self._asked.put(False)
+        if not self._is_pending:
+            # Joining while a photo is in progress could wait for ever on a dead camera.
+            self._thread.join()
+
+    def identity(self) -> dict[str, str]:
+        return self._identity
+
+
+class ArrivingPhotos:
+    """Implements `Camera`: returns the first photo that appears in the folder after the call. Older files are ignored.
+
+    `host_s` is the time when the photo was found, somewhat after it was taken.
+    """
+
+    def __init__(self, folder: Path, clock: Clock, limit_s: float) -> None:
+        """`limit_s` is the longest wait of a call in s. Raises BadInput if the folder does not exist."""
+        self._folder = folder
+        self._clock = clock
+        self._limit_s = limit_s
+        list_pictures(folder)
+
+    def photo(self) -> Photo:
+        """A photo (rows, columns, 3) in BGR order. Raises DeviceError if no complete one appears within the limit."""
+        before = {file.name for file in list_pictures(self._folder)}
+        began_s = self._clock.now_s()
+        why = ""
+        while self._clock.now_s() - began_s < self._limit_s:
+            for file in list_pictures(self._folder):
+                if file.name not in before:
+                    try:
+                        return Photo(read_picture(file), self._clock.now_s(), file.name)
+                    except BadInput as error:
+                        # The file may still be being written, so it is tried again.
+                        why = f"; {error}"
+            self._clock.wait_until(self._clock.now_s() + LOOK_EVERY_S)
+        raise DeviceError(f"{self._folder}: no new photo came within {self._limit_s:g} s{why}")
+
+    def close(self) -> None:
+        """Does nothing: no file is held open."""
+
+    def identity(self) -> dict[str, str]:
+        return {"camera": f"photos arriving in folder {self._folder.name}"}

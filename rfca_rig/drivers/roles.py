@@ -1,10 +1,13 @@
 """Device protocols: what the engine needs from any motor, force sensor, camera or rack. All values are in SI units."""
 
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rfca_rig.codecs.rdt import Records
 
 Floats = NDArray[np.float64]
 
@@ -193,3 +196,12 @@ class Rack(Protocol):
     def set_height(self, height_m: float) -> None:
         """Returns once the rack is at `height_m`."""
         ...
+
+
+Block = TypeVar("Block", ShaftSamples, ForceSamples, Records)
+
+
+def concatenate_blocks(blocks: Sequence[Block]) -> Block:
+    """Concatenates blocks of columns (m, ...) along the first axis, column by column; needs at least one block."""
+    kind = type(blocks[0])
+    return kind(*(np.concatenate([getattr(block, column.name) for block in blocks]) for column in fields(kind)))

@@ -1,8 +1,9 @@
 """Carries out a plan on the devices of a bench. Entry point: `run.run_plan`.
 
-1. `arming` proves that the drive stops by itself.
-2. `stages` carries out one stage after the other: `settling`, `cycling` and `ramp_up` belong to kinds of stages.
+1. `run.prove_stop` proves that the drive stops by itself; `run.RampUp` checks what first strokes predict.
+2. `stages` carries out one stage after the other, and waits for rest; `cycling` belongs to stages of many turns.
 3. `loop` ticks: reads the devices, has `limit_monitor` check every limit, then commands the drive.
-4. `stopping` is the one way a run stops, for a `stop_request` as for a trip.
-5. `sink` takes what a stage measured; an `observer` sees every tick.
+4. `stopping` is the one way a run stops, for a stop request as for a trip. Its `Sink` takes what a stage measured.
+
+`interfaces` defines what comes from outside: the bench, stop requests, and observers, which see every tick.
 """

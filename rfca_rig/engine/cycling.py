@@ -6,8 +6,8 @@ import numpy as np
 
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
 from rfca_rig.engine.loop import Loop
-from rfca_rig.engine.sink import Cycle, Sink
 from rfca_rig.engine.stages import MOVE_TICK_S
+from rfca_rig.engine.stopping import Cycle, Sink
 from rfca_rig.errors import Stopped
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import MOVE_RAMP_S, TURN_RAD

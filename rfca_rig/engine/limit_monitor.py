@@ -1,14 +1,307 @@
 """Checks every limit at every tick, in the same loop that feeds the drive's watchdog."""
 
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.codecs.rdt import status_text
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
-from rfca_rig.engine.monitors.drive import check_drive
-from rfca_rig.engine.monitors.force_sensor import SensorMonitor
-from rfca_rig.engine.monitors.load import LoadMonitor
-from rfca_rig.engine.monitors.shaft import ShaftMonitor, Tracking
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
+
+# Status word of the NetBox, see `codecs.netbox_status`. Drivers of other sensors set the same bits 31 and 17. Bit 31:
+# summary of all errors.
+SENSOR_FAULT = np.uint32(0x80000000)
+# Bit 17: transducer saturation or A/D error.
+SATURATED = np.uint32(0x00020000)
+# All but the summary bit and bit 16, a latched monitor condition, which leaves the values good.
+ANY_ERROR = np.uint32(0x7FFEFFFF)
+
+Floats = NDArray[np.float64]
+
+# Share of the limit below which the ceiling never falls: a small excess over a small prediction is no danger.
+MIN_CEILING_SHARE = 0.1
+
+# A target slower than this may stand for a moment.
+JAM_SPEED_RAD_S = 0.2
+# Share of the target's speed below which the shaft counts as stuck.
+JAM_SHARE = 0.1
+# Longer than a soft drive sags into a load.
+JAM_S = 0.3
+# Allowed between two reports beyond what the speed limit explains: far above any encoder's noise.
+JUMP_RAD = 0.2
+
+
+def check_drive(status: MotorStatus, limits: Limits) -> None:
+    """Checks the age of the last heartbeat, error and state, and the temperature where the drive reports one.
+
+    A driver with the same limit reports silence as a fault too.
+    """
+    # Silence first: everything else that is known of a silent drive is old.
+    if status.silent_s > limits.drive_silent_s:
+        raise Tripped(
+            Trip.DRIVE_SILENT,
+            f"drive silent for {1e3 * status.silent_s:.0f} ms, limit {1e3 * limits.drive_silent_s:.0f} ms; check bus and power",
+        )
+    if status.fault is not None:
+        raise Tripped(Trip.DRIVE_ERROR, f"drive: {status.fault}")
+    if status.temperature_C is not None and status.temperature_C > limits.temperature_C:
+        raise Tripped(
+            Trip.DRIVE_HOT,
+            f"drive or motor at {status.temperature_C:.0f} degC, limit {limits.temperature_C:g} degC; let it cool, then go slower "
+            "or rest longer between strokes",
+        )
+
+
+class SensorMonitor:
+    """Remembers when the last record came, and when its counts last changed."""
+
+    def __init__(self, limits: Limits, now_s: float) -> None:
+        self._limits = limits
+        self._received_s = now_s
+        self._last: NDArray[np.int32] | None = None
+        self._last_s = np.nan
+        self._changed_s = np.nan
+
+    def check(self, now_s: float, samples: ForceSamples) -> None:
+        """Checks one tick's records; `samples.counts` (m, 6) may be empty."""
+        if len(samples.counts):
+            self._received_s = now_s
+            self._check_status(samples)
+            self._check_time(samples)
+            self._check_alive(samples)
+        else:
+            self._check_silence(now_s - self._received_s)
+
+    def _check_silence(self, silent_s: float) -> None:
+        limit_s = self._limits.sensor_silent_s
+        if silent_s > limit_s:
+            raise Tripped(
+                Trip.SENSOR_SILENT,
+                f"force sensor silent for {1e3 * silent_s:.0f} ms, limit {1e3 * limit_s:.0f} ms; check its cable and power",
+            )
+
+    def _check_status(self, samples: ForceSamples) -> None:
+        worst = np.bitwise_or.reduce(samples.status)
+        # Before all other errors: the values of a saturated sensor can no longer guard the rig.
+        if worst & SATURATED:
+            raise Tripped(
+                Trip.SENSOR_SATURATED, f"force sensor saturated (status 0x{int(worst):08x}); its values can no longer guard the rig"
+            )
+        if worst & SENSOR_FAULT and worst & ANY_ERROR:
+            raise Tripped(Trip.SENSOR_ERROR, f"force sensor reports an error: {status_text(int(worst))}; see its status page")
+
+    def _check_time(self, samples: ForceSamples) -> None:
+        """Checks for gaps: records may come, and yet so many be lost in between that the force was not observed."""
+        # By the sensor's own record counter, which shows lost records whenever they were received.
+        times_s = samples.device_s if np.isnan(self._last_s) else np.concatenate([[self._last_s], samples.device_s])
+        blind_s = float(np.diff(times_s).max(initial=0.0))
+        self._last_s = float(samples.device_s[-1])
+        if blind_s > self._limits.sensor_silent_s:
+            limit_ms = 1e3 * self._limits.sensor_silent_s
+            raise Tripped(
+                Trip.SENSOR_BLIND,
+                f"records of {1e3 * blind_s:.0f} ms of the force are lost at once, limit {limit_ms:.0f} ms; check the network and the "
+                "machine's load",
+            )
+
+    def _check_alive(self, samples: ForceSamples) -> None:
+        """Checks that the counts change: a sensor at rest has noise, a hanging box or a loose cable has not."""
+        counts = samples.counts
+        # The first record of all is compared with itself, which counts as no change.
+        before = counts[:1] if self._last is None else self._last
+        changed = np.flatnonzero((np.concatenate([before, counts[:-1]]) != counts).any(axis=1))
+        if len(changed):
+            self._changed_s = float(samples.device_s[changed[-1]])
+        elif np.isnan(self._changed_s):
+            self._changed_s = float(samples.device_s[0])
+        self._last = counts[-1:]
+        self._check_frozen(float(samples.device_s[-1]) - self._changed_s)
+
+    def _check_frozen(self, frozen_s: float) -> None:
+        limit_s = self._limits.sensor_frozen_s
+        if frozen_s > limit_s:
+            raise Tripped(
+                Trip.SENSOR_FROZEN,
+                f"force sensor sends the same six counts for {1e3 * frozen_s:.0f} ms, limit {1e3 * limit_s:.0f} ms; "
+                "restart its box, check the transducer's cable",
+            )
+
+
+@dataclass
+class ExceedanceTimer:
+    """How long a value has been above its ceiling, by the device's own time."""
+
+    below_s: float = np.nan
+
+    def seconds(self, device_s: Floats, values: Floats, ceiling: float) -> float:
+        """Adds a block of samples and returns for how many seconds the value has been above the ceiling without a break.
+
+        Parameters
+        ----------
+        device_s : ndarray, shape (m,)
+            Times in s by the device's clock, increasing; m is at least 1.
+        values : ndarray, shape (m,)
+            Force in N or moment in N m.
+        ceiling : float
+            In the unit of `values`.
+
+        Returns
+        -------
+        float
+            0 where the last value is not above the ceiling.
+        """
+        below = np.flatnonzero(values <= ceiling)
+        if len(below):
+            self.below_s = float(device_s[below[-1]])
+        # A stage that begins above the ceiling counts from its first sample.
+        elif np.isnan(self.below_s):
+            self.below_s = float(device_s[0])
+        return float(device_s[-1]) - self.below_s
+
+
+class LoadMonitor:
+    """Checks force and moment; `peak` is the largest load since the stage began."""
+
+    def __init__(self, limits: Limits, scale: SensorScale) -> None:
+        self._limits = limits
+        self._scale = scale
+        self.expect(None)
+
+    def expect(self, expected: Load | None) -> None:
+        """A stage begins in which the model predicts at most this load; None where there is no prediction."""
+        # Without a prediction the ceiling is infinite: only the absolute limits hold then.
+        limits, unknown = self._limits, Load(np.inf, np.inf)
+        load = expected or unknown
+        self._ceiling = Load(
+            max(limits.above_expected * load.force_N, MIN_CEILING_SHARE * limits.force_N),
+            max(limits.above_expected * load.torque_Nm, MIN_CEILING_SHARE * limits.torque_Nm),
+        )
+        self._force, self._torque = ExceedanceTimer(), ExceedanceTimer()
+        self.peak = Load(0.0, 0.0)
+
+    def check(self, samples: ForceSamples) -> None:
+        """Checks one block, with at least one record."""
+        counts = samples.counts.astype(np.float64)
+        # Magnitudes of the whole vectors: a limit per axis would depend on how the sensor is mounted.
+        force_N = np.sqrt((counts[:, :3] ** 2).sum(axis=1)) / self._scale.counts_per_N
+        torque_Nm = np.sqrt((counts[:, 3:] ** 2).sum(axis=1)) / self._scale.counts_per_Nm
+        here = Load(float(force_N.max()), float(torque_Nm.max()))
+        self.peak = self.peak.max_with(here)
+        self._check_peak(here)
+        self._check_lasting(samples.device_s, force_N, torque_Nm)
+
+    def _check_peak(self, here: Load) -> None:
+        if here.force_N > self._limits.force_N:
+            raise Tripped(Trip.FORCE, f"force {here.force_N:.1f} N, limit {self._limits.force_N:g} N; raise the rack or go slower")
+        if here.torque_Nm > self._limits.torque_Nm:
+            limit_Nm = self._limits.torque_Nm
+            raise Tripped(Trip.MOMENT, f"moment {here.torque_Nm:.2f} N m, limit {limit_Nm:g} N m; raise the rack or go slower")
+
+    def _check_lasting(self, device_s: Floats, force_N: Floats, torque_Nm: Floats) -> None:
+        self._check_one(Trip.FORCE_LASTS, self._force.seconds(device_s, force_N, self._ceiling.force_N), f"force {force_N[-1]:.1f} N", "N")
+        lasts_s = self._torque.seconds(device_s, torque_Nm, self._ceiling.torque_Nm)
+        self._check_one(Trip.MOMENT_LASTS, lasts_s, f"moment {torque_Nm[-1]:.2f} N m", "N m")
+
+    def _check_one(self, code: Trip, lasts_s: float, value: str, unit: str) -> None:
+        if lasts_s > self._limits.above_expected_s:
+            ceiling = self._ceiling.force_N if unit == "N" else self._ceiling.torque_Nm
+            raise Tripped(
+                code,
+                f"{value} and more for {1e3 * lasts_s:.0f} ms, {ceiling:.3g} {unit} may be passed for "
+                f"{1e3 * self._limits.above_expected_s:.0f} ms; is the rack as high as planned, and the leg whole?",
+            )
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """Angle and speed of target and shaft at one tick."""
+
+    target_rad: float
+    angle_rad: float
+    target_speed_rad_s: float
+    speed_rad_s: float
+
+
+class ShaftMonitor:
+    """Remembers the last report, and since when the shaft has not followed its target at all."""
+
+    def __init__(self, limits: Limits, now_s: float) -> None:
+        self._limits = limits
+        self._reported_s = self._moved_s = now_s
+        self._last: tuple[float, float] | None = None
+        self._torque_Nm = np.nan
+
+    def check_reports(self, now_s: float, shaft: ShaftSamples) -> None:
+        """Checks one tick's reports; the block may be empty."""
+        if not len(shaft.angle_rad):
+            self._check_silence(now_s - self._reported_s)
+            return
+        self._reported_s = now_s
+        self._torque_Nm = float(shaft.torque_Nm[-1])
+        self._check_jump(shaft)
+        self._last = float(shaft.device_s[-1]), float(shaft.angle_rad[-1])
+
+    def _check_silence(self, silent_s: float) -> None:
+        limit_s = self._limits.drive_silent_s
+        if silent_s > limit_s:
+            raise Tripped(
+                Trip.ENCODER_SILENT,
+                f"no report of the shaft's angle for {1e3 * silent_s:.0f} ms, limit {1e3 * limit_s:.0f} ms; check the drive's "
+                "encoder and its cyclic messages",
+            )
+
+    def _check_jump(self, shaft: ShaftSamples) -> None:
+        times_s, angles_rad = shaft.device_s, shaft.angle_rad
+        if self._last is not None:
+            # The last report of the tick before belongs to the block: a jump may lie between two ticks.
+            times_s, angles_rad = np.append(self._last[0], times_s), np.append(self._last[1], angles_rad)
+        steps_rad = np.abs(np.diff(angles_rad))
+        allowed_rad = self._limits.speed_rad_s * np.diff(times_s) + JUMP_RAD
+        if (steps_rad > allowed_rad).any():
+            raise Tripped(
+                Trip.JUMP,
+                f"the shaft's angle jumped by {np.degrees(steps_rad.max()):.1f} deg from one report to the next; was the drive "
+                "restarted, or does the encoder slip? Check the zero before anything moves",
+            )
+
+    def check_tracking(self, now_s: float, now: Tracking) -> None:
+        """Checks the speed, and the following error, whose limit grows with the target's speed."""
+        if abs(now.speed_rad_s) > self._limits.speed_rad_s:
+            raise Tripped(
+                Trip.OVERSPEED,
+                f"shaft at {now.speed_rad_s:.2f} rad/s, limit {self._limits.speed_rad_s:g} rad/s; does the drive obey, and are gear and "
+                "encoder as the rig file says?",
+            )
+        self._check_behind(now)
+        self._check_jam(now_s, now)
+
+    def _check_behind(self, now: Tracking) -> None:
+        behind_rad = abs(now.target_rad - now.angle_rad)
+        # A drive lags in proportion to its speed; a constant limit would be too tight in strokes or too wide at rest.
+        limit_rad = self._limits.following_error_rad + self._limits.following_error_s * abs(now.target_speed_rad_s)
+        if behind_rad > limit_rad:
+            raise Tripped(
+                Trip.FOLLOWING,
+                f"following error: shaft {np.degrees(behind_rad):.1f} deg from where it should be, limit {np.degrees(limit_rad):.1f} deg "
+                f"at {now.target_speed_rad_s:.2f} rad/s; look for a jam, or a drive too weak for this load",
+            )
+
+    def _check_jam(self, now_s: float, now: Tracking) -> None:
+        # At a low speed the following error reaches its limit late; this check finds a stuck shaft within JAM_S.
+        wanted_rad_s = abs(now.target_speed_rad_s)
+        if wanted_rad_s < JAM_SPEED_RAD_S or abs(now.speed_rad_s) > JAM_SHARE * wanted_rad_s:
+            self._moved_s = now_s
+        elif now_s - self._moved_s > JAM_S:
+            raise Tripped(
+                Trip.JAM,
+                f"the shaft has stood for {1e3 * (now_s - self._moved_s):.0f} ms where it should turn at "
+                f"{now.target_speed_rad_s:.2f} rad/s, with {self._torque_Nm:.1f} N m from the motor; "
+                "look for what holds it, or for a drive too weak for this load",
+            )
 
 
 class LimitMonitor:

@@ -5,13 +5,9 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from rfca_rig.drivers.blocks import concatenate_blocks
-from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples
-from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.limit_monitor import LimitMonitor
-from rfca_rig.engine.monitors.shaft import Tracking
-from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver, Tick
-from rfca_rig.engine.stop_request import StopRequest
+from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples, concatenate_blocks
+from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest, Tick
+from rfca_rig.engine.limit_monitor import LimitMonitor, Tracking
 from rfca_rig.errors import DeviceError, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits

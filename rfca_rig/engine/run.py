@@ -3,23 +3,79 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from rfca_rig.engine.bench import Bench
 from rfca_rig.engine.cycling import run_cycles
+from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopLevel, StopRequest
 from rfca_rig.engine.loop import Loop
-from rfca_rig.engine.observer import NULL_OBSERVER, RunObserver
-from rfca_rig.engine.ramp_up import RampUp
-from rfca_rig.engine.settling import settle
-from rfca_rig.engine.sink import Sink
-from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move
-from rfca_rig.engine.stop_request import StopLevel, StopRequest
-from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, ramp_down, stop, switch_off
-from rfca_rig.errors import RigError, Stopped
+from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move, settle
+from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Sink, ramp_down, stop, switch_off
+from rfca_rig.errors import RigError, Stopped, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, Rest, SetHeight, Stage
+from rfca_rig.protocol.plan import Approach, Flap, Hold, Limits, MoveShaft, Plan, Rest, SetHeight, Stage
 from rfca_rig.protocol.safe_points import stages_to_safe_point
+from rfca_rig.trip_codes import Trip
 
 Progress = Callable[[Stage], None]
+
+# The longest that a drive may keep its torque without a command. Its heartbeat, which reports the stop, adds up to
+# 0.1 s.
+SILENCE_S = 1.0
+
+
+class RampUp:
+    """Remembers the peaks of first strokes, condition by condition.
+
+    The load at full speed is extrapolated in three ways: in the ratio of the model's loads, linearly in the speed (momentum of an impact),
+    and linearly in its square (energy of an impact). The largest counts. It is an estimate, not a bound: the limits are checked in motion
+    as always. The linear ways need two first strokes of different speeds.
+    """
+
+    def __init__(self, limits: Limits, expected: Mapping[Stage, Load]) -> None:
+        self._limits = limits
+        self._expected = expected
+        strokes = [(stage, load) for stage, load in expected.items() if isinstance(stage, Flap | Cycles)]
+        self._at_full = {(stage.height_m, stage.speed_rad_s): load for stage, load in strokes}
+        self._peaks: dict[tuple[float, float], list[tuple[float, Load]]] = {}
+
+    def take(self, stage: Approach, peak: Load) -> None:
+        """Adds a finished first stroke. Raises Tripped where the prediction for full speed passes a limit."""
+        condition = (stage.height_m, stage.full_speed_rad_s)
+        self._peaks.setdefault(condition, []).append((stage.speed_rad_s, peak))
+        predicted = self.predict_full_speed(stage, peak)
+        if predicted.force_N > self._limits.force_N or predicted.torque_Nm > self._limits.torque_Nm:
+            raise Tripped(
+                Trip.FULL_SPEED_TOO_MUCH,
+                f"{stage.label} brought {peak.force_N:.0f} N and {peak.torque_Nm:.1f} N m, which foretells {predicted.force_N:.0f} N and "
+                f"{predicted.torque_Nm:.1f} N m at full speed; limits {self._limits.force_N:g} N and {self._limits.torque_Nm:g} N m; "
+                "raise the rack or go slower",
+            )
+
+    def predict_full_speed(self, stage: Approach, peak: Load) -> Load:
+        """Predicted load at the full speed of the condition, from all of its first strokes so far."""
+        peaks = self._peaks.get((stage.height_m, stage.full_speed_rad_s), [(stage.speed_rad_s, peak)])
+        return Load(
+            self._largest(stage, [(speed, load.force_N) for speed, load in peaks], self._model_ratio(stage, "force_N")),
+            self._largest(stage, [(speed, load.torque_Nm) for speed, load in peaks], self._model_ratio(stage, "torque_Nm")),
+        )
+
+    def _largest(self, stage: Approach, peaks: list[tuple[float, float]], ratio: float) -> float:
+        full, (speed, value) = stage.full_speed_rad_s, peaks[-1]
+        # The peak itself is among them: a prediction for a higher speed must never be below what was measured.
+        estimates = [value, ratio * value]
+        # Two strokes at one speed give no slope.
+        if len(peaks) > 1 and peaks[-2][0] != speed:
+            before, earlier = peaks[-2]
+            estimates.append(value + (value - earlier) * (full - speed) / (speed - before))
+            estimates.append(value + (value - earlier) * (full**2 - speed**2) / (speed**2 - before**2))
+        return max(estimates)
+
+    def _model_ratio(self, stage: Approach, of: str) -> float:
+        here, there = self._expected.get(stage), self._at_full.get((stage.height_m, stage.full_speed_rad_s))
+        if here is None or there is None or not getattr(here, of):
+            # Without a prediction of the model, or with one of zero load, the ratio is not defined: the other two
+            # ways remain.
+            return 1.0
+        return float(getattr(there, of) / getattr(here, of))
 
 
 @dataclass(frozen=True)
@@ -178,3 +234,16 @@ class _Run:
             ramp_down(self._loop)
         except RigError as error:
             raise Stopped(f"{self._stop_request.why}; while it slowed down: {error}") from None
+
+
+def prove_stop(bench: Bench) -> float:
+    """Energises the motor where the shaft stands, stops commanding, and returns the seconds until the drive removed its torque.
+
+    Raises DeviceError where the drive refuses to be enabled or keeps its torque. In every case the motor is without torque afterwards.
+    """
+    try:
+        bench.motor.enable()
+        return bench.motor.prove_watchdog(SILENCE_S)
+    finally:
+        # Also after a failed proof: a drive whose watchdog did not act must not stay energised.
+        bench.motor.disable()

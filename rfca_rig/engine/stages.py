@@ -1,22 +1,66 @@
 """How each stage of a plan is carried out."""
 
 import math
+from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig.drivers.roles import Photo, Photographer
 from rfca_rig.engine.loop import Loop
-from rfca_rig.engine.settling import PERIOD_S as HOLD_PERIOD_S
-from rfca_rig.engine.settling import settle
-from rfca_rig.engine.sink import RecordedSamples, Sink
+from rfca_rig.engine.stopping import RecordedSamples, Sink
 from rfca_rig.errors import RigError, Tripped
-from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, signed_turn
+from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, SettleCriterion, signed_turn
 from rfca_rig.trip_codes import Trip
+
+HOLD_PERIOD_S = 0.01
+# Averages 350 records at 7 kHz: sensor noise of 0.15 N becomes 0.01 N. Still short enough to see a leg that swings.
+MEAN_S = 0.05
 
 # Seconds between two commands, in strokes and in moves.
 TICK_S = 0.002
 MOVE_TICK_S = 0.005
 # Share of a tick: rounding of the times must not turn one tick into two.
 SLACK = 1e-3
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Result: `reached` is False where the time limit came first; `wrench` (6,) is the last mean of force [N] and moment [N m]."""
+
+    reached: bool
+    wrench: NDArray[np.float64]
+
+
+def settle(loop: Loop, target_rad: float, criterion: SettleCriterion) -> Settled:
+    """Holds the shaft at `target_rad` until force and angle stay within the bands of the criterion, or its time limit is reached.
+
+    Returns
+    -------
+    Settled
+        Whether the criterion was met, and the mean wrench (6,) in N and N m.
+    """
+    per_mean = round(MEAN_S / HOLD_PERIOD_S)
+    # At least two means: the range of a single one is zero and would always be within the band.
+    means: deque[np.ndarray] = deque(maxlen=max(2, round(criterion.for_s / MEAN_S)))
+    began_s = loop.now_s
+    # Half a mean is allowed for, because the loop's times do not add up to exact multiples of MEAN_S.
+    while loop.now_s - began_s < criterion.limit_s - 0.5 * MEAN_S:
+        ticks = []
+        for _ in range(per_mean):
+            loop.step_to_angle(target_rad, 0.0, HOLD_PERIOD_S)
+            ticks.append([loop.angle_rad, *loop.wrench])
+        means.append(np.mean(ticks, axis=0))
+        if len(means) == means.maxlen and _inside(np.ptp(means, axis=0), criterion):
+            return Settled(True, np.mean(means, axis=0)[1:])
+    return Settled(False, np.mean(means, axis=0)[1:])
+
+
+def _inside(band: np.ndarray, criterion: SettleCriterion) -> bool:
+    # Column 0 is the angle, columns 1 to 3 the force; the criterion has no band for moments.
+    return bool(band[0] <= criterion.angle_band_rad and band[1:4].max() <= criterion.force_band_N)
 
 
 class PhotoCapture:

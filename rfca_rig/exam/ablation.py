@@ -9,17 +9,15 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from rfca_rig.exam.answer import NOTHING, ParsedDiagnosis, read_diagnosis
+from rfca_rig.exam.answer import DETECTABLE, NOTHING, ParsedDiagnosis, Truth, parse_truth, read_diagnosis
 from rfca_rig.exam.cases import SINGLE
 from rfca_rig.exam.claims import CONFIDENT
 from rfca_rig.exam.examine import diagnose_campaign
-from rfca_rig.exam.outcome import DETECTABLE, Truth, parse_truth
-from rfca_rig.exam.runner import run_jobs
 from rfca_rig.exam.score import Share
 from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.exam.write import CAMPAIGNS
-from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.exam.write import CAMPAIGNS, run_jobs
+from rfca_rig.executors.mapping import TaskExecutor
 from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic_dir import refresh_nfs_cache, remove_leftovers
 

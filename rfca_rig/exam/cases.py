@@ -6,15 +6,11 @@ from itertools import combinations
 
 import numpy as np
 
-from rfca_rig.exam.designs import ONE_STROKE, PAPER_CONDITIONS, THREE_BY_THREE, ExamDesign
-from rfca_rig.exam.heterogeneity import LawDeviation, draw_approximate, draw_uneven
+from rfca_rig.exam.hidden_laws import NAMES, Law, LawDeviation, draw_approximate, draw_law, draw_uneven
 from rfca_rig.exam.labels import MISLABELLED
-from rfca_rig.exam.laws import Law, draw_law
-from rfca_rig.exam.nominal_world import NominalErrors, draw_nominal_errors
-from rfca_rig.exam.pendulum_cases import PENDULUM_KINDS, PendulumCase, draw_pendulum
+from rfca_rig.exam.nominal_world import NominalErrors, StructuredError, draw_nominal_errors, draw_structured_error
+from rfca_rig.exam.pendulums.cases import PENDULUM_KINDS, PendulumCase, draw_pendulum
 from rfca_rig.exam.sizes import SIZE_RANGES, sample_unknown_fault, sample_values
-from rfca_rig.exam.structured import StructuredError, draw_structured_error
-from rfca_rig.exam.unknown_faults import NAMES
 
 NOTHING, MODEL_ERROR, SINGLE, PAIR, STRANGER, WRONG_LAW, POOR_DATA, MISLABEL, APPROXIMATE, TRIPLE = LEG_KINDS = (
     "nothing missing",
@@ -56,6 +52,28 @@ NEVER_TOGETHER = (
 )
 
 Values = dict[str, float]
+
+
+@dataclass(frozen=True)
+class ExamDesign:
+    """Conditions (height in mm, speed in rad/s), each repeated, and the heights of the static table; none where there is no table."""
+
+    conditions: tuple[tuple[float, float], ...]
+    repeats: int
+    static_heights_mm: tuple[float, ...]
+
+
+THREE_BY_THREE = ExamDesign(
+    conditions=tuple((height, speed) for height in (195.0, 215.0, 235.0) for speed in (2.0, 2.6, 3.3)),
+    repeats=3,
+    static_heights_mm=(195.0, 215.0, 235.0),
+)
+PAPER_CONDITIONS = ExamDesign(
+    conditions=((215.0, 2.433), (215.0, 3.249), (235.0, 2.478), (235.0, 3.276)),
+    repeats=5,
+    static_heights_mm=(215.0, 235.0),
+)
+ONE_STROKE = ExamDesign(conditions=((215.0, 2.433),), repeats=1, static_heights_mm=())
 
 
 @dataclass(frozen=True)

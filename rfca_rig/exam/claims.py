@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.answer import Claim, ParsedDiagnosis
-from rfca_rig.exam.outcome import Truth
+from rfca_rig.exam.answer import Claim, ParsedDiagnosis, Truth
 from rfca_rig.exam.sizes import SIZE_RANGES
 
 Array = NDArray[Any]

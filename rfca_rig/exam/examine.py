@@ -9,12 +9,11 @@ from pathlib import Path
 
 from rfca_rig.clock import Clock
 from rfca_rig.errors import BadInput, RigError, SimulationFailed
-from rfca_rig.exam.plan import ExamPlan
 from rfca_rig.exam.score import ExamScores
 from rfca_rig.exam.scoring import score_folder
+from rfca_rig.exam.sealing import ExamPlan
 from rfca_rig.exam.write import write_all
-from rfca_rig.executors.base import InProcessExecutor, TaskExecutor
-from rfca_rig.executors.mapping import TaskFailure, map_unordered
+from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, TaskFailure, map_unordered
 from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic_dir import atomic_directory, refresh_nfs_cache, remove_leftovers
 

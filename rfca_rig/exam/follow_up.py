@@ -17,17 +17,14 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.exam.answer import NAMED, NOTHING, read_diagnosis
+from rfca_rig.exam.answer import DETECTABLE, NAMED, NOTHING, RIGHT, Truth, outcome, parse_truth, read_diagnosis
 from rfca_rig.exam.cases import POOR_DATA, Case, draw_cases
 from rfca_rig.exam.examine import DIAGNOSES, Diagnose
-from rfca_rig.exam.outcome import DETECTABLE, RIGHT, Truth, outcome, parse_truth
-from rfca_rig.exam.plan import read_plan
-from rfca_rig.exam.runner import run_jobs
 from rfca_rig.exam.scoring import DIAGNOSIS
-from rfca_rig.exam.sealing import open_all
+from rfca_rig.exam.sealing import open_all, read_plan
 from rfca_rig.exam.simulate_campaign import add_experiment
-from rfca_rig.exam.write import CAMPAIGNS
-from rfca_rig.executors.base import TaskExecutor
+from rfca_rig.exam.write import CAMPAIGNS, run_jobs
+from rfca_rig.executors.mapping import TaskExecutor
 from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic import write_atomically
 

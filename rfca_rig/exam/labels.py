@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.world import World
+from rfca_rig.exam.simulator.world import World
 
 Floats = NDArray[np.float64]
 

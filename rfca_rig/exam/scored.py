@@ -7,15 +7,13 @@ from typing import Any
 
 from rfca_rig.errors import BadInput
 from rfca_rig.exam.ablation import AblationResult, taken_out
-from rfca_rig.exam.answer import ParsedDiagnosis, read_diagnosis
+from rfca_rig.exam.answer import ParsedDiagnosis, Truth, outcome, parse_truth, read_diagnosis
 from rfca_rig.exam.claims import parameter_errors
 from rfca_rig.exam.examine import DIAGNOSES, SECONDS
 from rfca_rig.exam.follow_up import ArmResult, ways
-from rfca_rig.exam.outcome import Truth, outcome, parse_truth
-from rfca_rig.exam.plan import ExamPlan, read_plan
 from rfca_rig.exam.score import ExamScores, gap_closed, score
 from rfca_rig.exam.scoring import DIAGNOSIS
-from rfca_rig.exam.sealing import open_all
+from rfca_rig.exam.sealing import ExamPlan, open_all, read_plan
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,101 @@
-"""Scores a folder of diagnoses: python -m rfca_rig.exam.scoring --cases DIR --diagnoses DIR."""
+"""Scores a folder of diagnoses: python -m rfca_rig.exam.scoring --cases DIR --diagnoses DIR.
+
+The goals that the scores are compared with are its bars.
+"""
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from rfca_rig.errors import RigError
-from rfca_rig.exam.answer import read_diagnosis
-from rfca_rig.exam.bars import ScoreGoal, bars
-from rfca_rig.exam.outcome import OUTCOMES
-from rfca_rig.exam.score import POWER_AT, ExamScores, score
+from rfca_rig.exam.answer import OUTCOMES, read_diagnosis
+from rfca_rig.exam.score import POWER_AT, ExamScores, Share, score
 from rfca_rig.exam.sealing import open_all
 
 DIAGNOSIS = "diagnosis.json"
+
+
+@dataclass(frozen=True)
+class ScoreGoal:
+    """One score, its goal, and whether it passes; a score without cases neither passes nor fails.
+
+    `bound`: how bad the true share may still be, at 95 % confidence; None for a score that is no share.
+    """
+
+    name: str
+    value: float
+    at_least: float | None
+    at_most: float | None
+    counted: str
+    bound: float | None = None
+
+    @property
+    def passed(self) -> bool | None:
+        if not np.isfinite(self.value):
+            return None
+        return (self.at_least is None or self.value >= self.at_least) and (self.at_most is None or self.value <= self.at_most)
+
+
+def bars(marks: ExamScores) -> Sequence[ScoreGoal]:
+    """All goals with their scores, the most important first."""
+    claims, values, statements, pendulums = marks.calibration, marks.values, marks.statements, marks.pendulums
+    return (
+        _most("nothing missing: effects or families stated", Share(*statements.claims_on_nothing), 0.0),
+        _most("wrong effects or families stated at 80 % or more", Share(*statements.wrong), 0.02),
+        _most("false names where nothing is missing", marks.null_false_claims, 0.0),
+        _most("wrong among all names", marks.false_discoveries, 0.05),
+        _most("strangers given a wrong name at 90 % or more", marks.stranger_confident_wrong, 0.05),
+        _least("strangers told as unexplained", marks.stranger_unexplained, 0.8),
+        _least("one effect that can be seen: right, or in its class", marks.single_in_class_detectable, 0.95),
+        _least("the same: effect or family stated at any grade", Share(*statements.singles), 0.95),
+        _least("one effect above a model error of 1 %: the same", marks.single_in_class_above, 0.9),
+        _least("two effects that can be seen: exactly both", marks.pairs_exact_detectable, 0.9),
+        _least("two effects above a model error of 1 %: the same", marks.pairs_exact_above, 0.8),
+        _least("two effects: no wrong name", marks.pairs_without_wrong, 0.9),
+        _least("three effects: two or more stated, none wrong", Share(*statements.triples), 0.7),
+        _least("laws wrong by 20 to 40 %: right family stated", Share(*statements.family), 0.9),
+        _least("the same: sizes inside their 90 % interval", Share(*statements.family_sizes), 0.87),
+        _least("outside the catalogue: place, where one is stated", Share(*statements.place), 0.8),
+        _least("right family with a wrong law: family, or unexplained", marks.wrong_law_acceptable, 0.9),
+        _most("poor data: wrong names", marks.poor_data_wrong, 0.05),
+        _most("wrong metadata: wrong names", marks.mislabelled_wrong, 0.05),
+        _least("truth in the class that was given", marks.truth_in_class, 0.95),
+        ScoreGoal("mean size of a class", marks.mean_class_size, None, 3.0, ""),
+        ScoreGoal(
+            "calibration error of stated probabilities",
+            statements.calibration_error,
+            None,
+            0.05,
+            f"{statements.probabilities} probabilities",
+        ),
+        ScoreGoal("calibration error of probabilities of names", claims.ece, None, 0.05, ""),
+        ScoreGoal("right among claims at 90 % or more", claims.confident_right, 0.9, None, f"{claims.confident} claims"),
+        ScoreGoal("median error of parameters", values.median_error, None, 0.1, f"{values.count} values"),
+        _least("stated sizes inside their 90 % interval", Share(*statements.sizes), 0.87),
+        ScoreGoal("parameters of names inside their 90 % interval", values.coverage_90, 0.85, 0.95, f"{values.count} values"),
+        _most("pendulums, nothing missing: effects or families stated", Share(*pendulums.claims_on_nothing), 0.0),
+        _most("pendulums: wrong effects or families at 80 % or more", Share(*pendulums.wrong), 0.02),
+        _least("pendulums, one effect that can be seen: it or its family", Share(*pendulums.singles), 0.9),
+        _least("pendulums: stated sizes inside their 90 % interval", Share(*pendulums.sizes), 0.87),
+        ScoreGoal("pendulums: calibration error", pendulums.calibration_error, None, 0.05, f"{pendulums.probabilities} probabilities"),
+        ScoreGoal("gap closed on held-out conditions", marks.gap_closed, 0.8, None, f"{marks.gap_worse.of} cases"),
+    )
+
+
+def _most(name: str, share: Share, limit: float) -> ScoreGoal:
+    return ScoreGoal(name, share.value, None, limit, _count_text(share), share.upper if share.of else None)
+
+
+def _least(name: str, share: Share, limit: float) -> ScoreGoal:
+    return ScoreGoal(name, share.value, limit, None, _count_text(share), share.lower if share.of else None)
+
+
+def _count_text(share: Share) -> str:
+    return f"{share.hits} of {share.of}"
 
 
 def score_folder(cases: Path, diagnoses: Path) -> ExamScores:

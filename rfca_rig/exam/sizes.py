@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.exam.world import HINGES
+from rfca_rig.exam.simulator.world import HINGES
 
 
 @dataclass(frozen=True)

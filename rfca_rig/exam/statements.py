@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.answer import ParsedDiagnosis
+from rfca_rig.exam.answer import DETECTABLE, ParsedDiagnosis, Truth
 from rfca_rig.exam.claims import Judged, calibration_error, parameter_errors
-from rfca_rig.exam.outcome import DETECTABLE, Truth
-from rfca_rig.exam.pendulum_cases import PENDULUM_NOTHING, PENDULUM_SINGLE
-from rfca_rig.model.families import families_of, members_of
+from rfca_rig.exam.pendulums.cases import PENDULUM_NOTHING, PENDULUM_SINGLE
+from rfca_rig.model.catalogue import families_of, members_of
 
 # Stated probability from which a wrong statement counts.
 SURE_PROBABILITY = 0.8

@@ -2,26 +2,76 @@
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rfca_rig.errors import RigError
 from rfca_rig.exam.cases import KINDS, Case, draw_cases, split_numbers
-from rfca_rig.exam.pendulum_campaign import truth_of_pendulum, write_pendulum_campaign
-from rfca_rig.exam.pendulum_cases import PendulumCase
-from rfca_rig.exam.plan import ExamPlan, begin
-from rfca_rig.exam.runner import run_jobs
-from rfca_rig.exam.sealing import is_sealed, list_unwritten, seal_all, write_missing
+from rfca_rig.exam.pendulums.campaign import truth_of_pendulum, write_pendulum_campaign
+from rfca_rig.exam.pendulums.cases import PendulumCase
+from rfca_rig.exam.sealing import ExamPlan, begin, is_sealed, list_unwritten, seal_all, write_missing
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.exam.truth import truth_of
-from rfca_rig.executors.base import TaskExecutor
 from rfca_rig.executors.local import process_executor
+from rfca_rig.executors.mapping import TaskExecutor, TaskFailure, map_unordered
 from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic_dir import atomic_directory, remove_leftovers
 
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
 CAMPAIGNS = "campaigns"
+
+
+def run_jobs(
+    executor: TaskExecutor,
+    work: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    name_of: Callable[[Job], str],
+    what: str,
+    told: ProgressReport,
+    before: int = 0,
+) -> dict[str, Result]:
+    """Run `work` on all `jobs` and return the results by name.
+
+    Parameters
+    ----------
+    executor : TaskExecutor
+        Does the work.
+    work, jobs : callable, sequence
+        The function and its arguments.
+    name_of : callable
+        Name of a job, the key of its result.
+    what, told : str, callable
+        `told` is called with `what`, the number done and the total.
+    before : int
+        Jobs that were done earlier; they count in the progress.
+
+    Raises
+    ------
+    RigError
+        Where a job fails, after the others are done.
+    """
+    results: dict[str, Result] = {}
+    failed: dict[str, TaskFailure] = {}
+    of = before + len(jobs)
+    told(what, before, of)
+    for job, result in map_unordered(executor, work, jobs):
+        if isinstance(result, TaskFailure):
+            failed[name_of(job)] = result
+        else:
+            results[name_of(job)] = result
+        told(what, before + len(results), of)
+    _raise_with_the_first(failed, what, of)
+    return results
+
+
+def _raise_with_the_first(failed: Mapping[str, TaskFailure], what: str, of: int) -> None:
+    if failed:
+        first, why = min(failed.items())
+        raise RigError(f"{what}: all but {len(failed)} of {of}, as {first} not with {why.reason}; the same command tries them again")
 
 
 def write_cases(folder: Path, seed: int, numbers: Mapping[str, int], workers: int = 0) -> list[Path]:

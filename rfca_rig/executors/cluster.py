@@ -3,11 +3,13 @@
 dask.distributed transports tasks and results, detects lost workers, and knows which ones are idle.
 """
 
+import importlib
+import logging
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from math import inf
 from pathlib import Path
 from secrets import token_hex
@@ -16,9 +18,8 @@ from weakref import ref
 
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.executors.base import TaskExecutor, WorkerLost
 from rfca_rig.executors.environment import EnvironmentCheck, Facts, check_worker, detect_processor
-from rfca_rig.executors.optional import import_distributed
+from rfca_rig.executors.mapping import TaskExecutor, WorkerLost
 from rfca_rig.progress import ProgressReport
 
 P = ParamSpec("P")
@@ -29,6 +30,21 @@ CONNECT_S = 10.0
 COUNT_EVERY_S = 2.0
 # Interval in s between two checks for the first worker.
 FIRST_WORKER_S = 2.5
+
+
+@cache
+def import_distributed() -> Any:
+    """The package `distributed`. Raises BadInput if it is not installed.
+
+    Its log messages on lost workers and late heartbeats are suppressed, as the executor reports them itself.
+    """
+    try:
+        package = importlib.import_module("distributed")
+    except ImportError:
+        raise BadInput('--cluster needs dask.distributed: pip install "rfca-rig[cluster]"') from None
+    for name in ("distributed", "distributed.client", "distributed.scheduler", "tornado.application", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    return package
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from multiprocessing.process import BaseProcess
 from threading import Lock, Thread, local
 from typing import Any, ParamSpec, TypeVar
 
-from rfca_rig.executors.base import InProcessExecutor, TaskExecutor, WorkerLost
 from rfca_rig.executors.cores import ONE_THREAD
+from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, WorkerLost
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -6,18 +6,21 @@ twice, or raises, is reported as failed.
 """
 
 import traceback
+from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Executor, Future
 from dataclasses import dataclass
 from functools import partial
 from math import ceil
 from queue import Empty, SimpleQueue
-from typing import Generic, TypeVar
+from typing import Generic, ParamSpec, TypeVar
 
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
-from rfca_rig.executors.base import TaskExecutor, WorkerLost
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -30,6 +33,57 @@ BATCH_PER_WORKER_S = 0.01
 LOOK_EVERY_S = 2.0
 # Number of lost workers from which a task counts as failed.
 MAX_LOST_WORKERS = 2
+
+
+class WorkerLost(Exception):
+    """The worker process of a task was killed, or ended itself. `times` counts this worker and earlier ones lost over the same task."""
+
+    def __init__(self, words: str, times: int = 1) -> None:
+        super().__init__(words)
+        self.times = times
+
+
+class TaskExecutor(Executor):
+    """Executor whose futures fail with WorkerLost if their worker was lost; other futures are not affected.
+
+    Functions must be importable by name on the workers, arguments and results picklable. A lost task is not submitted again before
+    `retry_delay_s` has passed. If several workers end together, the task must not be blamed for the next one as well.
+    """
+
+    retry_delay_s = 0.0
+
+    @property
+    @abstractmethod
+    def workers(self) -> int:
+        """Present number of workers, at least 1; it may change at any time."""
+
+    @property
+    def at_once(self) -> int:
+        """Number of tasks to submit before the first returns: one running and one waiting for each worker."""
+        return 2 * self.workers
+
+    def look(self) -> None:
+        """Called at intervals while no result arrives. Raises RigError if none can arrive any more."""
+
+
+class InProcessExecutor(TaskExecutor):
+    """Executes each task at once, in this process."""
+
+    @property
+    def workers(self) -> int:
+        return 1
+
+    @property
+    def at_once(self) -> int:
+        return 1
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,9 @@ from threading import current_thread, main_thread
 from typing import Any
 
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.executors.cluster import DaskExecutor, WorkerStartup, connect_workers
+from rfca_rig.executors.cluster import DaskExecutor, WorkerStartup, connect_workers, import_distributed
 from rfca_rig.executors.cores import ONE_THREAD
 from rfca_rig.executors.environment import Facts
-from rfca_rig.executors.optional import import_distributed
 from rfca_rig.progress import ProgressReport
 
 DEATH_TIMEOUT_S = 60

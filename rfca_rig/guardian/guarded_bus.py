@@ -3,20 +3,22 @@
 import os
 import socket
 import subprocess
+import sys
 from collections import deque
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
 import can
 
+from rfca_rig import subprocesses
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.drivers.can_bus import CanBusSettings
+from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import GuardianTorqueOff, TorqueOffFrames, TorqueOffResult
-from rfca_rig.guardian.link import MAX_QUEUED_BYTES, GuardianLink
-from rfca_rig.guardian.process import FAILED, READY, GuardianAssignment, signature
-from rfca_rig.guardian.records import GuardianRecord, RecordKind, decode_result, from_frame, to_frame
-from rfca_rig.guardian.starting import start_guardian
+from rfca_rig.guardian.link import MAX_QUEUED_BYTES, GuardianLink, GuardianRecord, RecordKind, decode_result, from_frame, to_frame
+from rfca_rig.guardian.process import FAILED, READY, GuardianAssignment, run_guardian, signature
 from rfca_rig.guardian.torque_off import MIN_REPETITIONS, REPEAT_S
+
+MODULE = "rfca_rig.guardian.guarded_bus"
 
 # A new interpreter has to start and open the bus.
 STARTED_WITHIN_S = 30.0
@@ -25,6 +27,11 @@ CONFIRMED_WITHIN_S = 0.25
 ENDED_WITHIN_S = 1.0
 MAX_GUARDIAN_SILENCE_S = 0.25
 MAX_QUEUED_FRAMES = 1 << 16
+
+
+def start_guardian(assignment: GuardianAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
+    """Starts the guardian process; returns it and a connection to it."""
+    return subprocesses.spawn(MODULE, assignment)
 
 
 def take_over_bus(settings: CanBusSettings, last_word: TorqueOffFrames, clock: Clock) -> can.BusABC:
@@ -288,3 +295,8 @@ def _read_first_message(child: Connection) -> tuple[str, str]:
     except EOFError:
         return FAILED, "the guardian ended before it began"
     return FAILED, f"the guardian did not start within {STARTED_WITHIN_S:g} s"
+
+
+if __name__ == "__main__":
+    with Connection(int(sys.argv[1])) as parent:
+        run_guardian(parent)

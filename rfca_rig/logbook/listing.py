@@ -1,21 +1,166 @@
-"""The logbook of a folder: every run below it, newest first, from the index where it is still valid."""
+"""The logbook of a folder: every run below it, newest first, from the index where it is still valid.
+
+One SQLite file in the folder of all runs. It is never changed: a process that has read something new writes another one beside it, which
+replaces it at once and whole. So any number of processes may use it, on any disk, without waiting for each other. What one of them
+overwrites of another's is merely read once more.
+"""
 
 import json
 import os
+import sqlite3
+import threading
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any
+from urllib.parse import quote
 
 from rfca_rig.errors import BadInput
 from rfca_rig.logbook.entry import Entry, Verdict, entry_of
-from rfca_rig.logbook.finding import FoundRun, find_runs
-from rfca_rig.logbook.index import IndexRow, read_index, write_index
 from rfca_rig.logbook.reading import read_entry
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
-from rfca_rig.recording.layout import DIAGNOSIS
+from rfca_rig.recording.layout import DIAGNOSIS, ENDING, EVENTS, EXPERIMENT, HEADER, PENDULUM, RECORDING
+
+MARKER_FILES = (HEADER, ENDING, EVENTS, RECORDING, PENDULUM, EXPERIMENT)
+# Levels of folders that are searched below the folder of all runs.
+MAX_DEPTH = 6
+
+NAME = ".rfca-rig-index.sqlite3"
+# Of the rows' content; an index of another version is not read.
+VERSION = 2
 
 OF_DIAGNOSIS = "diagnosis:"
+
+
+@dataclass(frozen=True)
+class FoundRun:
+    """A run's folder, as a path from the folder of all runs, and a stamp that changes whenever one of its files does.
+
+    `diagnoses` are paths in it where a diagnosis may be.
+    """
+
+    folder: str
+    stamp: str
+    diagnoses: tuple[str, ...] = ()
+
+
+def find_runs(runs: Path) -> Iterator[FoundRun]:
+    """Every folder with a run, at any depth up to MAX_DEPTH; folders inside a run are not searched."""
+    yield from _below(str(runs), "", MAX_DEPTH)
+
+
+def _below(runs: str, folder: str, deeper: int) -> Iterator[FoundRun]:
+    try:
+        with os.scandir(os.path.join(runs, folder)) as listing:  # noqa: PTH118  (thousands of folders: paths as objects take as long again)
+            inside = list(listing)
+    except OSError:  # taken away meanwhile, or not ours to read
+        return
+    # One listing per folder serves both questions: is it a run, and has it changed.
+    files = {one.name: one for one in inside if one.name in MARKER_FILES}
+    if {HEADER, RECORDING, PENDULUM, EXPERIMENT} & set(files):
+        telling = [files[name] for name in MARKER_FILES if name in files]
+        if EXPERIMENT in files:  # any file in the folder may be a recording
+            telling += sorted((one for one in inside if one.name not in MARKER_FILES and _is_file(one)), key=lambda one: one.name)
+        yield FoundRun(folder or ".", "|".join(map(_stamp, telling)), tuple(_diagnoses(inside)))
+        return
+    for one in inside:
+        if deeper and not one.name.startswith(".") and _is_folder(one) and not _leads_back(one):
+            yield from _below(runs, f"{folder}/{one.name}" if folder else one.name, deeper - 1)
+
+
+def _is_folder(one: "os.DirEntry[str]") -> bool:
+    """A link that leads to itself is neither a folder nor a file."""
+    try:
+        return one.is_dir()
+    except OSError:
+        return False
+
+
+def _is_file(one: "os.DirEntry[str]") -> bool:
+    try:
+        return one.is_file()
+    except OSError:
+        return False
+
+
+def _leads_back(one: "os.DirEntry[str]") -> bool:
+    """Whether it is a link to a folder that contains it: following it would list every run again and again."""
+    return one.is_symlink() and Path(one.path).parent.resolve().is_relative_to(Path(one.path).resolve())
+
+
+def _diagnoses(inside: "list[os.DirEntry[str]]") -> Iterator[str]:
+    for one in inside:
+        if one.name == DIAGNOSIS:
+            yield one.path
+        elif one.name.startswith("diag") and _is_folder(one):
+            yield f"{one.path}/{DIAGNOSIS}"
+
+
+def _stamp(file: "os.DirEntry[str]") -> str:
+    """Name, time, size and inode: a file that replaced another has another inode, even with the same age and size."""
+    try:
+        status = file.stat()
+    except OSError:
+        return f"{file.name}:gone"
+    return f"{file.name}:{status.st_mtime_ns}:{status.st_size}:{status.st_ino}"
+
+
+@dataclass(frozen=True)
+class IndexRow:
+    """What was read from a file or folder when it had that stamp; `said` is plain data."""
+
+    stamp: str
+    said: Mapping[str, Any]
+
+
+def read_index(runs: Path) -> dict[str, IndexRow]:
+    """The rows by path; of a missing or damaged index those that are sound."""
+    # immutable: SQLite then takes no locks and writes nothing beside the file, which network disks may not bear.
+    uri = f"file:{quote(str((runs / NAME).absolute()))}?mode=ro&immutable=1"
+    rows: dict[str, IndexRow] = {}
+    with suppress(sqlite3.Error, OSError), closing(sqlite3.connect(uri, uri=True)) as base:
+        if base.execute("PRAGMA user_version").fetchone()[0] == VERSION:
+            for path, stamp, text, check in base.execute("SELECT path, stamp, said, sum FROM rows"):
+                # A damaged row is skipped; its run is read again.
+                if check == _sum(path, stamp, text):
+                    rows[path] = IndexRow(stamp, json.loads(text))
+    return rows
+
+
+def write_index(runs: Path, rows: Mapping[str, IndexRow]) -> bool:
+    """Replaces the index by one with these rows; False where the folder is not writable, so that all will be read again."""
+    # A name of its own for each process and thread: two may write at the same time.
+    new_file = runs / f"{NAME}.{os.getpid()}-{threading.get_ident()}"
+    try:
+        with suppress(FileNotFoundError):
+            new_file.unlink()
+        with closing(sqlite3.connect(new_file)) as base:
+            _fill(base, ((path, row.stamp, json.dumps(row.said)) for path, row in rows.items()))
+        new_file.replace(runs / NAME)
+    # A name that is no UTF-8 is no text of SQLite.
+    except (sqlite3.Error, OSError, UnicodeError):
+        with suppress(OSError):
+            new_file.unlink()
+        return False
+    return True
+
+
+def _fill(base: sqlite3.Connection, rows: Iterable[tuple[str, str, str]]) -> None:
+    # Neither journal nor sync: no other process knows the file yet, and a lost cache costs only time.
+    base.execute("PRAGMA journal_mode = OFF")
+    base.execute("PRAGMA synchronous = OFF")
+    base.execute(f"PRAGMA user_version = {VERSION}")
+    base.execute("CREATE TABLE rows (path TEXT PRIMARY KEY, stamp TEXT, said TEXT, sum INTEGER) WITHOUT ROWID")
+    base.executemany("INSERT INTO rows VALUES (?, ?, ?, ?)", ((*row, _sum(*row)) for row in rows))
+    base.commit()
+
+
+def _sum(path: object, stamp: object, text: object) -> int:
+    """Checksum of a row: SQLite takes flipped bits in it for data."""
+    return zlib.crc32(f"{path}\0{stamp}\0{text}".encode(errors="surrogatepass"))
 
 
 def find_diagnoses(runs: Path, found: Iterable[FoundRun]) -> Iterator[tuple[Path, os.stat_result]]:

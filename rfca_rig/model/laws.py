@@ -22,8 +22,8 @@ A HINGE or ROTOR law with memory has a second function, called once after each a
 
     advance(phi, rate, elapsed, k0, k2, memory, parameter)
 
-A HINGE law on one joint of a pendulum may read the torque that was recorded there: with `reads_torque`, `joint_drive.torque_at` returns
-it. Such a law has five parameters of its own at most and counts its time in memory[3]; see `effects.joint_load_friction`.
+A HINGE law on one joint of a pendulum may read the torque that was recorded there: with `reads_torque`, `torque_at` returns
+it. Such a law has five parameters of its own at most and counts its time in memory[3]; see `effects.joint_torques`.
 """
 
 import hashlib
@@ -35,9 +35,12 @@ from types import FunctionType
 from typing import Any, cast
 
 import numba
+from llvmlite import ir
 from numba import types
+from numba.extending import intrinsic
 
 from rfca_rig.model.compiled import CACHE_FOLDER, caching_in
+from rfca_rig.model.state import Floats
 
 HINGE, LINK, SLIP, NORMAL, ROTOR, LOAD = range(6)
 TABLE = 8  # index at which the table of a law begins in its row of parameters
@@ -94,8 +97,6 @@ def _source_of_laws() -> str:
 
 
 # The functions that the chain calls, one for each signature. `law` is no name of this module: `_compile_call` supplies it.
-
-
 def _call_hinge(x, memory, parameter, out):  # type: ignore[no-untyped-def]
     out[0], out[1], out[2] = law(x[0], x[1], x[2], x[3], x[4], memory, parameter)  # type: ignore[name-defined]  # noqa: F821
     out[3] = 0.0
@@ -145,3 +146,24 @@ def compile_law(use: LawUse) -> None:
     address_of(use.law, use.place)
     if use.advance:
         address_of_advance(use.advance)
+
+
+def _call_law(typing_context: Any, address: Any, x: Any, memory: Any, parameter: Any, out: Any) -> Any:
+    """Passes the law a pointer to the data of each array; reference counts of the arrays are not touched, as that would take time."""
+    del typing_context
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer = ir.DoubleType().as_pointer()
+        function = ir.FunctionType(ir.VoidType(), [pointer] * 4).as_pointer()
+        # All laws have the C signature void(double*, double*, double*, double*), see `laws._SIGNATURE`.
+        pointers = [
+            context.make_array(kind)(context, builder, argument).data
+            for kind, argument in zip(signature.args[1:], arguments[1:], strict=True)
+        ]
+        builder.call(builder.inttoptr(arguments[0], function), pointers)
+        return context.get_dummy_value()
+
+    return types.void(address, x, memory, parameter, out), generate
+
+
+call_law = cast(Callable[[int, Floats, Floats, Floats, Floats], None], intrinsic(_call_law))

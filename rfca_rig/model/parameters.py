@@ -7,7 +7,7 @@ GRAVITY_M_S2 = 9.81
 
 @dataclass(frozen=True)
 class TorqueSpline:
-    """A measured torque over the angle of a hinge from rest, (0, 0) among its knots; see `torque_spline`.
+    """A measured torque over the angle of a hinge from rest, (0, 0) among its knots; see `hinge_springs`.
 
     `torques_rad` are divided by k0 of the leg, so that k0 scales the curve. Angles that begin at 0 hold for both sides.
     """

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import resolve_effect
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, make_laws
-from rfca_rig.model.effects.joint_friction import friction_of
-from rfca_rig.model.effects.joint_inertia import inertia_of
-from rfca_rig.model.effects.sensor_lag import filter_first_order
+from rfca_rig.model.effects.joint_torques import CLOCK, TorqueTrace, drive_of, with_traces
+from rfca_rig.model.effects.joints import friction_of, inertia_of
+from rfca_rig.model.effects.sensor_timing import filter_first_order
 from rfca_rig.model.integrator import FIRST_STEP_S, update_memory
-from rfca_rig.model.joint_drive import CLOCK, TorqueTrace, drive_of, with_traces
 from rfca_rig.model.laws import HINGE, LINK, ROTOR, LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
-from rfca_rig.model.setup import JointReadings, Setup, resolve_effect
+from rfca_rig.model.setup import JointReadings, Setup
 from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Chain, Laws, State
 

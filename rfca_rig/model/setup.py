@@ -8,16 +8,13 @@ from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import find_rest_state, make_chain, make_laws, set_swinging
-from rfca_rig.model.effect import Effect
 from rfca_rig.model.forces import measure_once
 from rfca_rig.model.laws import TABLE, LawUse, compile_law
 from rfca_rig.model.motion import ShaftMotion
-from rfca_rig.model.parameters import PresentEffect, RigModel
+from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Chain, Laws, Shaft, State
-from rfca_rig.model.tabulated_law import TABULATED_LAW, effect_of_table
 
 Floats = NDArray[np.float64]
 
@@ -179,42 +176,6 @@ def add_drive(shaft: Shaft, drive: CompliantDrive, start_rad: float) -> Shaft:
         cycles=drive.cogging_cycles,
         phase=drive.cogging_phase_rad,
     )
-
-
-def set_up(rig: RigModel, height_m: float, motion: ShaftMotion, strokes_before: tuple[int, ...] = ()) -> Setup:
-    """The setup of a rig with all its effects in it; `strokes_before` as in `Setup`.
-
-    Raises BadInput for an effect that is not in the catalogue, and for one whose law needs k2 where the hinges follow a measured curve.
-    """
-    setup = Setup(rig, height_m, motion, strokes_before=strokes_before)
-    for present in rig.effects:
-        effect, values = resolve_effect(present)
-        if effect.needs_k2 and rig.leg.torque_splines:
-            raise BadInput(
-                f"effect {effect.id}: its law is written in k0 and k2, and the hinges of this leg follow a measured curve "
-                "(leg.torque_rotation); leave out one of them"
-            )
-        setup = effect.apply(setup, values)
-    return setup
-
-
-def resolve_effect(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
-    """The catalogue's entry, and the values by parameter name, with neutral values for optional parameters that are not given.
-
-    Raises BadInput where either does not fit.
-    """
-    if present.id == TABULATED_LAW:
-        return effect_of_table(present.table), {}
-    effects = catalogue()
-    if present.id not in effects:
-        raise BadInput(f"effect {present.id}: not in the catalogue; there are {', '.join(sorted(effects))}")
-    effect, values = effects[present.id], dict(present.values)
-    required = {parameter.name for parameter in effect.parameters}
-    neutral = {parameter.name: parameter.neutral for parameter in (*effect.shape, *effect.begins)}
-    # Shape parameters and initial states are optional in a file; all others are required.
-    if set(values) - set(neutral) != required:
-        raise BadInput(f"effect {present.id}: takes {', '.join(sorted(required))}, was given {', '.join(sorted(values)) or 'nothing'}")
-    return effect, neutral | values
 
 
 def with_law(setup: Setup, law: LawUse) -> Setup:

@@ -26,7 +26,7 @@ class Chain(NamedTuple):
     """Leg and ground as numbers. Arrays (n,) per link, `moment` (n, n) couples the links (inertia on its diagonal); SI units.
 
     `spring_origin` (n, p) and `spring_cubic` (n, p, 5) hold the measured curves of the hinges, p = 0 where these follow k0 and k2; see
-    `torque_spline`.
+    `hinge_springs`.
 
     `gravity` pulls down and `gravity_along` towards +y. The floor falls away towards +y by an angle whose cosine and sine are
     given. A frame that yields has `frame_mass` > 0. Its displacement along a line, on a spring with damping, is the coordinate behind

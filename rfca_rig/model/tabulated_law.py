@@ -15,7 +15,7 @@ It is linear between its knots and constant beyond them. Where it acts (`place`)
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba
 import numpy as np
@@ -25,9 +25,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Values
 from rfca_rig.model.laws import HINGE, LOAD, NORMAL, SLIP, TABLE, Law, LawUse
 from rfca_rig.model.parameters import LawTable
-
-if TYPE_CHECKING:
-    from rfca_rig.model.setup import SensorOutput, Setup
+from rfca_rig.model.setup import SensorOutput, Setup
 
 Floats = NDArray[np.float64]
 
@@ -103,7 +101,7 @@ class LawKind:
     where: str
     argument_unit: str
     unit: str
-    apply: "Callable[[Setup, LawTable], Setup]"
+    apply: Callable[[Setup, LawTable], Setup]
 
 
 def kind_of(place: str, argument: str) -> LawKind:
@@ -142,7 +140,7 @@ def effect_of_table(table: LawTable | None) -> Effect:
         raise BadInput(f"effect {TABULATED_LAW}: takes place, argument, knots and values, was given none of them")
     kind = check_table(table)
 
-    def apply(setup: "Setup", values: Values) -> "Setup":  # noqa: ARG001
+    def apply(setup: Setup, values: Values) -> Setup:  # noqa: ARG001
         return kind.apply(setup, table)
 
     return Effect(TABULATED_LAW, kind.where, f"a law of {table.argument} at {table.place}", "tabulated", "measured", (), apply)
@@ -156,7 +154,7 @@ def _use(place: int, law: Law, table: LawTable, only: int = -1) -> LawUse:
     return LawUse(place, law, (float(len(table.knots)),), None, only, (*table.knots, *table.values))
 
 
-def _in_hinges(law: Law, first: int, setup: "Setup", table: LawTable) -> "Setup":
+def _in_hinges(law: Law, first: int, setup: Setup, table: LawTable) -> Setup:
     """`first` is the number of the first hinge for the user: 2 behind the shaft of a leg, 1 for a pendulum's joint."""
     if table.argument == "spring_torque_Nm" and setup.rig.leg.torque_splines:
         raise BadInput(
@@ -171,12 +169,12 @@ def _in_hinges(law: Law, first: int, setup: "Setup", table: LawTable) -> "Setup"
     return replace(setup, laws=(*setup.laws, _use(HINGE, law, table, only)))
 
 
-def _at_floor(place: int, law: Law, setup: "Setup", table: LawTable) -> "Setup":
+def _at_floor(place: int, law: Law, setup: Setup, table: LawTable) -> Setup:
     return replace(setup, laws=(*setup.laws, _use(place, law, table)))
 
 
-def _read(argument: "Callable[[SensorOutput, str], Floats]", setup: "Setup", table: LawTable) -> "Setup":
-    def change(felt: "SensorOutput") -> "SensorOutput":
+def _read(argument: Callable[[SensorOutput, str], Floats], setup: Setup, table: LawTable) -> Setup:
+    def change(felt: SensorOutput) -> SensorOutput:
         more = np.interp(argument(felt, table.place), table.knots, table.values)
         channels: dict[str, Floats] = {table.place: getattr(felt, table.place) + more}
         return replace(felt, **channels)

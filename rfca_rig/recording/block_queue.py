@@ -2,7 +2,7 @@
 
 from multiprocessing.shared_memory import SharedMemory
 
-from rfca_rig.acquisition.shared import attach_shared_memory
+from rfca_rig.acquisition.ring import attach_shared_memory
 from rfca_rig.errors import RigError
 
 # "RFCAQUEU" in ASCII: marks the memory as a queue of blocks.

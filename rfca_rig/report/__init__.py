@@ -1,5 +1,11 @@
-"""Reports that compare recordings with the model: a page for people, tables for programs and papers. Entry point: `writing.write_report`.
+"""Reports that compare recordings with the model: a page for people, tables for programs and papers.
 
-`table2_page`, `run_page`, `static_page`, `diagnosis_page`, `motions_page`, `sweep_page` and `exam_page` make one page each, from tables
-(`table`, `table_files`), figures (`style`, `overlay`, `small_multiples`) and text (`text`). `provenance` states where a page comes from.
+Entry point: `strokes.writing.write_report`. One package per page, in the order of the work:
+
+1. `run` tells how a run went.
+2. `strokes` has Table II, the forces at the peak, and every stroke over the model; `motions` in it the pendulums and mechanisms.
+3. `static` has the torque-rotation curve, `sweep` a parameter sweep.
+4. `diagnosis` has the omitted physics, `exam` the blind benchmark.
+
+Pages are made of tables (`table`), figures (`style`) and text (`text`) by `templates`. `provenance` states where a page comes from.
 """

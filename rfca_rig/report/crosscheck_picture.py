@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rfca_rig.analysis.crosscheck import CheckedCondition
-from rfca_rig.report.picture_file import check_picture_path, save_picture
-from rfca_rig.report.style import MEASURED, SIMULATED, drawing
+from rfca_rig.report.style import MEASURED, SIMULATED, check_picture_path, drawing, save_picture
 
 COLUMN_IN, HEIGHT_IN = 3.3, 3.6
 

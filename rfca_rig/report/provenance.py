@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from rfca_rig import __version__
-from rfca_rig.bench.checkout import NOT_A_CHECKOUT, UNKNOWN, source_state
+from rfca_rig.bench.provenance import NOT_A_CHECKOUT, UNKNOWN, source_state
 from rfca_rig.campaign.fingerprint import fingerprint
 from rfca_rig.recording.model import Recording
 

@@ -4,7 +4,7 @@ import re
 
 from rfca_rig.analysis.compare import ComparedCondition
 from rfca_rig.analysis.matched_simulation import Shaft
-from rfca_rig.report.overlay import OverlayDrawing
+from rfca_rig.report.strokes.overlay import OverlayDrawing
 
 NOTHING = "\u2013"  # en dash
 MINUS = "\u2212"
@@ -36,6 +36,14 @@ REGIONS_DEFINITION = (
     "contact. II is the loading, from there to the valley. III is the release, from the valley to lift-off. The paper compares lead and "
     "lag of its simulation in regions I to III. Its text does not define their borders; these are the borders of the phases above."
 )
+
+UNIT_WORDS = {"Nm": "N m", "pct": "%", "Ns": "N s"} | {
+    unit: unit
+    for unit in ("N", "m", "mm", "ppm", "kHz", "s", "ms", "kg", "g", "rad", "deg", "Hz", "V", "A", "W", "J", "K", "degC", "relative")
+}
+POWERS = {"": "", "2": "²", "3": "³", "1p5": "^1.5"}
+# speed_m_s: the only quotients that names write without "per".
+SPEEDS = (["m", "s"], ["mm", "s"], ["rad", "s"], ["deg", "s"])
 
 
 def number(value: float | None, digits: int) -> str:
@@ -109,3 +117,35 @@ def scales_sentence(overlay: OverlayDrawing) -> str:
     if overlay.beyond_N is None:
         return sentence
     return f"{sentence} After the first valley the residual goes beyond it, to {overlay.beyond_N:.1f} N."
+
+
+def words_and_unit(name: str) -> tuple[str, str]:
+    """The name in words and its unit, empty where it has none. The value is not converted."""
+    tokens = name.split("_")
+    start = len(tokens)
+    # Backwards from the end, as long as parts are units; the first part is always a word, as in "s" or "m_kg".
+    while start > 1 and (tokens[start - 1] == "per" or _unit(tokens[start - 1])):
+        start -= 1
+    if tokens[-1] == "per":
+        start = len(tokens)
+    words = re.sub(r"\bhinge(\d)", r"hinge \1", " ".join(tokens[:start]))
+    return words, _join_units(tokens[start:])
+
+
+def name_with_unit(name: str) -> str:
+    """The name in words with its unit, as in "half gap, deg"."""
+    words, unit = words_and_unit(name)
+    return f"{words}, {unit}" if unit else words
+
+
+def _unit(token: str) -> str | None:
+    found = re.fullmatch(r"([A-Za-z]+)(2|3|1p5|)", token)
+    return UNIT_WORDS[found[1]] + POWERS[found[2]] if found and found[1] in UNIT_WORDS else None
+
+
+def _join_units(tokens: list[str]) -> str:
+    if tokens in SPEEDS:
+        return "/".join(tokens)
+    words = [token if token == "per" else str(_unit(token)) for token in tokens]
+    above, _, below = " ".join(words).partition("per")
+    return f"{above.strip() or '1'}/{below.strip()}" if below else above.strip()

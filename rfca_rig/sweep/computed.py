@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import set_up
 from rfca_rig.model.state import Chain
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
-from rfca_rig.sweep.design import SweepCase
+from rfca_rig.sweep.quantities import SweepCase
 
 Floats = NDArray[np.float64]
 

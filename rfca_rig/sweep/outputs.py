@@ -10,11 +10,146 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
+import numpy as np
+
 from rfca_rig.errors import BadInput
-from rfca_rig.sweep import of_energy, of_forces, of_the_leg
-from rfca_rig.sweep.computed import CaseResults
+from rfca_rig.model.forces import mechanical_energy_J
+from rfca_rig.model.hinge_springs import bending_stiffness_Nm_per_rad, bending_torque_Nm
+from rfca_rig.model.parameters import GRAVITY_M_S2
+from rfca_rig.model.static_stages import StaticState
+from rfca_rig.model.statics_contact import follow_static_path
+from rfca_rig.sweep.computed import CaseResults, Floats, OutputMissing
 
 ANGLE_SEPARATOR = "@"
+
+
+def _power_W(case: CaseResults) -> Floats:
+    return np.asarray(case.stroke.shaft_torque_Nm * case.stroke.w_rad_s[:, 0])
+
+
+def energy_J(case: CaseResults) -> float:
+    return case.integrate(_power_W(case))
+
+
+def energy_put_in_J(case: CaseResults) -> float:
+    return case.integrate(np.maximum(_power_W(case), 0.0))
+
+
+def dissipated_J(case: CaseResults) -> float:
+    ends = [case.moving.start, -1]
+    # The work that is neither stored in links, springs, height nor floor was dissipated.
+    before, after = mechanical_energy_J(case.chain, case.stroke.q_rad[ends], case.stroke.w_rad_s[ends])
+    return energy_J(case) - float(after - before)
+
+
+def hinge_loss_J(case: CaseResults) -> float:
+    rates = np.diff(case.stroke.w_rad_s, axis=1)
+    return case.integrate(np.asarray((case.chain.hinge_damping[1:] * rates**2).sum(axis=1)))
+
+
+def peak_power_W(case: CaseResults) -> float:
+    return float(_power_W(case)[case.moving].max())
+
+
+def valley_time_s(case: CaseResults) -> float:
+    return case.valley.time_s
+
+
+def valley_fz_N(case: CaseResults) -> float:
+    return case.valley.fz_N
+
+
+def peak_force_N(case: CaseResults) -> float:
+    return float(np.hypot(case.stroke.fy_N, case.stroke.fz_N)[case.moving].max())
+
+
+def peak_moment_Nm(case: CaseResults) -> float:
+    return float(np.abs(case.stroke.tx_Nm[case.moving]).max())
+
+
+def peak_shaft_torque_Nm(case: CaseResults) -> float:
+    return float(np.abs(case.stroke.shaft_torque_Nm[case.moving]).max())
+
+
+def load_capacity_N(case: CaseResults) -> float:
+    # fz is negative where the ground pushes the leg up; a load is positive.
+    return -float(case.stroke.fz_N[case.pressing])
+
+
+def load_capacity_kg(case: CaseResults) -> float:
+    return load_capacity_N(case) / GRAVITY_M_S2
+
+
+def driving_force_N(case: CaseResults) -> float:
+    return -float(case.stroke.fy_N[case.pressing])
+
+
+def impulse_Ns(case: CaseResults) -> float:
+    return case.integrate(case.normal_N)
+
+
+def driving_impulse_Ns(case: CaseResults) -> float:
+    return case.integrate(np.asarray(case.stroke.tangential_N.sum(axis=1)))
+
+
+def touchdown_s(case: CaseResults) -> float:
+    return float(case.stroke.t_s[case.touchdown])
+
+
+def contact_time_s(case: CaseResults) -> float:
+    # The integral of an indicator counts the time of all contacts, also of separate ones.
+    return case.integrate(np.where(case.normal_N > 0.0, 1.0, 0.0))
+
+
+def largest_hinge_angle_rad(case: CaseResults) -> float:
+    # q_rad are absolute angles of the links; a hinge angle is the difference of two.
+    return float(np.abs(np.diff(case.stroke.q_rad[case.moving], axis=1)).max())
+
+
+def largest_hinge_angle_deg(case: CaseResults) -> float:
+    return float(np.degrees(largest_hinge_angle_rad(case)))
+
+
+def bend_deg(case: CaseResults) -> float:
+    q = case.stroke.q_rad[case.moving]
+    return float(np.degrees(np.abs(q[:, -1] - q[:, 0]).max()))
+
+
+def hinge_k0_Nm_per_rad(case: CaseResults) -> float:
+    return case.rig.leg.k0_Nm_per_rad
+
+
+def equivalent_stiffness_Nm_per_rad(case: CaseResults, angle_deg: float) -> float:
+    return float(bending_stiffness_Nm_per_rad(case.rig.leg, np.radians(angle_deg)))
+
+
+def strip_used_pct(case: CaseResults) -> float:
+    return 100.0 * largest_hinge_angle_rad(case) / case.design.cell_m() / case.design.strip.breaking_curvature_per_m
+
+
+def strip_used_short_pct(case: CaseResults) -> float:
+    # The length over which the strip bends if k0 is its doing alone, as in `analysis.strips`.
+    length_m = case.design.strip.bending_stiffness_Nm2 / case.rig.leg.k0_Nm_per_rad
+    return 100.0 * largest_hinge_angle_rad(case) / length_m / case.design.strip.breaking_curvature_per_m
+
+
+def strip_used_torque_pct(case: CaseResults) -> float:
+    torque = bending_torque_Nm(case.rig.leg, np.array(largest_hinge_angle_rad(case)))
+    return 100.0 * float(torque) / case.design.strip.breaking_moment_Nm
+
+
+def static_torque_Nm(case: CaseResults, angle_deg: float) -> float:
+    return _at_rest(case, angle_deg).shaft_torque_Nm
+
+
+def static_load_N(case: CaseResults, angle_deg: float) -> float:
+    return -_at_rest(case, angle_deg).fz_N
+
+
+def _at_rest(case: CaseResults, angle_deg: float) -> StaticState:
+    if case.rig.effects:
+        raise OutputMissing(f"statics know the plain leg only, not effect {case.rig.effects[0].id}")
+    return follow_static_path(case.rig, case.design.height_m, [float(np.radians(angle_deg))])[-1]
 
 
 @dataclass(frozen=True)
@@ -46,46 +181,48 @@ STRENGTH = "Table I, as in rfca-rig strip"
 REST_AT = "shaft angle"
 REST = "eq. (10) with contact, turned there slowly from the start angle"
 
+
 ALL = (
-    Output(of_forces.valley_time_s, "time of the valley", "t where fz is lowest between touchdown and lift-off", TABLE),
-    Output(of_forces.valley_fz_N, "fz in the valley", "min fz between touchdown and lift-off", TABLE),
-    Output(of_forces.peak_force_N, "largest force on the mount", "max |(fy, fz)|, the spike of touchdown included", SENSOR),
-    Output(of_forces.peak_moment_Nm, "largest moment on the sensor", "max |tx|", SENSOR),
-    Output(of_forces.load_capacity_N, "load capacity, as a force", "-fz(t*)", IMPACT_TEST),
-    Output(of_forces.load_capacity_kg, "load capacity", "-fz(t*) / g", IMPACT_TEST),
-    Output(of_forces.driving_force_N, "driving force under that load", "-fy(t*); above 0 the ground pushes along +y", IMPACT_TEST),
-    Output(of_forces.impulse_Ns, "what the ground bears over a stroke", "integral of sum N_k dt", GROUND),
-    Output(of_forces.driving_impulse_Ns, "net push along +y over a stroke", "integral of sum F_k dt", GROUND),
-    Output(of_forces.touchdown_s, "first contact", "first t with sum N_k > 0", GROUND),
-    Output(of_forces.contact_time_s, "how long the leg touches", "integral of [sum N_k > 0] dt", GROUND),
-    Output(of_forces.peak_shaft_torque_Nm, "largest torque of the shaft", "max |tau|", "eq. (16), the driven joint"),
-    Output(of_energy.peak_power_W, "largest power of the shaft", "max tau w", WORK),
-    Output(of_energy.energy_J, "energy per stroke", "W = integral of tau w dt, what comes back counted off", WORK),
-    Output(of_energy.energy_put_in_J, "energy per stroke of a drive that takes nothing back", "integral of max(tau w, 0) dt", WORK),
-    Output(of_energy.dissipated_J, "energy lost in a stroke", "W - (E(end) - E(0)), E of links, springs, height, floor", "energy balance"),
-    Output(of_energy.hinge_loss_J, "of that, lost in the hinges' damping", "integral of c sum (dphi_i/dt)^2 dt", "the hinges' law"),
-    Output(of_the_leg.largest_hinge_angle_deg, "largest angle of a hinge", "max |phi_i|", SHAPE),
-    Output(of_the_leg.bend_deg, "largest bend from first to last link", "max |sum phi_i|", SHAPE),
-    Output(of_the_leg.strip_used_pct, "strength used, bent over the pitch: kindest", "(max |phi_i| / p) (t / 2) E / strength", STRENGTH),
-    Output(of_the_leg.strip_used_short_pct, "strength used, bent over EI / k0", "(max |phi_i| k0 / EI) (t / 2) E / strength", STRENGTH),
+    Output(valley_time_s, "time of the valley", "t where fz is lowest between touchdown and lift-off", TABLE),
+    Output(valley_fz_N, "fz in the valley", "min fz between touchdown and lift-off", TABLE),
+    Output(peak_force_N, "largest force on the mount", "max |(fy, fz)|, the spike of touchdown included", SENSOR),
+    Output(peak_moment_Nm, "largest moment on the sensor", "max |tx|", SENSOR),
+    Output(load_capacity_N, "load capacity, as a force", "-fz(t*)", IMPACT_TEST),
+    Output(load_capacity_kg, "load capacity", "-fz(t*) / g", IMPACT_TEST),
+    Output(driving_force_N, "driving force under that load", "-fy(t*); above 0 the ground pushes along +y", IMPACT_TEST),
+    Output(impulse_Ns, "what the ground bears over a stroke", "integral of sum N_k dt", GROUND),
+    Output(driving_impulse_Ns, "net push along +y over a stroke", "integral of sum F_k dt", GROUND),
+    Output(touchdown_s, "first contact", "first t with sum N_k > 0", GROUND),
+    Output(contact_time_s, "how long the leg touches", "integral of [sum N_k > 0] dt", GROUND),
+    Output(peak_shaft_torque_Nm, "largest torque of the shaft", "max |tau|", "eq. (16), the driven joint"),
+    Output(peak_power_W, "largest power of the shaft", "max tau w", WORK),
+    Output(energy_J, "energy per stroke", "W = integral of tau w dt, what comes back counted off", WORK),
+    Output(energy_put_in_J, "energy per stroke of a drive that takes nothing back", "integral of max(tau w, 0) dt", WORK),
+    Output(dissipated_J, "energy lost in a stroke", "W - (E(end) - E(0)), E of links, springs, height, floor", "energy balance"),
+    Output(hinge_loss_J, "of that, lost in the hinges' damping", "integral of c sum (dphi_i/dt)^2 dt", "the hinges' law"),
+    Output(largest_hinge_angle_deg, "largest angle of a hinge", "max |phi_i|", SHAPE),
+    Output(bend_deg, "largest bend from first to last link", "max |sum phi_i|", SHAPE),
+    Output(strip_used_pct, "strength used, bent over the pitch: kindest", "(max |phi_i| / p) (t / 2) E / strength", STRENGTH),
+    Output(strip_used_short_pct, "strength used, bent over EI / k0", "(max |phi_i| k0 / EI) (t / 2) E / strength", STRENGTH),
     Output(
-        of_the_leg.strip_used_torque_pct,
+        strip_used_torque_pct,
         "strength used if the strips bear a hinge's torque alone",
         "T(max |phi_i|) / (2 EI strength / (E t))",
         STRENGTH,
     ),
-    Output(of_the_leg.hinge_k0_Nm_per_rad, "stiffness of a straight hinge", "k0 of the leg as simulated", "eq. (6) at phi = 0"),
+    Output(hinge_k0_Nm_per_rad, "stiffness of a straight hinge", "k0 of the leg as simulated", "eq. (6) at phi = 0"),
     Output(
-        of_the_leg.equivalent_stiffness_Nm_per_rad,
+        equivalent_stiffness_Nm_per_rad,
         "equivalent stiffness of a hinge",
         "K = dT/dphi = k0 (1 + 3 k2 phi^2)",
         "eq. (6)",
         at="hinge angle",
     ),
-    Output(of_the_leg.static_torque_Nm, "torque that holds the shaft", "tau at rest", REST, at=REST_AT),
-    Output(of_the_leg.static_load_N, "load borne at rest", "-fz at rest", REST, at=REST_AT),
+    Output(static_torque_Nm, "torque that holds the shaft", "tau at rest", REST, at=REST_AT),
+    Output(static_load_N, "load borne at rest", "-fz at rest", REST, at=REST_AT),
 )
 OUTPUTS: dict[str, Output] = {output.name: output for output in ALL}
+
 
 # Outputs of a sweep that names none.
 DEFAULT_OUTPUTS = (

@@ -8,11 +8,10 @@ from math import prod
 import numpy as np
 
 from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import resolve_effect
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.setup import resolve_effect
-from rfca_rig.sweep.design import SweepCase
 from rfca_rig.sweep.outputs import REST_AT, RequestedOutput
-from rfca_rig.sweep.quantities import Value, find_quantity
+from rfca_rig.sweep.quantities import SweepCase, Value, find_quantity
 from rfca_rig.sweep.samples import SweepSamples, points
 
 MAX_CASES = 10_000_000

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.codecs.netft_commands import COMMAND_BYTES
+from rfca_rig.codecs.netft_configuration import COMMAND_BYTES
 from rfca_rig.twin_server.listening import listening_tcp
 from rfca_rig.twin_server.tcp_client import TcpClient, accept_all
-from rfca_rig.twins.netft_box import NetFtBoxTwin
+from rfca_rig.twins.netft import NetFtBoxTwin
 
 
 @dataclass

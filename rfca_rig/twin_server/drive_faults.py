@@ -3,8 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from rfca_rig.twins.encoder import Encoder
-from rfca_rig.twins.thermal_model import MotorThermalModel
+from rfca_rig.twins.drive_parts import Encoder, MotorThermalModel
 
 # Heating rate of the fault `drive-hot` in K/s.
 HEATING_K_s = 5.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.listening import listening_tcp
 from rfca_rig.twin_server.tcp_client import TcpClient, accept_all
-from rfca_rig.twins.netft_box import NetFtBoxTwin, Page
+from rfca_rig.twins.netft import NetFtBoxTwin, Page
 
 LONGEST_REQUEST = 8192
 # Of one connection: a page takes milliseconds.

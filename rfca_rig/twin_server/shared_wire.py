@@ -3,7 +3,7 @@
 import can
 
 from rfca_rig.codecs.classic_can import ClassicFrame
-from rfca_rig.twins.can_wire import CanEnd
+from rfca_rig.twins.wires import CanEnd
 
 
 class SharedWire:

@@ -7,7 +7,7 @@ from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.twin_server.listening import listening_tcp
 from rfca_rig.twin_server.shared_wire import SharedWire, frame_of, is_classic, message_of
 from rfca_rig.twin_server.tcp_client import TcpClient, accept_all, is_http
-from rfca_rig.twins.can_wire import CanEnd
+from rfca_rig.twins.wires import CanEnd
 
 NEVER = float("inf")
 # Clients expect the answer to `rawmode` alone in their next read, so frames are held back for this long.

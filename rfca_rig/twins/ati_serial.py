@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.codecs.ati_serial import END, LINE_END, MAX_COUNT, PROMPT, AtiCommand, AtiRecord, RecordForm, encode_record
-from rfca_rig.twins.serial_line import SerialLine
-from rfca_rig.twins.ticks import SampleGrid
+from rfca_rig.twins.wires import SampleGrid, SerialLine
 
 Floats = NDArray[np.float64]
 

@@ -6,12 +6,11 @@ from math import remainder, tau
 import can
 
 from rfca_rig.codecs import cubemars_mit
+from rfca_rig.codecs.cubemars_drives import mit_ranges
 from rfca_rig.codecs.cubemars_mit import POSITION_CODES, MitCommand, MitReply, Special
-from rfca_rig.codecs.cubemars_ranges import mit_ranges
 from rfca_rig.codecs.malformed import MalformedFrame
-from rfca_rig.twins.encoder import Encoder
-from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.thermal_model import MotorThermalModel, ThermalParameters
+from rfca_rig.twins.drive_parts import Encoder, MotorThermalModel, ThermalParameters
+from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 ZERO_COMMAND = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
 # Time in s for which the drive does not answer after it has set its zero.

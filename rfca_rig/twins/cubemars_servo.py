@@ -9,12 +9,9 @@ from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import Message, OriginMode, Status
 from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_messages import ControlMode
-from rfca_rig.twins.encoder import Encoder
-from rfca_rig.twins.motor import interpolate_motion
-from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.speed_loop import LoopGains, MotorSetPoint, SpeedLoop
-from rfca_rig.twins.thermal_model import MotorThermalModel, ThermalParameters
-from rfca_rig.twins.ticks import SampleGrid
+from rfca_rig.twins.drive_parts import Encoder, LoopGains, MotorSetPoint, MotorThermalModel, SpeedLoop, ThermalParameters
+from rfca_rig.twins.wires import SampleGrid
+from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
 
 # Largest temperature of the signed byte in the status frame.
 MAX_TEMPERATURE_degC = 127

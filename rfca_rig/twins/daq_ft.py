@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.ati_calibration import GAGES, TransducerCalibration
-from rfca_rig.codecs.gage_block import GageBlock
-from rfca_rig.twins.ticks import SampleGrid
+from rfca_rig.codecs.ati_calibration import GAGES, GageBlock, TransducerCalibration
+from rfca_rig.twins.wires import SampleGrid
 
 Floats = NDArray[np.float64]
 

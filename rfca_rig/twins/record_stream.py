@@ -6,8 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.twins.serial_line import SerialLine
-from rfca_rig.twins.ticks import SampleGrid
+from rfca_rig.twins.wires import SampleGrid, SerialLine
 
 Floats = NDArray[np.float64]
 

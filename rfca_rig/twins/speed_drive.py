@@ -8,12 +8,9 @@ from typing import ClassVar, Protocol
 import can
 
 from rfca_rig.codecs.odrive_messages import ControlMode
-from rfca_rig.twins.encoder import Encoder
-from rfca_rig.twins.motor import interpolate_motion
-from rfca_rig.twins.plant import ShaftDrive, ShaftState
-from rfca_rig.twins.speed_loop import LoopGains, MotorSetPoint, SpeedLoop
-from rfca_rig.twins.thermal_model import MotorThermalModel, ThermalParameters
-from rfca_rig.twins.ticks import SampleGrid
+from rfca_rig.twins.drive_parts import Encoder, LoopGains, MotorSetPoint, MotorThermalModel, SpeedLoop, ThermalParameters
+from rfca_rig.twins.wires import SampleGrid
+from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
 
 
 class TwinnedKeys(Protocol):

@@ -1,15 +1,117 @@
-"""Co-simulation of motor twin, sensor twin and plant."""
+"""The simulated rig: interfaces of plant, motor twin and sensor twin, and their co-simulation by `TwinWorld`.
 
+The plants, which are based on the model, are in other packages.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from math import ceil
+from typing import Protocol
 
-from rfca_rig.twins.motor import MotorTwin
-from rfca_rig.twins.plant import TwinPlant
-from rfca_rig.twins.sensor import SensorTwin
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
 
 LONGEST_STEP_S = 2e-3
 # Steps are this many times longer while the shaft is slower than MAX_RESTING_SPEED_RAD_S.
 RESTING_STEP_FACTOR = 5
 MAX_RESTING_SPEED_RAD_S = 1e-3
+
+
+@dataclass(frozen=True)
+class ShaftDrive:
+    """Linear torque law of a drive, in SI units at the shaft: feed + angle_gain (angle - q) + speed_gain (speed - dq/dt)."""
+
+    feed_Nm: float = 0.0
+    angle_gain_Nm_per_rad: float = 0.0
+    angle_rad: float = 0.0
+    speed_gain_Nm_s_per_rad: float = 0.0
+    speed_rad_s: float = 0.0
+
+    def torque_Nm(self, angle_rad: float, speed_rad_s: float) -> float:
+        """Torque in N m at a shaft angle and speed."""
+        return (
+            self.feed_Nm
+            + self.angle_gain_Nm_per_rad * (self.angle_rad - angle_rad)
+            + self.speed_gain_Nm_s_per_rad * (self.speed_rad_s - speed_rad_s)
+        )
+
+
+@dataclass(frozen=True)
+class ShaftState:
+    """Present state of the shaft, and the motor's torque on it."""
+
+    angle_rad: float
+    speed_rad_s: float
+    torque_Nm: float
+
+
+class TwinPlant(Protocol):
+    """Mechanics of leg, rack and ground: driven by the motor twin, measured by the sensor twin."""
+
+    def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
+        """Advances to `to_s` under `drive`; returns the true wrench (m, 6) [N, N m] at `force_times_s` (m,), ascending and <= to_s."""
+        ...
+
+    def shaft(self) -> ShaftState:
+        """State of the shaft at the time of the last `advance`."""
+        ...
+
+    def set_height(self, height_m: float) -> None:
+        """Sets the height of the rack in m, at once."""
+        ...
+
+
+class SensorTwin(Protocol):
+    """The sensor's side of the wire, advanced in steps: `take_requests`, `due`, then, after the plant has moved, `measured`."""
+
+    def take_requests(self) -> None:
+        """Executes requests received since the last step."""
+        ...
+
+    def due(self, to_s: float) -> Floats:
+        """Sample times (m,) in s in the step that ends at `to_s`; none while none are requested."""
+        ...
+
+    def measured(self, wrench: Floats) -> None:
+        """Takes the true wrench (m, 6) [N, N m] at the times that were due, and sends the records that are due."""
+        ...
+
+
+class MotorTwin(Protocol):
+    """The drive's side of the bus, advanced in steps: `take_frames`, `drive`, then, after the plant has moved, `passed`."""
+
+    def take_frames(self, now_s: float) -> None:
+        """Executes frames received since the last step."""
+        ...
+
+    def drive(self, shaft: ShaftState) -> ShaftDrive:
+        """Torque law on the shaft until the next step; `shaft` is its present state."""
+        ...
+
+    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
+        ...
+
+
+def interpolate_motion(
+    due_s: Sequence[float], elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState
+) -> Iterator[tuple[float, float]]:
+    """Yields angle and speed at the times `due_s` within a step that ended at `now_s`.
+
+    Cubic Hermite interpolation through angle and speed at both ends of the step.
+    """
+    turned_rad = after.angle_rad - before.angle_rad
+    left_rad, right_rad = before.speed_rad_s * elapsed_s, after.speed_rad_s * elapsed_s
+    # Coefficients in x = 0..1 over the step; speeds are scaled by its length.
+    square, cube = 3.0 * turned_rad - 2.0 * left_rad - right_rad, left_rad + right_rad - 2.0 * turned_rad
+    for moment_s in due_s:
+        x = 1.0 + (moment_s - now_s) / elapsed_s
+        yield (
+            before.angle_rad + x * (left_rad + x * (square + x * cube)),
+            before.speed_rad_s + x * (2.0 * square + 3.0 * x * cube) / elapsed_s,
+        )
 
 
 class TwinWorld:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.drivers.roles import SensorScale
-from rfca_rig.engine.monitors.load import MIN_CEILING_SHARE
+from rfca_rig.engine.limit_monitor import MIN_CEILING_SHARE
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import set_up
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.engine.stop_request import StopLevel
+from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.protocol.check import Load
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import BlockKind, JournalBlock, parse_blocks

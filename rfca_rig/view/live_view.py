@@ -5,7 +5,7 @@ from importlib.util import find_spec
 
 from rfca_rig import subprocesses
 from rfca_rig.clock import WallClock
-from rfca_rig.engine.stop_request import StopRequest
+from rfca_rig.engine.interfaces import StopRequest
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording.block_queue import BlockQueue

@@ -11,8 +11,7 @@ from dataclasses import asdict
 
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import StreamHealth
-from rfca_rig.engine.observer import Tick
-from rfca_rig.engine.stop_request import StopLevel, StopRequest
+from rfca_rig.engine.interfaces import StopLevel, StopRequest, Tick
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.block_queue import BlockQueue

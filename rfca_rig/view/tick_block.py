@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.engine.observer import Tick
+from rfca_rig.engine.interfaces import Tick
 from rfca_rig.recording.journal import BlockKind, JournalBlock
 from rfca_rig.view.decimation import Floats, Numbers
 

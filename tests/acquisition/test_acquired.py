@@ -13,7 +13,7 @@ from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.acquisition.ring import Ring, RingReader
 from rfca_rig.clock import WallClock
 from rfca_rig.codecs.rdt import RdtCommand, decode_request
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.errors import DeviceError
 from tests.acquisition.sender import datagram, sending
 

@@ -9,14 +9,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from rfca_rig.analysis.fitting.errors_of_fit import estimate_covariance
-from rfca_rig.analysis.fitting.fit import Search, fit
+from rfca_rig.analysis.fitting.fit import Search, estimate_covariance, fit
 from rfca_rig.analysis.fitting.model_file import write_model_file
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint, make_prior
 from rfca_rig.analysis.fitting.residuals import StrokeWindow, make_stroke_problem
 from rfca_rig.analysis.fitting.scatter import make_whitening
-from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
-from rfca_rig.analysis.fitting.valleys import ValleyRow, fit_valleys
+from rfca_rig.analysis.fitting.strokes import StrokeComparison, ValleyRow, fit_recordings, fit_valleys
 from rfca_rig.analysis.phases import StrokePhases
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.analysis.valley import Valley

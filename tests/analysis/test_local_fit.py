@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.local_fit import local_quadratic
+from rfca_rig.analysis.phases import local_quadratic
 
 
 def test_a_parabola_is_returned_exactly_from_uneven_samples():

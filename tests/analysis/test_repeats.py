@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from rfca_rig.analysis.matched_simulation import average_speed
 from rfca_rig.analysis.repeats import Spread, compute_spread, group_by_condition
-from rfca_rig.analysis.shaft_speed import average_speed
 from tests.analysis import traces
 
 T = traces.even(1000.0)

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from rfca_rig.analysis.swings import Nuisance, apply_nuisances, estimate_start, local_polynomial, make_swing_problem
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
 from rfca_rig.errors import BadInput
-from rfca_rig.model.joint_drive import torque_trace
+from rfca_rig.model.effects.joint_torques import torque_trace
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink, make_driven_pendulum
 

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.compare import ComparedCondition, ComparedRepeat, compare_condition
+from rfca_rig.analysis.compare import ComparedCondition, ComparedRepeat, Table2, compare_condition, make_table2_row
 from rfca_rig.analysis.matched_simulation import MatchedSimulation, simulate_matching
 from rfca_rig.analysis.phases import StrokePhases, Undetermined
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.analysis.table2 import Table2, make_table2_row
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.analysis import traces

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.bench.checkout import source_state
+from rfca_rig.bench.provenance import source_state
 
 pytestmark = pytest.mark.skipif(shutil.which("git") is None, reason="no git here")
 

@@ -11,9 +11,9 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.description.force_sensor_sections import AtiDaqSection, AtiSerialSection, NetFtSection
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.drivers.ati_serial import AtiSerialSensor
-from rfca_rig.drivers.daq_ft import DaqFtSensor
-from rfca_rig.drivers.netft import NetFtSensor
+from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor
+from rfca_rig.drivers.force_sensors.daq_ft import DaqFtSensor
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor
 from rfca_rig.errors import BadInput, DeviceError
 from tests.cli.typed import typed
 from tests.engine.rigs import ROOT

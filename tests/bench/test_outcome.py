@@ -2,7 +2,7 @@
 
 import pytest
 
-from rfca_rig.bench.outcome import Outcome
+from rfca_rig.bench.provenance import Outcome
 from rfca_rig.errors import DeviceError, DiskFull, RigError, Stopped, Tripped
 from rfca_rig.trip_codes import Trip
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rfca_rig.bench.rig_compatibility import read_compatible_rig
+from rfca_rig.bench.resume import read_compatible_rig
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from tests.description.test_torque_rotation import CSV, TWIN

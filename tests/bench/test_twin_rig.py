@@ -15,7 +15,7 @@ from rfca_rig.model.stroke import simulate_stroke
 from rfca_rig.protocol.check import check_plan
 from rfca_rig.protocol.experiments import static_plan
 from rfca_rig.protocol.plan import Hold, MoveShaft
-from rfca_rig.twins.plant import ShaftDrive
+from rfca_rig.twins.world import ShaftDrive
 from tests.engine.rigs import ROOT, one_condition, twin_rig
 from tests.model.test_stroke import pressed_and_held
 

@@ -5,9 +5,9 @@ Also the discrete elastica against elliptic integrals, by angle of the tip.
 
 import numpy as np
 
-from rfca_rig.model.elastica import cantilever_tip
-from rfca_rig.model.hinge_curve import HeldHinge, compute_fixed_curve, compute_sliding_curve, fit_hardening
-from rfca_rig.model.strip import paper_strips, table_1_materials
+from rfca_rig.model.paper.elastica import cantilever_tip
+from rfca_rig.model.paper.hinge_curve import HeldHinge, compute_fixed_curve, compute_sliding_curve, fit_hardening
+from rfca_rig.model.paper.strip import paper_strips, table_1_materials
 from tests.benchmarks.__main__ import median_s
 from tests.model.exact_beam import chain_tip, strip_between_shells
 from tests.model.legs import LENGTHS

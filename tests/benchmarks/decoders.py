@@ -19,14 +19,13 @@ from rfca_rig.codecs import (
     cubemars_servo,
     fdcanusb,
     moteus,
-    netft_commands,
     netft_configuration,
     rdt,
     slcan,
     socketcand,
 )
-from rfca_rig.codecs.ati_serial_stream import AsciiStream, BinaryStream
-from rfca_rig.codecs.cubemars_ranges import mit_ranges
+from rfca_rig.codecs.ati_serial import AsciiStream, BinaryStream
+from rfca_rig.codecs.cubemars_drives import mit_ranges
 from rfca_rig.codecs.malformed import MalformedFrame
 
 RANGES = mit_ranges("AK80-9")
@@ -161,13 +160,17 @@ DECODERS = (
     Decoder("moteus", moteus.decode, (bytes.fromhex("240400110f5050"), bytes.fromhex("27040a00aabb2f01")), lambda data: len(data) in FD),
     Decoder("RDT records", rdt.decode_records, (bytes(36), bytes(1440)), lambda d: len(d) % 36 == 0 < len(d) <= 1440, 1500),
     Decoder("RDT request", rdt.decode_request, (rdt.encode_request(2, 7),), lambda d: len(d) == 8 and d[:2] == b"\x12\x34", 12),
-    Decoder("Net F/T command", netft_commands.decode_command, (bytes(20), b"\x01" + bytes(19)), _length(20), 32),
+    Decoder("Net F/T command", netft_configuration.decode_command, (bytes(20), b"\x01" + bytes(19)), _length(20), 32),
     Decoder(
-        "Net F/T reading", netft_commands.decode_reading, (b"\x12\x34" + bytes(14),), lambda d: len(d) == 16 and d[:2] == b"\x12\x34", 32
+        "Net F/T reading",
+        netft_configuration.decode_reading,
+        (b"\x12\x34" + bytes(14),),
+        lambda d: len(d) == 16 and d[:2] == b"\x12\x34",
+        32,
     ),
     Decoder(
         "Net F/T calibration",
-        netft_commands.decode_calibration,
+        netft_configuration.decode_calibration,
         (b"\x12\x34\x02\x03" + b"\x00\x0f\x42\x40" * 2 + b"\x00\x01" * 6,),
         lambda d: len(d) == 24 and d[:2] == b"\x12\x34",
         32,

@@ -15,8 +15,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rfca_rig.logbook.index import NAME
-from rfca_rig.logbook.listing import list_runs
+from rfca_rig.logbook.listing import NAME, list_runs
 from tests.logbook.made import DONE, plan, run
 
 COMMAND = Path(sys.executable).parent / "rfca-rig"

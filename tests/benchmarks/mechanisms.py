@@ -24,7 +24,7 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.errors import RigError
 from rfca_rig.executors.cores import cores
-from rfca_rig.model.families import families_of
+from rfca_rig.model.catalogue import families_of
 from tests.mechanism import arm, hopper
 
 NOTHING = "nothing"

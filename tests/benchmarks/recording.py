@@ -18,9 +18,9 @@ import numpy as np
 from rfca_rig.bench.recorder import Recorder, stroke_of
 from rfca_rig.clock import WallClock
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import run_plan
-from rfca_rig.engine.sink import RecordedSamples, Sink
+from rfca_rig.engine.stopping import RecordedSamples, Sink
 from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.keeper import InProcessRecorder

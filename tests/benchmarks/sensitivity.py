@@ -21,7 +21,7 @@ from typing import Any
 import cloudpickle
 
 from rfca_rig.diagnosis import config
-from rfca_rig.exam.outcome import parse_truth
+from rfca_rig.exam.answer import parse_truth
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.executors.cores import ONE_THREAD, machine_cores
 

@@ -27,7 +27,7 @@ from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import RigError
 from rfca_rig.protocol.plan import Flap, Plan

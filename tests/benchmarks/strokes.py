@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from rfca_rig.model.batch import Job, simulate_strokes
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.stroke import simulate_stroke_at_speed
+from rfca_rig.model.stroke import Job, simulate_stroke_at_speed, simulate_strokes
 from tests.benchmarks.__main__ import median_s
 from tests.model.legs import PAPER
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from rfca_rig.cli.acknowledged_lines import SILENT_S, STOP_S, AcknowledgedLines
 from rfca_rig.clock import TwinClock
-from rfca_rig.engine.stop_request import StopLevel, StopRequest
+from rfca_rig.engine.interfaces import StopLevel, StopRequest
 
 
 @dataclass

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.bench.factory import open_bench
-from rfca_rig.bench.racks import HandRack
+from rfca_rig.bench.factory import HandRack, open_bench
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import FoundEffect, read_model_file, write_model
 from rfca_rig.description.rig_file import read_rig

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.bench.predicted_loads import predict_bending
+from rfca_rig.bench.expectation import predict_bending
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.description.protocol_file import read_fatigue
 from rfca_rig.description.rig_file import read_rig

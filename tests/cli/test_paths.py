@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from rfca_rig.bench.begun import RESUMED
+from rfca_rig.bench.resume import RESUMED
 from rfca_rig.cli.paths import make_run_folder
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording import run_folder

@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.cli.signals import handle_signals
 from rfca_rig.cli.terminal import make_marked_say
-from rfca_rig.engine.stop_request import StopLevel, StopRequest
+from rfca_rig.engine.interfaces import StopLevel, StopRequest
 
 
 def sent(stop_request, *signals, say=lambda _: None):

@@ -9,15 +9,18 @@ from hypothesis import strategies as st
 
 from rfca_rig.codecs.ati_serial import (
     ASCII_BYTES,
+    AsciiStream,
     AtiCommand,
     AtiRecord,
+    FoundRecord,
     RecordForm,
     checksum,
     decode_record,
     encode_command,
     encode_record,
+    record_stream,
+    without_echo,
 )
-from rfca_rig.codecs.ati_serial_stream import AsciiStream, FoundRecord, record_stream, without_echo
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 
 FORMS = list(RecordForm)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.codecs import cubemars_dbc
-from rfca_rig.codecs.cubemars_meanings import error_text
+from rfca_rig.codecs.cubemars_drives import MIT_RANGES, MitRanges, error_text, mit_ranges
 from rfca_rig.codecs.cubemars_mit import (
     MitCommand,
     MitReply,
@@ -21,7 +21,6 @@ from rfca_rig.codecs.cubemars_mit import (
     position_code,
     position_of,
 )
-from rfca_rig.codecs.cubemars_ranges import MIT_RANGES, MitRanges, mit_ranges
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.errors import BadInput, DeviceError
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from rfca_rig.codecs import moteus
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.codecs.moteus import FD_LENGTHS, Read, Refusal, Reply, Route, Write
-from rfca_rig.codecs.moteus_meanings import fault_text, mode_text, register_error_text
-from rfca_rig.codecs.moteus_registers import Mode, Register, Width, units_per_count
+from rfca_rig.codecs.moteus_registers import Mode, Register, Width, fault_text, mode_text, register_error_text, units_per_count
 from rfca_rig.errors import DeviceError
 
 INT8, INT16, INT32, FLOAT = Width

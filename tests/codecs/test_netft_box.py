@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs import netft_commands as nc
+from rfca_rig.codecs import netft_configuration as nc
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.codecs.netft_configuration import MAX_PAGE_BYTES, NetFtConfiguration, decode_configuration, encode_configuration
 

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
-from rfca_rig.codecs.netbox_status import SATURATED, status_text
 from rfca_rig.codecs.rdt import (
     RECORD_BYTES,
+    SATURATED,
     RdtCommand,
     Records,
     Request,
@@ -18,6 +18,7 @@ from rfca_rig.codecs.rdt import (
     decode_request,
     encode_records,
     encode_request,
+    status_text,
 )
 
 ONE_RECORD = bytes.fromhex("00000001 00001b58 80020000 000f4240 fff0bdc0 00000000 00000001 ffffffff 7fffffff")

@@ -14,8 +14,7 @@ from rfca_rig.description.rig_file import read_rig
 from rfca_rig.description.torque_rotation import read_curve, splines_of
 from rfca_rig.errors import BadInput
 from rfca_rig.model.hinge_springs import bending_torque_Nm
-from rfca_rig.sweep.design import SweepCase
-from rfca_rig.sweep.quantities import find_quantity
+from rfca_rig.sweep.quantities import SweepCase, find_quantity
 from tests.description.test_sections import RIG
 
 TWIN = Path("calibration/twin.toml").read_text(encoding="utf-8")

@@ -8,14 +8,13 @@ import can
 import numpy as np
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import LinkEnd, datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
+from rfca_rig.twins.wires import LinkEnd, can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 
 TICK_S = 2e-3

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rfca_rig.drivers.arriving_photos import ArrivingPhotos
+from rfca_rig.drivers.camera import ArrivingPhotos
 from rfca_rig.errors import BadInput, DeviceError
 
 

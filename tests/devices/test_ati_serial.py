@@ -10,14 +10,12 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.ati_serial import RecordForm
-from rfca_rig.contracts.force_sensor import ForceSensorContract
-from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
-from rfca_rig.contracts.noisy_port import NoisyPort
-from rfca_rig.drivers.ati_serial import AtiSerialSensor, AtiSerialSettings
-from rfca_rig.drivers.serial_port import open_port
+from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, NoisyPort, constant
+from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor, AtiSerialSettings
+from rfca_rig.drivers.ports import open_port
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
-from rfca_rig.twins.serial_line import serial_line
+from rfca_rig.twins.wires import serial_line
 
 RATES_HZ = {RecordForm.ASCII: 80.0, RecordForm.BINARY: 250.0, RecordForm.BINARY_CHECKSUM: 250.0}
 

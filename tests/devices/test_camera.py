@@ -9,8 +9,7 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.camera import OpenCvCamera
-from rfca_rig.drivers.photo_folder import PhotoFolder, list_photos
-from rfca_rig.drivers.picture_file import read_picture, read_picture_time
+from rfca_rig.drivers.photo_files import PhotoFolder, list_photos, read_picture, read_picture_time
 from rfca_rig.errors import BadInput, DeviceError
 from tests.codecs.test_exif_time import tiff
 

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from rfca_rig.drivers.camera_thread import CameraThread
+from rfca_rig.drivers.camera import CameraThread
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import DeviceError
 

@@ -10,8 +10,7 @@ from rfca_rig.bench.cameras import TwinCamera
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput
 from rfca_rig.twins.camera import CameraTwin, ImageDisturbance, render_leg
-from rfca_rig.twins.image_noise import render_sensor_image
-from rfca_rig.twins.painting import compute_coverage
+from rfca_rig.twins.image_noise import compute_coverage, render_sensor_image
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.drivers.counter_clock import CounterClock
+from rfca_rig.drivers.device_time import CounterClock
 
 
 def stamped(asked_s: np.ndarray, true_s: np.ndarray, begins: int = 0) -> np.ndarray:

@@ -11,18 +11,16 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from rfca_rig.clock import Clock, TwinClock
+from rfca_rig.codecs.cubemars_drives import MIT_RANGES
 from rfca_rig.codecs.cubemars_mit import MitCommand, Special, decode_command, decode_reply, encode_command, encode_special
-from rfca_rig.codecs.cubemars_ranges import MIT_RANGES
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, concatenate_samples, drain, motor_rig
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.contracts.motor_rig import MotorRig, Rotor, concatenate_samples, drain, motor_rig
+from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
-from rfca_rig.twins.datagram_link import datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 
 RANGES = MIT_RANGES["AK80-9"]

@@ -11,12 +11,11 @@ from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import SetCurrent, SetPosition, SetPositionSpeed, Status
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.contracts.motor_rig import MotorRig, Rotor, drain, motor_rig
+from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
+from rfca_rig.twins.wires import can_wire
 
 MOTOR = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.115}
 TURNED = {"direction": -1, "zero_deg": 130.0}

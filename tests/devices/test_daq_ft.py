@@ -12,13 +12,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.ati_calibration import TemperatureCompensation, TransducerCalibration, parse_calibration
-from rfca_rig.codecs.gage_block import GageBlock
-from rfca_rig.contracts.force_sensor import ForceSensorContract
-from rfca_rig.contracts.force_sensor_rig import ForceSensorRig, constant
-from rfca_rig.drivers.daq_ft import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings
-from rfca_rig.drivers.nidaqmx_gages import NidaqmxGages
-from rfca_rig.drivers.sensor_health import FrozenRecordCounter
+from rfca_rig.codecs.ati_calibration import GageBlock, TemperatureCompensation, TransducerCalibration, parse_calibration
+from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, constant
+from rfca_rig.drivers.force_sensors.daq_ft import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings, NidaqmxGages
+from rfca_rig.drivers.force_sensors.records import FrozenRecordCounter
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
 

@@ -13,13 +13,11 @@ from rfca_rig.codecs import moteus
 from rfca_rig.codecs.moteus import Refusal, Reply, Route, Subframe, Write
 from rfca_rig.codecs.moteus_registers import Mode, Register, Width
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
+from rfca_rig.contracts.motor_rig import MotorRig, Rotor, drain, motor_rig
+from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
-from rfca_rig.twins.moteus_loop import MoteusGains
+from rfca_rig.twins.moteus import MoteusGains, MoteusTwin, MoteusTwinSettings
+from rfca_rig.twins.wires import can_wire
 
 GEARED = {"gear_ratio": 3.0, "direction": -1, "zero_turns": 2.75}
 

@@ -14,11 +14,10 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.codecs import moteus as codec
 from rfca_rig.codecs.moteus import Read, Reply, Write
 from rfca_rig.codecs.moteus_registers import Mode, Register, Width
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import datagram_link
+from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 
 moteus = pytest.importorskip("moteus", reason="the extra `strangers` brings the vendor's package")

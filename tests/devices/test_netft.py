@@ -9,13 +9,12 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.rdt import RECORD_BYTES, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
-from rfca_rig.contracts.force_sensor import ForceSensorContract
-from rfca_rig.contracts.force_sensor_rig import ForceSensorRig
-from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES, UdpDatagrams
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
+from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, UdpDatagrams
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.datagram_link import LinkEnd, datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import LinkEnd, datagram_link
 from tests.devices.rig import Tampered, twin_rig
 
 SECOND = 0.5

@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.netft_commands import COMMAND_BYTES, CalibrationInfo, ReadForce, decode_reading, encode_command
+from rfca_rig.codecs.netft_configuration import COMMAND_BYTES, CalibrationInfo, ReadForce, decode_reading, encode_command
 from rfca_rig.codecs.rdt import RdtCommand, decode_request
-from rfca_rig.drivers.datagrams import RECEIVE_BUFFER_BYTES, advise_receive_buffer
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.netft_box import CommandBox, HttpBox
+from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtSensor, NetFtSettings
+from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, advise_receive_buffer
 from rfca_rig.errors import BadInput, DeviceError, RigError
-from rfca_rig.twins.datagram_link import datagram_link
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.netft_box import NetFtBoxTwin
+from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import datagram_link
 
 
 def made(settings: NetFtTwinSettings | None = None) -> tuple[NetFtBoxTwin, NetFtTwin]:

@@ -12,16 +12,15 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.odrive_messages import ControlMode
-from rfca_rig.contracts.failing_buses import UnpluggedBus
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.contracts.motor_stops import UnpluggedBus
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import datagram_link
+from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
-from rfca_rig.twins.speed_loop import LoopGains
+from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.devices.rig import twin_rig
 

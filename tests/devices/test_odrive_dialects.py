@@ -12,10 +12,10 @@ from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.odrive_messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
+from rfca_rig.twins.wires import can_wire
 
 GEARED = {"gear_ratio": 9.0, "direction": -1, "zero_turns": 2.75}
 OLDER = {"dialect": OdriveFirmware.V0_5, "torque_constant_Nm_per_A": 0.0827}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rfca_rig.drivers.report_period import MAX_ATTEMPTS, find_wrong_period
+from rfca_rig.drivers.device_time import MAX_ATTEMPTS, find_wrong_period
 
 SET_S = 2e-3
 

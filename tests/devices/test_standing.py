@@ -6,14 +6,13 @@ from contextlib import AbstractContextManager
 
 import pytest
 
-from rfca_rig.contracts.motor_rig import MotorRig, motor_rig
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.contracts.motor_rig import MotorRig, Rotor, motor_rig
+from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
-from rfca_rig.twins.plant import ShaftDrive
+from rfca_rig.twins.world import ShaftDrive
 
 SERVO = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.1}
 SWINGS_PER_S = 2.5

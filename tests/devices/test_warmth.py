@@ -4,7 +4,7 @@ from math import exp
 
 import pytest
 
-from rfca_rig.twins.thermal_model import MotorThermalModel, ThermalParameters
+from rfca_rig.twins.drive_parts import MotorThermalModel, ThermalParameters
 
 LAW = ThermalParameters(air_degC=25.0, time_constant_s=100.0, rise_K_per_Nm2=0.5)
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.frame_count import FrameCount
-from rfca_rig.drivers.record_sequence import RecordSequence
+from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.drivers.device_time import FrameCount
+from rfca_rig.drivers.force_sensors.records import RecordSequence
 from rfca_rig.twins.netft import NetFtTwinSettings
-from rfca_rig.twins.ticks import SampleGrid
+from rfca_rig.twins.wires import SampleGrid
 from tests.devices.rig import twin_rig
 
 

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.drivers.speed_check import SpeedCheck
-from rfca_rig.drivers.wrapped_position import WrappedPosition
+from rfca_rig.drivers.motors.cubemars import SpeedCheck, WrappedPosition
 
 ENDS = frozenset({0, 65535})
 

@@ -12,8 +12,8 @@ from rfca_rig.diagnosis.decision.comparison import Comparison, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, decide_from, support_of_best
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
 from rfca_rig.diagnosis.decision.wording import describe
+from rfca_rig.model.catalogue import members_of
 from rfca_rig.model.effect import EqualLimit
-from rfca_rig.model.families import members_of
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, found_among, present, recorded
 
 CONDITIONS = [(205.0, 2.0), (215.0, 2.4), (230.0, 3.0), (210.0, 2.2), (222.0, 2.7)]

@@ -24,8 +24,7 @@ from rfca_rig.diagnosis.residual_force.spline_force import (
     simulate_forced_stroke,
     torque,
 )
-from rfca_rig.exam.cases import NOTHING, draw_cases
-from rfca_rig.exam.designs import ExamDesign
+from rfca_rig.exam.cases import NOTHING, ExamDesign, draw_cases
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect

@@ -28,8 +28,7 @@ from rfca_rig.diagnosis.residual_force.law_prior import NONE, prior_root
 from rfca_rig.diagnosis.residual_force.measured_law import TableTerm, base_without, fit_law, measure_law, with_memory_test
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import simulate_campaign
-from rfca_rig.exam.cases import NOTHING, draw_cases
-from rfca_rig.exam.designs import ExamDesign
+from rfca_rig.exam.cases import NOTHING, ExamDesign, draw_cases
 from rfca_rig.exam.sampled_rig import build_world
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue

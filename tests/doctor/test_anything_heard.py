@@ -7,21 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.cli.commands.doctor import WIDTH, _lines
-from rfca_rig.codecs.cubemars_ranges import mit_ranges
+from rfca_rig.codecs.cubemars_drives import mit_ranges
 from rfca_rig.codecs.odrive_messages import OdriveFirmware
+from rfca_rig.doctor.devices.can import ReceivedFrame
+from rfca_rig.doctor.devices.cubemars import judge_mit, judge_servo, observe_mit, observe_servo
+from rfca_rig.doctor.devices.moteus import judge_moteus, observe_moteus
+from rfca_rig.doctor.devices.netft import judge_stream, observe_stream
+from rfca_rig.doctor.devices.odrive import OdriveWanted, judge_odrive, observe_odrive
 from rfca_rig.doctor.finding import red
-from rfca_rig.doctor.judging.cubemars_mit import judge_mit
-from rfca_rig.doctor.judging.cubemars_servo import judge_servo
-from rfca_rig.doctor.judging.moteus import judge_moteus
-from rfca_rig.doctor.judging.netft import judge_stream
-from rfca_rig.doctor.judging.odrive import OdriveWanted, judge_odrive
-from rfca_rig.doctor.looking.can_bus import ReceivedFrame
-from rfca_rig.doctor.looking.cubemars_mit import observe_mit
-from rfca_rig.doctor.looking.cubemars_servo import observe_servo
-from rfca_rig.doctor.looking.moteus import observe_moteus
-from rfca_rig.doctor.looking.netft import observe_stream
-from rfca_rig.doctor.looking.odrive import observe_odrive
-from rfca_rig.drivers.netft import NetFtSettings
+from rfca_rig.drivers.force_sensors.netft import NetFtSettings
 from tests.doctor.said import whole
 
 IDS = st.one_of(st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF), st.integers(0x2900, 0x2902), st.integers(0x20, 0x3F))

@@ -6,14 +6,19 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.clock import WallClock
-from rfca_rig.doctor.judging.clock import LoopSeen, judge_clock
-from rfca_rig.doctor.judging.compiled_cache import CacheSeen, judge_compiled_cache
-from rfca_rig.doctor.judging.cores import judge_cores
-from rfca_rig.doctor.judging.disk import DiskSeen, judge_disk
-from rfca_rig.doctor.judging.packages import ExtraSeen, PackageSeen, judge_extras, judge_packages
-from rfca_rig.doctor.judging.receive_buffer import judge_receive_buffer
-from rfca_rig.doctor.looking.can_interface import look_at_can_interface
-from rfca_rig.doctor.looking.computer import (
+from rfca_rig.doctor.computer import (
+    CacheSeen,
+    DiskSeen,
+    ExtraSeen,
+    LoopSeen,
+    PackageSeen,
+    judge_clock,
+    judge_compiled_cache,
+    judge_cores,
+    judge_disk,
+    judge_extras,
+    judge_packages,
+    judge_receive_buffer,
     look_at_clock,
     look_at_compiled_cache,
     look_at_disk,
@@ -21,7 +26,8 @@ from rfca_rig.doctor.looking.computer import (
     look_at_packages,
     probe_receive_buffer,
 )
-from rfca_rig.doctor.looking.serial_port import look_at_serial_port
+from rfca_rig.doctor.devices.can import look_at_can_interface
+from rfca_rig.doctor.devices.serial_ports import look_at_serial_port
 from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
 from tests.doctor.said import whole
 

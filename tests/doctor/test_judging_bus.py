@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from rfca_rig.doctor.devices.can import CanBusObservation, CanInterfaceObservation, judge_can_bus, judge_can_interface
+from rfca_rig.doctor.devices.serial_ports import SerialPortSeen, judge_found_port, judge_serial_port
 from rfca_rig.doctor.finding import Colour
-from rfca_rig.doctor.judging.can_bus import CanBusObservation, judge_can_bus
-from rfca_rig.doctor.judging.can_interface import CanInterfaceObservation, judge_can_interface
-from rfca_rig.doctor.judging.found import judge_found_adapters, judge_found_interfaces
-from rfca_rig.doctor.judging.serial_port import SerialPortSeen, judge_found_port, judge_serial_port
+from rfca_rig.doctor.scan import judge_found_adapters, judge_found_interfaces
 from tests.doctor.said import whole
 
 UP = CanInterfaceObservation("can0", True, is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000)

@@ -7,10 +7,9 @@ import pytest
 from rfca_rig.codecs.cubemars_mit import MitReply
 from rfca_rig.codecs.cubemars_servo import Status
 from rfca_rig.codecs.odrive_messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
-from rfca_rig.doctor.judging.cubemars_mit import MitSeen, judge_mit
-from rfca_rig.doctor.judging.cubemars_servo import ServoSeen, judge_servo
-from rfca_rig.doctor.judging.moteus import MoteusAnswer, MoteusSeen, judge_moteus
-from rfca_rig.doctor.judging.odrive import OdriveSeen, OdriveWanted, judge_odrive
+from rfca_rig.doctor.devices.cubemars import MitSeen, ServoSeen, judge_mit, judge_servo
+from rfca_rig.doctor.devices.moteus import MoteusAnswer, MoteusSeen, judge_moteus
+from rfca_rig.doctor.devices.odrive import OdriveSeen, OdriveWanted, judge_odrive
 from tests.doctor.said import colours, whole
 
 WANTED = OdriveWanted(5, 2e-3)

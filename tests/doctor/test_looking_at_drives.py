@@ -14,9 +14,9 @@ from rfca_rig.codecs.moteus import Read
 from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart, OlderCommand
 from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
 from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
+from rfca_rig.doctor.devices.can import Listener
 from rfca_rig.doctor.finding import Finding
-from rfca_rig.doctor.looking.can_bus import Listener
-from rfca_rig.doctor.motor_checks import check_drive, check_motor
+from rfca_rig.doctor.rig_checks import check_drive, check_motor
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings

@@ -4,7 +4,7 @@ import numpy as np
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
-from rfca_rig.engine.sink import Sink
+from rfca_rig.engine.stopping import Sink
 from tests.protocol.test_plans import RIG
 
 

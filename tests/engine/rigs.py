@@ -9,7 +9,7 @@ from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.description.protocol_file import read_dynamic
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
 from rfca_rig.protocol.experiments import flapping_plan
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording import run_folder

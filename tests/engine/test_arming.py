@@ -2,9 +2,8 @@
 
 import pytest
 
-from rfca_rig.engine.arming import prove_stop
-from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.run import run_plan
+from rfca_rig.engine.interfaces import Bench
+from rfca_rig.engine.run import prove_stop, run_plan
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.odrive import OdriveTwinSettings
 from tests.devices.rig import twin_rig as drive_alone

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import MAX_CATCH_UP_S, TwinClock, WatchedTwinClock
+from rfca_rig.engine.interfaces import StopLevel, StopRequest
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.errors import Stopped, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Flap

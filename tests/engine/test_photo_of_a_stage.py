@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rfca_rig.drivers.camera_thread import CameraThread
+from rfca_rig.drivers.camera import CameraThread
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.engine.run import run_plan
-from rfca_rig.engine.settling import PERIOD_S
-from rfca_rig.engine.sink import Sink
+from rfca_rig.engine.stages import HOLD_PERIOD_S
+from rfca_rig.engine.stopping import Sink
 from rfca_rig.errors import DeviceError
 from rfca_rig.protocol.experiments import StaticStages, static_plan
 from rfca_rig.protocol.plan import SettleCriterion
@@ -105,7 +105,7 @@ def test_a_frozen_camera_ends_its_stage_in_the_time_it_says_and_the_next_one_at_
     assert [stage.photo for stage in recorded] == [None, None]
     assert all(len(stage.force.counts) > 500 for stage in recorded)
     took_s = [at_s - stage.start_s for at_s, stage in zip(over_s.values(), recorded, strict=True)]
-    assert took_s == [pytest.approx(LIMIT_S, abs=2 * PERIOD_S), pytest.approx(0.1, abs=2 * PERIOD_S)]
+    assert took_s == [pytest.approx(LIMIT_S, abs=2 * HOLD_PERIOD_S), pytest.approx(0.1, abs=2 * HOLD_PERIOD_S)]
     assert max(later - earlier for earlier, later in pairwise(commanded_s)) < 0.05  # the watchdog's share
 
 
@@ -114,8 +114,8 @@ def test_the_photo_is_taken_while_the_mean_is_and_waited_for_no_longer_than_it_t
     recorded, commanded_s, over_s = run(tmp_path, lambda clock: Later(clock, after_s), 50.0, average_s=average_s)
     (stage,), (end_s,) = recorded, over_s.values()
     assert (stage.photo.name, stage.photo_fault) == ("photo-1", "")
-    assert end_s - stage.start_s == pytest.approx(lasts_s, abs=3 * PERIOD_S)
-    assert len(stage.force.counts) / 7000.0 == pytest.approx(average_s, abs=3 * PERIOD_S)
+    assert end_s - stage.start_s == pytest.approx(lasts_s, abs=3 * HOLD_PERIOD_S)
+    assert len(stage.force.counts) / 7000.0 == pytest.approx(average_s, abs=3 * HOLD_PERIOD_S)
     assert max(later - earlier for earlier, later in pairwise(commanded_s)) < 0.05
 
 
@@ -141,7 +141,7 @@ def test_a_mistake_in_a_camera_s_driver_is_never_swallowed_and_the_motor_is_off(
 def test_without_a_camera_or_without_the_wish_no_photo_is_asked_for(tmp_path):
     recorded, _, over_s = run(tmp_path, lambda _clock: None, 50.0)
     assert (recorded[0].photo, recorded[0].photo_fault) == (None, "")
-    assert next(iter(over_s.values())) - recorded[0].start_s == pytest.approx(0.1, abs=2 * PERIOD_S)
+    assert next(iter(over_s.values())) - recorded[0].start_s == pytest.approx(0.1, abs=2 * HOLD_PERIOD_S)
 
 
 def test_the_dwell_comes_between_settling_and_the_mean(tmp_path):
@@ -153,6 +153,6 @@ def test_the_dwell_comes_between_settling_and_the_mean(tmp_path):
         starts_s.append(stage.start_s)
         stood_s.append(stage.stood_s)
         assert stage.settled
-    assert starts_s[1] - starts_s[0] == pytest.approx(0.7, abs=PERIOD_S)
-    assert stood_s[1] - stood_s[0] == pytest.approx(0.7, abs=PERIOD_S)
+    assert starts_s[1] - starts_s[0] == pytest.approx(0.7, abs=HOLD_PERIOD_S)
+    assert stood_s[1] - stood_s[0] == pytest.approx(0.7, abs=HOLD_PERIOD_S)
     assert SETTLE.for_s <= stood_s[0] < SETTLE.limit_s

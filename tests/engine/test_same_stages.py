@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 
 from rfca_rig.cli.commands.plan import _rows
 from rfca_rig.clock import TwinClock
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.experiments import StaticStages, static_plan

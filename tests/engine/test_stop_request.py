@@ -7,9 +7,9 @@ import pytest
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.odrive_messages import OdriveCommand
+from rfca_rig.engine.interfaces import StopLevel, StopRequest
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.engine.stop_request import StopLevel, StopRequest
 from rfca_rig.errors import DeviceError, Stopped
 from rfca_rig.protocol.plan import Flap, MoveShaft
 from rfca_rig.recording.run_folder import read_stages

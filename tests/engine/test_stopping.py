@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.roles import ShaftSamples
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.stopping import WATCH_LIMIT_S, disable_motor, stop
 from rfca_rig.errors import DeviceError
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
-from rfca_rig.engine.limit_monitor import LimitMonitor
-from rfca_rig.engine.monitors.shaft import Tracking
+from rfca_rig.engine.limit_monitor import LimitMonitor, Tracking
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits

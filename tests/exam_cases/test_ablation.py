@@ -9,10 +9,10 @@ import pytest
 from rfca_rig.errors import RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.ablation import FOLDER, run_ablation, taken_out
+from rfca_rig.exam.answer import DETECTABLE
 from rfca_rig.exam.examine import examine
-from rfca_rig.exam.outcome import DETECTABLE
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.executors.base import InProcessExecutor
+from rfca_rig.executors.mapping import InProcessExecutor
 
 
 def saying(verdict: str, *effects: tuple[str, float]):

@@ -11,8 +11,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.exam.calibrate import Labelled, cross_validate, fit_weights, main, read_labelled
 from rfca_rig.exam.claims import calibration_error
 from rfca_rig.exam.examine import DIAGNOSES
-from rfca_rig.exam.plan import ExamPlan, begin
-from rfca_rig.exam.sealing import seal_all
+from rfca_rig.exam.sealing import ExamPlan, begin, seal_all
 from tests.exam_cases.test_score import truth
 
 VALUES = {feature.name: 0.5 * (feature.low + feature.high) for feature in FEATURES}

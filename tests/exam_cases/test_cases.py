@@ -8,12 +8,11 @@ import pytest
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, draw_cases, split_numbers
-from rfca_rig.exam.injected_faults import EFFECTS, with_effect
+from rfca_rig.exam.hidden_laws import NAMES
 from rfca_rig.exam.labels import MISLABELLED
-from rfca_rig.exam.sampled_rig import ExamScatter, build_world
+from rfca_rig.exam.sampled_rig import EFFECTS, ExamScatter, build_world, with_effect
 from rfca_rig.exam.sizes import SIZE_RANGES, UNKNOWN_FAULT_RANGES
-from rfca_rig.exam.unknown_faults import NAMES
-from rfca_rig.exam.visible import measure_visibility
+from rfca_rig.exam.truth import measure_visibility
 from rfca_rig.model.catalogue import catalogue
 
 

@@ -3,11 +3,22 @@
 import numpy as np
 import pytest
 
-from rfca_rig.exam.engine import _floor
-from rfca_rig.exam.engine_drive import CYCLES, RIPPLE, START, add_ripple, command_speed
-from rfca_rig.exam.engine_floor import BUMP, BUMP_AT, BUMP_WIDTH, LEVER, LEVER_POWER, elevation, lever_reduction, normal_force
-from rfca_rig.exam.engine_hinge import bouc_wen, dahl, dashpot_angle
 from rfca_rig.exam.nominal_world import nominal_world
+from rfca_rig.exam.simulator.engine import _floor
+from rfca_rig.exam.simulator.floor import (
+    BUMP,
+    BUMP_AT,
+    BUMP_WIDTH,
+    LEVER,
+    LEVER_POWER,
+    bouc_wen,
+    dahl,
+    dashpot_angle,
+    elevation,
+    lever_reduction,
+    normal_force,
+)
+from rfca_rig.exam.simulator.step import CYCLES, RIPPLE, START, add_ripple, command_speed
 
 
 def test_dry_friction_is_full_after_a_finite_way_and_turns_with_the_direction():

@@ -11,9 +11,8 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.examine import examine
-from rfca_rig.exam.plan import FILE
 from rfca_rig.exam.scored import score_exam, score_exam_so_far
-from rfca_rig.exam.sealing import open_all
+from rfca_rig.exam.sealing import FILE, open_all
 from rfca_rig.executors.local import process_executor
 from tests.exam_cases.examinees import tells_its_process, wants_more_data
 

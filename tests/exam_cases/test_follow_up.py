@@ -12,7 +12,7 @@ from rfca_rig.exam import cases
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.follow_up import FOLDER, MAX_EXPERIMENTS, follow_up, ways
 from rfca_rig.exam.sealing import open_all
-from rfca_rig.executors.base import InProcessExecutor
+from rfca_rig.executors.mapping import InProcessExecutor
 
 STROKE = {"height_mm": 230.0, "speed_rad_s": 2.0, "repeats": 2, "protocol": "next-experiment.toml"}
 REVERSAL = {

@@ -7,8 +7,8 @@ import pytest
 
 from rfca_rig.campaign.pendulum import read_pendulum_campaign
 from rfca_rig.exam.cases import draw_cases
-from rfca_rig.exam.pendulum_campaign import truth_of_pendulum, write_pendulum_campaign
-from rfca_rig.exam.pendulum_cases import (
+from rfca_rig.exam.pendulums.campaign import truth_of_pendulum, write_pendulum_campaign
+from rfca_rig.exam.pendulums.cases import (
     PENDULUM_KINDS,
     PENDULUM_NOTHING,
     PENDULUM_PAIR,
@@ -19,8 +19,8 @@ from rfca_rig.exam.pendulum_cases import (
     _values,
     torque_scale_Nm,
 )
-from rfca_rig.exam.pendulum_world import Friction, PendulumWorld, Tones, swing
-from rfca_rig.model.joint_drive import torque_trace
+from rfca_rig.exam.pendulums.world import Friction, PendulumWorld, Tones, swing
+from rfca_rig.model.effects.joint_torques import torque_trace
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
 from rfca_rig.model.pendulum import simulate_pendulum as swing_of_model

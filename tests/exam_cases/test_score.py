@@ -5,9 +5,22 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import cases
-from rfca_rig.exam.answer import Claim, ParsedDiagnosis, parse_diagnosis, read_diagnosis
+from rfca_rig.exam.answer import (
+    CAUTIOUS,
+    CLASS,
+    EXTRA,
+    PARTIAL,
+    RIGHT,
+    SILENT,
+    WRONG,
+    Claim,
+    ParsedDiagnosis,
+    outcome,
+    parse_diagnosis,
+    parse_truth,
+    read_diagnosis,
+)
 from rfca_rig.exam.claims import calibration, values
-from rfca_rig.exam.outcome import CAUTIOUS, CLASS, EXTRA, PARTIAL, RIGHT, SILENT, WRONG, outcome, parse_truth
 from rfca_rig.exam.score import Share, score
 
 

@@ -12,17 +12,15 @@ from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.cli.lines import WIDTH
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
-from rfca_rig.exam.cases import Case, draw_cases
-from rfca_rig.exam.designs import ExamDesign
-from rfca_rig.exam.experiment import stroke_traces
-from rfca_rig.exam.injected_faults import EFFECTS
+from rfca_rig.exam.cases import Case, ExamDesign, draw_cases
+from rfca_rig.exam.hidden_laws import NAMES
 from rfca_rig.exam.nominal_world import NominalErrors
-from rfca_rig.exam.sampled_rig import ExamScatter, build_world
+from rfca_rig.exam.sampled_rig import EFFECTS, ExamScatter, build_world
 from rfca_rig.exam.score import score
 from rfca_rig.exam.scoring import format_scores, score_folder
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.simulate_campaign import add_experiment, write_campaign
-from rfca_rig.exam.unknown_faults import NAMES
+from rfca_rig.exam.simulator.experiment import stroke_traces
 from rfca_rig.exam.write import write_cases
 
 SMALL = ExamDesign(conditions=((215.0, 3.0), (235.0, 2.0)), repeats=2, static_heights_mm=(215.0,))

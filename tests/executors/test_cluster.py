@@ -11,10 +11,9 @@ import pytest
 
 from rfca_rig.cli.commands import prove
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.base import InProcessExecutor
 from rfca_rig.executors.cluster import connect_to_scheduler
 from rfca_rig.executors.environment import EnvironmentCheck
-from rfca_rig.executors.mapping import TaskFailure, map_unordered
+from rfca_rig.executors.mapping import InProcessExecutor, TaskFailure, map_unordered
 from rfca_rig.progress import ignore_named_progress
 from tests.cli.typed import typed
 from tests.exam_cases.examinees import wants_more_data

@@ -11,9 +11,8 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import RigError
-from rfca_rig.executors.base import InProcessExecutor, TaskExecutor, WorkerLost
 from rfca_rig.executors.local import process_executor
-from rfca_rig.executors.mapping import TaskFailure, map_unordered
+from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, TaskFailure, WorkerLost, map_unordered
 from tests.executors import work
 
 

@@ -11,8 +11,7 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
-from rfca_rig.exam.cases import NOTHING, draw_cases
-from rfca_rig.exam.designs import ExamDesign
+from rfca_rig.exam.cases import NOTHING, ExamDesign, draw_cases
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.export.leg_mjcf import export_leg
 from rfca_rig.mechanism.amend import write_amended_model

@@ -8,8 +8,8 @@ import can
 import pytest
 
 from rfca_rig.clock import WallClock
-from rfca_rig.engine.arming import prove_stop
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
+from rfca_rig.engine.run import prove_stop
 from rfca_rig.errors import DeviceError
 from rfca_rig.guardian.process import ALIVE_S
 from tests.guardian.driven import driving, guarded, is_gone, let_go

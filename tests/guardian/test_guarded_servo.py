@@ -5,8 +5,8 @@ import signal
 import pytest
 
 from rfca_rig.clock import WallClock
-from rfca_rig.engine.arming import prove_stop
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
+from rfca_rig.engine.run import prove_stop
 from tests.guardian.driven import driving, guarded, is_gone, let_go
 from tests.guardian.rigs import SILENCE_S, far_end
 from tests.guardian.test_guarded_mit import SMALL_S, STAMPED_S

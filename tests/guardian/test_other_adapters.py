@@ -8,7 +8,7 @@ import can
 import pytest
 
 from rfca_rig.clock import WallClock
-from rfca_rig.drivers.can_bus import CanBusSettings
+from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import GuardianTorqueOff
 from rfca_rig.guardian.guarded_bus import GuardedBus
 from rfca_rig.guardian.process import signature

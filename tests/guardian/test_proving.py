@@ -7,8 +7,8 @@ import pytest
 
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import Status
-from rfca_rig.drivers.cubemars_last_word import MitTorqueOffFrames, ServoTorqueOffFrames
 from rfca_rig.drivers.guard import GuardianProof, GuardianTorqueOff, TorqueOffResult, arm, prove_guard
+from rfca_rig.drivers.motors.cubemars import MitTorqueOffFrames, ServoTorqueOffFrames
 from rfca_rig.errors import DeviceError
 from tests.guardian.inside import reply
 from tests.guardian.rigs import MIT, SERVO

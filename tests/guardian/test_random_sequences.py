@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.guardian.records import RecordKind
+from rfca_rig.guardian.link import RecordKind
 from tests.guardian.inside import EXIT, LAST_WORD, LIMP, SILENCE_S, Inside, inside
 
 PAUSES_S = (0.0, 0.001, 0.01, 0.09, 0.11, 0.5)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rfca_rig.guardian.silence import CommandTimeout
+from rfca_rig.guardian.process import CommandTimeout
 
 
 def armed(limit_s: float = 0.1) -> CommandTimeout:

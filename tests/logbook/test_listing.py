@@ -12,8 +12,7 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.logbook import listing
-from rfca_rig.logbook.index import NAME, VERSION, read_index
-from rfca_rig.logbook.listing import list_runs
+from rfca_rig.logbook.listing import NAME, VERSION, list_runs, read_index
 from tests.logbook.made import DONE, STOPPED, TRIPPED, plan, run
 
 PLAN = plan("flapping")

@@ -16,7 +16,7 @@ from rfca_rig.mechanism.nuisances import NUISANCES
 from rfca_rig.mechanism.plant import make_plant, update_constants
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from rfca_rig.mechanism.usual_motion import UsualMotion
-from rfca_rig.model.families import families_of
+from rfca_rig.model.catalogue import families_of
 from rfca_rig.model.parameters import PresentEffect
 from tests.mechanism.arm import Arm, Gear, _rate, mjcf, record, write_campaign
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.batch import Job, simulate_strokes
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.stroke import simulate_stroke
+from rfca_rig.model.stroke import Job, simulate_stroke, simulate_strokes
 from tests.model.legs import PAPER
 
 T = np.arange(1, 400) * 1e-3

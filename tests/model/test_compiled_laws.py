@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.model import laws
-from rfca_rig.model.effects import hinge_stop, spring_relaxation
+from rfca_rig.model.effects import hinge_stiffness, spring_memory
 
 CALL_BOTH = """
 import ctypes
-from rfca_rig.model.effects import hinge_backlash, hinge_stop
+from rfca_rig.model.effects.hinge_stiffness import hinge_backlash_torque, hinge_stop_torque
 from rfca_rig.model.laws import HINGE, address_of
 
 Numbers = ctypes.c_double * 8
@@ -22,7 +22,7 @@ def torque(law, *parameters):
     call(Numbers(0.5, 0.0, 0.0, 10.0, 0.0), Numbers(), Numbers(*parameters), out)
     return out[0]
 
-print(torque(hinge_backlash.torque, 0.1), torque(hinge_stop.torque, 0.3, 40.0, 1.0))
+print(torque(hinge_backlash_torque, 0.1), torque(hinge_stop_torque, 0.3, 40.0, 1.0))
 """
 
 
@@ -46,10 +46,13 @@ def test_a_second_process_takes_over_what_the_first_compiled_and_does_not_mix_th
 
 
 def test_a_law_is_kept_under_its_own_name_and_the_source_of_all(monkeypatch):
-    keys = {laws._key_of(law) for law in (hinge_stop.torque, spring_relaxation.torque, spring_relaxation.advance)}
+    keys = {
+        laws._key_of(law)
+        for law in (hinge_stiffness.hinge_stop_torque, spring_memory.spring_relaxation_torque, spring_memory.spring_relaxation_advance)
+    }
     assert len(keys) == 3
     monkeypatch.setattr(laws, "_source_of_laws", lambda: "another edition")
-    assert laws._key_of(hinge_stop.torque) not in keys
+    assert laws._key_of(hinge_stiffness.hinge_stop_torque) not in keys
 
 
 def test_a_lab_s_own_law_is_compiled_in_every_process(monkeypatch):

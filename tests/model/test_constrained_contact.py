@@ -7,9 +7,9 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance
-from rfca_rig.model.constrained_contact import EndReason, simulate_on_rigid_floor
-from rfca_rig.model.mixed_dynamics import KnownMotion
 from rfca_rig.model.motion import ShaftMotion
+from rfca_rig.model.paper.dynamics import KnownMotion
+from rfca_rig.model.paper.rigid_floor import EndReason, simulate_on_rigid_floor
 from rfca_rig.model.parameters import Ground
 from rfca_rig.model.stroke import simulate_stroke
 from tests.model.legs import pendulum

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.elastica import Holds, bend, bend_cantilever, cantilever_tip, even_mesh, mesh_through, sensitivity
+from rfca_rig.model.paper.elastica import Holds, bend, bend_cantilever, cantilever_tip, even_mesh, mesh_through, sensitivity
 from tests.model.elliptic import tip_of
 
 EI, LENGTH_M = 0.26, 0.226

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.equivalent_stiffness import EncasedStrip, at_pins, at_pins_mean, by_a_length, by_its_middle, centre_lay
-from rfca_rig.model.strip import paper_strips, table_1_materials
+from rfca_rig.model.paper.equivalent_stiffness import EncasedStrip, at_pins, at_pins_mean, by_a_length, by_its_middle, centre_lay
+from rfca_rig.model.paper.strip import paper_strips, table_1_materials
 from tests.model.legs import LENGTHS
 
 CFSP = paper_strips(table_1_materials()[-1])

@@ -5,10 +5,9 @@ import pytest
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.elastica import Holds, bend, even_mesh
-from rfca_rig.model.hinge_curve import HeldHinge, compute_fixed_curve, compute_sliding_curve, fit_hardening
-from rfca_rig.model.loose_groove import LooseGroove
-from rfca_rig.model.strip import paper_strips, table_1_materials
+from rfca_rig.model.paper.elastica import Holds, bend, even_mesh
+from rfca_rig.model.paper.hinge_curve import HeldHinge, LooseGroove, compute_fixed_curve, compute_sliding_curve, fit_hardening
+from rfca_rig.model.paper.strip import paper_strips, table_1_materials
 
 EI, FREE_M = 0.26, 0.0237
 PHI = np.radians(np.arange(1.0, 46.0))

@@ -6,8 +6,18 @@ from scipy.special import ellipk
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, make_chain
-from rfca_rig.model.mixed_dynamics import PASSIVE, KnownMotion, KnownTorque, exchange_columns, simulate_chain, solve_mixed
-from rfca_rig.model.newton_euler import EndLoads, joint_accelerations, joint_torques_Nm, link_chain_of
+from rfca_rig.model.paper.dynamics import (
+    PASSIVE,
+    EndLoads,
+    KnownMotion,
+    KnownTorque,
+    exchange_columns,
+    joint_accelerations,
+    joint_torques_Nm,
+    link_chain_of,
+    simulate_chain,
+    solve_mixed,
+)
 from rfca_rig.model.state import Shaft, State
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 

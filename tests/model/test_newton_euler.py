@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.model.chain import make_chain
 from rfca_rig.model.forces import assemble_once
-from rfca_rig.model.newton_euler import (
+from rfca_rig.model.paper.dynamics import (
     EndLoads,
     joint_accelerations,
     joint_torques_Nm,

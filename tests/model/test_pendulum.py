@@ -7,7 +7,7 @@ from scipy.special import ellipk
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance
-from rfca_rig.model.joint_drive import TorqueTrace, torque_trace
+from rfca_rig.model.effects.joint_torques import TorqueTrace, torque_trace
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink, make_driven_pendulum, simulate_pendulum
 

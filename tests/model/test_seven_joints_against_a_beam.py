@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rfca_rig.model.elastica import bend_cantilever
-from rfca_rig.model.strip import paper_strips, table_1_materials
+from rfca_rig.model.paper.elastica import bend_cantilever
+from rfca_rig.model.paper.strip import paper_strips, table_1_materials
 from tests.model.exact_beam import Beam, chain_tip, strip_between_shells
 from tests.model.legs import LENGTHS
 

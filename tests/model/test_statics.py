@@ -7,19 +7,19 @@ import pytest
 from scipy.optimize import brentq
 
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, make_stage_motion, simulate_static_stages
-from rfca_rig.model.static_state import Touch
-from rfca_rig.model.statics import (
+from rfca_rig.model.paper.statics import (
     equilibrium_under_tip_force,
     imbalance_Nm,
     tangent_stiffness,
     tip_chain_of,
+    tip_force,
+    tip_force_weighing_angles,
     tip_jacobian,
     tip_place_m,
 )
+from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, Touch, make_stage_motion, simulate_static_stages
 from rfca_rig.model.statics_contact import follow_static_path
-from rfca_rig.model.svd_inverse import tip_force, tip_force_weighing_angles
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 
 CHAIN = tip_chain_of(PAPER.leg)

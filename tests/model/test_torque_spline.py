@@ -9,17 +9,24 @@ from scipy.optimize import approx_fprime
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
-from rfca_rig.model.energy import mechanical_energy_J, springs_J
-from rfca_rig.model.forces import assemble_once
-from rfca_rig.model.hinge_springs import bending_stiffness_Nm_per_rad, bending_torque_Nm, polynomial_springs, springs_of
+from rfca_rig.model.forces import assemble_once, mechanical_energy_J, springs_J
+from rfca_rig.model.hinge_springs import (
+    bending_stiffness_Nm_per_rad,
+    bending_torque_Nm,
+    knots_from,
+    polynomial,
+    polynomial_springs,
+    slope_at_rest,
+    springs_of,
+    table_of,
+)
+from rfca_rig.model.paper.statics import equilibrium_under_tip_force, imbalance_Nm, tangent_stiffness, tip_chain_of
+from rfca_rig.model.paper.strip import with_links
 from rfca_rig.model.parameters import LawTable, PresentEffect, TorqueSpline
-from rfca_rig.model.rediscretize import with_links
 from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Shaft, State
-from rfca_rig.model.statics import equilibrium_under_tip_force, imbalance_Nm, tangent_stiffness, tip_chain_of
 from rfca_rig.model.statics_contact import follow_static_path
 from rfca_rig.model.stroke import simulate_stroke_at_speed
-from rfca_rig.model.torque_spline import knots_from, polynomial, slope_at_rest, table_of
 from tests.model.legs import NO_GROUND_M, PAPER
 
 T = np.arange(-100, 1250) * 1e-3

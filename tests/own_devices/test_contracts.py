@@ -13,7 +13,7 @@ from rfca_rig.contracts.motor_rig import drain, motor_rig
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.errors import DeviceError
 from rfca_rig.own import MotorKeys, Report, SpeedDrive, SpeedDriveTwin
-from rfca_rig.twins.speed_loop import LoopGains
+from rfca_rig.twins.drive_parts import LoopGains
 from tests.cli.typed import typed
 from tests.own_devices.rigs import EXAMPLES, lines_of_code, rig_with, section
 

@@ -10,22 +10,20 @@ import pytest
 
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.motors import make_motor
-from rfca_rig.bench.openings import Openings
-from rfca_rig.bench.served import open_served
+from rfca_rig.bench.served import Openings, open_served
 from rfca_rig.clock import TwinClock, WallClock
-from rfca_rig.contracts.rotor import Rotor
+from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.doctor.finding import Colour
 from rfca_rig.doctor.own_checks import check_own_motor, check_own_sensor, judge_own_motor, judge_own_sensor
-from rfca_rig.engine.arming import prove_stop
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
+from rfca_rig.engine.run import prove_stop
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.recording.store import read_recording
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import datagram_link
+from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.speed_loop import LoopGains
+from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.cli.typed import typed
 from tests.own_devices.rigs import EXAMPLES, rig_with

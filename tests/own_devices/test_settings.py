@@ -9,8 +9,8 @@ from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.doctor.own_checks import judge_own_sensor
 from rfca_rig.errors import DeviceError
-from rfca_rig.twins.serial_line import serial_line
-from rfca_rig.twins.speed_loop import LoopGains
+from rfca_rig.twins.drive_parts import LoopGains
+from rfca_rig.twins.wires import serial_line
 from tests.own_devices import test_contracts
 from tests.own_devices.rigs import EXAMPLES
 from tests.own_devices.test_contracts import Polled, PolledTwin

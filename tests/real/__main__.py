@@ -16,7 +16,7 @@ from pathlib import Path
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.model.families import members_of
+from rfca_rig.model.catalogue import members_of
 from tests.real.hand_fit import fit_by_hand
 
 HERE = Path(__file__).parent

@@ -24,14 +24,12 @@ from rfca_rig.diagnosis.result import (
 )
 from rfca_rig.errors import RigError
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.report.diagnosis_files import write_diagnosis
-from rfca_rig.report.diagnosis_map import EDGES, band, condition_grid, maps_of
-from rfca_rig.report.diagnosis_page import page
-from rfca_rig.report.diagnosis_terminal import MOST_LINES, WIDTH, terminal_lines
-from rfca_rig.report.diagnosis_wording import UNLISTED, format_probability, format_significant, format_with_interval_90, hypothesis
-from rfca_rig.report.named_units import name_with_unit
+from rfca_rig.report.diagnosis.files import MOST_LINES, WIDTH, terminal_lines, write_diagnosis
+from rfca_rig.report.diagnosis.page import EDGES, band, condition_grid, maps_of, page
+from rfca_rig.report.diagnosis.tables import UNLISTED, format_probability, format_significant, format_with_interval_90, hypothesis
 from rfca_rig.report.provenance import Origin
-from rfca_rig.report.svg_paths import compress_paths
+from rfca_rig.report.style import compress_paths
+from rfca_rig.report.text import name_with_unit
 from tests.model.legs import PAPER
 from tests.report.outline import Outline
 from tests.report.test_law_picture import CURVE, law

@@ -7,15 +7,15 @@ import pytest
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.ablation import AblationResult, WronglyNamed
-from rfca_rig.exam.bars import bars
+from rfca_rig.exam.answer import OUTCOMES
 from rfca_rig.exam.cases import split_numbers
-from rfca_rig.exam.outcome import OUTCOMES
-from rfca_rig.exam.plan import ExamPlan
 from rfca_rig.exam.score import Share
 from rfca_rig.exam.scored import ScoredCase, score_exam
-from rfca_rig.report.exam_files import HEADER, as_json, write_exam
-from rfca_rig.report.exam_matrix import MatrixCell, matrix_of
-from rfca_rig.report.exam_page import page, share_text
+from rfca_rig.exam.scoring import bars
+from rfca_rig.exam.sealing import ExamPlan
+from rfca_rig.report.exam.files import HEADER, as_json, write_exam
+from rfca_rig.report.exam.page import page, share_text
+from rfca_rig.report.exam.tables import MatrixCell, matrix_of
 from tests.report.exams import made_up_exam
 from tests.report.outline import Outline
 

@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.report.pdf import NAMES, VARIABLE, find_browser, print_pdfs
-from rfca_rig.report.writing import write_report
+from rfca_rig.report.strokes.writing import write_report
 from tests.cli.typed import typed
 from tests.report.recordings import recording, stages
 

@@ -6,12 +6,10 @@ from zlib import crc32
 import numpy as np
 import pytest
 
-from rfca_rig.report.sweep_page import page
-from rfca_rig.report.sweep_sensitivities import compute_sensitivities
-from rfca_rig.report.sweep_text import formula, name_and_unit
-from rfca_rig.report.sweep_views import sample_groups, views
+from rfca_rig.report.sweep.page import page
+from rfca_rig.report.sweep.views import compute_sensitivities, formula, name_and_unit, sample_groups, views
 from rfca_rig.sweep.result import SweepResult
-from rfca_rig.sweep.typed_sweep import plan_from_options
+from rfca_rig.sweep.sweep_file import plan_from_options
 from tests.model.legs import PAPER
 from tests.report.outline import Outline
 

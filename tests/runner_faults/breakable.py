@@ -12,9 +12,9 @@ from rfca_rig.drivers.roles import Photo
 from rfca_rig.recording.journal import JournalBlock
 from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.picture import Picture
-from rfca_rig.twins.datagram_link import LinkEnd
 from rfca_rig.twins.odrive import OdriveTwin
-from rfca_rig.twins.plant import ShaftDrive, ShaftState
+from rfca_rig.twins.wires import LinkEnd
+from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 MOTION = frozenset({OdriveCommand.INPUT_POS, OdriveCommand.INPUT_VEL, OdriveCommand.INPUT_TORQUE})
 

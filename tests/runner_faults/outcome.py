@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.engine.arming import prove_stop
-from rfca_rig.engine.run import Supervision, run_plan
+from rfca_rig.engine.run import Supervision, prove_stop, run_plan
 from rfca_rig.errors import RigError, Tripped
 from rfca_rig.protocol.plan import Flap, Hold, Stage
 from rfca_rig.recording import run_folder

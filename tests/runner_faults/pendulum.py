@@ -5,7 +5,7 @@ from math import ceil, cos, sin
 
 import numpy as np
 
-from rfca_rig.twins.plant import ShaftDrive, ShaftState
+from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 STEP_S = 5e-4
 ARM_M = 0.29

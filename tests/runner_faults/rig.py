@@ -13,11 +13,10 @@ from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.signals import SignalHandler
 from rfca_rig.clock import TwinClock
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import Photo
-from rfca_rig.engine.bench import Bench
-from rfca_rig.engine.stop_request import StopRequest
+from rfca_rig.engine.interfaces import Bench, StopRequest
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, MoveShaft, Plan, Rates, Rest, SetHeight, SettleCriterion, Stage
 from rfca_rig.recording import run_folder
@@ -27,12 +26,10 @@ from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS,
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
 from rfca_rig.twin_server.tampered_bus import TamperedBus
 from rfca_rig.twin_server.tampered_link import TamperedLink
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import datagram_link
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
-from rfca_rig.twins.plant import TwinPlant
-from rfca_rig.twins.world import TwinWorld
+from rfca_rig.twins.wires import can_wire, datagram_link
+from rfca_rig.twins.world import TwinPlant, TwinWorld
 from tests.engine import rigs
 from tests.runner_faults.breakable import BreakableBus, BreakableCamera, BreakableClock, BreakableKeeper, BreakableLink, RunawayDrive
 from tests.runner_faults.pendulum import Pendulum

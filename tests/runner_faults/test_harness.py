@@ -8,7 +8,7 @@ import pytest
 
 from rfca_rig.codecs import cansimple
 from rfca_rig.engine import stopping
-from rfca_rig.engine.bench import Bench
+from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.limit_monitor import LimitMonitor
 from tests.runner_faults.breakable import BreakableKeeper
 from tests.runner_faults.causes import CAUSES

@@ -10,21 +10,20 @@ import pytest
 
 from rfca_rig.bench.fault_injection import events_of
 from rfca_rig.clock import TwinClock
-from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
-from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.engine.bench import Bench
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
+from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import run_plan
-from rfca_rig.engine.sink import Sink
+from rfca_rig.engine.stopping import Sink
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import Hold
-from rfca_rig.twins.can_wire import can_wire
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
-from rfca_rig.twins.datagram_link import datagram_link
 from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.netft import NetFtTwin
+from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.runner_faults.pendulum import Pendulum
 from tests.runner_faults.rig import CHEAP, PARKED_RAD, Agenda, Rack, box_settings, short_limits, short_plan

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rfca_rig.twins.plant import ShaftDrive, ShaftState, TwinPlant
+from rfca_rig.twins.world import ShaftDrive, ShaftState, TwinPlant
 
 BLOCK_Nm_per_rad, BLOCK_Nm_s_per_rad = 2e3, 20.0
 STANDS_RAD_S = 0.05

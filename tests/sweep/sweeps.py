@@ -5,10 +5,10 @@ import time
 from pathlib import Path
 
 from rfca_rig.clock import WallClock
-from rfca_rig.executors.base import InProcessExecutor
+from rfca_rig.executors.mapping import InProcessExecutor
 from rfca_rig.sweep.carrying_out import run_sweep
 from rfca_rig.sweep.plan import SweepPlan
-from rfca_rig.sweep.typed_sweep import plan_from_options
+from rfca_rig.sweep.sweep_file import plan_from_options
 from tests.model.legs import PAPER
 
 FILES = ("plan.json", "sweep.csv", "sweep.h5")

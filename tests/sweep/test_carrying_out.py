@@ -15,17 +15,15 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.base import InProcessExecutor, TaskExecutor, WorkerLost
 from rfca_rig.executors.local import process_executor
+from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, WorkerLost
 from rfca_rig.progress import ignore_named_progress
 from rfca_rig.recording.seal import read_seal
 from rfca_rig.sweep import outputs
-from rfca_rig.sweep.carrying_out import run_sweep
+from rfca_rig.sweep.carrying_out import Pace, Shards, find_gaps, measure_pace, run_sweep, split_gaps
 from rfca_rig.sweep.cases import CaseRange, compute
 from rfca_rig.sweep.outputs import Output
-from rfca_rig.sweep.pilot import Pace, measure_pace
 from rfca_rig.sweep.result import read_result
-from rfca_rig.sweep.shards import Shards, find_gaps, split_gaps
 from tests.sweep.sweeps import Slow, content, small_plan
 
 ROOT = Path(__file__).parents[2]

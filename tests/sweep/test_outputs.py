@@ -10,8 +10,8 @@ from rfca_rig.analysis.strips import compare_strips
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect
 from rfca_rig.sweep.computed import CaseResults, OutputMissing
-from rfca_rig.sweep.design import SweepCase
 from rfca_rig.sweep.outputs import OUTPUTS, parse_output
+from rfca_rig.sweep.quantities import SweepCase
 from tests.model.legs import PAPER
 
 SMOOTH = replace(

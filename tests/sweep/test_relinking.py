@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.elastica import cantilever_tip
+from rfca_rig.model.paper.elastica import cantilever_tip
+from rfca_rig.model.paper.statics import equilibrium_under_tip_force, tip_chain_of, tip_place_m
+from rfca_rig.model.paper.strip import cell_m, with_first_link, with_links
 from rfca_rig.model.parameters import Leg
-from rfca_rig.model.rediscretize import cell_m, with_first_link, with_links
-from rfca_rig.model.statics import equilibrium_under_tip_force, tip_chain_of, tip_place_m
 from tests.model.legs import PAPER
 
 LEG = PAPER.leg

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.sweep.samples import Range, SweepSamples, points, shares
-from rfca_rig.sweep.sensitivity import first_order
+from rfca_rig.sweep.samples import Range, SweepSamples, first_order, points, shares
 
 A, B = 7.0, 0.1
 

@@ -11,21 +11,18 @@ import numpy as np
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.rdt import RdtCommand, encode_request
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.netft_box import HttpBox
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.drivers.force_sensors.netft import HttpBox, NetFtSensor, NetFtSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
 from rfca_rig.twin_server.http_port import HttpPort
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
 from rfca_rig.twin_server.tampered_bus import TamperedBus
 from rfca_rig.twin_server.tampered_link import TamperedLink
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import LinkEnd, datagram_link
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.netft_box import NetFtBoxTwin
+from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
+from rfca_rig.twins.wires import LinkEnd, can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.twin_server.polling import polled
 

@@ -7,8 +7,8 @@ import pytest
 
 from rfca_rig.bench.fault_injection import events_of
 from rfca_rig.contracts.motor_rig import motor_rig
-from rfca_rig.drivers.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import DeviceError
 from rfca_rig.twin_server.cubemars_faults import CUBEMARS_FAULTS
 from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel

@@ -9,19 +9,18 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.odrive_messages import OdriveFirmware
-from rfca_rig.contracts.rotor import Rotor
-from rfca_rig.drivers.moteus import MoteusMotor, MoteusSettings
-from rfca_rig.drivers.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
+from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import DeviceError
 from rfca_rig.twin_server.faults import CAN_FAULTS, ODRIVE_FAULTS, FaultPanel
 from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
 from rfca_rig.twin_server.tampered_bus import TamperedBus
-from rfca_rig.twins.can_wire import can_wire
-from rfca_rig.twins.datagram_link import datagram_link
 from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
+from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 
 TICK_S = 2e-3

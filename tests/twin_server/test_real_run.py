@@ -11,9 +11,8 @@ from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import stroke_of
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.drivers.roles import SensorScale, StreamHealth
-from rfca_rig.engine.arming import prove_stop
-from rfca_rig.engine.run import run_plan
-from rfca_rig.engine.sink import RecordedSamples, Sink
+from rfca_rig.engine.run import prove_stop, run_plan
+from rfca_rig.engine.stopping import RecordedSamples, Sink
 from rfca_rig.errors import DeviceError, Tripped
 from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording.model import Stroke

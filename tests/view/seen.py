@@ -8,8 +8,7 @@ import numpy as np
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples, StreamHealth
-from rfca_rig.engine.observer import Tick
-from rfca_rig.engine.stop_request import StopRequest
+from rfca_rig.engine.interfaces import StopRequest, Tick
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.view.leg_pose import Legs

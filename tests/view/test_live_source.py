@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.drivers.roles import SensorScale
-from rfca_rig.engine.monitors.load import LoadMonitor
+from rfca_rig.engine.limit_monitor import LoadMonitor
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.view.gauges import Gauges

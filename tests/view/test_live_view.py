@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from websockets.exceptions import InvalidStatus
 
+from rfca_rig.engine.interfaces import StopRequest
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.engine.stop_request import StopRequest
 from rfca_rig.errors import BadInput, Stopped
 from rfca_rig.protocol.plan import Flap, MoveShaft, Rest
 from rfca_rig.view.live_view import LiveView

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.engine.stop_request import StopLevel
+from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.recording.journal import block_size, frame_block
 from rfca_rig.view.run_queue import MAX_WAITING
 from rfca_rig.view.tick_block import Stamp, tick_block, ticks_of

@@ -1,31 +1,176 @@
-"""Most probable parameter values, given recordings and prior: multiple starts, scatter between strokes, standard errors."""
+"""Most probable parameter values, given recordings and prior: multiple starts, scatter between strokes, standard errors.
 
-from collections.abc import Mapping
+One descent is bounded least squares of whitened residuals and the prior's, with a Jacobian by central differences in one batch.
+
+Standard errors of a fit whose residuals are correlated within a stroke.
+
+Quantities that differ from stroke to stroke (friction, height, how the leg swings at the start) move all residuals of a stroke together.
+The textbook covariance counts every value as independent and is then several times too small. With enough strokes, their own scatter gives
+the errors (White, Econometrica 48 (1980) 817, summed over clusters as Liang and Zeger, Biometrika 73 (1986) 13). With few strokes, the
+textbook covariance is widened by one factor.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import OptimizeResult
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import norm, qmc
 
-from rfca_rig.analysis.fitting.errors_of_fit import estimate_covariance
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint
-from rfca_rig.analysis.fitting.problem import Problem
 from rfca_rig.analysis.fitting.result import FitResult, Starts
 from rfca_rig.analysis.fitting.scatter import StrokeWhitening, estimate_scatter_std, make_whitening
-from rfca_rig.analysis.fitting.solver import Progress, Residuals, descend
-from rfca_rig.analysis.fitting.space import Prior
+from rfca_rig.analysis.fitting.space import MAX_SHIFT_STD, Prior
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.executors.base import TaskExecutor
-from rfca_rig.executors.mapping import TaskFailure, map_unordered
+from rfca_rig.executors.mapping import TaskExecutor, TaskFailure, map_unordered
 
 Floats = NDArray[np.float64]
+
+# Fewer clusters make the sandwich estimate itself too uncertain.
+ENOUGH_STROKES = 10
+Progress = Callable[[int, float], None]
+
+# Step of the differences in standard deviations, 1e-3 to 3e-3 of a value. At a hundredth of it, the steps of the integrator make up a sixth
+# of the derivative by mass.
+DIFFERENCE_STEP = 0.1
+# Residual of every row where the model cannot be computed.
+FAILED_RESIDUAL = 1e4
+# In standard deviations, and relative for chi2. Below it, the integrator's own error would be fitted.
+TOLERANCE = 1e-5
 
 # Starts agree if they end this close, in prior standard deviations, or within a standard error.
 AGREEMENT_STD = 0.1
 # Points of the prior that are evaluated for each start that is then taken.
 SCREENED_PER_START = 16
+
+
+def estimate_covariance(
+    residuals: Floats, jacobian: Floats, has_prior: NDArray[np.bool_], stroke_of_row: NDArray[np.intp]
+) -> tuple[Floats, str]:
+    """Covariance of the fitted coordinates, and a description of its source.
+
+    Parameters
+    ----------
+    residuals : (m,) of the data at the solution, in units of noise
+    jacobian : (m, p) of the same rows
+    has_prior : (p,) the prior is 1 per coordinate that has one
+    stroke_of_row : (m,) index of the stroke of each row
+
+    Returns
+    -------
+    covariance : (p, p)
+    description : in words
+
+    Notes
+    -----
+    A coordinate without a prior is taken to lie within its bounds. Otherwise a coordinate that nothing determines would have an infinite
+    error.
+
+    References
+    ----------
+    White (1980); Liang and Zeger (1986).
+    """
+    prior = np.diag(np.where(has_prior, 1.0, MAX_SHIFT_STD**-2))
+    information = jacobian.T @ jacobian
+    inverse = np.linalg.inv(information + prior)
+    scatter, strokes = _scatter(residuals, jacobian, stroke_of_row)
+    if strokes >= max(ENOUGH_STROKES, 2 * jacobian.shape[1]):
+        # Sandwich estimator: the information is replaced by the observed scatter of the strokes' gradients.
+        return inverse @ (scatter + prior) @ inverse, f"errors from the scatter between {strokes} strokes"
+    free = max(len(residuals) - jacobian.shape[1], 1)
+    # The larger of the reduced chi2 and the mean ratio of observed to assumed scatter; errors are never made smaller.
+    factor = max(1.0, float(residuals @ residuals) / free, float(np.trace(inverse @ scatter) / np.trace(inverse @ information)))
+    return inverse @ (factor * information + prior) @ inverse, f"errors from the noise, widened {np.sqrt(factor):.1f} times"
+
+
+def _scatter(residuals: Floats, jacobian: Floats, stroke_of_row: NDArray[np.intp]) -> tuple[Floats, int]:
+    """Sum over strokes of the outer product of each stroke's gradient with respect to the parameters."""
+    strokes = int(stroke_of_row.max()) + 1
+    pulls = np.array([jacobian[stroke_of_row == s].T @ residuals[stroke_of_row == s] for s in range(strokes)])
+    # The factor corrects for few clusters.
+    return pulls.T @ pulls * strokes / max(strokes - 1, 1), strokes
+
+
+class Problem(Protocol):
+    """Residuals (m,) are simulated minus measured, each over its own standard deviation."""
+
+    @property
+    def stroke_of_row(self) -> NDArray[np.intp]:
+        """Index of the stroke of each residual, (m,): scatter from stroke to stroke moves the residuals of one stroke together."""
+        ...
+
+    def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
+        """Residuals (m,) at each point; None where the model cannot be computed."""
+        ...
+
+
+@dataclass
+class Residuals:
+    """Whitened residuals (m,) of the problem, followed by the prior's rows (q,); counts the points that it computed. Points are (p,)."""
+
+    problem: Problem
+    space: Prior[ModelPoint]
+    progress: Progress
+    whitening: StrokeWhitening = field(default_factory=StrokeWhitening)
+    computed: int = 0
+
+    def at(self, points: list[Floats]) -> list[Floats | None]:
+        """Rows (m + q,) of problem and prior for each x (p,); None where the model cannot be computed."""
+        found = self.problem.residuals([self.space.at(x) for x in points])
+        self.computed += len(points)
+        has_prior = self.space.has_prior
+        return [None if r is None else np.concatenate([self.whitening(r), x[has_prior]]) for r, x in zip(found, points, strict=True)]
+
+    def __call__(self, x: Floats) -> Floats:
+        residuals = self.at([x])[0]
+        if residuals is None:
+            # The solver then shortens its step. NaN or an exception would end it.
+            return np.full(self.data_rows + int(self.space.has_prior.sum()), FAILED_RESIDUAL)
+        self.progress(self.computed, float(residuals @ residuals))
+        return residuals
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Jacobian (m + q, p) by central differences of order 2, computed in one batch at x (p,).
+
+        Differences are one-sided, of order 1, where the model cannot be computed on one side. Raises SimulationFailed where it fails on
+        both.
+        """
+        steps = DIFFERENCE_STEP * np.eye(len(x))
+        here, *around = self.at([x, *(x + step for step in steps), *(x - step for step in steps)])
+        return np.column_stack([self._slope(i, here, around[i], around[i + len(x)]) for i in range(len(x))])
+
+    def _slope(self, i: int, here: Floats | None, ahead: Floats | None, behind: Floats | None) -> Floats:
+        if ahead is not None and behind is not None:
+            return (ahead - behind) / (2.0 * DIFFERENCE_STEP)
+        if here is not None and ahead is not None:
+            return (ahead - here) / DIFFERENCE_STEP
+        if here is not None and behind is not None:
+            return (here - behind) / DIFFERENCE_STEP
+        raise SimulationFailed(f"the model cannot be computed around {self.space.names[i]}; are the nominal values right?")
+
+    @property
+    def data_rows(self) -> int:
+        return len(self.problem.stroke_of_row)
+
+
+def descend(residuals: Residuals, start: Floats, most_evaluations: int) -> OptimizeResult:
+    """From `start` (p,) to the nearest local minimum of the sum of squares."""
+    lower, upper = residuals.space.bounds()
+    return least_squares(
+        residuals,
+        # The method needs a start strictly inside its bounds.
+        np.clip(start, lower + 1e-6, upper - 1e-6),
+        jac=residuals.jacobian,
+        bounds=(lower, upper),
+        method="trf",
+        ftol=TOLERANCE,
+        xtol=TOLERANCE,
+        gtol=None,
+        max_nfev=most_evaluations,
+    )
 
 
 def _silent(simulated: int, chi2: float) -> None:

@@ -1,21 +1,37 @@
-"""Fits a recording's nominal model to its strokes."""
+"""Fits a rig's model to strokes: to all that a recording holds of them, or to their valleys alone.
+
+Fits the model to valleys alone: rows of time and force, as in Table II of the paper, without any recording.
+"""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rfca_rig.analysis.fitting.fit import Search, fit
-from rfca_rig.analysis.fitting.motions import mean_start_rad
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
-from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, make_stroke_problem
+from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, make_stroke_problem, mean_start_rad
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
-from rfca_rig.analysis.matched_simulation import Shaft
+from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S, Shaft
+from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import group_by_condition
+from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.description.nominal_model import nominal_model
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.executors.cores import cores
 from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.recording.model import Recording, Stroke
+
+Floats = NDArray[np.float64]
+
+# Rest before the start that is simulated, because the valley's level at rest is needed.
+BEFORE_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -88,3 +104,105 @@ def _with_rms(result: FitResult, problem: StrokeProblem, window: StrokeWindow) -
         noise=problem.noise(),
         notes=(window.in_words(), *problem.left_out),
     )
+
+
+@dataclass(frozen=True)
+class ValleyRow:
+    """The measured valley of one condition, and one standard deviation of its time and its force."""
+
+    height_m: float
+    speed_rad_s: float
+    time_s: float
+    fz_N: float
+    time_std_s: float
+    fz_std_N: float
+
+    def simulated(self, supposed: ModelPoint) -> Valley | Undetermined:
+        """The model's valley at this condition, by the same estimator as for a recorded one. Raises SimulationFailed."""
+        t_s = GRID_S * np.arange(-round(BEFORE_S / GRID_S), int(DURATION_FACTOR * self.time_s / GRID_S) + 1, dtype=np.float64)
+        stroke = simulate_stroke_at_speed(supposed.rig, self.height_m + supposed.height_offset_m, self.speed_rad_s, t_s)
+        return find_valley(stroke.t_s, stroke.fz_N)
+
+
+@dataclass(frozen=True)
+class ValleyProblem:
+    """Two residuals per row, time and force: m is twice the number of rows."""
+
+    rows: tuple[ValleyRow, ...]
+
+    @property
+    def stroke_of_row(self) -> NDArray[np.intp]:
+        """Index of the row of the table, (m,)."""
+        return np.repeat(np.arange(len(self.rows)), 2)
+
+    def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
+        """Residuals (m,) at each point, in standard deviations; None where the model has no valley at one of the rows."""
+        # The compiled model releases the interpreter lock, so threads run in parallel.
+        with ThreadPoolExecutor(cores()) as pool:
+            found = list(pool.map(_attempt, product(supposed, self.rows)))
+        count = len(self.rows)
+        return [_concatenate_if_complete(found[first : first + count]) for first in range(0, len(found), count)]
+
+    def rms(self, supposed: ModelPoint) -> dict[str, float]:
+        """Root mean square of simulated minus measured, by quantity; NaN where the model has no valley."""
+        residuals = self.residuals([supposed])[0]
+        if residuals is None:
+            return dict.fromkeys(self.noise(), float("nan"))
+        misses = residuals.reshape(-1, 2) * [[row.time_std_s, row.fz_std_N] for row in self.rows]
+        return dict(zip(self.noise(), (float(miss) for miss in np.sqrt(np.mean(misses**2, axis=0))), strict=True))
+
+    def noise(self) -> dict[str, float]:
+        """Root mean square of the rows' standard deviations, by quantity."""
+        squares = np.mean([[row.time_std_s**2, row.fz_std_N**2] for row in self.rows], axis=0)
+        return dict(zip(("valley_time_s", "valley_fz_N"), (float(square) for square in np.sqrt(squares)), strict=True))
+
+
+def fit_valleys(
+    rig: RigModel, rows: Sequence[ValleyRow], names: Sequence[str], known_to: Mapping[str, float], search: Search | None = None
+) -> FitResult:
+    """Fit the named parameters of `rig` to the rows, with the shaft at constant speed as in the paper.
+
+    Parameters
+    ----------
+    rig
+        The nominal model.
+    rows
+        Measured valleys with their standard deviations.
+    names
+        Parameters to fit.
+    known_to
+        As in the section of that name.
+    search
+        Starts, limits and progress.
+
+    Raises
+    ------
+    BadInput
+        For an unknown parameter.
+    SimulationFailed
+        Where `rig` as given has no valley at one of the rows.
+
+    Notes
+    -----
+    Without a prior, two numbers per row determine at most two parameters per row.
+    """
+    problem = ValleyProblem(tuple(rows))
+    centre = ModelPoint(rig)
+    result = fit(problem, make_prior(names, centre, known_to), search)
+    return replace(result, rms_before=problem.rms(centre), rms=problem.rms(result.supposed), noise=problem.noise())
+
+
+def _attempt(job: tuple[ModelPoint, ValleyRow]) -> Floats | None:
+    supposed, row = job
+    try:
+        valley = row.simulated(supposed)
+    except SimulationFailed:
+        return None
+    if isinstance(valley, Undetermined):
+        return None
+    return np.array([(valley.time_s - row.time_s) / row.time_std_s, (valley.fz_N - row.fz_N) / row.fz_std_N])
+
+
+def _concatenate_if_complete(found: Sequence[Floats | None]) -> Floats | None:
+    rows = [row for row in found if row is not None]
+    return np.concatenate(rows) if len(rows) == len(found) else None

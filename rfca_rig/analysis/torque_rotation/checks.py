@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from rfca_rig.analysis.torque_rotation.curve import TorqueCurve
+from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
 from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjustment, linearise_groups, stack_rows
 from rfca_rig.analysis.torque_rotation.recovery import CurveFit
 from rfca_rig.analysis.torque_rotation.stages import StageData

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.hinge_curve import HeldHinge, compute_sliding_curve, fit_hardening
+from rfca_rig.model.paper.hinge_curve import HeldHinge, compute_sliding_curve, fit_hardening
+from rfca_rig.model.paper.strip import paper_strips, table_1_materials
 from rfca_rig.model.parameters import Leg
-from rfca_rig.model.strip import paper_strips, table_1_materials
 
 Floats = NDArray[np.float64]
 

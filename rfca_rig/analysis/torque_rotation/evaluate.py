@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.bases import Basis, Hardening, Spline, SplineThroughRest, make_spline, make_spline_through_rest
+from rfca_rig.analysis.torque_rotation.bases import (
+    Basis,
+    Hardening,
+    Spline,
+    SplineThroughRest,
+    TorqueCurve,
+    law_values,
+    make_spline,
+    make_spline_through_rest,
+)
 from rfca_rig.analysis.torque_rotation.checks import (
     check_hinges,
     check_rest_angles,
@@ -18,17 +27,14 @@ from rfca_rig.analysis.torque_rotation.checks import (
     from_rest_rad,
     list_estimated_errors,
 )
-from rfca_rig.analysis.torque_rotation.curve import TorqueCurve, law_values
-from rfca_rig.analysis.torque_rotation.noise import Errors
-from rfca_rig.analysis.torque_rotation.points import points_of
-from rfca_rig.analysis.torque_rotation.recovery import CurveFit, fit_curve
+from rfca_rig.analysis.torque_rotation.recovery import CurveFit, Errors, fit_curve
 from rfca_rig.analysis.torque_rotation.stages import StageData, make_stage_data
-from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult
+from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult, points_of
 from rfca_rig.analysis.torque_rotation.systematics import Instruments, SystematicErrors, list_systematic_errors
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.model.hinge_springs import FEWEST_ANGLES as FEWEST_KNOTS
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.torque_spline import FEWEST_ANGLES as FEWEST_KNOTS
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording.model import Recording
 

@@ -1,10 +1,15 @@
-"""Result of the evaluation of static stages."""
+"""Result of the evaluation of static stages.
+
+A measured point of the curve is, at every stage and hinge, its angle and the torque that static balance requires there.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rfca_rig.analysis.torque_rotation.bases import SplineThroughRest
+from rfca_rig.analysis.torque_rotation.balance import LinearConditions
+from rfca_rig.analysis.torque_rotation.bases import LawValues, SplineThroughRest, TorqueCurve
 from rfca_rig.analysis.torque_rotation.checks import (
     BendingLoop,
     EstimatedSystematicError,
@@ -14,14 +19,72 @@ from rfca_rig.analysis.torque_rotation.checks import (
     RestAngles,
     RestCheck,
 )
-from rfca_rig.analysis.torque_rotation.curve import LawValues, TorqueCurve
-from rfca_rig.analysis.torque_rotation.points import Points
 from rfca_rig.analysis.torque_rotation.recovery import CurveFit
 from rfca_rig.analysis.torque_rotation.stages import StageData
 from rfca_rig.errors import BadInput
+from rfca_rig.model.hinge_springs import knots_from
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.torque_spline import knots_from
 from rfca_rig.recording.model import StaticStage
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Points:
+    """All arrays (S, h), NaN where no angle was measured. Angles count from rest.
+
+    The torques follow from the measured angles, before any curve is assumed. `turned` is +1 where a hinge reached its angle by bending, -1
+    where it came back, 0 where that is not clear.
+    """
+
+    phi_rad: Floats
+    phi_std_rad: Floats
+    torque_Nm: Floats
+    torque_std_Nm: Floats
+    turned: Floats
+
+
+def points_of(found: CurveFit, data: StageData) -> Points:
+    """Compute the points; zeros, tares, shares of several touching ends, and missing angles are taken from the solution."""
+    balance, h = found.adjusted.balance, data.hinges
+    p, curve = found.adjusted.point.p, slice(0, found.adjusted.balance.curve_size)
+    z, C = _as_measured(found, data)
+    angle = balance.correct_readings(z, p, data.recording)[:, :h] - balance.rest_rad(p)
+    torque, std = np.empty(data.seen.shape), np.empty(data.seen.shape)
+    for group, c in zip(found.adjusted.groups, found.adjusted.point.c, strict=True):
+        line = balance.linear(group, z[group.rows], c, p)
+        # Condition = curve torque - load. Subtracting it from the curve's torque leaves the load alone.
+        torque[group.rows] = line.by_p[:, :h, curve] @ p[curve] - line.g[:, :h]
+        # The error of a torque comes from angles and forces directly, and through the floor's forces.
+        by_z = -line.by_z[:, :h] + _through_floor(line, h)
+        by_z[:, np.arange(h), np.arange(h)] += balance.basis.slopes(angle[group.rows]) @ p[: balance.basis.size]
+        std[group.rows] = np.sqrt(np.einsum("sji,sik,sjk->sj", by_z, C[group.rows], by_z))
+    angle_std = np.sqrt(np.diagonal(C, axis1=1, axis2=2))[:, :h]
+    angle, angle_std, torque, std = (np.where(data.seen, each, np.nan) for each in (angle, angle_std, torque, std))
+    return Points(angle, angle_std, torque, std, data.turned * np.sign(data.measured[:, :h]))
+
+
+def _as_measured(found: CurveFit, data: StageData) -> tuple[Floats, Floats]:
+    """Readings (S, m) and their covariance (S, m, m); missing readings are taken from the solution, without error."""
+    known = np.concatenate([data.seen, np.ones((len(data.seen), 4), dtype=bool)], axis=1)
+    C = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)
+    return np.where(known, data.measured, found.adjusted.point.z), C * known[:, :, None] * known[:, None, :]
+
+
+def _through_floor(line: LinearConditions, hinges: int) -> Floats:
+    """Derivatives (S, h, m) of the torques by the readings of fy and fz through the floor's forces, with shares kept."""
+    by_z = np.zeros((len(line.g), hinges, hinges + 4))
+    ends = line.normal_N.shape[1]
+    if not ends:
+        return by_z
+    N = np.maximum(line.normal_N, 1e-9)
+    share = N / N.sum(axis=1, keepdims=True)
+    # Derivative of N by depth.
+    deeper = line.by_c[:, hinges + 1, :ends]
+    by_N = line.by_c[:, :hinges, :ends] / np.maximum(deeper, 1e-9)[:, None]
+    by_z[:, :, hinges + 1] = np.einsum("sjk,sk->sj", line.by_c[:, :hinges, ends:], share)
+    by_z[:, :, hinges + 2] = np.einsum("sjk,sk->sj", by_N, share)
+    return by_z
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ def _check_can_be_written(path: Path) -> None:
 
 
 def _files(photos: list[Path]) -> list[Path]:
-    from rfca_rig.drivers.photo_folder import list_photos
+    from rfca_rig.drivers.photo_files import list_photos
     from rfca_rig.errors import BadInput
 
     files = [file for path in photos for file in (list_photos(path) if path.is_dir() else [path])]
@@ -129,7 +129,7 @@ def _files(photos: list[Path]) -> list[Path]:
 
 def _find_board_in(file: Path, board: "Board", say: "Say") -> "BoardPhoto | RefusedPhoto":
     """The board in a file; a damaged picture is refused like one without a board."""
-    from rfca_rig.drivers.picture_file import read_picture
+    from rfca_rig.drivers.photo_files import read_picture
     from rfca_rig.errors import BadInput
     from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto, find_board
 
@@ -178,7 +178,7 @@ def _plane(photo: Path, calibration: "CameraCalibration", board: "Board", place:
     from dataclasses import replace
 
     from rfca_rig.description.camera_file import plane_section
-    from rfca_rig.drivers.picture_file import read_picture
+    from rfca_rig.drivers.photo_files import read_picture
     from rfca_rig.errors import BadInput
     from rfca_rig.vision.board_photo import RefusedPhoto, find_board
     from rfca_rig.vision.plane_of_motion import find_plane, with_origin_at

@@ -127,7 +127,7 @@ def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | 
 
 def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     """Prints the result in the terminal."""
-    from rfca_rig.report.diagnosis_files import terminal_lines
+    from rfca_rig.report.diagnosis.files import terminal_lines
 
     if as_json:
         typer.echo((out / "diagnosis.json").read_text(encoding="utf-8"), nl=False)
@@ -190,7 +190,7 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.experiment_design.mechanism_experiment import write_excitation
     from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
-    from rfca_rig.report.law_files import describe_law, write_law_table
+    from rfca_rig.report.diagnosis.tables import describe_law, write_law_table
 
     with progress(asked.quiet) as bars:
         found = diagnose_mechanism(read_experiment(asked.paths[0]), bars.share, asked.without, asked.law_at)
@@ -233,7 +233,7 @@ def _write_imported(diagnosis: "Diagnosis", asked: DiagnoseOptions) -> "Diagnosi
     """Writes the files of a diagnosis of tables from elsewhere."""
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.identity import identity_of_tables
-    from rfca_rig.report.diagnosis_files import write_diagnosis
+    from rfca_rig.report.diagnosis.files import write_diagnosis
     from rfca_rig.report.provenance import origin_of_import
 
     (folder,) = asked.paths
@@ -250,7 +250,7 @@ def _diagnose_leg(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> 
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
     from rfca_rig.diagnosis.experiment_design.next_protocol import write_next_protocol
     from rfca_rig.diagnosis.model_files import write_fitted_model, write_measured_model
-    from rfca_rig.report.diagnosis_files import write_diagnosis
+    from rfca_rig.report.diagnosis.files import write_diagnosis
     from rfca_rig.report.provenance import origin_of
 
     with progress(asked.quiet) as bars:

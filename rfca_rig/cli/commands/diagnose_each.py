@@ -11,7 +11,7 @@ from rfca_rig.cli.executors import open_executor
 from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
-    from rfca_rig.executors.base import TaskExecutor
+    from rfca_rig.executors.mapping import TaskExecutor
 
 ANSWER = "diagnosis.json"
 

@@ -11,8 +11,8 @@ from rfca_rig.cli.options import Dry, Json, Model, Operator, Pace, Rig, Runs, Sa
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.stiffness_drift import StiffnessDrift
-    from rfca_rig.bench.begun import InterruptedRun
     from rfca_rig.bench.recorder import Recorder
+    from rfca_rig.bench.resume import InterruptedRun
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.protocol_file import FatigueFile
@@ -74,7 +74,7 @@ def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
 
 def say_bending(config: "RunConfig") -> None:
     """Prints how far the model bends the leg in a cycle, before anything moves."""
-    from rfca_rig.bench.predicted_loads import predict_bending
+    from rfca_rig.bench.expectation import predict_bending
     from rfca_rig.cli.terminal import make_marked_say
     from rfca_rig.protocol.cycles import cycles_in
 

@@ -17,7 +17,7 @@ from rfca_rig.progress import ProgressReport
 if TYPE_CHECKING:
     from rfca_rig.analysis.fitting.result import FitResult
     from rfca_rig.diagnosis.window_fit import WindowFit
-    from rfca_rig.executors.base import TaskExecutor
+    from rfca_rig.executors.mapping import TaskExecutor
 
 
 def fit(

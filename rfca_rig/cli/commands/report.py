@@ -12,10 +12,10 @@ from rfca_rig.cli.options import Json, Model, Pdf
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
+    from rfca_rig.analysis.compare import Table2
     from rfca_rig.analysis.matched_simulation import Shaft as ShaftName
-    from rfca_rig.analysis.table2 import Table2
     from rfca_rig.diagnosis.window_fit import WindowFit
-    from rfca_rig.report.motions_page import MotionsReport
+    from rfca_rig.report.strokes.motions import MotionsReport
 
 
 class ShaftOption(StrEnum):
@@ -80,7 +80,7 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
-    from rfca_rig.report.motions_page import pendulum_report
+    from rfca_rig.report.strokes.motions import pendulum_report
 
     printing = Printing(pdf)
     campaign = read_pendulum_campaign(folder)
@@ -98,7 +98,7 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
-    from rfca_rig.report.motions_page import mechanism_report
+    from rfca_rig.report.strokes.motions import mechanism_report
 
     printing = Printing(pdf)
     experiment = read_experiment(folder)
@@ -112,8 +112,8 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
 
 def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out: Path, as_json: bool, model: Path | None) -> Path:
     """Writes the page of recordings in windows; returns its path."""
-    from rfca_rig.report.motions_page import PAGE, write_motions
     from rfca_rig.report.provenance import command_line, origin_of_import
+    from rfca_rig.report.strokes.motions import PAGE, write_motions
     from rfca_rig.report.text import count_noun
 
     write_motions(report, fit, out, origin_of_import(command_line("report", folder, options={"--model": model}), folder, report.title))
@@ -158,8 +158,8 @@ def write(
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.report.provenance import command_line, origin_of
-    from rfca_rig.report.sources import GivenModel
-    from rfca_rig.report.writing import write_report
+    from rfca_rig.report.strokes.page import GivenModel
+    from rfca_rig.report.strokes.writing import write_report
 
     # First: a missing browser must be reported before the work, not after it.
     printing = Printing(pdf)

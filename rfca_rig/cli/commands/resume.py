@@ -10,8 +10,8 @@ from rfca_rig.cli.options import Dry, Json, Operator, Pace, View, ViewPort
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rfca_rig.bench.begun import InterruptedRun
     from rfca_rig.bench.recorder import Recorder
+    from rfca_rig.bench.resume import InterruptedRun
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.terminal import Say
     from rfca_rig.protocol.plan import Stage
@@ -41,7 +41,7 @@ def resume(
     """
     from dataclasses import replace
 
-    from rfca_rig.bench.begun import read_interrupted_run
+    from rfca_rig.bench.resume import read_interrupted_run
     from rfca_rig.cli.attach_view import parse_viewing
     from rfca_rig.cli.commands.fatigue import say_bending
     from rfca_rig.cli.run_experiment import run_and_record
@@ -69,7 +69,7 @@ def _check_trip(begun: "InterruptedRun", after_trip: bool) -> None:
 def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: bool) -> "RunConfig":
     from dataclasses import replace
 
-    from rfca_rig.bench.rig_compatibility import read_compatible_rig
+    from rfca_rig.bench.resume import read_compatible_rig
     from rfca_rig.cli.commands.close_the_loop import nominal_model_of
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.trusted_code import check_trusted, find_rig

@@ -31,12 +31,12 @@ def photos(
     from dataclasses import replace
     from shutil import rmtree
 
-    from rfca_rig.bench.hand_photos import eye_for, with_hand_photos
+    from rfca_rig.bench.stage_photos import eye_for, with_hand_photos
     from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
     from rfca_rig.cli.paths import make_run_folder
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.toml import read_text
-    from rfca_rig.drivers.photo_folder import list_photos
+    from rfca_rig.drivers.photo_files import list_photos
     from rfca_rig.recording.store import write_recording
 
     (recording,) = open_recordings([run])

@@ -44,9 +44,8 @@ def report(
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.report.provenance import command_line, origin_of
-    from rfca_rig.report.static_files import summary
-    from rfca_rig.report.static_source import static_sources
-    from rfca_rig.report.static_writing import write_static_report
+    from rfca_rig.report.static.files import summary, write_static_report
+    from rfca_rig.report.static.tables import static_sources
 
     printing = Printing(pdf)
     recordings = open_recordings(paths)
@@ -92,7 +91,7 @@ def read_nominal_values(recordings: "Sequence[Recording]", model: Path | None) -
 
 def _say(result: "StaticResult", out: Path) -> None:
     from rfca_rig.analysis.torque_rotation.remarks import remarks
-    from rfca_rig.report.static_page import bend_sentence
+    from rfca_rig.report.static.page import bend_sentence
 
     values = result.values
     for line in remarks(result):

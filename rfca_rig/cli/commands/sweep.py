@@ -75,7 +75,7 @@ def _plan_and_command(
 ) -> "tuple[SweepPlan, list[str | Path]]":
     """The plan, and the words of the command that repeats it."""
     from rfca_rig.errors import BadInput
-    from rfca_rig.sweep.typed_sweep import plan_from_options
+    from rfca_rig.sweep.sweep_file import plan_from_options
 
     if file is not None:
         # Two sources of one setting would leave open which one holds.
@@ -138,7 +138,7 @@ def _run_sweep(
 
 def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_json: bool) -> None:
     from rfca_rig.report.provenance import command_line
-    from rfca_rig.report.sweep_files import HTML, JSON, lines, write_summary
+    from rfca_rig.report.sweep.page import HTML, JSON, lines, write_summary
 
     write_summary(result, folder, command_line(*command))
     if as_json:
@@ -154,7 +154,7 @@ def _print_estimate(plan: "SweepPlan", workers: int | None, as_json: bool) -> No
 
     from rfca_rig.clock import WallClock
     from rfca_rig.executors.cores import machine_cores
-    from rfca_rig.sweep.pilot import estimate_bytes, measure_pace
+    from rfca_rig.sweep.carrying_out import estimate_bytes, measure_pace
 
     processes = workers or machine_cores()
     pace = measure_pace(plan, WallClock())

@@ -47,8 +47,7 @@ def serve(
 
     ^C ends it.
     """
-    from rfca_rig.bench.openings import Openings
-    from rfca_rig.bench.served import open_served
+    from rfca_rig.bench.served import Openings, open_served
     from rfca_rig.cli.first_compile import COMPILE_NOTICE
     from rfca_rig.cli.terminal import make_marked_say
     from rfca_rig.cli.trusted_code import find_rig

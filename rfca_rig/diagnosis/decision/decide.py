@@ -42,7 +42,7 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.likelihood.laplace import laplace_posterior
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior
 from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Verdict
-from rfca_rig.model.families import Family, families_of, list_related
+from rfca_rig.model.catalogue import Family, families_of, list_related
 
 UNKNOWN = ("unknown",)
 HELD_OUT = "held-out misfit"

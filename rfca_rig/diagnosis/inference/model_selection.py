@@ -47,8 +47,8 @@ from rfca_rig.diagnosis.inference.screening import (
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
 from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter, estimate_scatter
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.catalogue import list_related
 from rfca_rig.model.effect import Effect
-from rfca_rig.model.families import list_related
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]

@@ -10,8 +10,8 @@ from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.diagnosis.data.observations import Observations, rms
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, dynamic_label
+from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.motion import ramp_to_speed
-from rfca_rig.model.setup import set_up
 from rfca_rig.model.stroke import simulate_setup
 
 Floats = NDArray[np.float64]

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model import dry_friction
-from rfca_rig.model.effects import joint_stribeck
+from rfca_rig.model.catalogue import set_up
+from rfca_rig.model.effects import hinge_friction, joints
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.laws import HINGE, LOAD, NORMAL, SLIP, LawUse
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.setup import SensorOutput, Setup, set_up
+from rfca_rig.model.setup import SensorOutput, Setup
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,9 @@ def _in_hinges(plain: Setup, having: Setup, argument: str, u: Floats) -> Floats:
     """
     before, after = plain.rig.leg, having.rig.leg
     if argument == "rate_rad_s":
-        slides = sum(_sliding(use, u) for use in having.laws if use.law in (dry_friction.torque, joint_stribeck.torque))
+        slides = sum(
+            _sliding(use, u) for use in having.laws if use.law in (hinge_friction.dry_friction_torque, joints.joint_stribeck_torque)
+        )
         return np.asarray((after.hinge_damping_Nm_s_per_rad - before.hinge_damping_Nm_s_per_rad) * u + slides)
     if argument != "angle_rad":
         return np.zeros_like(u)

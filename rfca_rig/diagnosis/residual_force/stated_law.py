@@ -10,7 +10,7 @@ from rfca_rig.diagnosis.residual_force.catalogue_curve import catalogue_curve
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, StatedLaw
 from rfca_rig.diagnosis.residual_force.measured_law import LawStart, base_without, measure_law
 from rfca_rig.errors import BadInput
-from rfca_rig.model.families import families_of
+from rfca_rig.model.catalogue import families_of
 
 Floats = NDArray[np.float64]
 

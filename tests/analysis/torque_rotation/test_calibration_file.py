@@ -7,19 +7,19 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
 from rfca_rig.analysis.prediction import predict_stroke
+from rfca_rig.analysis.torque_rotation.bases import TorqueCurve, law_values
 from rfca_rig.analysis.torque_rotation.calibration_file import (
     can_be_written,
     can_curve_be_written,
     write_calibration,
     write_curve,
 )
-from rfca_rig.analysis.torque_rotation.curve import TorqueCurve, law_values
 from rfca_rig.analysis.torque_rotation.elastica_curves import predict_hinge_curves
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.description.model_file import read_model_file
-from rfca_rig.exam.injected_faults import with_effect
 from rfca_rig.exam.nominal_world import nominal_world
+from rfca_rig.exam.sampled_rig import with_effect
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from tests.analysis.torque_rotation.tables import KNOWN_TO, RIG, SECTIONS, by_exam, noisy, plain, recording
 

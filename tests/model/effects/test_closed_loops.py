@@ -4,9 +4,8 @@ import numba
 import numpy as np
 import pytest
 
-from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.catalogue import catalogue, set_up
 from rfca_rig.model.laws import HINGE
-from rfca_rig.model.setup import set_up
 from tests.model.effects.rigs import having, held
 from tests.model.legs import PAPER
 

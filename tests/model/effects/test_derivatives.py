@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from rfca_rig.model.anchors import store_ends
-from rfca_rig.model.contact import locate_ends
+from rfca_rig.model.catalogue import set_up
+from rfca_rig.model.contact import locate_ends, store_ends
 from rfca_rig.model.forces import assemble_once, prepare_pose
-from rfca_rig.model.setup import set_up
 from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import State
 from tests.model.effects.rigs import having, held

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.bump import elevation, find_nearest
+from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import advance, allocate_samples, find_rest_state
-from rfca_rig.model.energy import mechanical_energy_J
+from rfca_rig.model.forces import mechanical_energy_J
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import Ground
-from rfca_rig.model.setup import set_up
 from rfca_rig.model.stroke import simulate_stroke
 from tests.model.effects.rigs import TIGHT, T, Tolerance, having, held, paper_stroke, through
 from tests.model.legs import PAPER, pendulum

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import advance, allocate_samples
 from rfca_rig.model.parameters import Ground
-from rfca_rig.model.setup import set_up
 from rfca_rig.model.stroke import simulate_stroke, simulate_stroke_at_speed
 from tests.model.effects.rigs import NO_GROUND_M, TIGHT, having, held, released, resting, through
 from tests.model.legs import PAPER, pendulum

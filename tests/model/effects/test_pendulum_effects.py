@@ -6,8 +6,8 @@ from scipy.integrate import solve_ivp
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance
-from rfca_rig.model.effects import joint_load_friction, joint_stribeck
-from rfca_rig.model.joint_drive import BEGIN, CLOCK, COUNT, STEP, TRACE, TorqueTrace, torque_at, torque_trace
+from rfca_rig.model.effects import joint_torques, joints
+from rfca_rig.model.effects.joint_torques import BEGIN, CLOCK, COUNT, STEP, TRACE, TorqueTrace, torque_at, torque_trace
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink, simulate_pendulum
 from tests.model.effects.rigs import paper_stroke
@@ -132,17 +132,19 @@ def test_at_no_strength_an_effect_leaves_the_swing_alone(id_):
 
 def load_row(loss):
     parameter = np.zeros(TRACE + 3)
-    parameter[:3] = loss, joint_load_friction.PRESLIDING_RAD, joint_load_friction.DAMPING_S
+    parameter[:3] = loss, joint_torques.PRESLIDING_RAD, joint_torques.DAMPING_S
     parameter[STEP], parameter[COUNT], parameter[BEGIN] = 0.1, 3, 0.0
     parameter[TRACE:] = 1.0, -2.0, 0.5
     return parameter
 
 
-STRIBECK_ROW = np.array([0.15, 0.8, 0.6, joint_stribeck.PRESLIDING_RAD, joint_stribeck.DAMPING_S, 0.0, 0.0, 0.0])
+STRIBECK_ROW = np.array([0.15, 0.8, 0.6, joints.PRESLIDING_RAD, joints.DAMPING_S, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize(("phi", "rate"), [(1e-4, 0.01), (-2e-4, 0.02), (0.01, 0.5), (-0.01, -0.05), (0.02, -0.001)])
-@pytest.mark.parametrize(("law", "row"), [(joint_stribeck.torque, STRIBECK_ROW), (joint_load_friction.torque, load_row(0.3))])
+@pytest.mark.parametrize(
+    ("law", "row"), [(joints.joint_stribeck_torque, STRIBECK_ROW), (joint_torques.joint_load_friction_torque, load_row(0.3))]
+)
 def test_the_slopes_of_a_law_are_its_derivatives(law, row, phi, rate):
     memory = np.zeros(4)
     memory[CLOCK] = 0.03

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import Swing
-from rfca_rig.model.setup import set_up
 from rfca_rig.model.stroke import simulate_stroke
 from tests.model.effects.rigs import NO_GROUND_M, T, Tolerance, having, held, paper_stroke, released, resting
 from tests.model.legs import PAPER, pendulum

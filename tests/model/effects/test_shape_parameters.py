@@ -7,9 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.catalogue import catalogue, set_up
 from rfca_rig.model.effect import Effect, Parameter
-from rfca_rig.model.setup import set_up
 from tests.model.effects.rigs import having, held, paper_stroke
 from tests.model.effects.test_derivatives import ONLY_IN_POSITION, ONLY_IN_SPEED, WEIGHTS, assembled, differenced
 from tests.model.effects.test_drive_and_sensor_effects import MOTION, commanded

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, simulate_static_stages
-from rfca_rig.model.static_state import Touch
-from rfca_rig.model.statics import tip_chain_of, tip_jacobian, weight_torques_Nm
+from rfca_rig.model.paper.statics import tip_chain_of, tip_jacobian, weight_torques_Nm
+from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, Touch, simulate_static_stages
 from tests.model.effects.rigs import having
 from tests.model.effects.test_strength import SMALL
 from tests.model.legs import NO_GROUND_M, PAPER

@@ -11,7 +11,7 @@ from rfca_rig.description.model_file import FoundEffect, read_model_file, write_
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
-from rfca_rig.model.joint_drive import torque_trace
+from rfca_rig.model.effects.joint_torques import torque_trace
 from rfca_rig.model.parameters import LawTable, PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink, simulate_pendulum
 from rfca_rig.model.stroke import simulate_stroke_at_speed

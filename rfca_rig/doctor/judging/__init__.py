@@ -1,1 +1,0 @@
-"""Evaluation of observations: pure functions from what was seen to findings."""

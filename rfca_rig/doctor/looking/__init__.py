@@ -1,1 +1,0 @@
-"""Probes of buses, ports, devices and this computer. They send nothing that could move the shaft."""

@@ -1,0 +1,374 @@
+"""Driver for an ATI Net F/T force sensor (NetBox), RDT over UDP."""
+
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http.client import HTTPException
+from typing import Protocol
+from urllib.request import ProxyHandler, build_opener
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.clock import Clock
+from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.netft_configuration import (
+    CALIBRATION_BYTES,
+    MAX_PAGE_BYTES,
+    PATH,
+    PORT,
+    READING_BYTES,
+    CalibrationInfo,
+    NetFtConfiguration,
+    NetFtReading,
+    ReadCalibrationInfo,
+    ReadForce,
+    decode_calibration,
+    decode_configuration,
+    decode_reading,
+    encode_command,
+)
+from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request, status_text
+from rfca_rig.drivers.force_sensors.records import RecordSequence, StatusCounter
+from rfca_rig.drivers.ports import Datagrams
+from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth, concatenate_blocks
+from rfca_rig.errors import BadInput, DeviceError
+
+TIMEOUT_S = 2.0
+# Relative tolerance: counts per unit are converted between units, which leaves rounding errors.
+RELATIVE_TOLERANCE = 1e-6
+
+# Time in s in which records of an earlier stream may still arrive after a stop.
+QUIET_S = 0.02
+
+
+class NetFtBox(Protocol):
+    """Source of the box's configuration. It is read before a stream starts and may wait for the network."""
+
+    def says(self) -> NetFtConfiguration | CalibrationInfo:
+        """Reads the configuration. Raises DeviceError if the box does not answer, or its answer cannot be decoded."""
+        ...
+
+
+class NetFtExpectation(Protocol):
+    """The settings of a driver that must agree with the box."""
+
+    @property
+    def counts_per_N(self) -> float: ...
+
+    @property
+    def counts_per_Nm(self) -> float: ...
+
+    @property
+    def internal_rate_Hz(self) -> float: ...
+
+    @property
+    def decimation(self) -> int: ...
+
+
+class HttpBox:
+    """The box's configuration page. Proxy settings of the environment are ignored: the box is on the laboratory's own network."""
+
+    def __init__(self, host: str, port: int = 80, timeout_s: float = TIMEOUT_S) -> None:
+        self._url = f"http://{host}:{port}{PATH}"
+        self._timeout_s = timeout_s
+
+    def says(self) -> NetFtConfiguration:
+        try:
+            with build_opener(ProxyHandler({})).open(self._url, timeout=self._timeout_s) as answer:
+                # One byte more than allowed is read, so that the decoder can refuse a page that is too long.
+                page = answer.read(MAX_PAGE_BYTES + 1)
+            return decode_configuration(page)
+        except (OSError, HTTPException) as error:
+            raise DeviceError(
+                f"{self._url} gives no configuration: {error}; check the address, or set configuration = 'unchecked'"
+            ) from error
+        except MalformedFrame as error:
+            raise DeviceError(f"{self._url}: {error}; is this a Net F/T?") from error
+
+
+class CommandBox:
+    """The box's command interface on TCP. It reports units and counts, but no rate."""
+
+    def __init__(self, host: str, port: int = PORT, timeout_s: float = TIMEOUT_S) -> None:
+        self._host, self._port = host, port
+        self._timeout_s = timeout_s
+
+    def says(self) -> CalibrationInfo:
+        reply = self._request(encode_command(ReadCalibrationInfo()), CALIBRATION_BYTES)
+        with self._name_sender():
+            return decode_calibration(reply)
+
+    def reading(self, command: ReadForce) -> NetFtReading:
+        """One force reading without a stream. Raises DeviceError like `says`."""
+        reply = self._request(encode_command(command), READING_BYTES)
+        with self._name_sender():
+            return decode_reading(reply)
+
+    @contextmanager
+    def _name_sender(self) -> Iterator[None]:
+        """Adds the address to the error of a reply that cannot be decoded."""
+        try:
+            yield
+        except MalformedFrame as error:
+            raise DeviceError(f"command interface at {self._host}:{self._port}: {error}; is this a Net F/T?") from error
+
+    def _request(self, command: bytes, length: int) -> bytes:
+        try:
+            with socket.create_connection((self._host, self._port), self._timeout_s) as connection:
+                connection.settimeout(self._timeout_s)
+                connection.sendall(command)
+                return _receive(connection, length)
+        except OSError as error:
+            raise DeviceError(f"command interface at {self._host}:{self._port} does not answer: {error}; check the address") from error
+
+
+def _receive(connection: socket.socket, length: int) -> bytes:
+    """`length` bytes, or fewer if the peer closes the connection before."""
+    data = b""
+    while len(data) < length and (more := connection.recv(length - len(data))):
+        data += more
+    return data
+
+
+def refuse_difference(says: NetFtConfiguration | CalibrationInfo, expected: NetFtExpectation, where: str) -> None:
+    """Compares the box's configuration with the settings.
+
+    Raises BadInput if counts or rate differ, DeviceError if the box will not stream. `where` names the box in the message.
+    """
+    _refuse_counts("counts_per_N", says.counts_per_N, expected.counts_per_N, f"{says.counts_per_force:g} per {says.force_unit}", where)
+    _refuse_counts("counts_per_Nm", says.counts_per_Nm, expected.counts_per_Nm, f"{says.counts_per_torque:g} per {says.torque_unit}", where)
+    if isinstance(says, NetFtConfiguration):
+        # The command interface reports no rate.
+        _refuse_rate(says, expected, where)
+
+
+def _refuse_counts(name: str, configured: float, expected: float, how: str, where: str) -> None:
+    if abs(configured / expected - 1.0) > RELATIVE_TOLERANCE:
+        raise BadInput(
+            f"force sensor: {name} is {expected:.10g}, {where} is set to {configured:.10g} ({how}); correct the one that is wrong"
+        )
+
+
+def _refuse_rate(says: NetFtConfiguration, expected: NetFtExpectation, where: str) -> None:
+    if says.rdt_enabled is False:
+        raise DeviceError(f"RDT is disabled on {where}; enable it (comrdte) on its communications page")
+    internal_Hz = says.internal_rate_Hz or expected.internal_rate_Hz
+    # The box rounds comrdtrate to an integer fraction of its internal rate, so the effective rates are compared.
+    decimation = says.decimation(internal_Hz)
+    box_Hz = None if decimation is None else internal_Hz / decimation
+    expected_Hz = expected.internal_rate_Hz / expected.decimation
+    if box_Hz is not None and abs(box_Hz / expected_Hz - 1.0) > RELATIVE_TOLERANCE:
+        raise BadInput(
+            f"force sensor: rate_Hz is {expected_Hz:.6g}, {where} is set to {box_Hz:.6g} records/s (comrdtrate {says.rdt_rate_Hz:g}); "
+            "correct the one that is wrong"
+        )
+
+
+@dataclass(frozen=True)
+class NetFtSettings:
+    """Scale and rate as configured in the box (cfgcpf, cfgcpt, comrdtrate); `address` and `serial_number` are for the recording.
+
+    With `buffered` the box puts as many records into a datagram as its RDT buffer size says: fewer datagrams, each late by up to
+    one buffer.
+    Raises BadInput for a rate that is not `internal_rate_Hz` divided by an integer: the box rounds to such a rate.
+    """
+
+    counts_per_N: float = 1e6
+    counts_per_Nm: float = 1e6
+    rate_Hz: float = 7000.0
+    internal_rate_Hz: float = 7000.0
+    address: str = ""
+    serial_number: str = ""
+    buffered: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("counts_per_N", "counts_per_Nm", "rate_Hz", "internal_rate_Hz"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise BadInput(f"force sensor: {name} is {getattr(self, name)}, must be above 0")
+        # The tolerance allows for a rate that is written with a few digits, such as 2333.3.
+        if abs(self.rate_Hz * self.decimation / self.internal_rate_Hz - 1.0) > 1e-3:
+            nearest_Hz = self.internal_rate_Hz / self.decimation
+            raise BadInput(f"force sensor: rate_Hz is {self.rate_Hz:g}, must be {self.internal_rate_Hz:g}/n; nearest {nearest_Hz:.2f}")
+
+    @property
+    def decimation(self) -> int:
+        """Internal samples per record."""
+        return max(1, round(self.internal_rate_Hz / self.rate_Hz))
+
+    @property
+    def record_period_s(self) -> float:
+        return self.decimation / self.internal_rate_Hz
+
+
+class NetFtSensor:
+    """A `ForceSensor` over datagrams, with an endless stream. Sends a bias only in `bias`: taring belongs to the experiment.
+
+    The box does not answer requests, so a missing sensor shows only as silence, see `silent_s`. With `box` its configuration is
+    checked before each start. `advice` is a note on the connection for the health report, see `advise_receive_buffer`.
+    """
+
+    def __init__(self, datagrams: Datagrams, clock: Clock, settings: NetFtSettings, box: NetFtBox | None = None, advice: str = "") -> None:
+        self._datagrams = datagrams
+        self._clock = clock
+        self._settings = settings
+        self._box = box
+        self._advice = advice
+        self._running = False
+        self._serial_number = settings.serial_number
+        self._reset()
+
+    def _reset(self) -> None:
+        self._sequence = RecordSequence()
+        self._status = StatusCounter()
+        self._last_ft: int | None = None
+        self._malformed = self._stalled = 0
+        self._last_malformed = ""
+        self._heard_s = self._read_s = self._clock.now_s()
+
+    def start(self) -> None:
+        """Starts the stream, after discarding for 20 ms what an earlier one still delivers.
+
+        Raises BadInput if the box is configured differently from the settings, DeviceError if it does not answer.
+        """
+        self._check_box()
+        self._send(RdtCommand.STOP)
+        self._clock.wait_until(self._clock.now_s() + QUIET_S)
+        self._datagrams.receive_all()
+        self._reset()
+        self._send(RdtCommand.START_BUFFERED if self._settings.buffered else RdtCommand.START_SINGLE)
+        self._running = True
+
+    def _check_box(self) -> None:
+        if self._box is None:
+            return
+        configuration = self._box.says()
+        refuse_difference(configuration, self._settings, f"the box at {self._settings.address or 'the other end'}")
+        if isinstance(configuration, NetFtConfiguration):
+            self._serial_number = configuration.serial_number or self._serial_number
+
+    def stop(self) -> None:
+        """Ends the stream. Raises DeviceError if the request cannot be sent."""
+        self._running = False
+        self._send(RdtCommand.STOP)
+
+    def bias(self) -> None:
+        """Makes the box take its present load as zero; call it with the sensor unloaded.
+
+        Whether a bias ends a running stream differs between boxes, so a running stream is restarted.
+        """
+        self._send(RdtCommand.SET_BIAS)
+        if self._running:
+            self.start()
+
+    def _send(self, command: RdtCommand) -> None:
+        self._datagrams.send(encode_request(command))
+
+    def read(self) -> ForceSamples:
+        """Records (m, 6) since the last call, ascending, each once. Raises DeviceError if their rate differs from the settings."""
+        self._read_s = self._clock.now_s()
+        blocks = [block for datagram in self._datagrams.receive_all() if (block := self._decode(datagram)) is not None]
+        if not blocks or not self._running:
+            return NO_SAMPLES
+        records = blocks[0] if len(blocks) == 1 else concatenate_blocks(blocks)
+        picked, numbers = self._sequence.take(records.rdt_sequence)
+        # One block without loss is the usual case and needs no copy.
+        if len(picked) < len(records.status) or len(blocks) > 1:
+            records = _select(records, picked)
+        self._inspect(records, numbers)
+        return _samples(records, numbers, self._read_s, self._settings.record_period_s)
+
+    def _decode(self, datagram: bytes) -> Records | None:
+        try:
+            return decode_records(datagram)
+        except MalformedFrame as error:
+            self._malformed += 1
+            self._last_malformed = str(error)
+            return None
+
+    def _inspect(self, records: Records, numbers: NDArray[np.int64]) -> None:
+        """Checks the status words, and the progress of the sensor's own sample counter."""
+        if len(numbers) == 0:
+            return
+        self._heard_s = self._read_s
+        self._status.take(records.status)
+        # A signed 32 bit difference is right across the wrap of the counter, and negative after a restart of the box.
+        steps = np.diff(records.ft_sequence).view(np.int32)
+        # Only neighbouring records: a lost record would look like a larger step.
+        self._check_rate(steps[np.diff(numbers) == 1])
+        since = 1 if self._last_ft is None else _signed_difference(int(records.ft_sequence[0]) - self._last_ft)
+        self._stalled += int((steps <= 0).sum()) + (since <= 0)
+        self._last_ft = int(records.ft_sequence[-1])
+
+    def _check_rate(self, steps: NDArray[np.int32]) -> None:
+        """Raises DeviceError for a wrong rate, which would stretch the time base of the whole recording."""
+        # The median is not affected by single stalled records.
+        step = int(np.median(steps)) if len(steps) else 0
+        if step > 0 and step != self._settings.decimation:
+            raise DeviceError(
+                f"force sensor sends {self._settings.internal_rate_Hz / step:.0f} records/s, the settings say {self._settings.rate_Hz:g}; "
+                "set the box's RDT output rate (comrdtrate) or rate_Hz"
+            )
+
+    def silent_s(self) -> float:
+        """Time in s from the last `read` with a new record, or from the start, to the last `read`."""
+        return self._read_s - self._heard_s
+
+    def scale(self) -> SensorScale:
+        return SensorScale(self._settings.counts_per_N, self._settings.counts_per_Nm, 1.0 / self._settings.record_period_s)
+
+    def health(self) -> StreamHealth:
+        """Counters since `start`. `received` + `lost` is the number of records sent until the newest one."""
+        count = self._sequence
+        return StreamHealth(
+            received=count.received,
+            lost=count.lost,
+            duplicate=count.duplicate,
+            out_of_order=count.out_of_order,
+            malformed=self._malformed,
+            faulty_status=self._status.faulty,
+            stalled=self._stalled,
+            saturated=self._status.saturated,
+            notes=self._notes(),
+        )
+
+    def _notes(self) -> list[str]:
+        notes = []
+        if self._running and self.silent_s() > 0.1:
+            notes.append(f"no record for {self.silent_s():.2f} s: check power and cable, or who else started its stream")
+        if self._stalled:
+            notes.append(f"the sensor's own sample counter stood still or ran back in {self._stalled} records: these values are not new")
+        if self._status.faulty:
+            notes.append(f"faulty status in {self._status.faulty} records: {status_text(self._status.seen)}")
+        if self._malformed:
+            notes.append(f"{self._malformed} datagrams thrown away, the last one: {self._last_malformed}")
+        if self._advice and self._sequence.lost:
+            notes.append(self._advice)
+        return notes
+
+    def identity(self) -> dict[str, str]:
+        return {
+            "make": "ATI Net F/T, RDT",
+            "address": self._settings.address,
+            "serial_number": self._serial_number,
+            "counts_per_N": repr(self._settings.counts_per_N),
+            "counts_per_Nm": repr(self._settings.counts_per_Nm),
+            "rate_Hz": f"{1.0 / self._settings.record_period_s:.6g}",
+        }
+
+
+NO_SAMPLES = ForceSamples(np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0, np.uint32), np.empty((0, 6), np.int32))
+
+
+def _select(records: Records, rows: NDArray[np.int64]) -> Records:
+    return Records(records.rdt_sequence[rows], records.ft_sequence[rows], records.status[rows], records.counts[rows])
+
+
+def _samples(records: Records, numbers: NDArray[np.int64], host_s: float, period_s: float) -> ForceSamples:
+    return ForceSamples(np.full(len(numbers), host_s), (numbers - 1).astype(np.float64) * period_s, numbers, records.status, records.counts)
+
+
+def _signed_difference(difference: int) -> int:
+    """Signed difference of two 32 bit counters."""
+    return (difference + (1 << 31)) % (1 << 32) - (1 << 31)

@@ -1,0 +1,286 @@
+"""Base class of plug-in force sensor drivers, for devices that stream records as bytes. See docs/add-a-force-sensor.md."""
+
+import struct
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.clock import Clock
+from rfca_rig.codecs.rdt import ERROR, SATURATED
+from rfca_rig.drivers.device_time import FrameCount
+from rfca_rig.drivers.force_sensors.records import FrozenRecordCounter, RecordSequence, StatusCounter
+from rfca_rig.drivers.ports import SerialPort
+from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
+from rfca_rig.errors import DeviceError
+
+__all__ = ["Record", "RecordStream", "StreamKeys"]
+
+Floats = NDArray[np.float64]
+
+FILES = ("file", "twin_file")
+# Time for the answer to a command, and the interval between two polls for it, in s.
+ANSWER_S = 1.0
+POLL_S = 1e-3
+# Time over which the rate is measured in s, and the relative difference that is accepted.
+RATE_CHECK_S = 1.0
+RATE_TOLERANCE = 0.03
+# A generic error: bit 15 has no meaning on a Net F/T.
+GENERIC_ERROR = ERROR | 1 << 15
+# Counts are stored as int32.
+MAX_COUNT = 2**31 - 1
+
+
+class StreamKeys(Protocol):
+    """Keys of [force_sensor] that every plug-in sensor has, besides its own."""
+
+    @property
+    def counts_per_N(self) -> float: ...
+    @property
+    def counts_per_Nm(self) -> float: ...
+    @property
+    def rate_Hz(self) -> float: ...
+    @property
+    def port(self) -> str: ...
+    def model_dump(self) -> dict[str, Any]: ...
+
+
+Keys = TypeVar("Keys", bound=StreamKeys)
+
+
+@dataclass(frozen=True)
+class Record:
+    """One record: six counts (fx fy fz tx ty tz), and whether the device reports saturation or another error.
+
+    `time_s` is the device's own clock, None if it has none; it may start anywhere and wrap.
+    """
+
+    counts: Sequence[float]
+    is_saturated: bool = False
+    is_wrong: bool = False
+    time_s: float | None = None
+
+
+class RecordStream(ABC, Generic[Keys]):
+    """A `ForceSensor` on a serial port, or on any object with the four members of `SerialPort`.
+
+    Inherit, set `make`, the `header` that every record begins with ("" for none) and its length, and implement the decoding.
+    This class handles resynchronisation after noise, time stamps, losses, the rate check, saturation, silence and a broken line.
+    """
+
+    make: ClassVar[str]
+    header: ClassVar[bytes] = b""
+    record_bytes: ClassVar[int]
+    clock_wraps_s: ClassVar[float | None] = None
+
+    def __init__(self, port: SerialPort, clock: Clock, keys: Keys) -> None:
+        self.keys = keys
+        self._port = port
+        self._clock = clock
+        self._running = False
+        self._reset_stream(b"")
+
+    # -- bytes of the device, to be implemented ------------------------------------------------------------------------------
+
+    @abstractmethod
+    def to_start(self) -> Sequence[tuple[bytes, bytes]]:
+        """Commands that start the stream, each with the answer to wait for (b"" for none). They must not send a bias."""
+
+    @abstractmethod
+    def to_stop(self) -> bytes:
+        """Command that ends the stream; b"" for a device that always streams."""
+
+    @abstractmethod
+    def decode(self, record: bytes) -> Record | None:
+        """Decodes `record_bytes` bytes, header included; None if the checksum is wrong, or they are not a record."""
+
+    # -- ForceSensor ---------------------------------------------------------------------------------------------------------
+
+    def _reset_stream(self, buffer: bytes) -> None:
+        self._buffer, self._in_garbage = bytearray(buffer), False
+        self._sequence, self._count = RecordSequence(), FrameCount(1.0 / self.keys.rate_Hz)
+        self._number, self._elapsed_s = 0, 0.0
+        self._last_s: float | None = None
+        self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
+        self._malformed, self._received = 0, 0
+        self._rate_from: tuple[float, int] | None = None
+        self._rate_checked = False
+        self._heard_s = self._read_s = self._clock.now_s()
+
+    def start(self) -> None:
+        """Starts the stream. Raises DeviceError if the device does not answer."""
+        self._running, remainder = False, b""
+        self._receive_bytes()
+        for command, answer in self.to_start():
+            remainder = self._request_answer(command, answer)
+        # Bytes after the last answer already belong to the new stream.
+        self._reset_stream(remainder)
+        self._running = True
+
+    def _request_answer(self, command: bytes, answer: bytes) -> bytes:
+        """Sends a command and waits for its answer; returns the bytes after it. Records of an old stream may precede the answer."""
+        self._send(command)
+        received, until_s = b"", self._clock.now_s() + ANSWER_S
+        while answer not in received:
+            if self._clock.now_s() > until_s:
+                raise DeviceError(
+                    f"force sensor on {self.keys.port} does not answer {command!r} with {answer!r} within {ANSWER_S:g} s, it said "
+                    f"{received[-40:]!r}; check its power, the cable, and port and bits_per_s under [force_sensor]"
+                )
+            self._clock.wait_until(self._clock.now_s() + POLL_S)
+            received += self._receive_bytes()
+        return received.partition(answer)[2] if answer else b""
+
+    def stop(self) -> None:
+        """Ends the stream. Raises DeviceError if the line is broken."""
+        self._running = False
+        if self.to_stop():
+            self._send(self.to_stop())
+
+    def _send(self, data: bytes) -> None:
+        try:
+            self._port.write(data)
+        except OSError as error:
+            raise DeviceError(f"nothing to be sent on {self.keys.port}: {error}; check the cable") from error
+
+    def _receive_bytes(self) -> bytes:
+        try:
+            waiting = self._port.in_waiting
+            return self._port.read(waiting) if waiting else b""
+        except OSError as error:
+            raise DeviceError(f"nothing to be received on {self.keys.port}: {error}; check the cable") from error
+
+    def read(self) -> ForceSamples:
+        """Records (m, 6) since the last call. Raises DeviceError if their rate differs from the rig file."""
+        self._read_s = self._clock.now_s()
+        arrived = self._receive_bytes()
+        records = self._find_records(arrived) if self._running else []
+        return self._samples(records)
+
+    def _find_records(self, data: bytes) -> list[Record]:
+        self._buffer += data
+        records: list[Record] = []
+        while len(self._buffer) >= self.record_bytes:
+            record = self._record_at_head()
+            if record is not None:
+                records.append(record)
+                del self._buffer[: self.record_bytes]
+                self._in_garbage = False
+            else:
+                self._skip()
+        return records
+
+    def _record_at_head(self) -> Record | None:
+        if not self._buffer.startswith(self.header):
+            return None
+        try:
+            return self.decode(bytes(self._buffer[: self.record_bytes]))
+        except (struct.error, ValueError, IndexError):
+            # A plug-in decoder raises these on bytes that are not a record; they count as malformed.
+            return None
+
+    def _skip(self) -> None:
+        """Skips to the next possible start of a record; one stretch of garbage counts once."""
+        self._malformed += not self._in_garbage
+        self._in_garbage = True
+        next_header = self._buffer.find(self.header, 1) if self.header else 1
+        # Without a further header, the tail that could be the start of one is kept.
+        del self._buffer[: next_header if next_header > 0 else max(1, len(self._buffer) - len(self.header) + 1)]
+
+    def _samples(self, records: list[Record]) -> ForceSamples:
+        accepted, numbers, device_s = self._stamp_records(records)
+        status = np.array([SATURATED if one.is_saturated else GENERIC_ERROR if one.is_wrong else 0 for one in accepted], np.uint32)
+        counts = np.clip(np.rint(np.array([one.counts for one in accepted]).reshape(-1, 6)), -MAX_COUNT, MAX_COUNT).astype(np.int32)
+        self._status.take(status)
+        self._frozen.take(counts)
+        self._received += len(accepted)
+        if accepted:
+            self._heard_s = self._read_s
+            self._check_rate()
+        return ForceSamples(np.full(len(accepted), self._read_s), device_s, numbers, status, counts)
+
+    def _stamp_records(self, records: list[Record]) -> tuple[list[Record], NDArray[np.int64], Floats]:
+        """The records to hand out, their numbers (m,), and device times (m,) in s, 0 at the first."""
+        if not records:
+            return [], np.empty(0, np.int64), np.empty(0)
+        if records[0].time_s is None:
+            device_s = self._count.stamp(len(records), self._read_s)
+            return records, np.rint(device_s * self.keys.rate_Hz).astype(np.int64) + 1, device_s
+        steps = [self._step(record.time_s) for record in records]
+        picked, numbers = self._sequence.take(np.array([number for number, _ in steps], np.uint32))
+        return [records[place] for place in picked], numbers, np.array([steps[place][1] for place in picked])
+
+    def _step(self, time_s: float | None) -> tuple[int, float]:
+        """Number and time of a record relative to the newest one before, so the clock only has to be right from one to the next."""
+        if time_s is None or self._last_s is None:
+            self._last_s, self._number = time_s, 1
+            return 1, 0.0
+        since_s, wraps_s = time_s - self._last_s, self.clock_wraps_s
+        if wraps_s is not None:
+            # The shorter way around the wrap; a small negative step is a record that came late.
+            since_s = (since_s + 0.5 * wraps_s) % wraps_s - 0.5 * wraps_s
+        number, elapsed_s = self._number + round(since_s * self.keys.rate_Hz), self._elapsed_s + since_s
+        if number > self._number:
+            self._number, self._elapsed_s, self._last_s = number, elapsed_s, time_s
+        return number, elapsed_s
+
+    def _check_rate(self) -> None:
+        """Checks the rate once, over the first second: a wrong one would stretch the time base of the whole recording."""
+        if self._rate_from is None:
+            self._rate_from = self._read_s, self._received
+        elapsed_s, first = self._read_s - self._rate_from[0], self._rate_from[1]
+        if self._rate_checked or elapsed_s < RATE_CHECK_S:
+            return
+        self._rate_checked = True
+        real_Hz, set_Hz = (self._received - first) / elapsed_s, self.keys.rate_Hz
+        # One record more or less in the window is allowed on top of the tolerance.
+        if abs(real_Hz - set_Hz) > RATE_TOLERANCE * set_Hz + 1.0 / RATE_CHECK_S:
+            raise DeviceError(
+                f"force sensor sends {real_Hz:.1f} records/s, the rig file says {set_Hz:g}; put that into rate_Hz, or set the sensor to it"
+            )
+
+    @property
+    def _lost(self) -> int:
+        return self._sequence.lost + self._count.lost
+
+    def scale(self) -> SensorScale:
+        return SensorScale(self.keys.counts_per_N, self.keys.counts_per_Nm, self.keys.rate_Hz)
+
+    def health(self) -> StreamHealth:
+        """Counters since `start`."""
+        return StreamHealth(
+            received=self._received,
+            lost=self._lost,
+            duplicate=self._sequence.duplicate,
+            out_of_order=self._sequence.out_of_order,
+            malformed=self._malformed,
+            faulty_status=self._status.faulty,
+            stalled=self._frozen.frozen,
+            saturated=self._status.saturated,
+            notes=self._notes(),
+        )
+
+    def _notes(self) -> list[str]:
+        notes, silent_s = [], self._read_s - self._heard_s
+        # Two record periods on top of 0.1 s, so that a slow sensor does not count as silent.
+        if self._running and silent_s > 0.1 + 2.0 / self.keys.rate_Hz:
+            reason = "bytes come, but none are records; check what it is set to send" if self._malformed and not self._received else None
+            notes.append(f"no record for {silent_s:.2f} s: {reason or 'check its power and the cable'}")
+        if self._frozen.frozen:
+            notes.append(f"all six values stood still over {self._frozen.frozen} records: is the transducer connected?")
+        if self._status.faulty:
+            notes.append(f"{self._status.faulty} records with an error of the sensor, {self._status.saturated} of them beyond its range")
+        if self._malformed:
+            notes.append(f"{self._malformed} pieces of the stream were no records")
+        return notes
+
+    def identity(self) -> dict[str, str]:
+        """For the recording: the make, and all keys of the section except its files, which are recorded in full."""
+        return {
+            "make": self.make,
+            "serial_number": "",
+            **{name: str(value) for name, value in self.keys.model_dump().items() if value is not None and name not in FILES},
+        }

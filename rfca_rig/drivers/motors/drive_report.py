@@ -1,0 +1,166 @@
+"""Receives and time-stamps the reports of a plug-in drive (see docs/add-a-motor.md)."""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import can
+import numpy as np
+
+from rfca_rig.clock import Clock
+from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames
+from rfca_rig.drivers.device_time import FrameCount
+from rfca_rig.drivers.motors.shaft_gear import EncoderJumpMonitor, ShaftGear
+from rfca_rig.drivers.roles import ShaftSamples, concatenate_blocks
+from rfca_rig.errors import DeviceError
+
+WATCHDOG_REMEDY = "the drive's watchdog stops the motor"
+NO_SAMPLES = ShaftSamples(*(np.empty(0) for _ in range(5)))
+
+
+@dataclass(frozen=True)
+class Report:
+    """One report of a drive: turns, turns/s and torque of its motor, before the gear.
+
+    `is_on` means that it is energised and follows commands. `state` is a text. `fault` is None, or the error code with its meaning.
+    `temperature_C` is the higher of drive and motor temperature, None if the drive reports none.
+    """
+
+    turns: float
+    turns_s: float
+    torque_Nm: float
+    is_on: bool
+    state: str
+    fault: str | None = None
+    temperature_C: float | None = None
+
+
+class DriveReports:
+    """Receives the reports of one drive. `last` is its last report, drained at host time `heard_s`.
+
+    With a period, reports are cyclic and are time-stamped by counting them. Without one, each report answers a request, and its time is
+    that of the last request. A late answer, or two answers at once, then costs one sample but never breaks the order of time.
+    """
+
+    def __init__(
+        self, bus: can.BusABC, clock: Clock, gear: ShaftGear, period_s: float | None, understand: Callable[[can.Message], Report | None]
+    ) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._gear = gear
+        self._understand = understand
+        self._count = None if period_s is None else FrameCount(period_s)
+        self._leap = EncoderJumpMonitor()
+        self._asked_s = self._stamped_s = self._open_s = self._first_s = np.nan
+        self._samples: list[ShaftSamples] = []
+        self.health = BusHealth()
+        self.last: Report | None = None
+        self.restarted: str | None = None
+        self.angle_rad = self.speed_rad_s = np.nan
+        self.drained_s = self.heard_s = clock.now_s()
+        self.reset_counters()
+
+    def reset_counters(self) -> None:
+        """Restarts the counters behind `heard` and `missing`."""
+        self.heard = 0
+        self._foreign: set[int] = set()
+
+    def asked(self) -> None:
+        """Notes a request that was sent; the next report answers it."""
+        self._asked_s = self._clock.now_s()
+        # Silence counts from the first request that is still open, not from the last one.
+        if np.isnan(self._open_s):
+            self._open_s = self._asked_s
+
+    def drain(self) -> None:
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        before_s, self.drained_s = self.drained_s, self._clock.now_s()
+        reports: list[Report] = []
+        try:
+            for message in receive_frames(self._bus, self.health, WATCHDOG_REMEDY):
+                self._take(message, reports)
+        # Reports decoded before a bad frame are still stamped and handed out.
+        finally:
+            # A long pause may have overflowed the receive buffer: frames are then missing, and no jump can be inferred.
+            self._stamp(reports, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
+
+    def _take(self, message: can.Message, reports: list[Report]) -> None:
+        try:
+            report = self._understand(message)
+        # A plug-in decoder raises these on a frame of the wrong length or content; other exceptions are its bugs and propagate.
+        except (struct.error, IndexError, ValueError) as error:
+            raise DeviceError(
+                f"CAN frame 0x{message.arbitration_id:x} {message.data.hex()} cannot be read: {error}; {WATCHDOG_REMEDY}"
+            ) from error
+        if report is None:
+            self._foreign.add(message.arbitration_id)
+        else:
+            reports.append(report)
+
+    def _stamp(self, reports: list[Report], is_whole: bool) -> None:
+        if not reports:
+            return
+        self.last, self.heard_s, self._open_s = reports[-1], self.drained_s, np.nan
+        self.heard += len(reports)
+        # Without a period only the newest of several answers has a known time, so the others are dropped.
+        accepted = reports if self._count is not None else reports[-1:]
+        samples = self._samples_of(accepted, self._device_s(len(accepted)))
+        for stamp_s, angle_rad, speed_rad_s in zip(samples.device_s, samples.angle_rad, samples.speed_rad_s, strict=True):
+            self._leap.follow(self.drained_s, float(stamp_s), float(angle_rad), float(speed_rad_s), judged=is_whole)
+        self.angle_rad, self.speed_rad_s = float(samples.angle_rad[-1]), float(samples.speed_rad_s[-1])
+        # Time must increase strictly in a recording; a second answer to the same request is dropped.
+        is_new = self._count is not None or np.isnan(self._stamped_s) or samples.device_s[-1] > self._stamped_s
+        self._stamped_s = float(samples.device_s[-1])
+        self._samples += [samples] if is_new else []
+
+    def _device_s(self, reports: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        if self._count is not None:
+            return np.asarray(self._count.stamp(reports, self.drained_s)).reshape(reports)
+        moment_s = self.drained_s if np.isnan(self._asked_s) else self._asked_s
+        self._first_s = moment_s if np.isnan(self._first_s) else self._first_s
+        return np.full(reports, moment_s - self._first_s)
+
+    def _samples_of(self, reports: list[Report], device_s: np.ndarray[tuple[int], np.dtype[np.float64]]) -> ShaftSamples:
+        gear, rows = self._gear, np.array([(one.turns, one.turns_s, one.torque_Nm) for one in reports])
+        # A limit check on NaN is never exceeded, so a drive without a valid position must not run.
+        if not np.isfinite(rows[:, :2]).all():
+            raise DeviceError(f"the drive tells no position or speed, state {reports[-1].state}; check its encoder")
+        return ShaftSamples(
+            host_s=np.full(len(rows), self.drained_s),
+            device_s=device_s,
+            angle_rad=(rows[:, 0] - gear.zero_turns) * gear.shaft_rad_per_turn,
+            speed_rad_s=rows[:, 1] * gear.shaft_rad_per_turn,
+            torque_Nm=rows[:, 2] * gear.shaft_torque_per_drive_torque,
+        )
+
+    def samples(self) -> ShaftSamples:
+        """Samples (m,) drained since the last call."""
+        blocks, self._samples = self._samples, []
+        return concatenate_blocks([NO_SAMPLES, *blocks])
+
+    @property
+    def silent_s(self) -> float:
+        """Time in s for which a due report has been missing, at the last `drain`."""
+        since_s = self.heard_s if self._count is not None else self.drained_s if np.isnan(self._open_s) else self._open_s
+        return self.drained_s - since_s
+
+    @property
+    def lost(self) -> int:
+        return 0 if self._count is None else self._count.lost
+
+    @property
+    def zero_lost(self) -> str | None:
+        """Why the angle can no longer be trusted, or None. Never reset."""
+        return self.restarted or self._leap.fault
+
+    @property
+    def doubts(self) -> str | None:
+        """An error of the reports themselves that the drive does not report, or None."""
+        return self.zero_lost or (self._count.fault if self._count else None) or self.health.fault
+
+    def missing(self) -> str:
+        """Why there is no report, and the remedy."""
+        if self._foreign:
+            identifiers = ", ".join(f"0x{one:x}" for one in sorted(self._foreign)[:5])
+            return f"frames {identifiers} but no report of the drive; check its address under [motor], and which messages it is set to send"
+        return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate"

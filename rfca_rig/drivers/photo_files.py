@@ -1,0 +1,154 @@
+"""Photos in files (JPEG, PNG, TIFF): reading with a check for truncation, their time, and folders of them in place of a camera."""
+
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.codecs.exif_time import read_time_taken
+from rfca_rig.drivers.roles import Photo
+from rfca_rig.errors import BadInput, DeviceError
+
+Image = NDArray[np.uint8]
+
+ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+# In a JPEG the Exif block precedes the image and has at most 64 kB.
+HEAD_BYTES = 1 << 18
+
+_PNG, _JPEG, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", (b"II*\0", b"MM\0*")
+
+
+@dataclass(frozen=True)
+class PictureTime:
+    """When a picture was taken: from Exif if `from_exif`, else the modification time of the file."""
+
+    at: datetime
+    from_exif: bool
+
+
+def read_picture(path: Path) -> Image:
+    """The image (rows, columns, 3) uint8 in BGR order, in the orientation of the sensor: the Exif orientation is ignored.
+
+    Raises BadInput, in one line, for a file that is missing, of another type, truncated or broken.
+    """
+    content = _content(path)
+    if fault := _fault(content):
+        raise BadInput(f"{path}: {fault}; take it out of the list or copy it from the camera again")
+    image = _decode(content)
+    if image is None:
+        raise BadInput(f"{path}: {len(content)} bytes that are no whole picture; take it out of the list or copy it from the camera again")
+    return image
+
+
+def _decode(content: bytes) -> Image | None:
+    """Decodes an image; None if OpenCV fails, by returning None or by raising. Its messages on the terminal are suppressed."""
+    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        return None
+    finally:
+        cv2.utils.logging.setLogLevel(before)
+    return None if image is None else np.asarray(image, np.uint8)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _fault(content: bytes) -> str | None:
+    """Error visible at the ends of the file, or None. Decoders silently fill a truncated picture with grey."""
+    if not content:
+        return "empty file"
+    if content.startswith(_JPEG):
+        # The end mark (FF D9) must follow the last start of scan (FF DA); the embedded thumbnail has its own end mark.
+        whole = content.rfind(b"\xff\xd9") > content.rfind(b"\xff\xda") >= 0
+        return None if whole else "a JPEG that is cut short: it ends before its end mark"
+    if content.startswith(_PNG):
+        return None if content[-12:-4] == b"\0\0\0\0IEND" else "a PNG that is cut short: it ends before its end mark"
+    return None if content.startswith(_TIFF) else "neither JPEG, PNG nor TIFF"
+
+
+def read_picture_time(path: Path) -> PictureTime:
+    """Time at which a picture was taken. Raises BadInput if the file cannot be read."""
+    try:
+        with path.open("rb") as file:
+            # A TIFF may have its Exif directory anywhere, so the whole file is read.
+            head = file.read(HEAD_BYTES) if path.suffix.lower() not in (".tif", ".tiff") else file.read()
+        changed_s = path.stat().st_mtime
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+    taken = read_time_taken(head)
+    return PictureTime(taken, True) if taken else PictureTime(datetime.fromtimestamp(changed_s, UTC), False)
+
+
+def list_photos(folder: Path) -> list[Path]:
+    """The pictures in a folder in natural sort order: 9 before 10.
+
+    Raises BadInput if the folder does not exist, or holds no picture.
+    """
+    found = list_pictures(folder)
+    if not found:
+        raise BadInput(f"{folder}: holds no picture; expected are files that end in {', '.join(ENDINGS)}")
+    return found
+
+
+def list_pictures(folder: Path) -> list[Path]:
+    """Like `list_photos`, for a folder that may still be empty. Raises BadInput if the folder does not exist."""
+    try:
+        found = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
+    except OSError as error:
+        raise BadInput(f"{folder}: cannot be read: {error.strerror}; name the folder that holds the photos") from None
+    return sorted(found, key=_natural_sort_key)
+
+
+def _natural_sort_key(file: Path) -> tuple[list[tuple[int, str]], str]:
+    parts = re.findall(r"[0-9]+|[^0-9]+", file.stem.lower())
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], file.name
+
+
+class PhotoFolder:
+    """Implements `Camera`. `host_s` counts from the earliest photo, by Exif time if every photo has one, else by file times.
+
+    The two are never mixed: the clocks of camera and computer differ by more than the duration of a stage.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Raises BadInput if the folder holds no photo."""
+        self._folder = folder
+        self._files = list_photos(folder)
+        self._next = 0
+        moments = [read_picture_time(file) for file in self._files]
+        self._by_exif = all(moment.from_exif for moment in moments)
+        times_s = [
+            moment.at.timestamp() if self._by_exif else file.stat().st_mtime for moment, file in zip(moments, self._files, strict=True)
+        ]
+        self._times_s = [time_s - min(times_s) for time_s in times_s]
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    def photo(self) -> Photo:
+        """The next photo (rows, columns, 3) in BGR order.
+
+        Raises DeviceError after the last one, and BadInput for a broken one, which the next call skips.
+        """
+        if self._next == len(self._files):
+            raise DeviceError(f"{self._folder}: no photo after the {self._next} that it holds; add those that are missing")
+        at = self._next
+        self._next += 1
+        return Photo(read_picture(self._files[at]), self._times_s[at], self._files[at].name)
+
+    def close(self) -> None:
+        """Does nothing: no file is held open."""
+
+    def identity(self) -> dict[str, str]:
+        time_from = "Exif" if self._by_exif else "times of last change"
+        return {"camera": f"folder {self._folder.name} of {len(self._files)} photos", "camera_time": time_from}
