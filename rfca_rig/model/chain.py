@@ -13,7 +13,7 @@ from rfca_rig.model.integrator import DONE, SHORTEST_STEP_S, STEP_TOO_SHORT, int
 from rfca_rig.model.laws import TABLE, LawUse, address_of, address_of_advance
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State
+from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State, Work
 from rfca_rig.model.torque_spline import table_of
 
 Floats = NDArray[np.float64]
@@ -173,6 +173,7 @@ def advance(
     tolerance: Tolerance,
     samples: Samples,
     laws: Laws | None = None,
+    work: Work | None = None,
 ) -> Steps:
     """Integrates `state` over `span_s` in place and fills `samples`.
 
@@ -190,6 +191,8 @@ def advance(
         Error per step; the method is of third order, see `integrator`.
     samples
         Their times lie in the span, its start excluded.
+    work
+        Working memory of an earlier call for the same chain, for a caller with many short spans; the result is that of new memory.
 
     Returns
     -------
@@ -202,7 +205,12 @@ def advance(
         Where no step converges, or where it would take more than `tolerance.most_steps`.
     """
     bounds = np.array([tolerance.angle_rad, tolerance.speed_rad_s])
-    work = allocate_workspace(state.q.size, state.anchor.size)
+    if work is None:
+        work = allocate_workspace(state.q.size, state.anchor.size)
+    else:
+        # Everything else in it is written before it is read.
+        work.ends[:] = 0.0
+        work.limit[:] = np.inf
     status, next_s, accepted, rejected = integrate(
         chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, tolerance.most_steps, bounds, work, samples
     )

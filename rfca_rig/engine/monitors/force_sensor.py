@@ -59,9 +59,11 @@ class SensorMonitor:
     def _check_time(self, samples: ForceSamples) -> None:
         """Checks for gaps: records may come, and yet so many be lost in between that the force was not observed."""
         # By the sensor's own record counter, which shows lost records whenever they were received.
-        times_s = samples.device_s if np.isnan(self._last_s) else np.concatenate([[self._last_s], samples.device_s])
-        blind_s = float(np.diff(times_s).max(initial=0.0))
-        self._last_s = float(samples.device_s[-1])
+        times_s = samples.device_s
+        blind_s = float((times_s[1:] - times_s[:-1]).max(initial=0.0))
+        if not np.isnan(self._last_s):
+            blind_s = max(blind_s, float(times_s[0]) - self._last_s)
+        self._last_s = float(times_s[-1])
         if blind_s > self._limits.sensor_silent_s:
             limit_ms = 1e3 * self._limits.sensor_silent_s
             raise Tripped(
@@ -75,8 +77,10 @@ class SensorMonitor:
         counts = samples.counts
         # The first record of all is compared with itself, which counts as no change.
         before = counts[:1] if self._last is None else self._last
-        changed = np.flatnonzero((np.concatenate([before, counts[:-1]]) != counts).any(axis=1))
-        if len(changed):
+        # The newest pair decides alone where it differs, which is the usual case.
+        if len(counts) > 1 and (counts[-1] != counts[-2]).any():
+            self._changed_s = float(samples.device_s[-1])
+        elif len(changed := np.flatnonzero((np.concatenate([before, counts[:-1]]) != counts).any(axis=1))):
             self._changed_s = float(samples.device_s[changed[-1]])
         elif np.isnan(self._changed_s):
             self._changed_s = float(samples.device_s[0])

@@ -40,6 +40,10 @@ class ExceedanceTimer:
         float
             0 where the last value is not above the ceiling.
         """
+        # The last value below the ceiling is the usual case.
+        if values[-1] <= ceiling:
+            self.below_s = float(device_s[-1])
+            return 0.0
         below = np.flatnonzero(values <= ceiling)
         if len(below):
             self.below_s = float(device_s[below[-1]])
