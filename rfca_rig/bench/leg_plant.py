@@ -11,10 +11,13 @@ from rfca_rig.model.catalogue import resolve_effect, set_up
 from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.state import Chain, Laws, Shaft, State
+from rfca_rig.model.stage import allocate_workspace
+from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 Floats = NDArray[np.float64]
+
+TOLERANCE = Tolerance()
 
 # Longer than a bounce: after it, a contact counts as a new touchdown with new friction.
 IN_THE_AIR_S = 0.2
@@ -47,6 +50,7 @@ class LegPlant:
     _chain: Chain = field(init=False)
     _laws: Laws | None = field(init=False)
     _state: State = field(init=False)
+    _work: Work = field(init=False)
     _torque_Nm: float = 0.0
 
     def __post_init__(self) -> None:
@@ -65,6 +69,8 @@ class LegPlant:
         self._chain = setup.chain()
         self._laws = setup.compile_laws(self._chain)
         self._state = find_rest_state(self._chain, shaft_angle_rad, self._laws)
+        # Kept from step to step: new memory takes longer than the integration of a step.
+        self._work = allocate_workspace(self._state.q.size, self._state.anchor.size)
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
         """Moves on to `to_s` and returns the wrench at the sensor.
@@ -85,7 +91,8 @@ class LegPlant:
         """
         samples = allocate_samples(force_times_s, self._state.q.size, self._state.anchor.size)
         span_s = (self._now_s, to_s)
-        cost = advance(self._chain, self._shaft(drive), self._state, span_s, self._step_s, Tolerance(), samples, self._laws)
+        shaft = self._shaft(drive)
+        cost = advance(self._chain, shaft, self._state, span_s, self._step_s, TOLERANCE, samples, self._laws, self._work)
         # The integrator's last step width is the best guess for the next call.
         self._step_s = cost.next_s
         self._notice_touchdown(to_s - self._now_s)

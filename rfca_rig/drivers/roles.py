@@ -202,6 +202,9 @@ Block = TypeVar("Block", ShaftSamples, ForceSamples, Records)
 
 
 def concatenate_blocks(blocks: Sequence[Block]) -> Block:
-    """Concatenates blocks of columns (m, ...) along the first axis, column by column; needs at least one block."""
+    """Concatenates blocks of columns (m, ...) along the first axis, column by column; a single block is returned as it is."""
+    # One block per tick is the usual case.
+    if len(blocks) == 1:
+        return blocks[0]
     kind = type(blocks[0])
     return kind(*(np.concatenate([getattr(block, column.name) for block in blocks]) for column in fields(kind)))

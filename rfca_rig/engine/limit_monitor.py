@@ -97,9 +97,11 @@ class SensorMonitor:
     def _check_time(self, samples: ForceSamples) -> None:
         """Checks for gaps: records may come, and yet so many be lost in between that the force was not observed."""
         # By the sensor's own record counter, which shows lost records whenever they were received.
-        times_s = samples.device_s if np.isnan(self._last_s) else np.concatenate([[self._last_s], samples.device_s])
-        blind_s = float(np.diff(times_s).max(initial=0.0))
-        self._last_s = float(samples.device_s[-1])
+        times_s = samples.device_s
+        blind_s = float((times_s[1:] - times_s[:-1]).max(initial=0.0))
+        if not np.isnan(self._last_s):
+            blind_s = max(blind_s, float(times_s[0]) - self._last_s)
+        self._last_s = float(times_s[-1])
         if blind_s > self._limits.sensor_silent_s:
             limit_ms = 1e3 * self._limits.sensor_silent_s
             raise Tripped(
@@ -113,8 +115,10 @@ class SensorMonitor:
         counts = samples.counts
         # The first record of all is compared with itself, which counts as no change.
         before = counts[:1] if self._last is None else self._last
-        changed = np.flatnonzero((np.concatenate([before, counts[:-1]]) != counts).any(axis=1))
-        if len(changed):
+        # The newest pair decides alone where it differs, which is the usual case.
+        if len(counts) > 1 and (counts[-1] != counts[-2]).any():
+            self._changed_s = float(samples.device_s[-1])
+        elif len(changed := np.flatnonzero((np.concatenate([before, counts[:-1]]) != counts).any(axis=1))):
             self._changed_s = float(samples.device_s[changed[-1]])
         elif np.isnan(self._changed_s):
             self._changed_s = float(samples.device_s[0])
@@ -154,6 +158,10 @@ class ExceedanceTimer:
         float
             0 where the last value is not above the ceiling.
         """
+        # The last value below the ceiling is the usual case.
+        if values[-1] <= ceiling:
+            self.below_s = float(device_s[-1])
+            return 0.0
         below = np.flatnonzero(values <= ceiling)
         if len(below):
             self.below_s = float(device_s[below[-1]])
@@ -255,16 +263,19 @@ class ShaftMonitor:
             )
 
     def _check_jump(self, shaft: ShaftSamples) -> None:
-        times_s, angles_rad = shaft.device_s, shaft.angle_rad
-        if self._last is not None:
-            # The last report of the tick before belongs to the block: a jump may lie between two ticks.
-            times_s, angles_rad = np.append(self._last[0], times_s), np.append(self._last[1], angles_rad)
-        steps_rad = np.abs(np.diff(angles_rad))
-        allowed_rad = self._limits.speed_rad_s * np.diff(times_s) + JUMP_RAD
-        if (steps_rad > allowed_rad).any():
+        # Plain numbers: a tick brings a few reports, for which numpy takes longer. The last report of the tick before belongs to
+        # the block, because a jump may lie between two ticks.
+        last, worst_rad = self._last, -1.0
+        for time_s, angle_rad in zip(shaft.device_s.tolist(), shaft.angle_rad.tolist(), strict=True):
+            if last is not None:
+                step_rad = abs(angle_rad - last[1])
+                if step_rad > self._limits.speed_rad_s * (time_s - last[0]) + JUMP_RAD:
+                    worst_rad = max(worst_rad, step_rad)
+            last = time_s, angle_rad
+        if worst_rad >= 0.0:
             raise Tripped(
                 Trip.JUMP,
-                f"the shaft's angle jumped by {np.degrees(steps_rad.max()):.1f} deg from one report to the next; was the drive "
+                f"the shaft's angle jumped by {np.degrees(worst_rad):.1f} deg from one report to the next; was the drive "
                 "restarted, or does the encoder slip? Check the zero before anything moves",
             )
 

@@ -187,7 +187,7 @@ class Loop:
     def _remember_force(self, force: ForceSamples) -> None:
         if len(force.counts):
             # Mean over the records of one tick (14 at 7 kHz and 2 ms), which reduces the sensor's noise.
-            self._wrench = force.counts.mean(axis=0) / self._counts_per_unit
+            self._wrench = np.add.reduce(force.counts, axis=0, dtype=np.float64) / len(force.counts) / self._counts_per_unit
 
     @contextmanager
     def recorded(self, listener: Listener) -> Iterator[SampleCollector]:

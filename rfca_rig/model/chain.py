@@ -223,6 +223,7 @@ def advance(
     tolerance: Tolerance,
     samples: Samples,
     laws: Laws | None = None,
+    work: Work | None = None,
 ) -> Steps:
     """Integrates `state` over `span_s` in place and fills `samples`.
 
@@ -240,6 +241,8 @@ def advance(
         Error per step; the method is of third order, see `integrator`.
     samples
         Their times lie in the span, its start excluded.
+    work
+        Working memory of an earlier call for the same chain, for a caller with many short spans; the result is that of new memory.
 
     Returns
     -------
@@ -252,7 +255,12 @@ def advance(
         Where no step converges, or where it would take more than `tolerance.most_steps`.
     """
     bounds = np.array([tolerance.angle_rad, tolerance.speed_rad_s])
-    work = allocate_workspace(state.q.size, state.anchor.size)
+    if work is None:
+        work = allocate_workspace(state.q.size, state.anchor.size)
+    else:
+        # Everything else in it is written before it is read.
+        work.ends[:] = 0.0
+        work.limit[:] = np.inf
     status, next_s, accepted, rejected = integrate(
         chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, tolerance.most_steps, bounds, work, samples
     )

@@ -174,9 +174,11 @@ class NetFtTwin:
         """Counts (m, 6) and status (m,) of a wrench (m, 6). The converter saturates on the true load, independent of the bias."""
         noisy = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
         clipped = np.minimum(np.maximum(noisy, -self._full_scale), self._full_scale)
-        status = np.where((clipped != noisy).any(axis=1), np.uint32(SATURATED), np.uint32(0))
+        status, beyond = np.zeros(len(wrench), np.uint32), clipped != noisy
+        if beyond.any():
+            status[beyond.any(axis=1)] = SATURATED
         counts = np.rint((clipped - self._bias) * self._counts_per_unit)
-        return np.clip(counts, -LARGEST_COUNT, LARGEST_COUNT).astype(np.int32), status
+        return np.minimum(np.maximum(counts, -LARGEST_COUNT), LARGEST_COUNT).astype(np.int32), status
 
 
 @dataclass(frozen=True)

@@ -136,7 +136,7 @@ class DriveReports:
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
         blocks, self._samples = self._samples, []
-        return concatenate_blocks([NO_SAMPLES, *blocks])
+        return concatenate_blocks(blocks or [NO_SAMPLES])
 
     @property
     def silent_s(self) -> float:

@@ -136,7 +136,7 @@ class OdriveReports:
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""
         blocks, self._samples = self._samples, []
-        return concatenate_blocks([NO_SAMPLES, *blocks])
+        return concatenate_blocks(blocks or [NO_SAMPLES])
 
     @property
     def lost_frames(self) -> int:
