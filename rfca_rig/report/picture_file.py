@@ -1,10 +1,12 @@
 """Writes a picture to a file whose ending decides the format."""
 
+from io import BytesIO
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import write_atomically
 
 FORMATS = (".svg", ".png", ".pdf")
 
@@ -16,9 +18,8 @@ def check_picture_path(path: Path) -> None:
 
 
 def save_picture(figure: Figure, path: Path) -> None:
-    """Writes the figure; the same figure gives the same bytes. Raises BadInput where the file cannot be written."""
+    """Writes the figure, all or nothing; the same figure gives the same bytes. Raises RigError where the disk refuses."""
+    drawn, kind = BytesIO(), path.suffix.lower()
     # Without its date, an SVG has the same bytes each time.
-    try:
-        figure.savefig(path, dpi=200, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+    figure.savefig(drawn, format=kind.lstrip("."), dpi=200, metadata={"Date": None} if kind == ".svg" else None)
+    write_atomically(path, drawn.getvalue())
