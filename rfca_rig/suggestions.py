@@ -5,6 +5,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from unicodedata import category
 
+# Characters of a message, ten rows of a terminal, and of a word in it: a path in a deep folder is whole, a cell of 100 kB is not.
+LONGEST_LINE = 800
+LONGEST_WORD = 200
+
 
 def printable(text: str) -> str:
     """Replace control characters, which could move the cursor of a terminal, rename its window or write to its clipboard.
@@ -12,6 +16,13 @@ def printable(text: str) -> str:
     Line feeds and tabs stay. A file from elsewhere may hold the others in any of its texts.
     """
     return "".join("\N{REPLACEMENT CHARACTER}" if category(one) == "Cc" and one not in "\n\t" else one for one in text)
+
+
+def in_one_line(text: str) -> str:
+    """The text as one printable line: what a file or an option holds, however long, does not hide what is said of it."""
+    words = (word if len(word) <= LONGEST_WORD else f"{word[:80]}...{word[-40:]}" for word in printable(text).split())
+    line = " ".join(words)
+    return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 3]}..."
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

@@ -1,10 +1,12 @@
 """The command line: one app, heavy imports inside the commands, one place that turns errors into a line and an exit code."""
 
+import errno
 import logging
 import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -42,9 +44,11 @@ from rfca_rig.cli.commands import (
 from rfca_rig.cli.completion import add_completions
 from rfca_rig.cli.encoding import use_ascii_fallback
 from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
-from rfca_rig.suggestions import printable
+from rfca_rig.suggestions import in_one_line
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
+# What the system says of a path that somebody wrote, in a file or an option, and that leads nowhere.
+UNUSABLE_PATHS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EISDIR)
 
 
 class CommandGroup(TyperGroup):
@@ -133,6 +137,10 @@ def run() -> None:
         sys.stderr.close()
         sys.exit(1)
     except OSError as error:
+        if error.errno == errno.ENOENT and _is_folder_gone():
+            _leave("the folder that you are in has been deleted; change to another one", BadInput.exit_code)
+        if error.filename and error.errno in UNUSABLE_PATHS:
+            _leave(f"{error.filename}: {error.strerror}; give another path", BadInput.exit_code)
         if os.environ.get(DEBUG_VARIABLE):
             raise
         # What the output holds is lost; the interpreter would try it again at its end.
@@ -163,7 +171,15 @@ def _usage_text(error: TyperException) -> str:
     return f"{plain}; see {context.command_path} --help" if text and context is not None else plain
 
 
+def _is_folder_gone() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
+
+
 def _leave(message: str, exit_code: int) -> None:
     if message:
-        typer.echo(f"rfca-rig: {printable(message)}", err=True)
+        typer.echo(f"rfca-rig: {in_one_line(message)}", err=True)
     sys.exit(exit_code)

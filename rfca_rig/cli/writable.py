@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import refuse_devices
 
 
 def out_folder(folder: Path | None) -> Path | None:
@@ -25,6 +26,7 @@ def out_file(file: Path | None) -> Path | None:
         return None
     if file.is_dir():
         raise BadInput(f"{file}: is a folder, where a file is needed; name a file in it")
+    refuse_devices(file)
     if not file.parent.is_dir():
         raise BadInput(f"{file}: there is no folder {file.parent}; make it, or name another file")
     if not os.access(file if file.exists() else file.parent, os.W_OK):

@@ -4,10 +4,10 @@ Every key carries its unit. Numbers must be finite, and unknown keys are refused
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import resolve_effect
@@ -22,7 +22,18 @@ LAW_KEYS = ("hinge_torque_Nm", "k0_Nm_per_rad", "k2_per_rad2")
 # The torque's slope 1 + 3 k2 phi^2 is 0 at 90 degrees.
 MIN_K2_PER_RAD2 = -4.0 / (3.0 * math.pi**2)
 
-Positive = Annotated[float, Field(gt=0)]
+# In the unit of the key. The largest of a rig is a contact stiffness, 1e5 to 1e10 N/m^1.5. The smallest that must be above 0 is an inertia,
+# 1e-9 kg m^2 of a needle. Squares, products and quotients of a few such numbers stay finite.
+SMALLEST, LARGEST = 1e-30, 1e15
+
+
+def _check_size(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"should be {SMALLEST:g} or more")
+    return value
+
+
+Positive = Annotated[float, Field(gt=0), AfterValidator(_check_size)]
 # Of the shaft: below, one stroke takes minutes and more samples than memory; above, no motor of these rigs turns.
 SpeedRadS = Annotated[float, Field(ge=0.01, le=100)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -35,6 +46,24 @@ class Section(BaseModel):
     """A table in a file: no unknown keys, no text where a number is expected, no NaN."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _has_sane_numbers(cls, value: Any) -> Any:
+        for number in _floats_in(value):
+            if abs(number) > LARGEST:
+                raise ValueError(f"should be {LARGEST:g} or less in size, not {number:g}")
+        return value
+
+
+def _floats_in(value: Any) -> Iterator[float]:
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, tuple | list):
+        for each in value:
+            yield from _floats_in(each)
+    elif isinstance(value, Mapping):
+        yield from _floats_in(tuple(value.values()))
 
 
 class TorqueRotationSection(Section):

@@ -90,7 +90,10 @@ def relative_std(section: TorqueRotationSection) -> float | None:
 def read_curve(path: Path) -> TorqueRotationSection:
     """Read the curve in a CSV file. Raises BadInput, naming file and line, where it cannot be used."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
-    rows = list(csv.reader(lines, skipinitialspace=True))
+    try:
+        rows = list(csv.reader(lines, skipinitialspace=True))
+    except csv.Error as error:
+        raise BadInput(f"{path}: is no table of comma-separated numbers: {error}") from None
     names = [name.strip() for name in rows[0]] if rows else []
     # The band is optional.
     missing = [name for name in ("angle_deg", "torque_Nm") if name not in names]

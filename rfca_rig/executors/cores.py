@@ -6,15 +6,23 @@ from contextlib import contextmanager
 
 from threadpoolctl import threadpool_limits
 
+from rfca_rig.errors import BadInput
+
 VARIABLE = "RFCA_RIG_THREADS"
+# More threads than any machine of a laboratory has cores; each takes 8 MB of address space for its stack.
+MOST = 1024
 ONE_THREAD = {VARIABLE: "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a worker. Linear algebra reads its part when it is loaded, so it must stand there before the process begins."""
 
 
 def cores() -> int:
-    """Number of cores that this process may use, or RFCA_RIG_THREADS if it is set."""
+    """Number of cores that this process may use, or RFCA_RIG_THREADS if it is set. Raises BadInput for one that is no such number."""
     setting = os.environ.get(VARIABLE, "")
-    return int(setting) if setting.isdecimal() and int(setting) else machine_cores()
+    if not setting:
+        return machine_cores()
+    if not (setting.isascii() and setting.isdecimal() and len(setting) <= 4 and 1 <= int(setting) <= MOST):
+        raise BadInput(f"{VARIABLE}={setting}: should be a number of threads from 1 to {MOST}; unset it to use all cores")
+    return int(setting)
 
 
 def machine_cores() -> int:

@@ -29,7 +29,7 @@ from rfca_rig.export.host_clock import NS, event_times, events_in, order_by_time
 from rfca_rig.export.sample_messages import Layout, layout_of, pack_samples
 from rfca_rig.export.static_row import static_row
 from rfca_rig.progress import ProgressCount, iterate_with_progress
-from rfca_rig.recording.atomic import remove, translate_os_errors
+from rfca_rig.recording.atomic import refuse_devices, remove, translate_os_errors
 from rfca_rig.recording.model import StaticStage
 
 # The writer buffers one chunk, compresses it and writes it: memory stays at about this size.
@@ -71,6 +71,7 @@ def export_mcap(run: Path, out: Path, told: ProgressCount) -> Exported:
     RigError
         Where the file cannot be written.
     """
+    refuse_devices(out)
     partial = out.with_name(out.name + ".writing")
     stored = open_stored(run)
     with translate_os_errors(out, "cannot be written"):

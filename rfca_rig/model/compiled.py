@@ -38,8 +38,18 @@ def cache_folder() -> str:
         # `state` compiles nothing, but its tuples are the types of all compiled functions.
         if b"model.compiled import" in text or source.name == "state.py":
             content.update(text)
-    parent = os.environ.get("NUMBA_CACHE_DIR") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rfca-rig"
+    parent = os.environ.get("NUMBA_CACHE_DIR") or _cache_of_user() / "rfca-rig"
     return str(Path(parent) / f"compiled-{content.hexdigest()[:16]}")
+
+
+def _cache_of_user() -> Path:
+    if os.environ.get("XDG_CACHE_HOME"):
+        return Path(os.environ["XDG_CACHE_HOME"])
+    try:
+        return Path.home() / ".cache"
+    # A user of a container may have neither HOME nor an entry in the system's list. Not the temporary folder: others could put code there.
+    except RuntimeError:
+        return Path(__file__).parent / "__pycache__"
 
 
 CACHE_FOLDER = cache_folder()

@@ -8,8 +8,9 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from stat import S_ISDIR, S_ISREG
 
-from rfca_rig.errors import DiskFull, RigError
+from rfca_rig.errors import BadInput, DiskFull, RigError
 
 # A full disk, a used-up quota and a file above the system's size limit all need the same remedy: room.
 _DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -22,8 +23,9 @@ _BINARY = getattr(os, "O_BINARY", 0)
 def write_atomically(path: Path, content: bytes) -> None:
     """Writes `content` to `path`; an existing file stays until the new one is on disk.
 
-    Raises RigError where the disk refuses, DiskFull where it is full.
+    Raises RigError where the disk refuses and for anything that is no file, DiskFull where it is full.
     """
+    refuse_devices(path)
     # Beside the target: a rename is atomic only within one file system.
     partial = path.with_name(path.name + ".writing")
     with translate_os_errors(path, f"{1e-6 * len(content):.1f} MB cannot be written"):
@@ -37,6 +39,17 @@ def write_atomically(path: Path, content: bytes) -> None:
             # After a success the name is gone; after a failure nothing half written stays behind.
             with suppress(FileNotFoundError):
                 os.unlink(partial)  # noqa: PTH108
+
+
+def refuse_devices(path: Path) -> None:
+    """Raises BadInput for a device or a pipe, also behind a link: a rename would put a file in its place, /dev/null's for instance."""
+    with translate_os_errors(path, "cannot be written"):
+        try:
+            mode = path.stat().st_mode
+        except FileNotFoundError:
+            return
+    if not S_ISREG(mode) and not S_ISDIR(mode):
+        raise BadInput(f"{path}: is a device or a pipe, where a file is needed; name another file")
 
 
 @contextmanager
@@ -136,6 +149,7 @@ class ErrorDeferringFile:
     """
 
     def __init__(self, path: Path) -> None:
+        refuse_devices(path)
         self.path = path
         self.partial = path.with_name(path.name + ".writing")
         with translate_os_errors(path, "cannot be begun"):

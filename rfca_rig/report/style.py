@@ -22,6 +22,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import write_atomically
 
 MEASURED = "#173f6b"
 SIMULATED = "#d07f0e"
@@ -97,12 +98,11 @@ def check_picture_path(path: Path) -> None:
 
 
 def save_picture(figure: Figure, path: Path) -> None:
-    """Writes the figure; the same figure gives the same bytes. Raises BadInput where the file cannot be written."""
+    """Writes the figure, all or nothing; the same figure gives the same bytes. Raises RigError where the disk refuses."""
+    drawn, kind = io.BytesIO(), path.suffix.lower()
     # Without its date, an SVG has the same bytes each time.
-    try:
-        figure.savefig(path, dpi=200, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+    figure.savefig(drawn, format=kind.lstrip("."), dpi=200, metadata={"Date": None} if kind == ".svg" else None)
+    write_atomically(path, drawn.getvalue())
 
 
 def envelope(x: Floats, y: Floats, columns: int) -> tuple[Floats, Floats]:

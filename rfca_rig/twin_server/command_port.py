@@ -26,7 +26,7 @@ class CommandPort:
     def address(self) -> str:
         return f"Net F/T commands on TCP {self._host}:{self.port}"
 
-    def poll(self, now_s: float) -> None:  # noqa: ARG002 (answers at once)
+    def poll(self, now_s: float) -> None:
         self._connections += [_Connection(client) for client in accept_all(self._listening, len(self._connections))]
         for connection in self._connections:
             connection.rest += connection.client.receive()
@@ -34,7 +34,7 @@ class CommandPort:
             while len(connection.rest) >= COMMAND_BYTES:
                 connection.client.send(self._box.answer(connection.rest[:COMMAND_BYTES]))
                 connection.rest = connection.rest[COMMAND_BYTES:]
-            connection.client.flush()
+            connection.client.flush(now_s)
         for connection in [connection for connection in self._connections if connection.client.done]:
             self._connections.remove(connection)
             connection.client.close()

@@ -36,11 +36,11 @@ class ControlPort:
     def address(self) -> str:
         return f"control lines on TCP {LOOPBACK}:{self.port} ({VERBS})"
 
-    def poll(self, now_s: float) -> None:  # noqa: ARG002 (commands act at once)
+    def poll(self, now_s: float) -> None:
         self._connections += [_Connection(client) for client in accept_all(self._listening, len(self._connections))]
         for connection in self._connections:
             self._listen(connection)
-            connection.client.flush()
+            connection.client.flush(now_s)
         for connection in [connection for connection in self._connections if not connection.client.open]:
             self._connections.remove(connection)
             connection.client.close()

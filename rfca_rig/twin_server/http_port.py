@@ -39,7 +39,7 @@ class HttpPort:
         self._connections += [_Connection(client, since_s=now_s) for client in accept_all(self._listening, len(self._connections))]
         for connection in self._connections:
             self._listen(connection)
-            connection.client.flush()
+            connection.client.flush(now_s)
             if now_s - connection.since_s > LONGEST_S:
                 connection.client.open = False
         for connection in [connection for connection in self._connections if connection.client.done]:

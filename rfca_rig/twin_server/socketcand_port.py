@@ -48,7 +48,7 @@ class SocketcandPort:
         for member in self._members:
             self._listen_to(member, now_s)
             self._send_frames(member, now_s)
-            member.client.flush()
+            member.client.flush(now_s)
         self._remove_closed()
 
     def _listen_to(self, member: _Member, now_s: float) -> None:
@@ -56,7 +56,7 @@ class SocketcandPort:
         if not received:
             return
         # The body of a browser's request may hold valid messages; none of it is obeyed.
-        if is_http(received):
+        if is_http(member.rest + received):
             member.client.open = False
             return
         try:

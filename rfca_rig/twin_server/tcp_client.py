@@ -9,12 +9,15 @@ MAX_QUEUED_BYTES = 4 << 20
 BLOCK = 1 << 16
 # Of one port. Some five ports of these stay far below the 1024 files that a process may usually have open.
 MAX_CLIENTS = 64
+# A client that neither sends nor is sent anything for so long is disconnected; one that hung would keep its place for ever.
+# A person at a control line pauses for minutes; a bus, even a quiet one, brings frames every second.
+IDLE_S = 300.0
 # A browser can send these to any port of its own machine, from any page: no device speaks so.
 HTTP_METHODS = (b"GET ", b"POST ", b"PUT ", b"DELETE ", b"HEAD ", b"OPTIONS ", b"PATCH ", b"CONNECT ", b"TRACE ")
 
 
 class TcpClient:
-    """Sends and receives without waiting. `open` becomes false when the client left, or stopped reading."""
+    """Sends and receives without waiting. `open` becomes false when the client left, stopped reading, or was idle for IDLE_S."""
 
     def __init__(self, connection: socket.socket) -> None:
         connection.setblocking(False)
@@ -23,6 +26,8 @@ class TcpClient:
         self._connection = connection
         self._waiting = bytearray()
         self._finishing = False
+        self._has_moved = False
+        self._active_s: float | None = None
         self.open = True
 
     def receive(self) -> bytes:
@@ -35,17 +40,26 @@ class TcpClient:
             self.open = False
             return b""
         self.open = self.open and received != b""
+        self._has_moved = True
         return received
 
     def send(self, data: bytes) -> None:
         """Queues `data` for the next `flush`."""
         self._waiting += data
 
-    def flush(self) -> None:
+    def flush(self, now_s: float) -> None:
         """Sends what fits. A client with more than 4 MiB unread is disconnected: it would never catch up."""
+        self._send_waiting()
+        if self._has_moved or self._active_s is None:
+            self._has_moved, self._active_s = False, now_s
+        elif now_s - self._active_s > IDLE_S:
+            self.open = False
+
+    def _send_waiting(self) -> None:
         try:
             while self._waiting and self.open:
                 del self._waiting[: self._connection.send(self._waiting)]
+                self._has_moved = True
         except BlockingIOError:
             self.open = len(self._waiting) <= MAX_QUEUED_BYTES
         except OSError:
@@ -70,20 +84,22 @@ class TcpClient:
 def accept_all(listening: socket.socket, connected: int) -> list[TcpClient]:
     """Accepts the clients that have connected since the last call, beside `connected` ones; beyond MAX_CLIENTS they are disconnected."""
     clients: list[TcpClient] = []
-    while True:
+    # Who connects again and again must not keep the loop here.
+    for _ in range(MAX_CLIENTS):
         try:
             connection, _ = listening.accept()
         except (BlockingIOError, ConnectionError):
-            return clients
+            break
         except OSError as error:
             # No file left in this process or system: who waits is accepted once others have gone.
             if error.errno in (errno.EMFILE, errno.ENFILE):
-                return clients
+                break
             raise
         if connected + len(clients) < MAX_CLIENTS:
             clients.append(TcpClient(connection))
         else:
             connection.close()
+    return clients
 
 
 def is_http(received: bytes) -> bool:

@@ -9,6 +9,8 @@ from rfca_rig.twin_server.listening import bound_udp
 
 STARTS = frozenset({RdtCommand.START_SINGLE, RdtCommand.START_BUFFERED})
 LONGEST_REQUEST = 2048
+# Taken in one step of the server's millisecond; a client sends a handful. A sender that floods must not keep the loop here.
+MOST_REQUESTS = 100
 # After a delay the twin sends many datagrams at once.
 SEND_BUFFER_BYTES = 1 << 20
 
@@ -36,16 +38,17 @@ class UdpLink:
     def receive_all(self) -> list[bytes]:
         """Requests since the last call, oldest first; never waits."""
         requests: list[bytes] = []
-        while True:
+        for _ in range(MOST_REQUESTS):
             try:
                 request, sender = self._socket.recvfrom(LONGEST_REQUEST)
             except BlockingIOError:
-                return requests
+                break
             # ICMP "port unreachable" for an earlier datagram: its receiver is gone.
             except ConnectionError:
                 continue
             self._note(request, sender)
             requests.append(request)
+        return requests
 
     def _note(self, request: bytes, sender: tuple[str, int]) -> None:
         try:

@@ -2,7 +2,7 @@
 
 import secrets
 
-# 192 random bits, 32 characters in the address.
+# 192 random bits, 32 characters in the address, all of which may stand in a header.
 BYTES = 24
 
 

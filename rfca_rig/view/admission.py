@@ -1,11 +1,14 @@
 """Access control of the view: a request needs the token, and must come from this machine and from a page of this server.
 
+The page reads the token from the fragment of its own address, which browsers never send. It presents it in a header: as a bearer, and where
+a browser sets no headers, on a WebSocket, as the second subprotocol. No cookie holds it: browsers send those to every port of a host.
+
 A page from elsewhere, open in the same browser, can send requests to this machine. It does not know the token, and its Origin differs.
 A domain name that resolves to this machine (DNS rebinding) shows in Host.
 """
 
 from collections.abc import Sequence
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
@@ -14,15 +17,21 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from rfca_rig.view.access_token import is_token
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-# Served without a token: scripts, style sheets and documentation, nothing of any run.
+# Served without a token: the empty page, scripts, style sheets and documentation, nothing of any run.
+PAGE = "/"
 FOR_ALL = ("/static/", "/trips/")
-# default-src 'self': the page loads nothing from elsewhere. no-referrer: the token in the address is not sent to a linked page.
+# Subprotocol of the stream. Its client names the token as a second one, which is never chosen.
+PROTOCOL = "rfca-view"
+BEARER = "Bearer"
+# default-src 'self': the page loads nothing from elsewhere. no-referrer: linked pages do not learn of the view.
 # frame-ancestors 'none': no other page can frame this one and make the operator click on its stop button unawares.
 POLICY = {
     "content-security-policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'",
     "referrer-policy": "no-referrer",
     "x-content-type-options": "nosniff",
     "cache-control": "no-store",
+    # One request per connection: one that is kept open may be closed at the moment at which a stop is sent on it.
+    "connection": "close",
 }
 REFUSED = 1008  # websocket: policy violation
 
@@ -58,13 +67,13 @@ class Admission:
         # Browsers send Origin with every WebSocket and every POST; programs such as curl send none and need the token only.
         if origins and not _is_same(origins, hosts[0]):
             return "only for pages from here"
-        if scope["path"].startswith(FOR_ALL) and scope["type"] == "http":
+        if scope["type"] == "http" and (scope["path"] == PAGE or scope["path"].startswith(FOR_ALL)):
             return ""
-        return "" if self._has_token(scope) else "the token is missing or wrong; open the address that was printed"
+        return "" if self._has_token(scope, headers) else "the token is missing or wrong; open the address that was printed"
 
-    def _has_token(self, scope: Scope) -> bool:
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
-        return len(given) == 1 and is_token(given[0], self._token)
+    def _has_token(self, scope: Scope, headers: Headers) -> bool:
+        given = scope["subprotocols"] if scope["type"] == "websocket" else " ".join(headers.getlist("authorization")).split()
+        return len(given) == 2 and given[0] == (PROTOCOL if scope["type"] == "websocket" else BEARER) and is_token(given[1], self._token)
 
 
 def _with_policy(send: Send) -> Send:

@@ -22,8 +22,8 @@ NEEDED = ("starlette", "uvicorn", "websockets")
 
 
 def url_of(port: int, token: str) -> str:
-    """Address of the page for the operator."""
-    return f"http://{HOST}:{port}/?token={token}"
+    """Address of the page for the operator. A browser keeps the part behind # to itself: no request, Referer or log has it."""
+    return f"http://{HOST}:{port}/#token={token}"
 
 
 def check_view_is_installed() -> None:

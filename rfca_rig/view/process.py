@@ -20,9 +20,8 @@ from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_feed import LiveRun
 from rfca_rig.view.live_source import LiveSource
 from rfca_rig.view.server import Pages
-from rfca_rig.view.serving import listen_on, port_of, serve
+from rfca_rig.view.serving import DEBUG_VARIABLE, listen_on, port_of, serve
 
-DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 # Lower priority than the control loop's process.
 NICE = 5
 # After the run: how long the view waits for a page, and how long it lasts at most, so that a forgotten page keeps no process for ever.

@@ -17,7 +17,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rfca_rig.trip_codes import Trip
-from rfca_rig.view.admission import Admission
+from rfca_rig.view.admission import PROTOCOL, Admission
 from rfca_rig.view.messages import Message
 from rfca_rig.view.page_feed import Feed, FeedSource
 
@@ -61,10 +61,10 @@ class Pages:
         """Serves one page until it is closed."""
         if self.open >= MOST_PAGES:
             # A browser learns code and reason only of a connection that was accepted.
-            await socket.accept()
+            await socket.accept(PROTOCOL)
             await socket.close(TRY_LATER, f"{MOST_PAGES} pages are open already")
             return
-        await socket.accept()
+        await socket.accept(PROTOCOL)
         self.open += 1
         try:
             await self._serve(socket)
@@ -132,6 +132,11 @@ async def _page(_request: Request) -> Response:
     return FileResponse(STATIC / "index.html")
 
 
+async def _admitted(_request: Request) -> Response:
+    """HTTP handler for a page that asks whether its token is right; others do not come so far."""
+    return Response(status_code=204)
+
+
 async def _trip(request: Request) -> Response:
     """HTTP handler for the documentation of a trip code."""
     # Only known codes become a file name, so that no path can leave the folder.
@@ -149,6 +154,7 @@ def application(pages: Pages, token: str) -> ASGIApp:
     mimetypes.add_type("text/javascript", ".js")
     routes = [
         Route("/", _page),
+        Route("/admitted", _admitted),
         Route("/stop", pages.stop, methods=["POST"]),
         WebSocketRoute("/stream", pages.stream),
         Route("/trips/{code}", _trip),

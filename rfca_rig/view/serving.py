@@ -2,18 +2,61 @@
 
 import asyncio
 import errno
+import logging
+import os
 import socket
+import sys
 from collections.abc import Callable
+from typing import Any
 
+import h11
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rfca_rig.errors import BadInput
 from rfca_rig.view.live_view import HOST
 from rfca_rig.view.page_feed import BEATS_HZ, FeedSource
 from rfca_rig.view.server import Beats, Pages, application
 
+DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 # Time in s that open connections get to close at the end.
 CLOSED_WITHIN_S = 1
+# Of all pages and requests. 12 pages with a browser's 6 connections each are 72 while they load; of 1024 files that a process may usually
+# have open, the run's own take some 50.
+MOST_CONNECTIONS = 128
+# Connections that wait to be accepted. asyncio accepts so many at once, before the first of them can be refused. Where no file is left
+# it fails so often in a row: with uvicorn's 2048 that were 2048 complaints a second. A browser opens 6 at once.
+BACKLOG = 32
+# From a connection's begin to the end of its one response, which takes milliseconds on this machine.
+LONGEST_REQUEST_S = 10.0
+
+
+class BoundedProtocol(H11Protocol):
+    """HTTP for one request per connection, within a time, on no more than MOST_CONNECTIONS; a WebSocket may stay.
+
+    Clients that send nothing, or a byte now and then, would otherwise hold their connections for ever.
+    """
+
+    _expiry: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        if len(self.connections) > MOST_CONNECTIONS:
+            transport.abort()
+            return
+        self._expiry = self.loop.call_later(LONGEST_REQUEST_S, transport.abort)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._keep()
+        super().connection_lost(exc)
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        self._keep()
+        super().handle_websocket_upgrade(event)
+
+    def _keep(self) -> None:
+        if self._expiry is not None:
+            self._expiry.cancel()
 
 
 def listen_on(port: int) -> socket.socket:
@@ -53,14 +96,18 @@ async def serve(source: FeedSource, token: str, listening: socket.socket, ended:
     beat
         Called at every beat with the open pages; returns whether to go on.
     """
+    asyncio.get_running_loop().set_exception_handler(_FailureReport(listening))
     beats = Beats()
     pages = Pages(source, beats)
     config = uvicorn.Config(
         application(pages, token),
-        # No start-up events, and no log: the terminal belongs to the run, and an access log would show the token.
+        # No start-up events, and no log: the terminal belongs to the run, and any client can make a server complain of its requests.
         lifespan="off",
         log_config=None,
+        log_level=None if os.environ.get(DEBUG_VARIABLE) else logging.CRITICAL,
         access_log=False,
+        http=BoundedProtocol,
+        backlog=BACKLOG,
         ws="websockets-sansio",
         ws_max_size=65536,
         ws_per_message_deflate=False,
@@ -85,3 +132,22 @@ async def _next_beat(ended: asyncio.Event) -> None:
         await asyncio.wait_for(ended.wait(), 1.0 / BEATS_HZ)
     except TimeoutError:
         return
+
+
+class _FailureReport:
+    """Exception handler of the loop: that no file is left for a connection is one line, not one per attempt."""
+
+    def __init__(self, listening: socket.socket) -> None:
+        self._listening = listening
+        self._is_told = False
+
+    def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception")
+        # asyncio's second attempt to accept, after the server has ended.
+        if isinstance(error, ValueError) and self._listening.fileno() < 0:
+            return
+        if not (isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE)):
+            loop.default_exception_handler(context)
+        elif not self._is_told:
+            self._is_told = True
+            print(f"the view takes no more connections until others are closed: {error.strerror} (ulimit -n)", file=sys.stderr)

@@ -91,7 +91,7 @@ def test_a_part_of_the_picture_that_no_board_was_in_is_told(call, photos):
     [
         ((), "no photos named; print the board first: rfca-rig calibrate camera --board 10x7,25,18 --make-board board.pdf"),
         (("nowhere.jpg", "--out", "c.toml"), "nowhere.jpg: no such photo; name photos, or folders"),
-        (("PHOTOS",), "calibration/camera.toml: there is no folder calibration; make it, or name another file with --out"),
+        (("PHOTOS",), "calibration/camera.toml: there is no folder calibration; make it, or name another file"),
         (("PHOTOS", "--out", "c.toml", "--plane", "x.jpg"), "--plane needs to know where the shaft axis is: either --board-at"),
         (("PHOTOS", "--out", "c.toml", "--board-at", "1,2"), "--board-at and --shaft-px speak of the photo with the board"),
         (("PHOTOS", "--out", "c.toml", "--plane", "x.jpg", "--board-at", "1;2"), "--board-at 1;2: should be two numbers with a comma"),

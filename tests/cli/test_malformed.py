@@ -1,5 +1,6 @@
 """Devices, pipes, loops and files without end are one line and exit code 2; what the system refuses is no mistake of the program."""
 
+import json
 import os
 import subprocess
 import sys
@@ -7,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import write_atomically
+from tests.cli.malformed_inputs import Recordings, find_violations, make_cases
 from tests.cli.typed import typed
 
 RUN = "from rfca_rig.cli.main import run; run()"
@@ -44,16 +48,66 @@ def test_a_file_without_end_or_a_speed_without_sense_is_one_line(here, monkeypat
     assert said.err.count("\n") == 1
 
 
-def test_a_loop_of_links_and_a_name_that_is_no_text_cost_the_list_of_runs_nothing(here, monkeypatch, capsys):
+@pytest.mark.parametrize("form", [(), ("--paths",), ("--json",)])
+def test_loops_and_names_that_are_no_text_or_commands_cost_the_list_of_runs_nothing(here, monkeypatch, capsys, form):
     Path("runs").mkdir()
     Path("runs/loop").symlink_to("loop")
-    for name in (b"good", b"bad\xff"):
+    Path("runs/up").symlink_to("..")
+    for name in (b"good", b"bad\xff", b"\x1b]0;owned\x07", b"two\nlines", b"\xc2\x9b31m", b"n" * 255):
         folder = Path("runs", os.fsdecode(name))
         folder.mkdir()
         (folder / "run.json").write_text("{" * 5000)
-    said = typed(monkeypatch, capsys, "runs")
+    # As on a terminal: a program that reads the paths gets them as they are.
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    said = typed(monkeypatch, capsys, "runs", *form)
     assert said.exit_code == 0
-    assert "2 of 2 runs below runs" in said.out + said.err
+    assert not set("\x1b\x07\x9b") & set(said.out + said.err)
+    if form == ("--json",):
+        assert len(json.loads(said.out)["runs"]) == 6
+    elif form:
+        assert len(said.out.splitlines()) == 6
+    else:
+        assert "6 of 6 runs below runs" in said.err
+
+
+# Each takes some tens of milliseconds; `python -m tests.benchmarks.malformed` runs as many as one likes.
+@pytest.mark.parametrize("seed", range(3))
+def test_malformed_inputs_are_one_line_or_a_normal_result(tmp_path, seed):
+    recordings, found = Recordings(tmp_path), []
+    for number, case in enumerate(make_cases(1000 + seed, 50, recordings)):
+        folder = tmp_path / f"{number}"
+        folder.mkdir()
+        found += [f"{number} {case.label}: {violation}" for violation in find_violations(case, folder)]
+    assert not found
+
+
+def test_a_long_value_does_not_hide_what_is_said_of_it(here, monkeypatch, capsys):
+    Path("long.toml").write_text(f"experiment = '{'x' * 200_000}'\n")
+    said = typed(monkeypatch, capsys, *DRY, "--protocol", "long.toml")
+    assert said.exit_code == 2
+    assert len(said.err) < 1000
+    assert "long.toml:1: experiment = 'xxx" in said.err
+
+
+@pytest.mark.parametrize("target", ["pipe.toml", "link"])
+def test_an_output_that_is_a_device_or_a_pipe_is_never_replaced(here, monkeypatch, capsys, target):
+    """An administrator's --csv /dev/null would put a file in the place of the device, for the whole machine."""
+    Path("link").symlink_to("pipe.toml")
+    before = Path(target).lstat()
+    said = typed(monkeypatch, capsys, "predict", "--height", "215", "--speed", "2", "--csv", target)
+    assert said.exit_code == 2
+    assert f"{target}: is a device or a pipe, where a file is needed" in said.err
+    with pytest.raises(BadInput, match="is a device or a pipe"):
+        write_atomically(Path(target), b"")
+    assert Path(target).lstat() == before
+
+
+@pytest.mark.parametrize("setting", ["0", "-1", "many", "1000000000", "٣", "1.5"])
+def test_a_number_of_threads_that_is_none_is_refused(here, monkeypatch, capsys, setting):
+    monkeypatch.setenv("RFCA_RIG_THREADS", setting)
+    said = typed(monkeypatch, capsys, "plan", "flapping")
+    assert said.exit_code == 2
+    assert f"RFCA_RIG_THREADS={setting}: should be a number of threads from 1 to 1024" in said.err
 
 
 @pytest.mark.parametrize(

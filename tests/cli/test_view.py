@@ -17,7 +17,7 @@ from tests.view.pages import opened, stream_of
 from tests.view.test_replay import SMALL
 
 RUN = ("dynamic", "run", "--height", "215", "--speed", "3.249", "--repeats", "1", "--pace", "0")
-URL = re.compile(r"http://127\.0\.0\.1:(\d+)/\?token=\S{32}")
+URL = re.compile(r"http://127\.0\.0\.1:(\d+)/#token=\S{32}")
 
 
 @pytest.fixture

@@ -1,7 +1,8 @@
 """The server's openings, driven over real sockets and pseudo terminals by python-can and by hand."""
 
 import socket
-from contextlib import closing
+from contextlib import closing, suppress
+from itertools import product
 
 import can
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from rfca_rig.codecs.rdt import RdtCommand, encode_request
 from rfca_rig.errors import BadInput
+from rfca_rig.twin_server.command_port import CommandPort
 from rfca_rig.twin_server.control_port import ControlPort
 from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel
 from rfca_rig.twin_server.listening import is_loopback, listening_tcp
@@ -16,8 +18,10 @@ from rfca_rig.twin_server.real_time import LONGEST_LEAP_S, RealTimeLoop
 from rfca_rig.twin_server.shared_wire import SharedWire
 from rfca_rig.twin_server.slcan_port import SlcanPort
 from rfca_rig.twin_server.socketcand_port import SocketcandPort
-from rfca_rig.twin_server.tcp_client import MAX_CLIENTS, MAX_QUEUED_BYTES
+from rfca_rig.twin_server.tcp_client import IDLE_S, MAX_CLIENTS, MAX_QUEUED_BYTES
 from rfca_rig.twin_server.udp_link import UdpLink
+from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
+from rfca_rig.twins.wires import datagram_link
 from tests.twin_server.polling import polled, quick_clock
 
 HOST = "127.0.0.1"
@@ -269,12 +273,16 @@ def test_a_page_in_a_browser_commands_nothing(wire):
     control = ControlPort(panel, 0, lambda _: None, lambda: "")
     bus = SocketcandPort(wire, HOST, 0, 0.0)
     twin = wire.join()
+    bodies = ((control, b"on can-silent\n"), (bus, b"< open can0 >< send 29 1 7 >"))
     with polled(control), polled(bus):
-        for port, body in ((control, b"on can-silent\n"), (bus, b"< open can0 >< send 29 1 7 >")):
+        for (port, body), first in product(bodies, (len(POST), 2)):
             with closing(socket.create_connection((HOST, port.port), 2.0)) as talk:
-                talk.sendall(POST + body)
-                while talk.recv(200):
-                    pass
+                talk.sendall(POST[:first])
+                quick_clock.wait_until(quick_clock.now_s() + 0.05)
+                with suppress(ConnectionError):
+                    talk.sendall(POST[first:] + body)
+                    while talk.recv(200):
+                        pass
     assert not panel.is_on("can-silent")
     assert twin.recv(0) is None
 
@@ -295,3 +303,31 @@ def test_a_port_serves_so_many_clients_and_no_more(wire):
         assert answer == b"< hi >"
         for one in clients:
             one.close()
+
+
+def box() -> NetFtBoxTwin:
+    settings = NetFtTwinSettings(counts_per_N=1e6, counts_per_Nm=2e6)
+    return NetFtBoxTwin(NetFtTwin(datagram_link()[0], settings, np.random.default_rng(1)), settings)
+
+
+@pytest.mark.parametrize("kind", ["control", "socketcand", "command"])
+def test_a_client_that_is_idle_makes_room_and_one_that_is_not_stays(wire, kind):
+    """By the clock that is passed in: five minutes later, without anything said."""
+    port = {
+        "control": lambda: ControlPort(FaultPanel(CAN_FAULTS), 0, lambda _: None, lambda: "here"),
+        "socketcand": lambda: SocketcandPort(wire, HOST, 0, 0.0),
+        "command": lambda: CommandPort(box(), HOST, 0),
+    }[kind]()
+    idle, busy = (socket.create_connection((HOST, port.port), 5.0) for _ in range(2))
+    with closing(port), closing(idle), closing(busy):
+        port.poll(0.0)
+        for now_s in (0.4 * IDLE_S, 0.8 * IDLE_S, 1.01 * IDLE_S, 1.02 * IDLE_S):
+            busy.sendall(b"< echo >\n".ljust(20))
+            quick_clock.wait_until(quick_clock.now_s() + 0.05)
+            port.poll(now_s)
+        while idle.recv(100):
+            pass
+        busy.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            while busy.recv(100):
+                pass

@@ -9,15 +9,23 @@ from contextlib import contextmanager
 
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+from rfca_rig.view.admission import PROTOCOL
 
 
 def stream_of(url: str, **more: object) -> ClientConnection:
-    return connect(url.replace("http://", "ws://").replace("/?", "/stream?"), max_size=None, compression=None, **more)
+    """The stream of a page at that address; the token goes where a browser puts it."""
+    place, _, token = url.partition("/#token=")
+    protocols = [Subprotocol(PROTOCOL), Subprotocol(token)]
+    return connect(f"ws{place.removeprefix('http')}/stream", subprotocols=protocols, max_size=None, compression=None, **more)
 
 
 def asked_to_stop(url: str, body: bytes, **headers: str) -> int:
     """The status of the answer."""
-    request = urllib.request.Request(url.replace("/?", "/stop?"), data=body, headers=headers, method="POST")
+    place, _, token = url.partition("/#token=")
+    headers = {"Authorization": f"Bearer {token}", **headers}
+    request = urllib.request.Request(f"{place}/stop", data=body, headers=headers, method="POST")
     try:
         with urllib.request.urlopen(request, timeout=60.0) as answer:
             return int(answer.status)
@@ -28,7 +36,7 @@ def asked_to_stop(url: str, body: bytes, **headers: str) -> int:
 def got(url: str, path: str) -> tuple[int, str, str]:
     """Status, text and kind of what is there, without the token."""
     try:
-        with urllib.request.urlopen(f"{url.partition('/?')[0]}{path}", timeout=60.0) as answer:
+        with urllib.request.urlopen(f"{url.partition('/#')[0]}{path}", timeout=60.0) as answer:
             return int(answer.status), answer.read().decode(), answer.headers["content-type"]
     except urllib.error.HTTPError as refused:
         return refused.code, "", ""

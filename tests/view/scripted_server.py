@@ -18,6 +18,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import rfca_rig.view
+from rfca_rig.view.admission import PROTOCOL
 
 STATIC = Path(rfca_rig.view.__file__).parent / "static"
 TOKEN = "scripted"
@@ -34,6 +35,7 @@ class ScriptedServer:
         self._sockets: list[WebSocket] = []
         routes = [
             Route("/", self._page),
+            Route("/admitted", self._admitted),
             Route("/stop", self._stop, methods=["POST"]),
             WebSocketRoute("/stream", self._stream),
             Mount("/static", StaticFiles(directory=STATIC)),
@@ -70,20 +72,23 @@ class ScriptedServer:
         for socket in list(self._sockets):
             await socket.send_text(json.dumps(message))
 
-    async def _page(self, request: Request) -> Response:
-        return FileResponse(STATIC / "index.html") if request.query_params.get("token") == TOKEN else Response(status_code=403)
+    async def _page(self, _request: Request) -> Response:
+        return FileResponse(STATIC / "index.html")
+
+    async def _admitted(self, request: Request) -> Response:
+        return Response(status_code=204 if request.headers.get("authorization") == f"Bearer {TOKEN}" else 403)
 
     async def _stop(self, request: Request) -> Response:
-        if request.query_params.get("token") != TOKEN:
+        if request.headers.get("authorization") != f"Bearer {TOKEN}":
             return Response(status_code=403)
         self.stops.append(await request.json())
         return Response(status_code=self.stop_status)
 
     async def _stream(self, socket: WebSocket) -> None:
-        if socket.query_params.get("token") != TOKEN:
+        if socket.scope["subprotocols"] != [PROTOCOL, TOKEN]:
             await socket.close(1008)
             return
-        await socket.accept()
+        await socket.accept(PROTOCOL)
         self.loop = asyncio.get_running_loop()
         self._sockets.append(socket)  # before the page hears anything: whoever sees the state on it may hang up at once
         beat = asyncio.ensure_future(self._beat(socket))

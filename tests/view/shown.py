@@ -27,7 +27,7 @@ class Shown:
         """The page anew, as if it had just been opened."""
         self.page.goto("about:blank")
         self.server.heard.clear()
-        self.page.goto(f"http://127.0.0.1:{self.server.port}/?token={TOKEN}")
+        self.page.goto(f"http://127.0.0.1:{self.server.port}/#token={TOKEN}")
         self.page.wait_for_function("() => window.rfcaView?.shown.state")
         return self
 

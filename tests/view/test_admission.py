@@ -11,7 +11,7 @@ TOKEN = "Vr5UP1U5KcYRKtLTgvuAyMsX2-D6plbd"  # the names of tests must be the sam
 HERE = {"host": "127.0.0.1:8650"}
 
 
-def asked(kind="http", path="/", query=f"token={TOKEN}", headers=HERE):
+def asked(kind="http", path="/stop", token=TOKEN, headers=HERE):
     """What became of a request: "in", or what was sent instead."""
     sent = []
 
@@ -24,11 +24,14 @@ def asked(kind="http", path="/", query=f"token={TOKEN}", headers=HERE):
     async def send(message):
         sent.append(message)
 
-    pairs = headers.items() if isinstance(headers, dict) else headers
+    pairs = list(headers.items() if isinstance(headers, dict) else headers)
+    if token is not None and kind == "http":
+        pairs.append(("authorization", f"Bearer {token}"))
     scope = {
         "type": kind,
         "path": path,
-        "query_string": query.encode(),
+        "query_string": f"token={TOKEN}".encode(),  # an address may hold it, but no address opens
+        "subprotocols": [] if token is None else ["rfca-view", token],
         "headers": [(name.encode(), value.encode()) for name, value in pairs],
     }
     asyncio.run(Admission(application, TOKEN)(scope, receive, send))
@@ -64,9 +67,17 @@ def test_the_token_from_this_machine_opens(kind, host):
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-@pytest.mark.parametrize("query", ["", "token=", f"token={TOKEN[:-1]}", f"token={TOKEN}x", f"token={TOKEN}&token={TOKEN}", "token=%ff%fe"])
-def test_without_the_token_nothing_opens(kind, query):
-    assert is_refused(asked(kind, "/stop", query))
+@pytest.mark.parametrize("token", [None, "", TOKEN[:-1], f"{TOKEN}x", f"{TOKEN} {TOKEN}", "\xff\xfe"])
+def test_without_the_token_in_its_header_nothing_opens(kind, token):
+    assert is_refused(asked(kind, token=token))
+
+
+def test_a_token_that_is_offered_otherwise_opens_nothing():
+    for authorization in (TOKEN, f"Basic {TOKEN}", f"rfca-view {TOKEN}"):
+        assert is_refused(asked(token=None, headers={**HERE, "authorization": authorization}))
+    assert is_refused(asked(token=None, headers={**HERE, "cookie": f"token={TOKEN}"}))
+    assert is_refused(asked("websocket", token=None, headers={**HERE, "authorization": f"Bearer {TOKEN}"}))
+    assert is_refused(asked(headers=[*HERE.items(), ("authorization", f"Bearer {TOKEN}")]))
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
@@ -82,7 +93,7 @@ def test_another_name_for_this_machine_is_refused_though_the_token_is_right(kind
     "origin", ["http://example.com", "null", "https://127.0.0.1:8650", "http://127.0.0.1:80", "http://localhost:8650", ""]
 )
 def test_a_page_from_elsewhere_is_refused_though_the_token_is_right(kind, origin):
-    assert is_refused(asked(kind, "/stop", headers={**HERE, "origin": origin}))
+    assert is_refused(asked(kind, headers={**HERE, "origin": origin}))
 
 
 def test_two_hosts_or_none_are_refused():
@@ -91,10 +102,12 @@ def test_two_hosts_or_none_are_refused():
 
 
 def test_the_page_s_own_files_need_no_token_but_do_need_this_machine():
-    assert asked(path="/static/view.js", query="") == "in"
-    assert is_refused(asked(path="/static/view.js", query="", headers={"host": "example.com"}))
-    assert is_refused(asked(path="/statics", query="")) and is_refused(asked(path="/", query=""))
-    assert is_refused(asked("websocket", "/static/../stream", query=""))
+    for path in ("/", "/static/view.js"):
+        assert asked(path=path, token=None) == "in"
+        assert is_refused(asked(path=path, token=None, headers={"host": "example.com"}))
+        assert is_refused(asked("websocket", path, token=None))
+    assert is_refused(asked(path="/statics", token=None)) and is_refused(asked(path="/admitted", token=None))
+    assert is_refused(asked("websocket", "/static/../stream", token=None))
 
 
 def test_tokens_differ_and_are_long():

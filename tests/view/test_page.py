@@ -219,6 +219,16 @@ class TestState:
         assert real == ["rgb(27, 27, 27)", "solid", "REAL"]
 
 
+def test_the_player_of_a_recording_fits_a_phone(show):
+    page = show(messages.hello(mode="replay", can_stop=False, duration_s=6000.0), messages.state(5999.5, speed=1.0), anew=True).page
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    for part in ("#play", "#speed", "#slider", "#clock"):
+        box = page.locator(part).bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= 390, part
+    page.set_viewport_size(DESKTOP)
+
+
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1920, 1080), (820, 1180), (1180, 820)])
 def test_nothing_runs_out_of_the_page_at_any_size(show, width, height):
     shown = show()

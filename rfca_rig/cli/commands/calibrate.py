@@ -111,10 +111,9 @@ def _make_board(board: "Board", path: Path) -> None:
 
 def _check_can_be_written(path: Path) -> None:
     """Checked before the work, not after it."""
-    from rfca_rig.errors import BadInput
+    from rfca_rig.cli.writable import out_file
 
-    if not path.parent.is_dir():
-        raise BadInput(f"{path}: there is no folder {path.parent}; make it, or name another file with --out")
+    out_file(path)
 
 
 def _files(photos: list[Path]) -> list[Path]:

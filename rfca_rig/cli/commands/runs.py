@@ -1,5 +1,6 @@
 """rfca-rig runs"""
 
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.options import Json
+from rfca_rig.suggestions import printable
 
 if TYPE_CHECKING:
     from rfca_rig.logbook.entry import Entry
@@ -88,9 +90,11 @@ def runs(
     if as_json:
         typer.echo(json.dumps(_as_data(folder, shown), indent=1))
     elif paths:
-        _each(str(folder / entry.folder) for entry in shown)
+        # A program gets the paths as they are; on a terminal a name could command it.
+        lines = (str(folder / entry.folder) for entry in shown)
+        _each(map(_printable, lines) if sys.stdout.isatty() else lines)
     else:
-        _each(table_lines(shown))
+        _each(map(_printable, table_lines(shown)))
         typer.echo(_count_line(folder, len(shown), len(fitting), len(entries)), err=True)
 
 
@@ -105,6 +109,11 @@ def _most(last: int | None, is_table: bool) -> int | None:
 def _each(lines: Iterable[str]) -> None:
     for line in lines:
         typer.echo(line)
+
+
+def _printable(line: str) -> str:
+    """One line, whatever the names of folders hold."""
+    return printable(line.replace("\n", "\N{REPLACEMENT CHARACTER}"))
 
 
 def _as_data(folder: Path, entries: "Sequence[Entry]") -> dict[str, Any]:

@@ -1,14 +1,31 @@
 // The way to the view's server. A picture that stands still must never look alive: silence counts as loss.
+// The token comes in the fragment of the address, which is sent to nobody, and is taken out of the address bar at once.
 
 const SILENT_MS = 1500; // a state comes every 200 ms
 const RETRY_MS = 1000;
 const CHECK_MS = 100;
 const TOO_MANY = 1013; // the server's close code where as many pages are open as it serves
+const PROTOCOL = "rfca-view";
+const KEY = "token"; // for a page that is loaded again; no other tab and no other port of this machine sees it
+
+function takeToken() {
+  const given = new URLSearchParams(location.hash.slice(1)).get(KEY);
+  if (location.hash) history.replaceState(null, "", location.pathname);
+  // a browser that keeps nothing for pages still shows this one, until it is loaded again
+  try {
+    if (given) sessionStorage.setItem(KEY, given);
+    return given || sessionStorage.getItem(KEY) || "";
+  } catch {
+    return given || "";
+  }
+}
 
 export class Connection {
   // heard(message) for every message; changed(status, silent_ms) at every check, status one of "connecting", "open", "lost", "refused", "full"
   constructor(heard, changed) {
-    this.token = new URLSearchParams(location.search).get("token") ?? "";
+    this.token = takeToken();
+    // another address of the same server, put into the address bar, would otherwise load nothing
+    addEventListener("hashchange", () => location.reload());
     this.status = "connecting";
     this.heard = heard;
     this.changed = changed;
@@ -19,7 +36,9 @@ export class Connection {
 
   open() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/stream?token=${encodeURIComponent(this.token)}`);
+    // an address that was mangled must lead to a refusal, not to an exception: only these letters may name a protocol
+    const token = /^[\w-]+$/.test(this.token) ? this.token : "none";
+    const socket = new WebSocket(`${scheme}://${location.host}/stream`, [PROTOCOL, token]);
     socket.onmessage = (event) => this.take(event);
     socket.onclose = (event) => this.closed(event.code);
     this.socket = socket;
@@ -39,7 +58,7 @@ export class Connection {
   // a browser does not tell why a socket would not open, a plain request does
   async isRefused() {
     try {
-      const answer = await fetch(this.address(""), { method: "HEAD", cache: "no-store" });
+      const answer = await this.request("admitted");
       return answer.status === 401 || answer.status === 403;
     } catch {
       return false;
@@ -56,7 +75,8 @@ export class Connection {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
-  address(path) {
-    return `/${path}?token=${encodeURIComponent(this.token)}`;
+  request(path, options = {}) {
+    const headers = { ...options.headers, Authorization: `Bearer ${encodeURIComponent(this.token)}` };
+    return fetch(`/${path}`, { ...options, headers, cache: "no-store" });
   }
 }

@@ -51,7 +51,7 @@ export class Stopping {
     this.allow(true);
     this.say("Asking …");
     try {
-      const answer = await fetch(this.connection.address("stop"), {
+      const answer = await this.connection.request("stop", {
         method: "POST",
         headers: { "Content-Type": "application/json" },
         body: JSON.stringify({ how: way.how }),

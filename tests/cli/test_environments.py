@@ -1,0 +1,186 @@
+"""Broken environments: normal work or one clear line, no traceback, nothing half written.
+
+Permissions are tested with /proc, which refuses an administrator too.
+"""
+
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from rfca_rig.model import compiled
+from tests.cli.typed import typed
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the shell and the limits of Unix")
+
+TYPED = f'"{sys.executable}" -c "from rfca_rig.cli.main import run; run()"'
+# Asks for no model; then one that plans, and one that moves the twin and records.
+TRIP, WRONG, PLAN = "trip S-03", "trip X-99", "plan flapping"
+RUN = "dynamic run --height 235 --speed 3.2 --repeats 1"
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """How a command is called, and what it must end with: an exit code, and a text in its only line for codes other than 0."""
+
+    words: str
+    code: int = 0
+    line: str = ""
+    sets: Mapping[str, str] = field(default_factory=dict)
+    unsets: tuple[str, ...] = ()
+    script: str = "TYPED"
+    limit: tuple[int, int] | None = None
+
+
+def limit_of(kind: str, most: int) -> tuple[int, int]:
+    return (getattr(resource, f"RLIMIT_{kind}"), most)
+
+
+QUICK: dict[str, Surroundings] = {
+    "stdin closed": Surroundings(TRIP, script="TYPED <&-"),
+    "stdout closed": Surroundings(TRIP, script="TYPED >&-"),
+    "stderr closed": Surroundings(WRONG, 2, script="TYPED 2>&-"),
+    "all streams closed": Surroundings(WRONG, 2, script="TYPED <&- >&- 2>&-"),
+    "stdout full": Surroundings(TRIP, 1, "the system refused: No space left on device", script="TYPED >/dev/full"),
+    "stderr full": Surroundings(WRONG, 2, script="TYPED 2>/dev/full"),
+    "stdout a broken pipe": Surroundings("trip", 1, script="TYPED | true; exit ${PIPESTATUS[0]}"),
+    "TERM unset": Surroundings("--help", unsets=("TERM",)),
+    "TERM dumb": Surroundings("--help", sets={"TERM": "dumb"}),
+    "COLUMNS 1": Surroundings(TRIP, sets={"COLUMNS": "1"}),
+    "COLUMNS 0": Surroundings("--help", sets={"COLUMNS": "0"}),
+    "COLUMNS text": Surroundings("--help", sets={"COLUMNS": "wide", "LINES": "-1"}),
+    "COLUMNS negative": Surroundings(WRONG, 2, "no code of a trip", sets={"COLUMNS": "-5"}),
+    "NO_COLOR and FORCE_COLOR": Surroundings("--help", sets={"NO_COLOR": "1", "FORCE_COLOR": "1"}),
+    "LANG C": Surroundings(TRIP, sets={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}),
+    "a locale that is not there": Surroundings(TRIP, sets={"LC_ALL": "xx_YY.ISO-8859-99"}, script="TYPED 2>/dev/null"),
+    "PYTHONIOENCODING ascii": Surroundings(TRIP, sets={"PYTHONIOENCODING": "ascii:strict"}),
+    "PYTHONIOENCODING utf-16": Surroundings(TRIP, sets={"PYTHONIOENCODING": "utf-16"}),
+    "HOME unset": Surroundings("runs --runs .", unsets=("HOME", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")),
+    "HOME missing": Surroundings("runs --runs .", sets={"HOME": "/proc/nowhere"}, unsets=("XDG_CONFIG_HOME",)),
+    "HOME a file": Surroundings("runs --runs .", sets={"HOME": "/etc/passwd"}, unsets=("XDG_CONFIG_HOME",)),
+    "XDG folders empty": Surroundings("runs --runs .", sets={"XDG_CONFIG_HOME": "", "XDG_CACHE_HOME": "", "XDG_DATA_HOME": ""}),
+    "XDG folders no folders": Surroundings("runs --runs .", sets={"XDG_CONFIG_HOME": "/dev/null", "XDG_RUNTIME_DIR": "/dev/null"}),
+    "TMPDIR missing": Surroundings("runs --runs .", sets={"TMPDIR": "/nowhere"}),
+    "TMPDIR takes no file": Surroundings(TRIP, sets={"TMPDIR": "/proc"}),
+    "folder deleted": Surroundings("report x", 2, "the folder that you are in has been deleted", script="mkdir a; cd a; rmdir ../a; TYPED"),
+    "folder takes no file": Surroundings(RUN, 2, "nothing may be written", script="cd /proc; TYPED"),
+    "runs in a folder that takes no file": Surroundings("runs --runs irq", script="cd /proc; TYPED"),
+    "output folder a file": Surroundings(f"{RUN} --runs file", 2, "is a file, where a folder is needed", script="touch file; TYPED"),
+    "output folder takes no file": Surroundings(f"{RUN} --runs /proc/runs", 2, "nothing may be written into /proc"),
+    "output file a device": Surroundings(
+        "predict --height 215 --speed 2 --csv pipe", 2, "is a device or a pipe", script="mkfifo pipe; TYPED"
+    ),
+    "output file below a device": Surroundings("predict --height 215 --speed 2 --csv /dev/null/x", 2, "Not a directory"),
+    "few open files": Surroundings(TRIP, limit=limit_of("NOFILE", 16)),
+    "file size 0": Surroundings(TRIP, limit=limit_of("FSIZE", 0)),
+    "little memory": Surroundings(TRIP, limit=limit_of("AS", 256 << 20)),
+    "umask 777": Surroundings("runs --runs .", script="umask 777; TYPED"),
+    "NUMBA_CACHE_DIR takes no file": Surroundings("runs --runs .", sets={"NUMBA_CACHE_DIR": "/proc/x"}),
+    "OMP_NUM_THREADS text": Surroundings(TRIP, sets={"OMP_NUM_THREADS": "many", "OPENBLAS_NUM_THREADS": "-3"}),
+    "PYTHONHASHSEED": Surroundings(TRIP, sets={"PYTHONHASHSEED": "4294967295"}),
+    "PYTHONOPTIMIZE": Surroundings(TRIP, sets={"PYTHONOPTIMIZE": "2"}),
+    "PYTHONDONTWRITEBYTECODE": Surroundings(TRIP, sets={"PYTHONDONTWRITEBYTECODE": "1"}),
+    "warnings are errors": Surroundings(TRIP, sets={"PYTHONWARNINGS": "error"}),
+    "TZ nowhere": Surroundings("runs --runs . --since 2026-11-01", sets={"TZ": "Nowhere/Never"}),
+    "TZ a device": Surroundings("runs --runs . --since 2026-11-01", sets={"TZ": ":/dev/zero"}),
+    "PWD wrong": Surroundings("runs --runs .", sets={"PWD": "/nowhere"}),
+    "proxies": Surroundings("twin tell faults --control-port 1", 1, "no answer on port 1", sets={"HTTP_PROXY": "http://x:1"}),
+    "a name with control characters": Surroundings("runs --runs .", sets={"LOGNAME": "\x1b]0;x\x07", "USER": "a\nb"}),
+}
+
+
+def called(surroundings: Surroundings, folder: Path) -> subprocess.CompletedProcess[bytes]:
+    """The command in its surroundings, without those of the tests."""
+    kept = ("PATH", "PYTHONPATH", "HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "NUMBA_CACHE_DIR", "RFCA_RIG_THREADS", "OMP_NUM_THREADS")
+    environment = {name: os.environ[name] for name in kept if name in os.environ} | dict(surroundings.sets)
+    for name in surroundings.unsets:
+        environment.pop(name, None)
+    script = surroundings.script.replace("TYPED", f"{TYPED} {surroundings.words}")
+    return subprocess.run(
+        ["bash", "-c", script],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        preexec_fn=limiting(surroundings.limit),
+        timeout=500,
+        check=False,
+    )
+
+
+def limiting(limit: tuple[int, int] | None) -> Callable[[], None]:
+    def limit_self() -> None:
+        if limit is not None:
+            resource.setrlimit(limit[0], (limit[1], resource.getrlimit(limit[0])[1]))
+
+    return limit_self
+
+
+def check(surroundings: Surroundings, folder: Path) -> None:
+    done = called(surroundings, folder)
+    said = done.stderr.decode("utf-8", "replace")
+    assert done.returncode == surroundings.code, said
+    for word in ("Traceback", "mistake", "Exception ignored", "\x1b]"):
+        assert word not in said
+    assert surroundings.line in said
+    own = [line for line in said.splitlines() if not line.startswith(("SIM ", "  "))]
+    assert len(own) <= 1, own
+    assert not [path for path in folder.rglob("*") if path.name.endswith(".writing")]
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_broken_environment_costs_one_line_at_most(tmp_path, name):
+    check(QUICK[name], tmp_path)
+
+
+SLOW: dict[str, Surroundings] = {
+    "all streams closed": Surroundings(RUN, script="TYPED <&- >&- 2>&-"),
+    "stderr full": Surroundings(RUN, script="TYPED 2>/dev/full"),
+    "stderr a broken pipe": Surroundings(RUN, script="TYPED 2>&1 >/dev/null | true; exit ${PIPESTATUS[0]}"),
+    "stdout full": Surroundings(f"{RUN} --json", 1, "the system refused: No space left on device", script="TYPED >/dev/full"),
+    "TMPDIR missing": Surroundings(RUN, sets={"TMPDIR": "/nowhere"}),
+    "LANG C": Surroundings(RUN, sets={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}),
+    "CAN_CONFIG no JSON": Surroundings(RUN, sets={"CAN_CONFIG": "not json"}),
+    "XDG_CONFIG_HOME takes no file": Surroundings(RUN, sets={"XDG_CONFIG_HOME": "/proc/x"}),
+    "PYTHONOPTIMIZE": Surroundings(PLAN, sets={"PYTHONOPTIMIZE": "2"}),
+    "COLUMNS 1": Surroundings(PLAN, sets={"COLUMNS": "1"}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SLOW)
+def test_a_run_in_a_broken_environment_costs_one_line_at_most(tmp_path, name):
+    check(SLOW[name], tmp_path)
+    if SLOW[name].words.startswith(RUN):
+        assert len(list(tmp_path.glob("runs/SIM-*/run.h5"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("package", "words", "line"),
+    [
+        ("mujoco", ("check", "EXPERIMENT"), 'pip install "rfca-rig[mechanism]"'),
+        ("mcap", ("export", "mcap", "RUN", "--out", "x.mcap"), 'pip install "rfca-rig[mcap]"'),
+        ("uvicorn", ("view", "RUN"), 'pip install "rfca-rig[view]"'),
+    ],
+)
+def test_an_extra_that_is_missing_is_named(monkeypatch, capsys, tmp_path, package, words, line):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, package, None)
+    said = typed(monkeypatch, capsys, *words)
+    assert said.exit_code == 2
+    assert line in said.err
+
+
+def test_a_user_without_a_home_has_a_cache_that_is_their_own(monkeypatch):
+    def nowhere() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", nowhere)
+    assert Path(compiled.cache_folder()).is_relative_to(Path(compiled.__file__).parent)
