@@ -6,6 +6,7 @@ from pathlib import Path
 from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
 from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
+from rfca_rig.campaign.plausibility import refuse_slips
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput
@@ -38,21 +39,28 @@ def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path 
     return found[0] if found else None
 
 
-def open_recordings(paths: Sequence[Path]) -> list[Recording]:
-    """Open the recordings at `paths`, in their order.
+def open_recordings(paths: Sequence[Path], as_is: bool = True) -> list[Recording]:
+    """Open the recordings at `paths`, in their order. Values of a campaign that are probably in another unit are taken `as_is` or refused.
 
     Each path is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left unfinished), or an .h5 file. Strokes of
     a run are numbered in the order in which it made them. Raises BadInput for anything else.
     """
-    return [_open(path).with_order() for path in paths]
+    recordings = []
+    for path in paths:
+        recording = _open(path)
+        # What was imported was checked then.
+        if not as_is and not (path / RECORDING_NAME).is_file() and (path / FILE_NAME).is_file():
+            refuse_slips(path, recording)
+        recordings.append(recording.with_order())
+    return recordings
 
 
-def open_with_nominal_model(paths: Sequence[Path]) -> list[Recording]:
+def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True) -> list[Recording]:
     """The same where the nominal model is needed: raises BadInput, naming the path, where its values form no valid model.
 
     Recordings with static stages alone need no nominal model.
     """
-    recordings = open_recordings(paths)
+    recordings = open_recordings(paths, as_is)
     for path, recording in zip(paths, recordings, strict=True):
         if recording.nominal or recording.strokes:
             _check_belief(path, recording)
