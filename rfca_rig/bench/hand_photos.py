@@ -12,8 +12,8 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress
+from rfca_rig.recording.layout import PHOTOS
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.picture import FOLDER
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 
@@ -49,10 +49,10 @@ def with_hand_photos(
     if len(photos) != len(recording.static):
         raise BadInput(f"{len(photos)} photos for {len(recording.static)} static stages; give one for each, named in their order")
     # Without exist_ok: photos of another recording must not mix with these.
-    (run_folder / FOLDER).mkdir(parents=True)
+    (run_folder / PHOTOS).mkdir(parents=True)
     stages = []
     for number, (stage, photo) in enumerate(zip(recording.static, photos, strict=True), start=1):
-        name = f"{FOLDER}/{number:03d}{photo.suffix.lower()}"
+        name = f"{PHOTOS}/{number:03d}{photo.suffix.lower()}"
         shutil.copyfile(photo, run_folder / name)
         # Angles of an earlier reading must not survive where the new photo shows none.
         unread = (float("nan"),) * len(stage.hinge_deg)

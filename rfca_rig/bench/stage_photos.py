@@ -13,14 +13,13 @@ from rfca_rig.drivers.picture_file import read_picture
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.layout import OVERLAYS, PHOTOS
 from rfca_rig.recording.model import Recording, StaticStage
-from rfca_rig.recording.picture import FOLDER
 from rfca_rig.recording.sums import sum_line
 from rfca_rig.vision.hinge_angles import MAX_REPORTED_STD_RAD, HingeAngles
 from rfca_rig.vision.leg_photo import LegPhoto, PhotoSetup, read_leg_photo
 from rfca_rig.vision.red_mask import Pixels
 
-OVERLAYS = "overlays"
 OVERLAY_QUALITY = 90
 # More difference between photo and drive means a photo of another stage, or different zeros of drive and camera.
 SHAFT_APART_DEG = 2.0
@@ -116,5 +115,5 @@ def read_missing_photos(recording: Recording, run_folder: Path) -> Recording:
 
 def photo_hashes(run_folder: Path) -> dict[str, str]:
     """For a run's provenance: SHA-256 of each photo and overlay, a line each in the format of sha256sum; empty without any."""
-    files = [file for folder in (FOLDER, OVERLAYS) for file in sorted((run_folder / folder).glob("*"))]
+    files = [file for folder in (PHOTOS, OVERLAYS) for file in sorted((run_folder / folder).glob("*"))]
     return {"photos_sha256": "\n".join(sum_line(file, run_folder) for file in files)} if files else {}
