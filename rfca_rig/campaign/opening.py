@@ -75,7 +75,8 @@ def _check_strokes(path: Path, recording: Recording) -> None:
             if len(t_s) < FEWEST_SAMPLES:
                 raise BadInput(f"{where}: {len(t_s)} samples, where {FEWEST_SAMPLES} are the fewest")
             if not 0.0 < t_s[-1] - t_s[0] < LONGEST_STROKE_S or np.diff(t_s).min() < -MOST_DISORDER_S:
-                raise BadInput(f"{where}: time does not run forwards from {t_s[0]:g} s to {t_s[-1]:g} s, in {LONGEST_STROKE_S:g} s at most")
+                span = f"goes from {t_s[0]:g} s to {t_s[-1]:g} s"
+                raise BadInput(f"{where}: time {span}, where it should run forwards for {LONGEST_STROKE_S:g} s at most")
             for column, values in ((key, one.values) for key, one in stream.columns.items()):
                 # NaN stands for a value that a device did not give.
                 if (np.abs(values) > MOST_VALUE).any():

@@ -72,7 +72,7 @@ def needs_no_recovery(folder: Path, findings: Iterable[FileFinding]) -> bool:
     """Whether nothing needs recovery: no stage is unfinished, `run.h5` exists, and every file is as it was written."""
     has_all = all((folder / name).is_file() for name in (ENDING, RECORDING, SUMS))
     # An end that is damaged is a finding that is not sound.
-    return has_all and not journals(folder) and all(finding.is_sound for finding in findings) and _closed(folder) is not False
+    return has_all and not journals(folder) and all(finding.is_sound for finding in findings) and _read_closed(folder) is not False
 
 
 def check_run(folder: Path) -> Iterator[FileFinding]:
@@ -90,7 +90,7 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     stages = _Stages(folder)
     yield from stages.check(sums, events_of(folder) if events.is_sound else [])
     yield from (_check_journal(folder, journal) for journal in journals(folder))
-    has_ending, has_recording, closed = (folder / ENDING).is_file(), (folder / RECORDING).is_file(), _closed(folder)
+    has_ending, has_recording, closed = (folder / ENDING).is_file(), (folder / RECORDING).is_file(), _read_closed(folder)
     if has_ending or ENDING in sums or _has_ended(folder, texts):
         yield sums.finding_of_end(partial(_ending, folder, texts))
     elif not has_recording and not journals(folder):
@@ -118,7 +118,7 @@ def _lost_pictures(folder: Path, sums: "_Sums") -> Iterator[FileFinding]:
                 yield FileFinding(name, "is missing", False)
 
 
-def _closed(folder: Path) -> bool | None:
+def _read_closed(folder: Path) -> bool | None:
     """What the run's end says; None where it is damaged or missing, which is a finding of its own, or says nothing."""
     try:
         ending = read_ending(folder)
@@ -172,7 +172,7 @@ class _Sums:
 
     def finding_of_end(self, look: Callable[[], str]) -> FileFinding:
         """Of the run's end, which is written once more after the checksums: a crash between the two is no damage."""
-        if _closed(self._folder) is False and (ending := read_ending(self._folder)) is not None:
+        if _read_closed(self._folder) is False and (ending := read_ending(self._folder)) is not None:
             closed = hashlib.sha256(ending_bytes(replace(ending, is_closed=True))).hexdigest()
             if self._sums.get(ENDING) == closed:
                 # The hash of what it would have become shows that nothing else in it was changed.

@@ -38,15 +38,15 @@ MOST_TEXT_BYTES = 128 << 20
 
 def stage_files(folder: Path) -> list[Path]:
     """Files of the stages that are done, in order."""
-    return _numbered(folder, STAGE)
+    return _list_numbered(folder, STAGE)
 
 
 def journals(folder: Path) -> list[Path]:
     """Journals of stages that are not done, in order: at most one, unless a disk was full."""
-    return _numbered(folder, JOURNAL)
+    return _list_numbered(folder, JOURNAL)
 
 
-def _numbered(folder: Path, suffix: str) -> list[Path]:
+def _list_numbered(folder: Path, suffix: str) -> list[Path]:
     # Copies with other names, as file managers make them, are no stages.
     return sorted((file for file in (folder / STAGES).glob(f"*{suffix}") if file.stem.isdecimal()), key=_number)
 

@@ -101,13 +101,13 @@ def events_of(folder: Path) -> list[dict[str, Any]]:
     events = []
     for number, line in enumerate(events_text(folder).splitlines(), start=1):
         try:
-            events.append(_checked(dict(json.loads(line))))
+            events.append(_check_event(dict(json.loads(line))))
         except (ValueError, TypeError, RecursionError) as error:
             raise BadInput(f"{folder / EVENTS}:{number}: is no event: {error}") from None
     return events
 
 
-def _checked(event: dict[str, Any]) -> dict[str, Any]:
+def _check_event(event: dict[str, Any]) -> dict[str, Any]:
     """The event. Raises ValueError where it has no name, or names a stage's file without saying what that holds."""
     if not isinstance(event.get("event"), str):
         raise ValueError("it has no name")

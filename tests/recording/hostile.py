@@ -517,6 +517,7 @@ for _name, _number in {"NaN": np.nan, "infinity": np.inf, "1e308": 1e308}.items(
 
 
 @of_file
+@harmless
 def static_values_of_nan(file, secret):
     replaced(file, "static/fz_N", data=np.full(2, np.nan))
 
@@ -585,6 +586,7 @@ def a_name_that_is_no_utf8(file, secret):
 
 
 @of_file
+@harmless
 def a_stream_of_control_characters(file, secret):
     name = "\x1b[2J\x07\n../../x"
     file["strokes/001"].attrs["order"] = json.dumps([name])
@@ -592,6 +594,7 @@ def a_stream_of_control_characters(file, secret):
 
 
 @of_file
+@harmless
 def a_stream_of_300_letters(file, secret):
     file["strokes/001"].attrs["order"] = json.dumps(["n" * 300])
     file.move(TABLE, "strokes/001/" + "n" * 300)
@@ -603,6 +606,7 @@ def a_stroke_that_has_no_number(file, secret):
 
 
 @of_file
+@harmless
 def a_label_of_a_path(file, secret):
     file["strokes/001"].attrs["order"] = json.dumps(["../../../secret"])
     file.move(TABLE, "strokes/001/..%2F..%2F..%2Fsecret")
