@@ -18,7 +18,7 @@ from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.remaining import PlanProgress
 from rfca_rig.protocol.written_plan import parse_plan
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.layout import stage_files
+from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.outline import outline_of
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
@@ -86,6 +86,7 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
             f"{folder}: holds no run that could go on; rfca-rig runs --ended stopped lists some" if folder.exists() else not_there(folder)
         )
         raise BadInput(message)
+    refuse_links(folder)
     header = read_header(folder)
     # A stage in progress becomes a stage file of its own, cut short, and is repeated by the rest of the plan.
     run_folder.close_journals(folder)

@@ -16,14 +16,13 @@ from rfca_rig.drivers.photo_files import read_picture
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.layout import OVERLAYS, PHOTOS
 from rfca_rig.recording.model import Recording, StaticStage
-from rfca_rig.recording.picture import FOLDER
 from rfca_rig.recording.sums import sum_line
 from rfca_rig.vision.hinge_angles import MAX_REPORTED_STD_RAD, HingeAngles
 from rfca_rig.vision.leg_photo import LegPhoto, PhotoSetup, read_leg_photo
 from rfca_rig.vision.red_mask import Pixels
 
-OVERLAYS = "overlays"
 OVERLAY_QUALITY = 90
 # More difference between photo and drive means a photo of another stage, or different zeros of drive and camera.
 SHAFT_APART_DEG = 2.0
@@ -119,7 +118,7 @@ def read_missing_photos(recording: Recording, run_folder: Path) -> Recording:
 
 def photo_hashes(run_folder: Path) -> dict[str, str]:
     """For a run's provenance: SHA-256 of each photo and overlay, a line each in the format of sha256sum; empty without any."""
-    files = [file for folder in (FOLDER, OVERLAYS) for file in sorted((run_folder / folder).glob("*"))]
+    files = [file for folder in (PHOTOS, OVERLAYS) for file in sorted((run_folder / folder).glob("*"))]
     return {"photos_sha256": "\n".join(sum_line(file, run_folder) for file in files)} if files else {}
 
 
@@ -155,10 +154,10 @@ def with_hand_photos(
     if len(photos) != len(recording.static):
         raise BadInput(f"{len(photos)} photos for {len(recording.static)} static stages; give one for each, named in their order")
     # Without exist_ok: photos of another recording must not mix with these.
-    (run_folder / FOLDER).mkdir(parents=True)
+    (run_folder / PHOTOS).mkdir(parents=True)
     stages = []
     for number, (stage, photo) in enumerate(zip(recording.static, photos, strict=True), start=1):
-        name = f"{FOLDER}/{number:03d}{photo.suffix.lower()}"
+        name = f"{PHOTOS}/{number:03d}{photo.suffix.lower()}"
         shutil.copyfile(photo, run_folder / name)
         # Angles of an earlier reading must not survive where the new photo shows none.
         unread = (float("nan"),) * len(stage.hinge_deg)

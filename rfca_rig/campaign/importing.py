@@ -7,7 +7,7 @@ from pathlib import Path
 from rfca_rig.campaign.opening import RECORDING_NAME
 from rfca_rig.campaign.pendulum import PendulumCampaign, read_pendulum_campaign, run_files
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
-from rfca_rig.campaign.plausibility import find_slips
+from rfca_rig.campaign.plausibility import refuse_slips
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.progress import ProgressCount, ignore_progress
@@ -23,10 +23,8 @@ def import_campaign(folder: Path, out_folder: Path, told: ProgressCount = ignore
     """
     _check_new(out_folder)
     recording = read_campaign(folder, told)
-    slips = [] if as_is else find_slips(recording)
-    if slips:
-        more = f" (and {len(slips) - 1} more; rfca-rig check {folder} lists them)" if len(slips) > 1 else ""
-        raise BadInput(f"{folder}: {slips[0].where}: {slips[0].words}{more}; correct it, or import it with --as-is")
+    if not as_is:
+        refuse_slips(folder, recording)
     _make(out_folder, lambda partial: write_recording(recording, partial / RECORDING_NAME))
     return out_folder / RECORDING_NAME
 

@@ -3,19 +3,31 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
 from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
+from rfca_rig.campaign.plausibility import refuse_slips
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.layout import refuse_links
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.older_partial import partial_of, read_partial
 from rfca_rig.recording.store import read_recording
 from rfca_rig.suggestions import not_there
 
 RECORDING_NAME = "run.h5"
+# Fewer give no speed and no valley.
+FEWEST_SAMPLES = 3
+# A turn at 0.01 rad/s, the least speed of a plan, takes 630 s.
+LONGEST_STROKE_S = 3600.0
+# Records of a network that overtake each other are some ms apart.
+MOST_DISORDER_S = 0.1
+# Far above any unit of any quantity; squares of it are still numbers.
+MOST_VALUE = 1e100
 
 
 def pendulum_among(paths: Sequence[Path]) -> Path | None:
@@ -38,21 +50,45 @@ def _alone_among(paths: Sequence[Path], description: str, meaning: str) -> Path 
     return found[0] if found else None
 
 
-def open_recordings(paths: Sequence[Path]) -> list[Recording]:
-    """Open the recordings at `paths`, in their order.
+def open_recordings(paths: Sequence[Path], as_is: bool = True) -> list[Recording]:
+    """Open the recordings at `paths`, in their order. Values of a campaign that are probably in another unit are taken `as_is` or refused.
 
     Each path is a folder with campaign.toml, a folder with run.h5 (also of a run that a crash left unfinished), or an .h5 file. Strokes of
     a run are numbered in the order in which it made them. Raises BadInput for anything else.
     """
-    return [_open(path).with_order() for path in paths]
+    recordings = []
+    for path in paths:
+        recording = _open(path)
+        # What was imported was checked then.
+        if not as_is and not (path / RECORDING_NAME).is_file() and (path / FILE_NAME).is_file():
+            refuse_slips(path, recording)
+        _check_strokes(path, recording)
+        recordings.append(recording.with_order())
+    return recordings
 
 
-def open_with_nominal_model(paths: Sequence[Path]) -> list[Recording]:
+def _check_strokes(path: Path, recording: Recording) -> None:
+    """Raises BadInput for a stroke that no analysis can use, whatever it is."""
+    for number, stroke in enumerate(recording.strokes, start=1):
+        for name, stream in stroke.streams.items():
+            where, t_s = f"{path}: stroke {number}, {name}", stream.t_s
+            if len(t_s) < FEWEST_SAMPLES:
+                raise BadInput(f"{where}: {len(t_s)} samples, where {FEWEST_SAMPLES} are the fewest")
+            if not 0.0 < t_s[-1] - t_s[0] < LONGEST_STROKE_S or np.diff(t_s).min() < -MOST_DISORDER_S:
+                span = f"goes from {t_s[0]:g} s to {t_s[-1]:g} s"
+                raise BadInput(f"{where}: time {span}, where it should run forwards for {LONGEST_STROKE_S:g} s at most")
+            for column, values in ((key, one.values) for key, one in stream.columns.items()):
+                # NaN stands for a value that a device did not give.
+                if (np.abs(values) > MOST_VALUE).any():
+                    raise BadInput(f"{where}: {column} reaches {np.nanmax(np.abs(values)):g}, which no sensor gives")
+
+
+def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True) -> list[Recording]:
     """The same where the nominal model is needed: raises BadInput, naming the path, where its values form no valid model.
 
     Recordings with static stages alone need no nominal model.
     """
-    recordings = open_recordings(paths)
+    recordings = open_recordings(paths, as_is)
     for path, recording in zip(paths, recordings, strict=True):
         if recording.nominal or recording.strokes:
             _check_belief(path, recording)
@@ -77,6 +113,7 @@ def _open(path: Path) -> Recording:
 
 
 def _open_folder(folder: Path) -> Recording:
+    refuse_links(folder)
     # The finished file takes precedence over everything beside it.
     recording = folder / RECORDING_NAME
     if recording.is_file():

@@ -5,15 +5,17 @@ unit whose factor brings it back. Ranges are wide, because a wrong refusal costs
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
-from rfca_rig.recording.model import Recording, Stroke
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.model import Recording, StaticStage, Stroke
 
 Floats = NDArray[np.float64]
 
@@ -22,11 +24,17 @@ RAD_PER_DEG = math.pi / 180.0
 # Factor from the slip to the right unit, and the unit that was probably meant.
 LENGTHS = {1e3: "metres", 10.0: "centimetres", 25.4: "inches", 1e-3: "micrometres"}
 MASSES = {1e3: "kilograms", 453.6: "pounds", 1e-3: "milligrams"}
-FORCES = {1e3: "kN", 1e-3: "mN", GRAVITY_M_S2: "kgf"}
-MOMENTS = {1e-3: "N mm", 1e3: "kN m"}
+FORCES = {1e3: "kN", 1e-3: "mN", 1e-3 * GRAVITY_M_S2: "gf", GRAVITY_M_S2: "kgf"}
+MOMENTS = {1e-3: "N mm or forces in kN", 1e3: "kN m or forces in mN", 0.01: "N cm"}
 ANGLES = {RAD_PER_DEG: "degrees", 2.0 * math.pi: "turns", 1e-3: "mrad"}
-SPEEDS = {RAD_PER_DEG: "deg/s", math.pi / 30.0: "rpm", 2.0 * math.pi: "turns per second"}
-TIMES = {1e-3: "milliseconds", 1e-6: "microseconds", 60.0: "minutes"}
+SPEEDS = {RAD_PER_DEG: "deg/s", math.pi / 30.0: "rpm", 2.0 * math.pi: "turns per second", 1e-3: "mrad/s"}
+TIMES = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds", 60.0: "minutes"}
+# Beside each other, either of two quantities may be the wrong one.
+HEIGHTS = {
+    **{1e3: "metres or link lengths in micrometres", 10.0: "centimetres", 25.4: "inches", 1e-3: "micrometres or link lengths in metres"},
+    **{0.1: "link lengths in centimetres", 1.0 / 25.4: "link lengths in inches"},
+}
+STATED_SPEEDS = {**SPEEDS, **{1.0 / factor: f"shaft angle in {unit}" for factor, unit in ANGLES.items()}, 60.0: "time in minutes"}
 
 
 @dataclass(frozen=True)
@@ -64,14 +72,23 @@ def find_slips(recording: Recording) -> list[Slip]:
             slips += _stroke_slips(stroke, f"stroke {number}", length_m, weight_N)
     for stage in recording.static:
         where = f"static stage {stage.stage} at {1e3 * stage.height_m:g} mm"
-        slips += _compare(where, "height", stage.height_m, (0.15 * length_m, 1.2 * length_m), LENGTHS)
+        slips += _compare(where, "height", stage.height_m, (0.15 * length_m, 1.2 * length_m), HEIGHTS)
         slips += _compare(where, "shaft angle", abs(stage.shaft_angle_rad), (0.0, 2.0 * math.pi), ANGLES)
         if slips:
             break
+    slips += _static_force_slips(recording.static, length_m, weight_N)
     first: dict[tuple[str, str], Slip] = {}
     for slip in slips:
         first.setdefault((slip.what, slip.guess or slip.found), slip)
     return list(first.values())
+
+
+def refuse_slips(folder: Path, recording: Recording) -> None:
+    """Raises BadInput, one line, with the likeliest slip of the campaign in `folder` and how to go on."""
+    slips = find_slips(recording)
+    if slips:
+        more = f" (and {len(slips) - 1} more; rfca-rig check {folder} lists them)" if len(slips) > 1 else ""
+        raise BadInput(f"{folder}: {slips[0].where}: {slips[0].words}{more}; correct it, or take it with --as-is")
 
 
 def _leg_slips(leg: Mapping[str, Any]) -> Iterator[Slip]:
@@ -99,7 +116,7 @@ def _rig_slips(nominal: Mapping[str, Any]) -> Iterator[Slip]:
 
 def _stroke_slips(stroke: Stroke, where: str, length_m: float, weight_N: float) -> Iterator[Slip]:
     """Slips of one stroke: height beside the leg, time, angle, speed, forces beside the weight, signs."""
-    yield from _compare(where, "height", stroke.height_m, (0.15 * length_m, 1.2 * length_m), LENGTHS)
+    yield from _compare(where, "height", stroke.height_m, (0.15 * length_m, 1.2 * length_m), HEIGHTS)
     for stream in stroke.streams.values():
         t_s = stream.t_s
         if len(t_s) < 10:
@@ -126,8 +143,7 @@ def _shaft_slips(where: str, t_s: Floats, angle_rad: Floats, stated_rad_s: float
     middle = moving & (t_s > 0.3 * t_s[-1]) & (t_s < 0.9 * t_s[-1])
     speed = float(np.polyfit(t_s[middle], angle_rad[middle], 1)[0]) if np.count_nonzero(middle) > 2 else 0.0
     # The stated speed may be in another unit, or the recorded angle in one that leaves its travel below a turn.
-    either = {**SPEEDS, **{1.0 / factor: f"shaft angle in {unit}" for factor, unit in ANGLES.items()}}
-    yield from _compare(where, "stated speed beside the recorded one", stated_rad_s / max(abs(speed), 1e-9), (0.5, 2.0), either)
+    yield from _compare(where, "stated speed beside the recorded one", stated_rad_s / max(abs(speed), 1e-9), (0.5, 2.0), STATED_SPEEDS)
     if speed < 0.0 < stated_rad_s:
         found = f"falls at {abs(speed):.3g} rad/s where the stated speed is positive"
         yield Slip(where, "shaft angle", found, "is its sign turned?")
@@ -152,6 +168,18 @@ def _force_slips(where: str, t_s: Floats, columns: Mapping[str, Floats], length_
         # The ground only pushes: over a stroke the mean of fz, positive downwards, is negative.
         if impulse > 0.3 * strength:
             yield Slip(where, "fz_N", "the ground pulls the leg down over the whole stroke", "is its sign turned?")
+
+
+def _static_force_slips(stages: Sequence[StaticStage], length_m: float, weight_N: float) -> Iterator[Slip]:
+    """The largest forces of all stages beside the leg's weight, and the largest moment beside force times length."""
+    if not stages:
+        return
+    peak = {name: max(abs(getattr(stage, name)) for stage in stages) for name in ("fy_N", "fz_N", "tx_Nm")}
+    # Stages without contact show little more than parts of the weight.
+    yield from _compare("static stages", "largest fz_N beside the leg's weight", peak["fz_N"] / weight_N, (0.02, 600.0), FORCES)
+    if peak["fz_N"] > 0.02 * weight_N:
+        lever = peak["tx_Nm"] / (peak["fz_N"] * length_m)
+        yield from _compare("static stages", "largest tx_Nm beside fz_N times the leg's length", lever, (0.01, 30.0), MOMENTS)
 
 
 def _compare(where: str, what: str, value: float, plausible: tuple[float, float], factors: Mapping[float, str]) -> Iterator[Slip]:

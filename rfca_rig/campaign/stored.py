@@ -1,6 +1,5 @@
 """Opens a recording stage by stage, so that hours of it need only the memory of the part in use."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,13 +12,13 @@ from rfca_rig.campaign.stored_samples import SamplesInFile, SamplesInMemory, Sto
 from rfca_rig.protocol.plan import flap_label
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.cycle_table import CYCLES
-from rfca_rig.recording.layout import stage_files
+from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, Source, StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
-from rfca_rig.recording.store import open_sealed
+from rfca_rig.recording.store import open_sealed, texts_of
 from rfca_rig.recording.strokes import GROUP as STROKES
-from rfca_rig.recording.strokes import height_mm
+from rfca_rig.recording.strokes import height_mm, read_condition, read_height_mm
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,8 @@ def open_stored(path: Path) -> StoredRecording:
 
     Raises BadInput for anything else, and for damaged files.
     """
+    if path.is_dir():
+        refuse_links(path)
     file = path / RECORDING_NAME if path.is_dir() else path
     folder = path if path.is_dir() else path.parent
     # HDF5 files are opened in place; anything else is read into memory.
@@ -77,10 +78,7 @@ def store_in_memory(folder: Path, recording: Recording) -> StoredRecording:
 
 def _in_one_file(folder: Path, path: Path) -> StoredRecording:
     with open_sealed(path) as (file, source):
-        texts = {name: json.loads(file[name][()]) for name in ("believed", "provenance")}
-        title, static = str(file.attrs["title"]), read_static(file)
-        strokes, raw = tuple(_strokes_in(file, path)), tuple(_raw_in(file, path))
-        return StoredRecording(folder, title, source, texts["believed"], texts["provenance"], static, strokes, raw)
+        return _make_stored(folder, texts_of(file, source), read_static(file), tuple(_strokes_in(file, path)), tuple(_raw_in(file, path)))
 
 
 def _in_stage_files(folder: Path) -> StoredRecording:
@@ -104,16 +102,15 @@ def _make_stored(
 def _strokes_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
     # Groups are numbered, and HDF5 lists them as text: 10 before 2.
     for name in sorted(file[STROKES], key=int):
-        about = file[STROKES][name].attrs
-        condition = float(about["height_mm"]) / 1e3, float(about["speed_rad_s"]), int(about["repeat"])
-        yield _stroke(SamplesInFile.of(path, file, f"{STROKES}/{name}"), *condition)
+        height, speed_rad_s, repeat = read_condition(file[STROKES][name])
+        yield _stroke(SamplesInFile.of(path, file, f"{STROKES}/{name}"), height / 1e3, speed_rad_s, repeat)
 
 
 def _raw_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
     groups = file.get(RAW, {})
     for name in sorted(groups, key=int):
         about = groups[name].attrs
-        height_m = float(about["height_mm"]) / 1e3
+        height_m = read_height_mm(groups[name]) / 1e3
         yield _raw(SamplesInFile.of(path, file, f"{RAW}/{name}"), str(about["label"]), height_m, str(about["cut_short"]))
 
 

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Protocol
 
 import h5py
+import numpy as np
 
 from rfca_rig.campaign.stored_streams import StoredStream, streams_in_file, streams_in_memory
 from rfca_rig.recording.model import Stream
-from rfca_rig.recording.strokes import TIME, read_streams, streams_in
+from rfca_rig.recording.store import report_damage
+from rfca_rig.recording.strokes import TIME, check_times, read_streams, streams_in
 
 Streams = Mapping[str, Stream]
 
@@ -65,20 +67,24 @@ class SamplesInFile:
 
     @classmethod
     def of(cls, path: Path, file: h5py.File, group: str) -> "SamplesInFile":
-        """The samples of a group. Raises ValueError where one of its streams is not of the recording's source."""
+        """The samples of a group. Raises ValueError where one of its streams is not of the recording's source, or has no times."""
         streams = dict(streams_in(file[group], file.attrs["source"]))
         # Only the first and last time are read, not the samples between them.
         times = [stream[TIME] for stream in streams.values()]
-        return cls(path, group, tuple(streams), _span([(float(time[0]), float(time[-1])) for time in times if len(time)]))
+        spans = [(float(time[0]), float(time[-1])) for time in times if len(time)]
+        for stream in streams.values():
+            check_times(stream, np.ravel(spans))
+        return cls(path, group, tuple(streams), _span(spans))
 
     def whole(self) -> Streams:
-        with h5py.File(self.path, "r") as file:
+        with report_damage(self.path), h5py.File(self.path, "r") as file:
             return read_streams(file[self.group], file.attrs["source"])
 
     @contextmanager
     def opened(self) -> Iterator[tuple[StoredStream, ...]]:
+        # Damage shows where a block is read. The caller's own errors, for instance of a full disk, are not the recording's.
         with h5py.File(self.path, "r") as file:
-            yield streams_in_file(file[self.group], file.attrs["source"])
+            yield streams_in_file(self.path, file[self.group], file.attrs["source"])
 
 
 def _span(spans: Sequence[tuple[float, float]]) -> tuple[float, float]:

@@ -1,17 +1,18 @@
 """Samples of a recorded stage, in memory or in a file, to be read in blocks of some thousands."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
 from rfca_rig.recording.model import Source, Stream
-from rfca_rig.recording.strokes import TIME, streams_in
+from rfca_rig.recording.store import report_damage
+from rfca_rig.recording.strokes import TIME, check_times, streams_in
 
 Rows = NDArray[Any]
 
@@ -63,17 +64,46 @@ class StoredStream:
             yield slice(at, at + ROWS_PER_CHUNK)
 
 
-def streams_in_file(stage: h5py.Group, source: Source) -> tuple[StoredStream, ...]:
-    """Streams of a stage's group, valid while the file is open. Raises ValueError where one is not of the recording's source."""
-    return tuple(
-        StoredStream(name, group[TIME], {column: _column_in(group[link_name(column)]) for column in json.loads(group.attrs["order"])})
-        for name, group in streams_in(stage, source)
-    )
+@dataclass(frozen=True)
+class DatasetInFile:
+    """Implements Sliceable for a dataset. Damage in what is read raises BadInput that names the file."""
+
+    path: Path
+    dataset: h5py.Dataset
+    is_time: bool = False
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        found: np.dtype[Any] = self.dataset.dtype
+        return found
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    def __getitem__(self, rows: slice, /) -> Rows:
+        """Values (k,) of these rows."""
+        with report_damage(self.path):
+            values = np.asarray(self.dataset[rows])
+            if self.is_time:
+                check_times(self.dataset.parent, values)
+            return values
 
 
-def _column_in(dataset: h5py.Dataset) -> StoredColumn:
-    attributes = dataset.attrs
-    return StoredColumn(dataset, str(attributes["units"]), float(attributes["conversion"]), float(attributes["offset"]))
+def streams_in_file(path: Path, stage: h5py.Group, source: Source) -> tuple[StoredStream, ...]:
+    """Streams of a stage's group, valid while the file at `path` is open. Raises BadInput where they are damaged."""
+    with report_damage(path):
+        return tuple(
+            StoredStream(
+                name,
+                DatasetInFile(path, group[TIME], is_time=True),
+                {column: _column_in(path, group[link_name(column)]) for column in read_names(group.attrs["order"])},
+            )
+            for name, group in streams_in(stage, source)
+        )
+
+
+def _column_in(path: Path, dataset: h5py.Dataset) -> StoredColumn:
+    return StoredColumn(DatasetInFile(path, dataset), *read_scale(dataset))
 
 
 def streams_in_memory(streams: Mapping[str, Stream]) -> tuple[StoredStream, ...]:

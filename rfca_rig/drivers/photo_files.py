@@ -1,6 +1,7 @@
 """Photos in files (JPEG, PNG, TIFF): reading with a check for truncation, their time, and folders of them in place of a camera."""
 
 import re
+import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,6 +20,10 @@ ENDINGS = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 # In a JPEG the Exif block precedes the image and has at most 64 kB.
 HEAD_BYTES = 1 << 18
 
+# A picture is unpacked as a whole. The largest sensors on sale have 151 million pixels (2026), and 3 bytes a pixel.
+MOST_PIXELS = 160_000_000
+MOST_BYTES = 3 * MOST_PIXELS
+
 _PNG, _JPEG, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", (b"II*\0", b"MM\0*")
 
 
@@ -35,7 +40,7 @@ def read_picture(path: Path) -> Image:
 
     Raises BadInput, in one line, for a file that is missing, of another type, truncated or broken.
     """
-    content = _content(path)
+    content = read_picture_bytes(path)
     if fault := _fault(content):
         raise BadInput(f"{path}: {fault}; take it out of the list or copy it from the camera again")
     image = _decode(content)
@@ -56,8 +61,13 @@ def _decode(content: bytes) -> Image | None:
     return None if image is None else np.asarray(image, np.uint8)
 
 
-def _content(path: Path) -> bytes:
+def read_picture_bytes(path: Path) -> bytes:
+    """The file's content. Raises BadInput where it cannot be read, or is longer than any picture."""
     try:
+        if path.exists() and not path.is_file():
+            raise BadInput(f"{path}: is no file")
+        if path.stat().st_size > MOST_BYTES:
+            raise BadInput(f"{path}: has {path.stat().st_size / 1e6:.0f} MB, where {MOST_BYTES / 1e6:.0f} MB are the most")
         return path.read_bytes()
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
@@ -69,11 +79,51 @@ def _fault(content: bytes) -> str | None:
         return "empty file"
     if content.startswith(_JPEG):
         # The end mark (FF D9) must follow the last start of scan (FF DA); the embedded thumbnail has its own end mark.
-        whole = content.rfind(b"\xff\xd9") > content.rfind(b"\xff\xda") >= 0
-        return None if whole else "a JPEG that is cut short: it ends before its end mark"
-    if content.startswith(_PNG):
-        return None if content[-12:-4] == b"\0\0\0\0IEND" else "a PNG that is cut short: it ends before its end mark"
-    return None if content.startswith(_TIFF) else "neither JPEG, PNG nor TIFF"
+        if not content.rfind(b"\xff\xd9") > content.rfind(b"\xff\xda") >= 0:
+            return "a JPEG that is cut short: it ends before its end mark"
+    elif content.startswith(_PNG):
+        if content[-12:-4] != b"\0\0\0\0IEND":
+            return "a PNG that is cut short: it ends before its end mark"
+    elif not content.startswith(_TIFF):
+        return "neither JPEG, PNG nor TIFF"
+    # A picture of one colour packs a thousand times: the decoder would fill the memory.
+    columns, rows = _size(content)
+    return f"claims {columns} x {rows} pixels, where {MOST_PIXELS / 1e6:.0f} million are the most" if columns * rows > MOST_PIXELS else None
+
+
+def _size(content: bytes) -> tuple[int, int]:
+    """Columns and rows that the head of a picture states; 0 where it states none, which the decoder refuses."""
+    try:
+        if content.startswith(_PNG):
+            return struct.unpack_from(">II", content, 16)
+        if content.startswith(_JPEG):
+            return _size_of_jpeg(content)
+        order = "<" if content.startswith(b"II") else ">"
+        at = struct.unpack_from(order + "I", content, 4)[0]
+        count = struct.unpack_from(order + "H", content, at)[0]
+        entries = [struct.unpack_from(order + "HHI4s", content, at + 2 + 12 * entry) for entry in range(count)]
+    except struct.error:
+        return 0, 0
+    # A SHORT (type 3) takes the first half of its four bytes.
+    found = {tag: struct.unpack_from(order + ("H" if kind == 3 else "I"), value)[0] for tag, kind, _, value in entries}
+    return found.get(256, 0), found.get(257, 0)
+
+
+def _size_of_jpeg(content: bytes) -> tuple[int, int]:
+    """Of the first frame: a segment is 0xFF, its kind, and a length that includes its own two bytes."""
+    at = 2
+    while content[at : at + 1] == b"\xff":
+        if content[at + 1 : at + 2] == b"\xff":
+            # Padding before a mark.
+            at += 1
+            continue
+        kind, length = content[at + 1], struct.unpack_from(">H", content, at + 2)[0]
+        # 0xC0 to 0xCF begin frames, but for three tables among them.
+        if 0xC0 <= kind <= 0xCF and kind not in (0xC4, 0xC8, 0xCC):
+            rows, columns = struct.unpack_from(">HH", content, at + 5)
+            return columns, rows
+        at += 2 + length
+    return 0, 0
 
 
 def read_picture_time(path: Path) -> PictureTime:

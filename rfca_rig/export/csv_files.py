@@ -6,6 +6,7 @@ static.csv              the means of static stages, as campaign files have them
 """
 
 import csv
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from rfca_rig.progress import ProgressCount, iterate_with_progress
 from rfca_rig.recording.atomic import make_folder_atomically, translate_os_errors
 
 TIME = "t_s"
+LONGEST_NAME = 60
 INDEX = ("file", "stage", "device", "records", "height_mm", "speed_rad_s", "repeat", "cut_short")
 
 
@@ -74,7 +76,11 @@ def _write_stages(stored: StoredRecording, folder: Path, told: ProgressCount) ->
         # A file per device: devices sample at different times, and joining them would need resampling.
         with stage.samples.opened() as streams:
             for stream in streams:
-                name = f"stages/{number:03d}-{stream.name}.csv"
+                # A device's name may come from elsewhere: no path, and no longer than file systems allow.
+                device = re.sub(r"[^\w.-]", "_", stream.name)[:LONGEST_NAME]
+                name = f"stages/{number:03d}-{device}.csv"
+                if (folder / name).exists():
+                    raise BadInput(f"{stored.folder}: two streams of {stage.label} would both become {name}")
                 _write_csv(folder / name, [TIME, *stream.columns], _records(stream))
                 yield {"file": name, "stage": stage.label, "device": stream.name, "records": len(stream.t_s), **stage.about}
 

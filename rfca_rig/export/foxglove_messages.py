@@ -7,6 +7,8 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
+from rfca_rig.drivers.photo_files import read_picture_bytes
+
 NS = 1_000_000_000
 # Values of the enumeration in Foxglove's Log schema: 1 debug, 2 info, 3 warning, 4 error, 5 fatal.
 LEVELS = {"info": 2, "warning": 3, "error": 4}
@@ -49,8 +51,8 @@ def log(ns: int, message: str, level: str = "info") -> bytes:
 
 
 def image(ns: int, path: Path) -> bytes:
-    """A foxglove.CompressedImage message with the bytes of the file, base64 as JSON needs. Raises OSError where it cannot be read."""
-    data = base64.b64encode(path.read_bytes()).decode()
+    """A foxglove.CompressedImage message with the bytes of the file, base64 as JSON needs. Raises BadInput where it cannot be read."""
+    data = base64.b64encode(read_picture_bytes(path)).decode()
     return _json(timestamp=_time(ns), frame_id="camera", data=data, format=FORMATS[path.suffix.lower()])
 
 

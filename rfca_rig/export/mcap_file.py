@@ -23,7 +23,7 @@ from mcap.writer import CompressionType, Writer
 from rfca_rig.campaign.stored import StoredRecording, StoredStage, open_stored
 from rfca_rig.campaign.stored_streams import StoredStream
 from rfca_rig.channels import UNITS
-from rfca_rig.errors import TRIP
+from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.export import foxglove_messages as foxglove
 from rfca_rig.export.host_clock import NS, event_times, events_in, order_by_time
 from rfca_rig.export.sample_messages import Layout, layout_of, pack_samples
@@ -196,7 +196,7 @@ class _McapFile:
             try:
                 picture = foxglove.image(ns, self._stored.folder / name)
             # A photo that was moved, or in a format that Foxglove does not show (KeyError of FORMATS), is reported, not fatal.
-            except (OSError, KeyError):
+            except (BadInput, KeyError):
                 self._missing.append(name)
                 continue
             self._pictures += 1
@@ -207,6 +207,8 @@ def _samples(stream: StoredStream, channel: int, layout: Layout, zero_ns: int) -
     size = layout.dtype.itemsize
     for t_s, content in pack_samples(stream, layout):
         times = (zero_ns + np.rint(t_s * NS).astype(np.int64)).tolist()
+        if min(times) < 0:
+            raise BadInput(f"the times of {stream.name} run backwards to before 1970, which MCAP cannot hold; export csv can")
         for row, ns in enumerate(times):
             yield ns, channel, bytes(content[row * size : (row + 1) * size])
 

@@ -12,7 +12,7 @@ from typing import Any
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.logbook.entry import Entry, LoggedCondition
 from rfca_rig.recording.identity import identity_of, identity_of_tables
-from rfca_rig.recording.layout import ENDING, EVENTS, EXPERIMENT, HEADER, PENDULUM, RECORDING
+from rfca_rig.recording.layout import ENDING, EVENTS, EXPERIMENT, HEADER, MOST_TEXT_BYTES, PENDULUM, RECORDING, refuse_links_among
 
 REASONS = {"done": "done", "stopped": "stopped", "worn-out": "worn out"}
 MEASURED = ("Flap", "Hold", "Cycles")
@@ -23,6 +23,7 @@ def read_entry(runs: Path, folder: str, measure_s: Callable[[Path], float | None
     """The entry of a run's folder; where its files cannot be read, the entry says so. `measure_s` returns an experiment's duration."""
     path = runs / folder
     try:
+        refuse_links_among(path, (HEADER, EVENTS, ENDING, RECORDING))
         if (path / HEADER).is_file():
             return _of_run(path, folder)
         if (path / RECORDING).is_file():
@@ -35,9 +36,9 @@ def read_entry(runs: Path, folder: str, measure_s: Callable[[Path], float | None
 
 
 def _of_run(path: Path, folder: str) -> Entry:
-    header = json.loads((path / HEADER).read_bytes())
+    header = json.loads(_read_bytes(path / HEADER))
     events_text = _whole_lines(path / EVENTS)
-    ending = json.loads((path / ENDING).read_bytes())["provenance"] if (path / ENDING).is_file() else None
+    ending = json.loads(_read_bytes(path / ENDING))["provenance"] if (path / ENDING).is_file() else None
     known: Mapping[str, str] = header["provenance"]
     done = _count_recorded(events_text.splitlines(), json.loads(known["plan"]))
     # The same texts, in the same shape, as `run.h5` has: the identity must agree with that of the recording.
@@ -64,9 +65,15 @@ def _of_run(path: Path, folder: str) -> Entry:
 
 
 def _whole_lines(path: Path) -> str:
-    content = path.read_bytes() if path.is_file() else b""
+    content = _read_bytes(path) if path.is_file() else b""
     # A crash may have left part of a line.
     return content[: content.rfind(b"\n") + 1].decode(errors="replace")
+
+
+def _read_bytes(path: Path) -> bytes:
+    if path.stat().st_size > MOST_TEXT_BYTES:
+        raise ValueError(f"{path.name} has more than {MOST_TEXT_BYTES / 1e6:.0f} MB")
+    return path.read_bytes()
 
 
 @dataclass

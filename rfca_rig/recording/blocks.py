@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
 from rfca_rig.recording.journal import BlockKind, JournalBlock
 from rfca_rig.recording.model import StaticStage
 from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm, pack_rows
@@ -23,9 +25,14 @@ class Begin:
 
     @staticmethod
     def of(block: JournalBlock) -> "Begin":
+        """Raises ValueError, LookupError or TypeError for a block that no run wrote."""
         content = json.loads(block.payload)
-        forms = (StreamForm(form["name"], tuple(ColumnForm(**column) for column in form["columns"])) for form in content["forms"])
-        return Begin(content["label"], content["height_m"], tuple(forms))
+        forms = (StreamForm(str(form["name"]), tuple(ColumnForm(**column) for column in form["columns"])) for form in content["forms"])
+        begin = Begin(str(content["label"]), float(content["height_m"]), tuple(forms))
+        for column in (column for form in begin.forms for column in form.columns):
+            if np.dtype(column.dtype).kind not in "iuf":
+                raise ValueError(f"column {column.name} is of {column.dtype}, no number")
+        return begin
 
 
 @dataclass(frozen=True)
@@ -50,8 +57,8 @@ class End:
     @staticmethod
     def of(block: JournalBlock) -> "End":
         content = json.loads(block.payload)
-        stroke = StrokeCondition(**content["stroke"]) if content["stroke"] else None
-        return End(stroke, static_stage_of(content["static"]) if content["static"] else None, content["cut_short"])
+        stroke = StrokeCondition(float(content["stroke"]["speed_rad_s"]), int(content["stroke"]["repeat"])) if content["stroke"] else None
+        return End(stroke, static_stage_of(content["static"]) if content["static"] else None, str(content["cut_short"]))
 
 
 def static_stage_of(said: Mapping[str, Any]) -> StaticStage:

@@ -1,5 +1,6 @@
 """Checks a run on disk: every file by its hash, every stage by its counts."""
 
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,9 +10,9 @@ from typing import Any
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.journal import block_size, read_blocks
-from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGES, SUMS, journals, stage_files
+from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, OVERLAYS, PHOTOS, RECORDING, STAGES, SUMS, journals, refuse_links, stage_files
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.run_text import INTERRUPTED, events_of, events_text, read_ending, read_header
+from rfca_rig.recording.run_text import INTERRUPTED, ending_bytes, events_of, events_text, read_ending, read_header
 from rfca_rig.recording.store import read_texts
 from rfca_rig.recording.summary import RecordingSummary, add_up, summarize
 from rfca_rig.recording.sums import read_sums, sha256_of
@@ -30,17 +31,36 @@ class FileFinding:
     is_sound: bool = True
 
 
-def describe_damage(folder: Path, findings: Iterable[FileFinding]) -> str:
-    """What is damaged and what helps, as check and recover say it, from findings that are not sound."""
-    damaged = [finding.file for finding in findings]
-    lost = [name for name in damaged if name not in REMADE]
-    if lost:
-        return f"{folder}: damaged: {', '.join(damaged)}; restore {', '.join(lost)} from a copy: recover cannot make {_them(lost)} again"
-    return f"{folder}: damaged: {', '.join(damaged)}; rfca-rig recover {folder} makes {_them(damaged)} again from the files of the stages"
+def describe_damage(folder: Path, findings: Sequence[FileFinding]) -> str:
+    """What is damaged and what helps, as check and recover say it, from all findings of a run."""
+    damaged = [finding.file for finding in findings if not finding.is_sound]
+    # A recording alone has no stages beside it to be made of.
+    lost = [name for name in damaged if name not in REMADE or not is_run_folder(folder)]
+    made = [name for name in damaged if name in REMADE]
+    what = f"{folder}: damaged: {', '.join(damaged)}"
+    if not lost:
+        return f"{what}; rfca-rig recover {folder} makes {_them(made)} again from the files of the stages"
+    restore = f"restore {', '.join(lost)} from a copy: recover cannot make {_them(lost)} again"
+    if can_recover(folder, findings):
+        return f"{what}; {restore}; rfca-rig recover {folder} makes the rest whole without {_them(lost)}"
+    return f"{what}; {restore}"
 
 
 def _them(names: Sequence[str]) -> str:
     return "it" if len(names) == 1 else "them"
+
+
+def can_recover(folder: Path, findings: Sequence[FileFinding]) -> bool:
+    """Whether recover has something to do, and may do it: damaged files of other kinds must not get new checksums.
+
+    A stage or photo that is gone does not prevent recovery of the others.
+    """
+    unsound = [finding for finding in findings if not finding.is_sound]
+    lost = [finding for finding in unsound if finding.file not in REMADE]
+    if not lost:
+        return not needs_no_recovery(folder, findings)
+    has_work = len(lost) < len(unsound) or not all((folder / name).is_file() for name in REMADE)
+    return has_work and all("/" in finding.file and not (folder / finding.file).is_file() for finding in lost)
 
 
 def is_run_folder(folder: Path) -> bool:
@@ -51,32 +71,60 @@ def is_run_folder(folder: Path) -> bool:
 def needs_no_recovery(folder: Path, findings: Iterable[FileFinding]) -> bool:
     """Whether nothing needs recovery: no stage is unfinished, `run.h5` exists, and every file is as it was written."""
     has_all = all((folder / name).is_file() for name in (ENDING, RECORDING, SUMS))
-    return has_all and not journals(folder) and all(finding.is_sound for finding in findings)
+    # An end that is damaged is a finding that is not sound.
+    return has_all and not journals(folder) and all(finding.is_sound for finding in findings) and _read_closed(folder) is not False
 
 
 def check_run(folder: Path) -> Iterator[FileFinding]:
-    """A finding per file, in the order in which a run writes them. Raises BadInput where `folder` holds no run."""
+    """A finding per file, in the order in which a run writes them. Raises BadInput where `folder` holds no run, or files of others."""
+    refuse_links(folder)
     if not is_run_folder(folder):
         yield from _check_older(folder)
         return
-    sums = _Sums(folder)
-    texts = _recorded_texts(folder)
+    sums, recorded = _Sums(folder), _Recorded(folder)
+    texts = recorded.texts
     yield sums.finding(HEADER, partial(_title, folder, texts))
     # Damaged events are reported once; the stages are then checked without them.
     events = sums.finding(EVENTS, partial(_events, folder, texts))
     yield events
-    yield from _check_stages(folder, sums, events_of(folder) if events.is_sound else [])
+    stages = _Stages(folder)
+    yield from stages.check(sums, events_of(folder) if events.is_sound else [])
     yield from (_check_journal(folder, journal) for journal in journals(folder))
-    has_ending, has_recording = (folder / ENDING).is_file(), (folder / RECORDING).is_file()
+    has_ending, has_recording, closed = (folder / ENDING).is_file(), (folder / RECORDING).is_file(), _read_closed(folder)
     if has_ending or ENDING in sums or _has_ended(folder, texts):
-        yield sums.finding(ENDING, partial(_ending, folder, texts))
+        yield sums.finding_of_end(partial(_ending, folder, texts))
     elif not has_recording and not journals(folder):
         yield FileFinding(ENDING, f"is not there: the run goes on, or was not finished; then type rfca-rig recover {folder}")
-    if has_recording or RECORDING in sums:
-        yield sums.finding(RECORDING, partial(_like_its_stages, folder))
+    if has_recording or RECORDING in sums or closed:
+        yield sums.finding(RECORDING, partial(recorded.like, stages))
     elif has_ending:
         yield FileFinding(RECORDING, f"is not made yet; type rfca-rig recover {folder}")
-    yield from sums.rest(is_finished=has_recording)
+    # Versions that do not say whether a run was closed made the checksums right after `run.h5`.
+    yield from sums.rest(is_finished=has_recording if closed is None else closed)
+    yield from _lost_pictures(folder, sums)
+    if closed is False and has_recording:
+        yield FileFinding(SUMS, f"the run was cut off while it was closed; type rfca-rig recover {folder}")
+
+
+def _lost_pictures(folder: Path, sums: "_Sums") -> Iterator[FileFinding]:
+    """Photos that the run's end names, where neither they nor their hashes are there."""
+    try:
+        ending = read_ending(folder)
+    except BadInput:
+        return
+    for stage in ending.static if ending is not None and ending.static is not None else ():
+        for name in filter(None, (stage.photo, stage.overlay)):
+            if not (folder / name).is_file() and not sums.has_listed(name):
+                yield FileFinding(name, "is missing", False)
+
+
+def _read_closed(folder: Path) -> bool | None:
+    """What the run's end says; None where it is damaged or missing, which is a finding of its own, or says nothing."""
+    try:
+        ending = read_ending(folder)
+    except BadInput:
+        return None
+    return None if ending is None else ending.is_closed
 
 
 def _check_older(folder: Path) -> Iterator[FileFinding]:
@@ -99,10 +147,15 @@ class _Sums:
         except BadInput as error:
             self._sums, self._damage = {}, FileFinding(SUMS, str(error), False)
         self._is_summed_up = bool(self._sums)
+        self._listed = set(self._sums)
         self._unlisted: list[str] = []
 
     def __contains__(self, name: str) -> bool:
         return name in self._sums
+
+    def has_listed(self, name: str) -> bool:
+        """Whether the file had a line, and so a finding."""
+        return name in self._listed
 
     def finding(self, name: str, look: Callable[[], str]) -> FileFinding:
         """What `look` finds in a file, provided that its hash is right."""
@@ -117,6 +170,15 @@ class _Sums:
             return FileFinding(name, "is not what was written: its SHA-256 is another", False)
         return _finding_of(name, look)
 
+    def finding_of_end(self, look: Callable[[], str]) -> FileFinding:
+        """Of the run's end, which is written once more after the checksums: a crash between the two is no damage."""
+        if _read_closed(self._folder) is False and (ending := read_ending(self._folder)) is not None:
+            closed = hashlib.sha256(ending_bytes(replace(ending, is_closed=True))).hexdigest()
+            if self._sums.get(ENDING) == closed:
+                # The hash of what it would have become shows that nothing else in it was changed.
+                self._sums[ENDING] = sha256_of(self._folder / ENDING)
+        return self.finding(ENDING, look)
+
     def rest(self, is_finished: bool) -> Iterator[FileFinding]:
         """Files with a hash that nothing else checks, for example photos. A finished run has hashes."""
         if self._damage:
@@ -126,27 +188,48 @@ class _Sums:
         # A copy, because `finding` takes names out of the dictionary.
         for name in list(self._sums):
             yield self.finding(name, lambda: "as it was written")
+        pictures = (f"{place}/{file.name}" for place in (PHOTOS, OVERLAYS) for file in sorted((self._folder / place).glob("*.*")))
+        if self._is_summed_up:
+            self._unlisted += [name for name in pictures if name not in self._listed and name.endswith((".png", ".jpg"))]
         if self._unlisted:
             yield FileFinding(SUMS, f"has no line for {', '.join(self._unlisted)}", False)
 
 
-def _check_stages(folder: Path, sums: _Sums, events: Sequence[Mapping[str, Any]]) -> Iterator[FileFinding]:
-    """The stages that the events name, and other stage files that exist."""
-    events_by_file = {event["file"]: event for event in events if "file" in event}
-    on_disk = {f"{STAGES}/{file.name}" for file in stage_files(folder)}
-    for name in sorted(on_disk | set(events_by_file)):
-        yield sums.finding(name, partial(_as_said, folder / name, events_by_file.get(name)))
+class _Stages:
+    """The files of a run's stages, each read once."""
 
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._summaries: dict[str, RecordingSummary] = {}
+        self._has_damage = False
 
-def _as_said(path: Path, event: Mapping[str, Any] | None) -> str:
-    stage = summarize(path)
-    # The counts come first: they say how much is wrong, a hash only that something is.
-    if event is not None and event["samples"] != stage.samples:
-        raise BadInput(f"{path}: holds {dict(stage.samples)} samples, where {event['samples']} were recorded")
-    if event is not None and event["sha256"] != sha256_of(path):
-        raise BadInput(f"{path}: is not what was recorded: its SHA-256 is another")
-    lost = "".join(f", {missing} records missing on the way" for missing in stage.missing)
-    return f"{stage.text()}{lost}"
+    def check(self, sums: _Sums, events: Sequence[Mapping[str, Any]]) -> Iterator[FileFinding]:
+        """The stages that the events name, and other stage files that exist."""
+        events_by_file = {event["file"]: event for event in events if "file" in event}
+        on_disk = {f"{STAGES}/{file.name}" for file in stage_files(self._folder)}
+        for name in sorted(on_disk | set(events_by_file)):
+            finding = sums.finding(name, partial(self._as_said, name, events_by_file.get(name)))
+            self._has_damage |= not finding.is_sound
+            yield finding
+
+    def _as_said(self, name: str, event: Mapping[str, Any] | None) -> str:
+        path = self._folder / name
+        stage = summarize(path)
+        # The counts come first: they say how much is wrong, a hash only that something is.
+        if event is not None and event["samples"] != stage.samples:
+            raise BadInput(f"{path}: holds {dict(stage.samples)} samples, where {event['samples']} were recorded")
+        if event is not None and event["sha256"] != sha256_of(path):
+            raise BadInput(f"{path}: is not what was recorded: its SHA-256 is another")
+        self._summaries[name] = stage
+        lost = "".join(f", {missing} records missing on the way" for missing in stage.missing)
+        return f"{stage.text()}{lost}"
+
+    def summary(self) -> RecordingSummary | None:
+        """All stages together, after `check`; None where some are damaged."""
+        if self._has_damage:
+            return None
+        stages, ending = add_up(self._summaries.values()), read_ending(self._folder)
+        return stages if ending is None or ending.static is None else replace(stages, static=len(ending.static))
 
 
 def _check_journal(folder: Path, journal: Path) -> FileFinding:
@@ -156,28 +239,33 @@ def _check_journal(folder: Path, journal: Path) -> FileFinding:
     return FileFinding(f"{STAGES}/{journal.name}", words)
 
 
-def _like_its_stages(folder: Path) -> str:
-    found = summarize(folder / RECORDING).text()
-    try:
-        stages = _in_stages(folder).text()
-    except BadInput:
-        return f"{found}; not compared with its stages, of which some are damaged"
-    if found != stages:
-        raise BadInput(f"{folder / RECORDING}: holds {found}, its stages {stages}")
-    return found
+class _Recorded:
+    """What `run.h5` holds. Its checksum, which takes as long as all the rest, is compared once."""
 
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / RECORDING
+        self._damage: BadInput | None = None
+        # Its texts, of which the other files are copies; None where it is missing or damaged itself.
+        self.texts: Recording | None = None
+        try:
+            self.texts = read_texts(self._path)
+        except BadInput as error:
+            self._damage = error
 
-def _in_stages(folder: Path) -> RecordingSummary:
-    stages, ending = add_up(summarize(file) for file in stage_files(folder)), read_ending(folder)
-    return stages if ending is None or ending.static is None else replace(stages, static=len(ending.static))
-
-
-def _recorded_texts(folder: Path) -> Recording | None:
-    """What `run.h5` holds of the other files; None where it is missing or damaged itself."""
-    try:
-        return read_texts(folder / RECORDING)
-    except BadInput:
-        return None
+    def like(self, stages: _Stages) -> str:
+        """What it holds. Raises BadInput where it is damaged, or holds other than its stages."""
+        if self._damage is not None:
+            raise self._damage
+        found = summarize(self._path, has_right_seal=True).text()
+        try:
+            expected = stages.summary()
+        except BadInput:
+            expected = None
+        if expected is None:
+            return f"{found}; not compared with its stages, of which some are damaged"
+        if found != expected.text():
+            raise BadInput(f"{self._path}: holds {found}, its stages {expected.text()}")
+        return found
 
 
 def _title(folder: Path, texts: Recording | None) -> str:
@@ -232,7 +320,9 @@ def _compare(path: Path, name: str, here: object, recorded: object) -> None:
 
 
 def _describe(file: Path) -> str:
-    return summarize(file).text()
+    words = summarize(file).text()
+    read_texts(file, has_right_seal=True)
+    return words
 
 
 def _finding_of(name: str, look: Callable[[], str]) -> FileFinding:

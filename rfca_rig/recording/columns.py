@@ -1,5 +1,7 @@
 """A column as an HDF5 dataset. Raw counts stay raw; value = raw * conversion + offset, in `units`."""
 
+import json
+import math
 import re
 import urllib.parse
 from collections.abc import Iterator, Mapping
@@ -55,8 +57,32 @@ def write_column(group: h5py.Group, name: str, column: Column) -> h5py.Dataset:
 def read_column_form(group: h5py.Group, name: str) -> ColumnForm:
     """Layout of a column on disk."""
     dataset = group[link_name(name)]
-    attributes = dataset.attrs
-    return ColumnForm(name, dataset.dtype.str, str(attributes["units"]), float(attributes["conversion"]), float(attributes["offset"]))
+    return ColumnForm(name, dataset.dtype.str, *read_scale(dataset))
+
+
+def read_scale(dataset: h5py.Dataset) -> tuple[str, float, float]:
+    """Unit, conversion and offset of a column. Raises ValueError where one is no finite number."""
+    unit, conversion, offset = (dataset.attrs[name] for name in ("units", "conversion", "offset"))
+    scale = float(conversion), float(offset)
+    if not all(map(math.isfinite, scale)):
+        raise ValueError(f"{dataset.name} has the conversion {conversion} and the offset {offset}, which are to be finite numbers")
+    return str(unit), *scale
+
+
+def read_names(text: object) -> list[str]:
+    """The names in an attribute, in their order. Raises ValueError where it is no list of different names."""
+    names = json.loads(text) if isinstance(text, str) else None
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names) and len(set(names)) == len(names)):
+        raise ValueError(f"{str(text)[:60]!r} is no list of different names")
+    return names
+
+
+def check_column(group: h5py.Group, name: str) -> h5py.Dataset:
+    """The dataset of a column. Raises ValueError where it is no row of numbers."""
+    found = group.get(link_name(name))
+    if not isinstance(found, h5py.Dataset) or found.ndim != 1 or found.dtype.kind not in "iuf":
+        raise ValueError(f"{group.name}/{name} is no row of numbers")
+    return found
 
 
 def copy_column(source: h5py.Dataset, target: h5py.Dataset) -> Iterator[None]:
@@ -78,9 +104,8 @@ def _packing(dataset: h5py.Dataset) -> tuple[object, ...]:
 
 def read_column(group: h5py.Group, name: str) -> Column:
     """One column, raw as it was stored."""
-    dataset = group[link_name(name)]
-    attributes = dataset.attrs
-    return Column(dataset[:], str(attributes["units"]), float(attributes["conversion"]), float(attributes["offset"]))
+    dataset = check_column(group, name)
+    return Column(dataset[:], *read_scale(dataset))
 
 
 def _column_attributes(form: ColumnForm) -> Mapping[str, Any]:

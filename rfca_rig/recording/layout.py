@@ -9,7 +9,10 @@ run.h5          all of it in one file, made of the others at the end
 SHA256SUMS      of all of them, in the format of sha256sum
 """
 
-from pathlib import Path
+from collections.abc import Iterable
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+from rfca_rig.errors import BadInput
 
 HEADER = "run.json"
 EVENTS = "events.jsonl"
@@ -27,16 +30,25 @@ BALLAST = ".ballast"
 JOURNAL = ".journal"
 STAGE = ".h5"
 WRITING = ".writing"
+PHOTOS = "photos"
+OVERLAYS = "overlays"
+# Of each text. An event of a stage takes 300 bytes: room for 400 000 of them.
+MOST_TEXT_BYTES = 128 << 20
 
 
 def stage_files(folder: Path) -> list[Path]:
     """Files of the stages that are done, in order."""
-    return sorted((folder / STAGES).glob(f"*{STAGE}"), key=_number)
+    return _list_numbered(folder, STAGE)
 
 
 def journals(folder: Path) -> list[Path]:
     """Journals of stages that are not done, in order: at most one, unless a disk was full."""
-    return sorted((folder / STAGES).glob(f"*{JOURNAL}"), key=_number)
+    return _list_numbered(folder, JOURNAL)
+
+
+def _list_numbered(folder: Path, suffix: str) -> list[Path]:
+    # Copies with other names, as file managers make them, are no stages.
+    return sorted((file for file in (folder / STAGES).glob(f"*{suffix}") if file.stem.isdecimal()), key=_number)
 
 
 def next_number(folder: Path) -> int:
@@ -55,3 +67,39 @@ def journal_path(folder: Path, number: int) -> Path:
 
 def _number(file: Path) -> int:
     return int(file.stem)
+
+
+def is_inside(name: str) -> bool:
+    """Whether a path that a file states stays in the folder it belongs to, on any system."""
+    paths = PurePosixPath(name), PureWindowsPath(name)
+    return not any(path.is_absolute() or path.drive or ".." in path.parts for path in paths) and "\0" not in name
+
+
+def refuse_links(folder: Path) -> None:
+    """Raises BadInput where a file of the run in `folder` is a link that leads out of it, or neither file nor folder.
+
+    A run from elsewhere could otherwise show any file of its reader, or a pipe that never ends.
+    """
+    refuse_links_among(folder, (HEADER, EVENTS, ENDING, RECORDING, SUMS, STAGES, PHOTOS, OVERLAYS))
+    for name in (STAGES, PHOTOS, OVERLAYS):
+        if (folder / name).is_dir():
+            refuse_links_among(folder, (f"{name}/{file.name}" for file in (folder / name).iterdir()))
+
+
+def refuse_links_among(folder: Path, names: Iterable[str]) -> None:
+    """The same for these files of the folder alone."""
+    root = folder.resolve()
+    for name in names:
+        file = folder / name
+        if file.is_symlink() and not (_resolve(file).is_relative_to(root) and file.exists()):
+            raise BadInput(f"{file}: is a link to elsewhere, which is not followed; put the file itself into its place")
+        if file.exists() and not (file.is_dir() if name in (STAGES, PHOTOS, OVERLAYS) else file.is_file()):
+            raise BadInput(f"{file}: is no {'folder' if name in (STAGES, PHOTOS, OVERLAYS) else 'file'}; take it out of the run's folder")
+
+
+def _resolve(link: Path) -> Path:
+    """Where a link leads; the root of all folders where it leads to itself."""
+    try:
+        return link.resolve()
+    except (OSError, RuntimeError):
+        return Path(link.anchor or "/")

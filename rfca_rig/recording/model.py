@@ -3,11 +3,12 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.recording.layout import is_inside
 from rfca_rig.suggestions import printable
 
 Floats = NDArray[np.float64]
@@ -87,6 +88,9 @@ class StaticStage:
     held_s: float | None = None
 
     def __post_init__(self) -> None:
+        """Raises ValueError for a photo that lies outside the run's folder."""
+        if not (is_inside(self.photo) and is_inside(self.overlay)):
+            raise ValueError(f"the picture {self.photo or self.overlay} of a static stage lies outside the run's folder")
         if not self.hinge_std_deg:
             # The dataclass is frozen; the default depends on the number of hinges, so a field default cannot state
             # it.
@@ -139,7 +143,7 @@ class Recording:
 
     def __post_init__(self) -> None:
         # Titles are printed by nearly every command; the file may come from elsewhere.
-        object.__setattr__(self, "title", printable(self.title))
+        object.__setattr__(self, "title", printable(str(self.title)))
 
     def with_order(self) -> "Recording":
         """The same with its strokes counted, where a rig or a twin recorded them: there they are stored in the order of time."""
@@ -147,3 +151,19 @@ class Recording:
         if self.source == "IMPORT":
             return self
         return replace(self, strokes=tuple(replace(stroke, strokes_before=before) for before, stroke in enumerate(self.strokes)))
+
+
+def check_header(found: Recording) -> Recording:
+    """The recording from a file. Raises ValueError where its source or its nominal values are none."""
+    if found.source not in get_args(Source):
+        raise ValueError(f"source {found.source!r} is none of {', '.join(get_args(Source))}")
+    if not (isinstance(found.nominal, dict) and isinstance(found.known_to, dict)):
+        raise ValueError("its nominal values are not values by name")
+    return found
+
+
+def check_texts(provenance: object) -> dict[str, str]:
+    """The provenance. Raises ValueError where it is not text by name."""
+    if not (isinstance(provenance, dict) and all(isinstance(text, str) for text in provenance.values())):
+        raise ValueError("its provenance is not text by name")
+    return provenance

@@ -1,18 +1,16 @@
 """Summary of a recording in one file, without its samples."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-
-import h5py
 
 from rfca_rig.recording.cycle_table import CYCLES, NUMBER
 from rfca_rig.recording.model import StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
-from rfca_rig.recording.store import open_sealed
+from rfca_rig.recording.store import open_sealed, read_provenance, read_title
 from rfca_rig.recording.strokes import GROUP as STROKES
+from rfca_rig.recording.strokes import read_condition
 
 
 @dataclass(frozen=True)
@@ -36,16 +34,11 @@ def outline_of(path: Path) -> RunOutline:
     with open_sealed(path) as (file, source):
         tables = [stage[CYCLES][NUMBER] for stage in file.get(RAW, {}).values() if CYCLES in stage]
         return RunOutline(
-            title=str(file.attrs["title"]),
+            title=read_title(file),
             source=source,
-            provenance=json.loads(file["provenance"][()]),
-            strokes=tuple(_condition(file[STROKES][number]) for number in sorted(file[STROKES], key=int)),
+            provenance=read_provenance(file),
+            strokes=tuple(read_condition(file[STROKES][number]) for number in sorted(file[STROKES], key=int)),
             static=read_static(file),
             cycles=sum(len(table) for table in tables),
             last_cycle=max((int(table[-1]) for table in tables if len(table)), default=0),
         )
-
-
-def _condition(stroke: h5py.Group) -> tuple[float, float, int]:
-    about = stroke.attrs
-    return float(about["height_mm"]), float(about["speed_rad_s"]), int(about["repeat"])

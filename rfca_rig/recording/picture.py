@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.layout import PHOTOS
 
-FOLDER = "photos"
 # PNG compression, 0 to 9: camera noise hardly compresses, and a higher level takes many times longer.
 PACKING = 1
 Picture = NDArray[np.uint8]
@@ -16,12 +16,12 @@ Picture = NDArray[np.uint8]
 
 def next_photo(folder: Path) -> int:
     """Number of the run's next photo."""
-    return max((int(file.stem) for file in (folder / FOLDER).glob("*.png") if file.stem.isdecimal()), default=0) + 1
+    return max((int(file.stem) for file in (folder / PHOTOS).glob("*.png") if file.stem.isdecimal()), default=0) + 1
 
 
 def photo_name(number: int) -> str:
     """Path of a photo in the run's folder."""
-    return f"{FOLDER}/{number:03d}.png"
+    return f"{PHOTOS}/{number:03d}.png"
 
 
 def write_picture(path: Path, picture: Picture) -> None:

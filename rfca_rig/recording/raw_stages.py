@@ -6,7 +6,7 @@ import h5py
 
 from rfca_rig.recording import nexus
 from rfca_rig.recording.model import RawStage, Source
-from rfca_rig.recording.strokes import height_mm, read_streams, write_streams
+from rfca_rig.recording.strokes import height_mm, read_height_mm, read_streams, write_streams
 
 GROUP = "raw"
 
@@ -46,5 +46,4 @@ def read_raw_stages(parent: h5py.Group, source: Source) -> tuple[RawStage, ...]:
 
 def _read(group: h5py.Group, source: Source) -> RawStage:
     attributes = group.attrs
-    height_m = float(attributes["height_mm"]) / 1e3
-    return RawStage(str(attributes["label"]), height_m, read_streams(group, source), str(attributes["cut_short"]))
+    return RawStage(str(attributes["label"]), read_height_mm(group) / 1e3, read_streams(group, source), str(attributes["cut_short"]))

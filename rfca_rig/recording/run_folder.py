@@ -19,7 +19,17 @@ from rfca_rig.recording.model import Recording, Source, StaticStage
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import make_raw_stages
 from rfca_rig.recording.run_lock import check_not_running, lock
-from rfca_rig.recording.run_text import Ending, complete_lines_length, events_of, read_ending, read_header, run_provenance, write_header
+from rfca_rig.recording.run_text import (
+    Ending,
+    complete_lines_length,
+    ending_bytes,
+    events_of,
+    read_ending,
+    read_header,
+    run_provenance,
+    write_ending,
+    write_header,
+)
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.store import mark_recording, open_sealed, read_recording
@@ -145,10 +155,18 @@ def merge_stages(header: Recording, stages: Iterable[Recording]) -> Recording:
 def build_recording(folder: Path, told: ProgressCount = ignore_progress) -> Path:
     """Assembles `run.h5` from the other files, the same bytes every time, and writes the checksums of all. Returns its path.
 
-    `told` is called with the number of stages copied so far.
+    `told` is called with the number of stages copied so far. The run's end says last that all of it was done: a file that is missing
+    after that was removed, and not left unwritten by a crash.
     """
     path = run_to_completion(write_run(folder, told))
-    write_sums(folder)
+    ending = read_ending(folder)
+    if ending is None:
+        write_sums(folder)
+        return path
+    closed = replace(ending, is_closed=True)
+    # Of the end as it will be: whichever of the two a crash prevents, the checksums and the end show which.
+    write_sums(folder, {ENDING: ending_bytes(closed)})
+    write_ending(folder, closed)
     return path
 
 
@@ -183,6 +201,9 @@ def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
     try:
         if sum(one.get("event") == event["event"] for one in events_of(folder)) != resumed:
             raise BadInput(f"{folder}: another process has resumed the run at this moment; wait for its end")
+        # First the end says that the run is closed no more, as before its checksums were written: what goes then is no damage.
+        if (ending := read_ending(folder)) is not None and ending.is_closed:
+            write_ending(folder, replace(ending, is_closed=False))
         # Both were made of the events, and would contradict them. The checksums go first: none may be left of a file that is gone.
         for name in (SUMS, RECORDING):
             remove(folder / name)

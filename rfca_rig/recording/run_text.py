@@ -9,8 +9,8 @@ from typing import Any
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.blocks import static_stage_of
-from rfca_rig.recording.layout import ENDING, EVENTS, HEADER
-from rfca_rig.recording.model import Recording, StaticStage
+from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, MOST_TEXT_BYTES, is_inside
+from rfca_rig.recording.model import Recording, StaticStage, check_header, check_texts
 
 FORMAT = "rfca-run/1"
 INTERRUPTED = "interrupted"
@@ -18,10 +18,14 @@ INTERRUPTED = "interrupted"
 
 @dataclass(frozen=True)
 class Ending:
-    """How a run ended: text by name, and its static stages with the angles read from their photos."""
+    """How a run ended: text by name, and its static stages with the angles read from their photos.
+
+    `is_closed` says that `run.h5` and the checksums were made too. None in files of versions that did not say so.
+    """
 
     provenance: Mapping[str, str]
     static: tuple[StaticStage, ...] | None = None
+    is_closed: bool | None = False
 
 
 def write_header(folder: Path, header: Recording) -> None:
@@ -38,14 +42,24 @@ def read_header(folder: Path) -> Recording:
     if content.get("format") != FORMAT:
         raise BadInput(f"{path}: format {content.get('format')!r}, where {FORMAT!r} is needed")
     try:
-        return Recording(content["title"], content["source"], content["believed"], content["known_to"], (), (), content["provenance"])
+        provenance = check_texts(content["provenance"])
+        return check_header(Recording(content["title"], content["source"], content["believed"], content["known_to"], (), (), provenance))
     except LookupError as error:
         raise BadInput(f"{path}: {error} is missing") from None
+    except ValueError as error:
+        raise BadInput(f"{path}: {error}") from None
 
 
 def write_ending(folder: Path, ending: Ending) -> None:
     """Writes `end.json`; to be called when nothing moves any more."""
-    _write(folder / ENDING, asdict(ending))
+    write_atomically(folder / ENDING, ending_bytes(ending))
+
+
+def ending_bytes(ending: Ending) -> bytes:
+    """What `write_ending` writes."""
+    content = asdict(ending)
+    # The last key, so that two ends of one run differ at their end alone.
+    return _bytes_of({**{name: content[name] for name in ("provenance", "static")}, "closed": ending.is_closed})
 
 
 def read_ending(folder: Path) -> Ending | None:
@@ -56,8 +70,8 @@ def read_ending(folder: Path) -> Ending | None:
     content = _read(path)
     try:
         static = None if content["static"] is None else tuple(static_stage_of(stage) for stage in content["static"])
-        return Ending(content["provenance"], static)
-    except (LookupError, TypeError) as error:
+        return Ending(check_texts(content["provenance"]), static, content.get("closed"))
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"{path}: is not the end of a run: {error}") from None
 
 
@@ -72,8 +86,7 @@ def run_provenance(folder: Path, known: Recording, ending: Ending | None, stroke
 
 def events_text(folder: Path) -> str:
     """The complete lines of `events.jsonl`; part of a line, from a crash, is ignored."""
-    path = folder / EVENTS
-    content = path.read_bytes() if path.is_file() else b""
+    content = _read_bytes(folder / EVENTS) if (folder / EVENTS).is_file() else b""
     # Damaged bytes must not keep the other events from being read.
     return content[: complete_lines_length(content)].decode(errors="replace")
 
@@ -88,19 +101,44 @@ def events_of(folder: Path) -> list[dict[str, Any]]:
     events = []
     for number, line in enumerate(events_text(folder).splitlines(), start=1):
         try:
-            events.append(dict(json.loads(line)))
+            events.append(_check_event(dict(json.loads(line))))
         except (ValueError, TypeError, RecursionError) as error:
             raise BadInput(f"{folder / EVENTS}:{number}: is no event: {error}") from None
     return events
 
 
+def _check_event(event: dict[str, Any]) -> dict[str, Any]:
+    """The event. Raises ValueError where it has no name, or names a stage's file without saying what that holds."""
+    if not isinstance(event.get("event"), str):
+        raise ValueError("it has no name")
+    if "file" in event:
+        file, samples = event["file"], event.get("samples")
+        if not (isinstance(file, str) and is_inside(file) and isinstance(event.get("sha256"), str)):
+            raise ValueError("its file should be a path in the run's folder, with its SHA-256")
+        if not (isinstance(samples, dict) and all(isinstance(count, int) for count in samples.values())):
+            raise ValueError("its samples should be a count by name of the stream")
+    return event
+
+
 def _write(path: Path, content: Mapping[str, object]) -> None:
-    write_atomically(path, (json.dumps(content, ensure_ascii=False, indent=1) + "\n").encode())
+    write_atomically(path, _bytes_of(content))
+
+
+def _bytes_of(content: Mapping[str, object]) -> bytes:
+    return (json.dumps(content, ensure_ascii=False, indent=1) + "\n").encode()
+
+
+def _read_bytes(path: Path) -> bytes:
+    if (size := path.stat().st_size) > MOST_TEXT_BYTES:
+        raise BadInput(f"{path}: has {size / 1e6:.0f} MB, where {MOST_TEXT_BYTES / 1e6:.0f} MB are the most")
+    return path.read_bytes()
 
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return dict(json.loads(path.read_bytes()))
+        if path.exists() and not path.is_file():
+            raise BadInput(f"{path}: is no file")
+        return dict(json.loads(_read_bytes(path)))
     except FileNotFoundError:
         raise BadInput(f"{path}: is not there, so this is no run's folder") from None
     except (OSError, ValueError, TypeError, RecursionError) as error:

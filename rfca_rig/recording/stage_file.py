@@ -95,7 +95,7 @@ def write_stage(journal: Path, path: Path, header: Recording) -> Steps[StageOnDi
 def _sense_in(journal: Path) -> Iterator[None]:
     try:
         yield
-    except (ValueError, LookupError, TypeError, OSError) as error:
+    except (ValueError, LookupError, TypeError, OSError, RecursionError) as error:
         raise BadInput(f"{journal}: is no journal of a stage: {type(error).__name__}: {error}") from None
 
 

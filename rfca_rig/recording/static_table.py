@@ -8,7 +8,7 @@ from typing import Any, cast
 import h5py
 import numpy as np
 
-from rfca_rig.recording.columns import read_column, write_column
+from rfca_rig.recording.columns import read_column, read_names, write_column
 from rfca_rig.recording.model import Column, Direction, StaticStage
 from rfca_rig.recording.strokes import BEFORE, height_mm
 
@@ -76,8 +76,10 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
         return ()
     group = parent[GROUP]
     hinges = int(group.attrs["hinges"])
+    if not 0 <= hinges <= len(group):
+        raise ValueError(f"{hinges} hinges, where the table has {len(group)} columns")
     # Columns that older files lack are read only where they exist.
-    std = json.loads(group.attrs["std"])
+    std = read_names(group.attrs["std"])
     nominal = [name for name in _hinge_std_names(hinges) if name in group]
     names = ["height_mm", "stage", *_PLAIN, *_hinge_names(hinges), *nominal, *(f"std_{name}" for name in std), "settled"]
     names += [name for name in (BEFORE, "held_s") if name in group]

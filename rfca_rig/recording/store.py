@@ -15,7 +15,7 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import h5py
 
@@ -23,7 +23,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording import nexus
 from rfca_rig.recording.cooperative import run_to_completion
 from rfca_rig.recording.hdf5_file import new_hdf5_file
-from rfca_rig.recording.model import Recording, Source
+from rfca_rig.recording.model import Recording, Source, check_texts
 from rfca_rig.recording.plain_hdf5 import open_plain
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import read_raw_stages, write_raw_stages
@@ -33,7 +33,7 @@ from rfca_rig.recording.strokes import GROUP as STROKES
 from rfca_rig.recording.strokes import read_strokes, write_strokes
 
 FORMAT = "rfca-recording/1"
-SOURCES = ("SIM", "REAL", "IMPORT")
+MOST_TITLE = 1000
 
 
 def write_recording(recording: Recording, path: Path) -> Path:
@@ -64,30 +64,37 @@ def read_recording(path: Path) -> Recording:
     """The recording in `path`, all of it in memory. Raises BadInput for a file that is damaged or of another kind."""
     with open_sealed(path) as (file, source):
         return Recording(
-            title=str(file.attrs["title"]),
+            title=read_title(file),
             source=source,
-            nominal=_read_text(file, "believed"),
-            known_to=_read_text(file, "known_to"),
+            nominal=read_text(file, "believed"),
+            known_to=read_text(file, "known_to"),
             strokes=read_strokes(file, source),
             static=read_static(file),
-            provenance=_read_text(file, "provenance"),
+            provenance=read_provenance(file),
             raw=read_raw_stages(file, source),
         )
 
 
-def read_texts(path: Path) -> Recording:
+def read_texts(path: Path, has_right_seal: bool = False) -> Recording:
     """The recording without its samples and stages. Raises BadInput as `read_recording` does."""
-    with open_sealed(path) as (file, source):
-        nominal, known_to, provenance = (_read_text(file, name) for name in ("believed", "known_to", "provenance"))
-        return Recording(str(file.attrs["title"]), source, nominal, known_to, (), (), provenance)
+    with open_sealed(path, has_right_seal) as (file, source):
+        return texts_of(file, source)
+
+
+def texts_of(file: h5py.File, source: Source) -> Recording:
+    """The same of an open file."""
+    return Recording(read_title(file), source, read_text(file, "believed"), read_text(file, "known_to"), (), (), read_provenance(file))
 
 
 @contextmanager
-def open_sealed(path: Path) -> Iterator[tuple[h5py.File, Source]]:
-    """Yields the open file and its source, after its seal was checked. Raises BadInput for a damaged file or another format."""
-    with _report_damage(path):
+def open_sealed(path: Path, has_right_seal: bool = False) -> Iterator[tuple[h5py.File, Source]]:
+    """Yields the open file and its source, after its seal was checked, unless it is known to be right.
+
+    Raises BadInput for a damaged file or another format.
+    """
+    with report_damage(path):
         # Before HDF5 opens it: a damaged index can make the library search for ever.
-        is_right = read_seal(path)
+        is_right = has_right_seal or read_seal(path)
         if is_right is False:
             raise ValueError("its checksum does not match, so bytes were changed after it was written")
         with open_plain(path) as file:
@@ -98,24 +105,24 @@ def open_sealed(path: Path) -> Iterator[tuple[h5py.File, Source]]:
 
 def _read_source(path: Path, file: h5py.File) -> Source:
     found = file.attrs.get("format")
-    if found != FORMAT:
-        description = f"format {found!r}" if found else "an HDF5 file without format attribute"
+    if not isinstance(found, str) or found != FORMAT:
+        description = f"format {str(found)[:60]!r}" if isinstance(found, str) else "an HDF5 file without format attribute"
         raise BadInput(f"{path}: {description}, where a recording of format {FORMAT!r} is needed")
     source = file.attrs["source"]
-    if source not in SOURCES:
-        raise ValueError(f"source {source!r} is none of {', '.join(SOURCES)}")
+    if not isinstance(source, str) or source not in get_args(Source):
+        raise ValueError(f"source {source!r} is none of {', '.join(get_args(Source))}")
     return cast(Source, source)
 
 
 @contextmanager
-def _report_damage(path: Path) -> Iterator[None]:
+def report_damage(path: Path) -> Iterator[None]:
     """Turns any error of HDF5 or of the layout into one message: this file is not a whole recording."""
     if not path.is_file():
         raise BadInput(f"{path}: is not there")
     try:
         yield
     # h5py raises nearly any of these for damaged bytes, depending on where they are.
-    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError) as error:
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError, ArithmeticError) as error:
         message = " ".join(str(error).split()) or type(error).__name__
         raise BadInput(f"{path}: is not a whole recording of format {FORMAT!r}: {message[:240]}") from error
 
@@ -127,8 +134,22 @@ def _write_text(file: h5py.File, name: str, content: Mapping[str, Any]) -> None:
     file.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8", len(text)), track_times=False)
 
 
-def _read_text(file: h5py.File, name: str) -> dict[str, Any]:
+def read_text(file: h5py.File, name: str) -> dict[str, Any]:
+    """A table of values by name. Raises ValueError for anything else."""
     content = json.loads(file[name][()])
     if not isinstance(content, dict):
         raise ValueError(f"{name} is not a table of values by name")
     return content
+
+
+def read_provenance(file: h5py.File) -> dict[str, str]:
+    """Text by name. Raises ValueError for anything else."""
+    return check_texts(read_text(file, "provenance"))
+
+
+def read_title(file: h5py.File) -> str:
+    """Raises ValueError where it is no text, or longer than a page."""
+    title = file.attrs["title"]
+    if not isinstance(title, str) or len(title) > MOST_TITLE:
+        raise ValueError(f"its title is no text of {MOST_TITLE} letters at most")
+    return title

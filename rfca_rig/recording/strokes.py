@@ -11,7 +11,16 @@ import h5py
 import numpy as np
 
 from rfca_rig.recording import nexus
-from rfca_rig.recording.columns import column_form_of, copy_column, link_name, make_column, read_column, read_column_form
+from rfca_rig.recording.columns import (
+    check_column,
+    column_form_of,
+    copy_column,
+    link_name,
+    make_column,
+    read_column,
+    read_column_form,
+    read_names,
+)
 from rfca_rig.recording.model import Source, Stream, Stroke
 from rfca_rig.recording.rows import ColumnForm, Rows, StreamForm
 
@@ -19,6 +28,10 @@ GROUP = "strokes"
 TIME = "t_s"
 # Attribute of strokes that were counted: how many the leg had made before.
 BEFORE = "strokes_before"
+# Far above any rig: only numbers that are no measure, such as infinity, are refused.
+MOST_HEIGHT_MM = 1e6
+MOST_SPEED_RAD_S = 1e6
+MOST_TIME_S = 1e9
 _TIME_FORM = ColumnForm(TIME, "<f8", "s")
 
 
@@ -84,10 +97,25 @@ def write_rows(group: h5py.Group, column: str, at: int, values: Rows) -> None:
 
 def read_stroke(group: h5py.Group, source: Source) -> Stroke:
     """The stroke in the group. Raises ValueError where one of its streams is not of the recording's source."""
-    attributes = group.attrs
-    height_m, speed_rad_s = float(attributes["height_mm"]) / 1e3, float(attributes["speed_rad_s"])
-    before = int(attributes[BEFORE]) if BEFORE in attributes else None
-    return Stroke(height_m, speed_rad_s, int(attributes["repeat"]), read_streams(group, source), before)
+    height_mm, speed_rad_s, repeat = read_condition(group)
+    before = int(group.attrs[BEFORE]) if BEFORE in group.attrs else None
+    return Stroke(height_mm / 1e3, speed_rad_s, repeat, read_streams(group, source), before)
+
+
+def read_condition(stroke: h5py.Group) -> tuple[float, float, int]:
+    """Height in mm, speed in rad/s, and repeat. Raises ValueError for a height or speed that no stroke has."""
+    height, speed_rad_s = read_height_mm(stroke), float(stroke.attrs["speed_rad_s"])
+    if not 0.0 < speed_rad_s < MOST_SPEED_RAD_S:
+        raise ValueError(f"{stroke.name} has the speed {speed_rad_s:g} rad/s")
+    return height, speed_rad_s, int(stroke.attrs["repeat"])
+
+
+def read_height_mm(stage: h5py.Group) -> float:
+    """In mm. Raises ValueError for a height that no rig has."""
+    height = float(stage.attrs["height_mm"])
+    if not 0.0 <= height < MOST_HEIGHT_MM:
+        raise ValueError(f"{stage.name} has the height {height:g} mm")
+    return height
 
 
 def read_streams(group: h5py.Group, source: Source) -> dict[str, Stream]:
@@ -101,20 +129,20 @@ def copy_streams(source_group: h5py.Group, target_group: h5py.Group, source: Sou
     make_streams(target_group, [_form_in(name, group) for name, group in groups.items()], source)
     for name, group in groups.items():
         target = target_group[link_name(name)]
-        for column in (TIME, *json.loads(group.attrs["order"])):
+        for column in (TIME, *read_names(group.attrs["order"])):
             yield from copy_column(group[link_name(column)], target[link_name(column)])
 
 
 def streams_in(stage: h5py.Group, source: Source) -> Iterator[tuple[str, h5py.Group]]:
     """The groups of a stage's streams by name. Raises ValueError where one is not of the recording's source."""
-    for name in json.loads(stage.attrs["order"]):
+    for name in read_names(stage.attrs["order"]):
         group = stage[link_name(name)]
         _check_stream(group, source)
         yield name, group
 
 
 def _form_in(name: str, group: h5py.Group) -> tuple[StreamForm, int]:
-    forms = tuple(read_column_form(group, column) for column in json.loads(group.attrs["order"]))
+    forms = tuple(read_column_form(group, column) for column in read_names(group.attrs["order"]))
     return StreamForm(name, forms), len(group[TIME])
 
 
@@ -138,14 +166,25 @@ def _make_stream(group: h5py.Group, form: StreamForm, length: int, source: Sourc
 
 
 def _read_stream(group: h5py.Group) -> Stream:
-    columns = {name: read_column(group, name) for name in json.loads(group.attrs["order"])}
-    return Stream(read_column(group, TIME).raw, columns)
+    columns = {name: read_column(group, name) for name in read_names(group.attrs["order"])}
+    t_s = read_column(group, TIME).raw
+    check_times(group, t_s)
+    return Stream(t_s, columns)
+
+
+def check_times(group: h5py.Group, t_s: Rows) -> None:
+    """Raises ValueError where one of these times (n,) of a stream is no number, or of no run."""
+    # Not above the limit also holds for NaN.
+    wrong = ~(np.abs(t_s) <= MOST_TIME_S)
+    if wrong.any():
+        raise ValueError(f"{group.name}/{TIME} holds {t_s[wrong][0]}, which is no time of a run")
 
 
 def _check_stream(group: h5py.Group, source: Source) -> None:
     if group.attrs["source"] != source:
         raise ValueError(f"{group.name} is marked {group.attrs['source']} in a recording marked {source}")
-    if any(group[link_name(name)].shape != group[TIME].shape for name in json.loads(group.attrs["order"])):
+    length = len(check_column(group, TIME))
+    if any(len(check_column(group, name)) != length for name in read_names(group.attrs["order"])):
         raise ValueError(f"the columns of {group.name} differ in length")
 
 

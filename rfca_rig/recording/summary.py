@@ -7,13 +7,13 @@ from pathlib import Path
 
 import h5py
 
-from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
 from rfca_rig.recording.model import Source
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
 from rfca_rig.recording.store import open_sealed
 from rfca_rig.recording.strokes import GROUP as STROKES
-from rfca_rig.recording.strokes import TIME, streams_in
+from rfca_rig.recording.strokes import TIME, check_times, read_condition, streams_in
 
 SEQUENCE = "rdt_sequence"
 
@@ -37,13 +37,17 @@ class RecordingSummary:
         return f"{self.strokes} strokes, {self.static} static stages, {self.raw} raw, {sum(self.samples.values())} samples"
 
 
-def summarize(path: Path, thorough: bool = True) -> RecordingSummary:
+def summarize(path: Path, thorough: bool = True, has_right_seal: bool = False) -> RecordingSummary:
     """Counts what the file holds. `thorough` reads every value once, a piece at a time; otherwise the file's seal is trusted.
+
+    `has_right_seal` where it was compared already.
 
     Raises BadInput for a file that is damaged or of another kind.
     """
-    with open_sealed(path) as (file, source):
+    with open_sealed(path, has_right_seal) as (file, source):
         strokes, raw = _in_order(file[STROKES]), _in_order(file[RAW]) if RAW in file else []
+        for stroke in strokes:
+            read_condition(stroke)
         samples: Counter[str] = Counter()
         missing = []
         for name, group in _streams((*strokes, *raw), source):
@@ -77,9 +81,13 @@ def _streams(stages: Iterable[h5py.Group], source: Source) -> Iterator[tuple[str
 
 
 def _read_through(stream: h5py.Group) -> None:
-    for name in stream:
-        for at in range(0, len(stream[name]), ROWS_PER_CHUNK):
-            stream[name][at : at + ROWS_PER_CHUNK]
+    for name in (TIME, *read_names(stream.attrs["order"])):
+        column = stream[link_name(name)]
+        read_scale(column)
+        for at in range(0, len(column), ROWS_PER_CHUNK):
+            values = column[at : at + ROWS_PER_CHUNK]
+            if name == TIME:
+                check_times(stream, values)
 
 
 def _missing(stream: h5py.Group) -> Iterator[int]:

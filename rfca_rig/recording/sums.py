@@ -1,18 +1,27 @@
 """SHA-256 of every file of a finished run, in the format of sha256sum."""
 
 import hashlib
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.recording.layout import BALLAST, SUMS, WRITING
+from rfca_rig.recording.layout import BALLAST, MOST_TEXT_BYTES, SUMS, WRITING, is_inside
+
+_HASH = re.compile("[0-9a-f]{64}")
 
 
-def write_sums(folder: Path) -> None:
-    """`SHA256SUMS`, the last file of a run."""
+def write_sums(folder: Path, coming: Mapping[str, bytes] | None = None) -> None:
+    """`SHA256SUMS`. `coming` has the content of files, by name, that will be written after it."""
+    coming = coming or {}
     # Sorted, so that the same run gives the same bytes.
     files = sorted(file for file in folder.rglob("*") if file.is_file() and _belongs(file))
-    write_atomically(folder / SUMS, "".join(f"{sum_line(file, folder)}\n" for file in files).encode())
+    names = {file: file.relative_to(folder).as_posix() for file in files}
+    lines = (
+        f"{hashlib.sha256(coming[name]).hexdigest()}  {name}" if name in coming else sum_line(file, folder) for file, name in names.items()
+    )
+    write_atomically(folder / SUMS, "".join(f"{line}\n" for line in lines).encode())
 
 
 def sum_line(file: Path, folder: Path) -> str:
@@ -21,8 +30,8 @@ def sum_line(file: Path, folder: Path) -> str:
 
 
 def _belongs(file: Path) -> bool:
-    # The reserve is gone after the run, and files being written are not part of it.
-    return file.name not in (SUMS, BALLAST) and file.suffix != WRITING
+    # The reserve is gone after the run, files being written are not part of it, and links may show files of somebody else.
+    return file.name not in (SUMS, BALLAST) and file.suffix != WRITING and not file.is_symlink()
 
 
 def read_sums(folder: Path) -> dict[str, str]:
@@ -30,12 +39,19 @@ def read_sums(folder: Path) -> dict[str, str]:
     path = folder / SUMS
     if not path.is_file():
         return {}
-    sums = {}
-    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+    if path.stat().st_size > MOST_TEXT_BYTES:
+        raise BadInput(f"{path}: has {path.stat().st_size / 1e6:.0f} MB, where {MOST_TEXT_BYTES / 1e6:.0f} MB are the most")
+    sums: dict[str, str] = {}
+    text = path.read_bytes().decode(errors="replace")
+    # By line feeds alone: names may hold other characters that end a line elsewhere.
+    *lines, behind = text.split("\n")
+    for number, line in enumerate(lines, start=1):
         hashed, _, name = line.partition("  ")
-        if len(hashed) != hashlib.sha256().digest_size * 2 or not name:
-            raise BadInput(f"{path}:{number}: is no line of sha256sum")
+        if not _HASH.fullmatch(hashed) or not is_inside(name) or not name or name in sums:
+            raise BadInput(f"{path}:{number}: is no line of sha256sum for a file of this folder")
         sums[name] = hashed
+    if behind:
+        raise BadInput(f"{path}:{len(lines) + 1}: is cut short")
     return sums
 
 

@@ -1,13 +1,18 @@
 """CSV read back, value by value."""
 
 import csv
+import errno
+import os
+from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from rfca_rig.engine.run import run_plan
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, DiskFull
+from rfca_rig.export import csv_files
 from rfca_rig.export.csv_files import export_csv
 from rfca_rig.progress import ignore_progress
 from rfca_rig.recording.store import write_recording
@@ -65,3 +70,33 @@ def test_a_run_that_was_never_put_together_is_exported_from_its_stages(tmp_path)
     files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*.csv"))
     assert len(files) > 2
     assert [(tmp_path / "stages" / file).read_bytes() for file in files] == [(tmp_path / "whole" / file).read_bytes() for file in files]
+
+
+def test_damage_in_the_recording_is_not_blamed_on_the_disk(tmp_path):
+    path = write_recording(recording(140), tmp_path / "run.h5")
+    # Without its checksum, as a file of an older version.
+    os.truncate(path, path.stat().st_size - 41)
+    with h5py.File(path, "r+") as file:
+        del file.attrs["sealed"]
+        file["strokes/001/force/fz_N"].id.write_direct_chunk((0,), b"no deflated bytes")
+    with pytest.raises(BadInput, match=r"run\.h5: is not a whole recording"):
+        export_csv(path, tmp_path / "out", ignore_progress)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_disk_that_refuses_is_named(tmp_path, monkeypatch):
+    def refuse(*_) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path = write_recording(recording(140), tmp_path / "run.h5")
+    monkeypatch.setattr(csv_files, "_write_csv", refuse)
+    with pytest.raises(DiskFull, match="out: cannot be written: No space left on device"):
+        export_csv(path, tmp_path / "out", ignore_progress)
+
+
+def test_a_device_whose_name_is_a_path_becomes_a_file_of_its_stage(tmp_path):
+    known = recording(140)
+    stroke = known.strokes[0]
+    path = write_recording(replace(known, strokes=(replace(stroke, streams={"../../x": stroke.streams["force"]}),)), tmp_path / "run.h5")
+    export_csv(path, tmp_path / "deep" / "out", ignore_progress)
+    assert (tmp_path / "deep" / "out" / "stages" / "001-.._.._x.csv").is_file()

@@ -1,5 +1,6 @@
 """rfca-rig check: sound runs are found sound; any damage is found, and in the file in which it is."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -8,13 +9,15 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording import run_folder
-from rfca_rig.recording.checking import REMADE, check_run
+from rfca_rig.recording import run_folder, store
+from rfca_rig.recording.checking import check_run, needs_no_recovery
 from rfca_rig.recording.run_text import Ending, write_ending
+from rfca_rig.recording.seal import read_seal
 from rfca_rig.recording.store import write_recording
 from rfca_rig.recording.sums import write_sums
 from tests.cli.typed import typed
 from tests.recording.dying import calls_of, killed_at
+from tests.recording.edits import find_fault, finish_run, random_edits, whole_file_edits
 from tests.recording.growing import begun, grown
 from tests.recording.samples import recording
 
@@ -161,6 +164,10 @@ def remove_sums(folder: Path) -> None:
     (folder / "SHA256SUMS").unlink()
 
 
+def remove_recording(folder: Path) -> None:
+    (folder / "run.h5").unlink()
+
+
 def empty_sums(folder: Path) -> None:
     (folder / "SHA256SUMS").write_text("")
 
@@ -179,6 +186,8 @@ def empty_sums(folder: Path) -> None:
         ((edit_hdf5, sum_up_anew), ["run.h5"]),
         ((edit_hdf5, append_byte, remove_sums), ["run.h5", "SHA256SUMS"]),
         ((remove_sums,), ["SHA256SUMS"]),
+        ((remove_sums, remove_recording), ["run.h5", "SHA256SUMS"]),
+        ((drop_line("001.png"),), ["SHA256SUMS"]),
         ((remove_header,), ["run.json"]),
         ((remove_header, remove_sums), ["run.json", "SHA256SUMS"]),
         ((empty_sums,), ["SHA256SUMS"]),
@@ -217,4 +226,68 @@ def test_a_crash_while_a_run_is_resumed_is_no_edit(whole: Path, tmp_path: Path):
         folder = tmp_path / f"killed-{call}"
         shutil.copytree(whole, folder)
         killed_at(call, resume(folder))
-        assert set(damaged_files(folder)) <= set(REMADE)
+        assert damaged_files(folder) == []
+
+
+def test_a_crash_while_a_run_is_closed_is_no_damage(tmp_path: Path, monkeypatch, capsys):
+    """Check finds no damage and names recover, which makes the run whole: at every 40th write of the closing, and at each of the last."""
+
+    def close(folder: Path):
+        def work(_) -> None:
+            write_ending(folder, Ending({"ended": "done"}))
+            run_folder.build_recording(folder)
+
+        return work
+
+    grown(tmp_path / "open", 2).finish("done")
+    shutil.copytree(tmp_path / "open", tmp_path / "counted")
+    calls = calls_of(close(tmp_path / "counted"))
+    # The last: checksums and end, each opened, written, forced, renamed, and its folder forced.
+    assert calls > 60
+    for call in (*range(1, calls - 12, 40), *range(calls - 12, calls + 1)):
+        folder = tmp_path / f"killed-{call}"
+        shutil.copytree(tmp_path / "open", folder)
+        killed_at(call, close(folder))
+        findings = list(check_run(folder))
+        assert all(finding.is_sound for finding in findings), findings
+        is_whole = needs_no_recovery(folder, findings)
+        assert is_whole or any("rfca-rig recover" in finding.words for finding in findings)
+        assert is_whole == typed(monkeypatch, capsys, "recover", folder).err.strip().endswith("is whole; there is nothing to recover")
+        assert needs_no_recovery(folder, list(check_run(folder)))
+        shutil.rmtree(folder)
+
+
+def test_a_run_of_a_version_that_did_not_say_that_it_was_closed_is_checked_as_before(whole: Path, tmp_path: Path):
+    folder = tmp_path / "run"
+    shutil.copytree(whole, folder)
+    (folder / "end.json").write_text(json.dumps({"provenance": {"ended": "done"}, "static": None}))
+    write_sums(folder)
+    findings = list(check_run(folder))
+    assert needs_no_recovery(folder, findings)
+    remove_sums(folder)
+    assert damaged_files(folder) == ["SHA256SUMS"]
+    # This looks like a crash before `run.h5` was made.
+    remove_recording(folder)
+    assert damaged_files(folder) == []
+
+
+def test_each_file_is_compared_with_its_checksum_once(whole: Path, monkeypatch):
+    """Of a recording of hours this takes minutes."""
+    compared: list[str] = []
+
+    def count(path: Path) -> bool | None:
+        compared.append(path.name)
+        return read_seal(path)
+
+    monkeypatch.setattr(store, "read_seal", count)
+    assert damaged_files(whole) == []
+    assert sorted(compared) == ["0001.h5", "0002.h5", "run.h5"]
+
+
+def test_edits_of_every_kind_are_found_and_check_and_recover_agree(tmp_path: Path):
+    """Every 20th of the catalogue; `python -m tests.benchmarks.edits` does all."""
+    finish_run(tmp_path / "run", (1, 2, 3), tmp_path / "older")
+    finish_run(tmp_path / "other", (2, 3, 4))
+    edits = [*whole_file_edits(tmp_path / "run", tmp_path / "other", tmp_path / "older"), *random_edits(tmp_path / "run", 200, 1)]
+    faults = {edit.name: find_fault(tmp_path / "run", edit, tmp_path / "copy") for edit in edits[::20]}
+    assert not any(faults.values()), faults

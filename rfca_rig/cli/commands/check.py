@@ -49,13 +49,12 @@ def _check_run(run: Path, as_json: bool) -> None:
             findings.append(finding)
             # Printed as it is found: a long run takes minutes, and the first damage should show at once.
             if not as_json:
-                typer.echo(f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: {printable(finding.words)}")
+                typer.echo(printable(f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: {finding.words}"))
     if as_json:
         rows = [{"file": finding.file, "sound": finding.is_sound, "found": finding.words} for finding in findings]
         typer.echo(json.dumps({"run": str(run), "files": rows}, indent=1))
-    damaged = [finding for finding in findings if not finding.is_sound]
-    if damaged:
-        raise BadInput(describe_damage(run, damaged))
+    if not all(finding.is_sound for finding in findings):
+        raise BadInput(describe_damage(run, findings))
 
 
 def _check_campaign(folder: Path, as_json: bool) -> None:

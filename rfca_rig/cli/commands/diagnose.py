@@ -12,7 +12,7 @@ import typer
 
 from rfca_rig.cli.commands.diagnose_each import diagnose_each
 from rfca_rig.cli.executors import Cluster, Workers
-from rfca_rig.cli.options import Json, Pdf, Rig, Runs, Seed
+from rfca_rig.cli.options import AsIs, Json, Pdf, Rig, Runs, Seed
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ def diagnose(
     rounds: Annotated[int, typer.Option("--rounds", min=1, help="How many experiments --close-the-loop may run.")] = 3,
     runs: Runs = Path("runs"),
     seed: Seed = None,
+    as_is: AsIs = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
@@ -76,15 +77,16 @@ def diagnose(
         # A mechanism has a catalogue of its own, which checks its effects later.
         check_known(without or ())
     known = [word for effect in without or () for word in ("--without", effect)]
-    at = ["--law", law] if law else []
-    asked = DiagnoseOptions(paths, out, as_json, command_line("diagnose", *paths, *known, *at), tuple(without or ()), law_at=law)
+    at = [*(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
+    command = command_line("diagnose", *paths, *known, *at)
+    asked = DiagnoseOptions(paths, out, as_json, command, tuple(without or ()), law_at=law, as_is=as_is)
     printing = Printing(pdf)
     if each and pdf:
         raise BadInput("--pdf prints one diagnosis; with --each, print the pages that matter by themselves")
     if law and (each or close_the_loop):
         raise BadInput("--law measures the law of one diagnosis; leave out --each and --close-the-loop")
     if each and not close_the_loop:
-        diagnose_each(paths, out, partial(diagnose_quietly, asked.without), workers, cluster, as_json)
+        diagnose_each(paths, out, partial(diagnose_quietly, asked.without, as_is), workers, cluster, as_json)
         return
     if each or workers or cluster:
         raise BadInput("--workers and --cluster share out what --each makes many of; one diagnosis, or --close-the-loop, stays here")
@@ -97,20 +99,20 @@ def diagnose(
             raise BadInput("--close-the-loop runs experiments on a leg's rig; leave it out for a pendulum and do the proposed run by hand")
         diagnosis = _pendulum(asked)
     elif not close_the_loop:
-        diagnosis = _diagnose_leg(open_with_nominal_model(paths), asked)
+        diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is), asked)
     else:
         from rfca_rig.cli.commands.close_the_loop import ClosedLoop
         from rfca_rig.cli.trusted_code import find_rig
 
         # The command is stored with the result, without options at their defaults.
-        options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed}
+        options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed, "--as-is": as_is}
         command = command_line("diagnose", *paths, *known, "--close-the-loop", options=options)
         diagnosis = _in_rounds(ClosedLoop(find_rig(rig), rounds, runs, out, seed, as_json), replace(asked, command=command))
     _say(diagnosis, out, as_json)
     printing.print([out / "diagnosis.html"], as_json)
 
 
-def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | None:
+def diagnose_quietly(without: tuple[str, ...], as_is: bool, job: tuple[Path, Path]) -> str | None:
     """One diagnosis without output; returns the reason where the recordings cannot be used."""
     from rfca_rig.errors import RigError
     from rfca_rig.recording.atomic_dir import atomic_directory
@@ -119,7 +121,7 @@ def diagnose_quietly(without: tuple[str, ...], job: tuple[Path, Path]) -> str | 
     try:
         # All or nothing: a folder that exists counts as done when the command is typed again.
         with atomic_directory(folder) as into, redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            diagnose([recordings], into, without=list(without))
+            diagnose([recordings], into, without=list(without), as_is=as_is)
     except RigError as error:
         return str(error)
     return None
@@ -161,6 +163,7 @@ class DiagnoseOptions:
     without: tuple[str, ...]
     limits: "Limits | None" = None
     law_at: str = ""
+    as_is: bool = False
 
 
 def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
@@ -169,7 +172,7 @@ def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
     from rfca_rig.cli.commands.close_the_loop import close_the_loop
     from rfca_rig.description.rig_file import read_rig
 
-    recordings = open_with_nominal_model(asked.paths)
+    recordings = open_with_nominal_model(asked.paths, asked.as_is)
     within = replace(asked, limits=read_rig(loop.rig_path).facts().limits)
     return close_the_loop(loop, recordings, _diagnose_leg(recordings, within), lambda all_of_them: _diagnose_leg(all_of_them, within))
 

@@ -10,7 +10,7 @@ import typer
 from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.executors import Cluster, open_executor
 from rfca_rig.cli.lines import print_lines
-from rfca_rig.cli.options import Json
+from rfca_rig.cli.options import AsIs, Json
 from rfca_rig.cli.writable import out_file
 from rfca_rig.progress import ProgressReport
 
@@ -47,6 +47,7 @@ def fit(
     starts: Annotated[int, typer.Option("--starts", min=1, max=64, help="Begin from this many places, and tell how many agree.")] = 1,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the places to begin from.")] = 0,
     cluster: Cluster = None,
+    as_is: AsIs = False,
     as_json: Json = False,
 ) -> None:
     """Fit what the model believes of the rig to recordings: values, standard errors, and what the recordings cannot tell apart.
@@ -84,7 +85,7 @@ def fit(
     comparison = StrokeComparison(shaft.value, StrokeWindow(tuple(_names(phases)), 1e-3 * after_touchdown))
     # Only for its check: a misspelt parameter must be refused before the recordings are read.
     select_parameters(_names(parameters))
-    recordings = open_with_nominal_model(paths)
+    recordings = open_with_nominal_model(paths, as_is)
     counter = _Counter()
     with progress(quiet=as_json) as bars, _executor_of_starts(cluster, bars.told) as executor:
         bars.show_unbounded("fitting", counter.text)

@@ -9,7 +9,6 @@ from rfca_rig.cli.options import Json
 
 if TYPE_CHECKING:
     from rfca_rig.progress import ProgressCount
-    from rfca_rig.recording.checking import FileFinding
     from rfca_rig.recording.model import Recording
 
 
@@ -48,19 +47,15 @@ def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
     from rfca_rig.bench.stage_photos import read_missing_photos
     from rfca_rig.errors import BadInput
     from rfca_rig.recording import run_folder
-    from rfca_rig.recording.checking import REMADE, check_run, describe_damage, needs_no_recovery
+    from rfca_rig.recording.checking import can_recover, check_run, describe_damage, needs_no_recovery
     from rfca_rig.recording.run_text import INTERRUPTED, Ending, read_ending, write_ending
 
     # Once: it reads every file of the run.
     findings = list(check_run(folder))
     if needs_no_recovery(folder, findings):
         raise BadInput(f"{folder}: is whole; there is nothing to recover")
-    unsound = [finding for finding in findings if not finding.is_sound]
-    lost = [finding for finding in unsound if finding.file not in REMADE]
-    # A stage that is gone does not prevent recovery of the others; a damaged file must not get new checksums.
-    has_work = len(lost) < len(unsound) or not all((folder / name).is_file() for name in REMADE)
-    if lost and not (has_work and all(_is_gone(folder, finding) for finding in lost)):
-        raise BadInput(describe_damage(folder, lost))
+    if not can_recover(folder, findings):
+        raise BadInput(describe_damage(folder, findings))
     # First the stage in progress: it belongs into run.h5 like the others.
     run_folder.close_journals(folder)
     # A run that ended normally, and only lost run.h5, keeps what its end says.
@@ -73,11 +68,6 @@ def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
         write_ending(folder, Ending({**interrupted, **added}, with_photos.static))
     run_folder.build_recording(folder, watcher)
     return run_folder.read_without_samples(folder)
-
-
-def _is_gone(folder: Path, finding: "FileFinding") -> bool:
-    """Whether the file of a stage or photo does not exist, other than damaged ones."""
-    return not (folder / finding.file).is_file() and "/" in finding.file
 
 
 def _older(path: Path) -> "Recording":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import Json, Model, Pdf
+from rfca_rig.cli.options import AsIs, Json, Model, Pdf
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def report(
         typer.Option("--shaft", help="Simulate at the average measured speed (as the paper does), as commanded, or as recorded."),
     ] = ShaftOption.average,
     model: Model = None,
+    as_is: AsIs = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
@@ -54,10 +55,10 @@ def report(
 
     pendulum, mechanism = pendulum_among(paths), experiment_among(paths)
     if pendulum is None and mechanism is None:
-        write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf)
+        write(paths, out, shaft.value, as_json, quiet=as_json, model=model, pdf=pdf, as_is=as_is)
         return
     # An option without effect must be refused: its user would believe it was applied.
-    refuse_leg_options({"--shaft": shaft != ShaftOption.average})
+    refuse_leg_options({"--shaft": shaft != ShaftOption.average, "--as-is": as_is})
     if pendulum is not None:
         _write_pendulum(pendulum, out, as_json, model, pdf)
     if mechanism is not None:
@@ -133,6 +134,7 @@ def write(
     quiet: bool,
     model: Path | None = None,
     pdf: bool = False,
+    as_is: bool = False,
 ) -> None:
     """Writes the report and prints where it is, with the averages of the table.
 
@@ -152,6 +154,8 @@ def write(
         A model file in place of the recordings' nominal model.
     pdf : bool
         Print the pages as PDF too.
+    as_is : bool
+        Take values of a campaign that are probably in another unit.
     """
     from rfca_rig.campaign.opening import open_recordings, open_with_nominal_model
     from rfca_rig.cli.printing import Printing
@@ -165,8 +169,9 @@ def write(
     printing = Printing(pdf)
     given = GivenModel(model.name, read_model_file(model).model()) if model else None
     # Without a model file all recordings must have the same nominal model, which `open_with_nominal_model` checks.
-    recordings = open_recordings(paths) if given else open_with_nominal_model(paths)
-    command = command_line("report", *paths, options={"--shaft": shaft if shaft != "average" else None, "--model": model})
+    recordings = open_recordings(paths, as_is) if given else open_with_nominal_model(paths, as_is)
+    options: dict[str, object] = {"--shaft": shaft if shaft != "average" else None, "--model": model, "--as-is": as_is}
+    command = command_line("report", *paths, options=options)
     with progress(quiet) as bars:
         written = write_report(recordings, out, shaft, given, origin_of(command, paths, recordings), bars.counting("conditions"))
     if as_json:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import Json, Model, Pdf
+from rfca_rig.cli.options import AsIs, Json, Model, Pdf
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ def report(
     hinge_std_deg: Annotated[float | None, HINGE_STD] = None,
     marks_deg: Annotated[float, MARKS] = USUAL["--marks-deg"],
     force_gain_pct: Annotated[float, GAIN] = USUAL["--force-gain-pct"],
+    as_is: AsIs = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
@@ -48,8 +49,9 @@ def report(
     from rfca_rig.report.static.tables import static_sources
 
     printing = Printing(pdf)
-    recordings = open_recordings(paths)
-    options = {"--model": model, "--hinge-std-deg": hinge_std_deg, "--marks-deg": marks_deg, "--force-gain-pct": force_gain_pct}
+    recordings = open_recordings(paths, as_is)
+    instrument = {"--hinge-std-deg": hinge_std_deg, "--marks-deg": marks_deg, "--force-gain-pct": force_gain_pct}
+    options: dict[str, object] = {"--model": model, **instrument, "--as-is": as_is}
     command = command_line("static", "report", *paths, options={name: value for name, value in options.items() if value != USUAL.get(name)})
     nominal, known_to = read_nominal_values(recordings, model)
     instruments = Instruments(0.01 * force_gain_pct, marks_deg)
