@@ -129,7 +129,7 @@ def judge_disk(seen: DiskSeen) -> Finding:
             DISK_SUBJECT,
             f"{seen.folder} cannot be written: {seen.error}",
             "choose another folder with --runs, or make it yours:",
-            _own(seen),
+            f"sudo chown -R $USER {seen.folder}",
         )
     summary = f"{seen.folder}: {seen.free_bytes / 1e9:.1f} GB free, writes {seen.bytes_per_s / 1e6:.0f} MB/s"
     if seen.free_bytes < GOOD_FREE_BYTES:
@@ -144,10 +144,6 @@ def judge_disk(seen: DiskSeen) -> Finding:
         finding = red if seen.bytes_per_s < LEAST_BYTES_S else yellow
         return finding(DISK_SUBJECT, summary, "choose a local disk with --runs, not a network or USB one; the disks there are:", "df -h .")
     return green(DISK_SUBJECT, summary)
-
-
-def _own(seen: DiskSeen) -> str:
-    return f"sudo chown -R $USER {seen.folder}"
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
 
-# Status word of the NetBox, see `codecs.netbox_status`. Drivers of other sensors set the same bits 31 and 17. Bit 31:
+# Status word of the NetBox, see `codecs.rdt`. Drivers of other sensors set the same bits 31 and 17. Bit 31:
 # summary of all errors.
 SENSOR_FAULT = np.uint32(0x80000000)
 # Bit 17: transducer saturation or A/D error.

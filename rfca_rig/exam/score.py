@@ -202,7 +202,9 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, ParsedDia
         pairs_without_wrong=Share(sum(not false_claims(*pair) for pair in pairs), len(pairs)),
         stranger_unexplained=_share(strangers, RIGHT),
         stranger_wrong=_share(strangers, WRONG),
-        stranger_confident_wrong=Share(sum(_is_confident(answer) for _, answer in strangers), len(strangers)),
+        stranger_confident_wrong=Share(
+            sum(any(claim.probability >= CONFIDENT for claim in answer.named) for _, answer in strangers), len(strangers)
+        ),
         stranger_silent_detectable=_share([pair for pair in strangers if pair[0].left >= DETECTABLE], SILENT),
         wrong_law_acceptable=_share(by_kind[cases.WRONG_LAW], RIGHT, CLASS),
         mislabelled_wrong=_share(by_kind[cases.MISLABEL], WRONG),
@@ -241,10 +243,6 @@ def power(single: Judged) -> tuple[Share, ...]:
 
 def _share(judged: Judged, *outcomes: str) -> Share:
     return Share(sum(outcome(*pair) in outcomes for pair in judged), len(judged))
-
-
-def _is_confident(answer: ParsedDiagnosis) -> bool:
-    return any(claim.probability >= CONFIDENT for claim in answer.named)
 
 
 def _is_faulty(truth: Truth) -> bool:

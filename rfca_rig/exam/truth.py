@@ -221,5 +221,5 @@ def _sizes_alone(case: Case, whole: EffectVisibility) -> dict[str, EffectVisibil
 
 
 def _round(size: float) -> float | None:
-    # JSON has no infinity: null stands for it, see `outcome.parse_truth`.
+    # JSON has no infinity: null stands for it, see `answer.parse_truth`.
     return float(f"{size:.3g}") if math.isfinite(size) else None

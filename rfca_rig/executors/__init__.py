@@ -1,4 +1,5 @@
 """Parallel execution of many simulations: in this process, in local processes, or on a cluster. Entry point: `mapping.map_unordered`.
 
-`base` defines an executor; `local`, `cluster` (Dask) and `slurm` implement it. `environment` checks that all workers compute the same.
+`mapping.TaskExecutor` is the interface; `local`, `cluster` (Dask) and `slurm` implement it.
+`environment` checks that all workers compute the same.
 """

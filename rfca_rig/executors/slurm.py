@@ -142,7 +142,7 @@ def _scheduler(interface: str | None, keys: Path) -> Iterator[Any]:
         cluster = import_distributed().LocalCluster(
             n_workers=0,
             processes=True,
-            host=None if interface else _own_address(),
+            host=None if interface else str(import_distributed().utils.get_ip()),
             interface=interface,
             protocol="tls://",
             security=security,
@@ -160,10 +160,6 @@ def _allow_many_connections() -> None:
     """Raises the limit of open files: the usual one is too low for the connections of a thousand workers."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-
-
-def _own_address() -> str:
-    return str(import_distributed().utils.get_ip())
 
 
 @contextmanager

@@ -123,12 +123,9 @@ def _value(value: Value) -> dict[str, float]:
 
 def _misfits(diagnosis: Diagnosis) -> dict[str, Any]:
     """Misfits before and after: forces with their noise floor, errors of the valley, which have none, without."""
-    floored = {name: _before_after(each) | {"noise_floor": each.noise_floor} for name, each in _with_floor(diagnosis).items()}
+    forces = {**diagnosis.fit, **diagnosis.held_out}
+    floored = {name: _before_after(each) | {"noise_floor": each.noise_floor} for name, each in forces.items()}
     return floored | {name: _before_after(each) for name, each in diagnosis.valley.items()}
-
-
-def _with_floor(diagnosis: Diagnosis) -> dict[str, BeforeAfter]:
-    return {**diagnosis.fit, **diagnosis.held_out}
 
 
 def _before_after(each: BeforeAfter) -> dict[str, float | None]:
