@@ -116,6 +116,9 @@ def _options(
 def run() -> None:
     """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130 stopped."""
     use_ascii_fallback()
+    # Set to 0 or below, as by some terminals without a size, help would have no width at all.
+    if not os.environ.get("COLUMNS", "80").isdecimal() or int(os.environ.get("COLUMNS", "80")) == 0:
+        del os.environ["COLUMNS"]
     # python-can warns of every frame that came in two pieces.
     logging.getLogger("can").setLevel(logging.ERROR)
     try:
@@ -180,6 +183,10 @@ def _is_folder_gone() -> bool:
 
 
 def _leave(message: str, exit_code: int) -> None:
-    if message:
-        typer.echo(f"rfca-rig: {in_one_line(message)}", err=True)
+    try:
+        if message:
+            typer.echo(f"rfca-rig: {in_one_line(message)}", err=True)
+    # An error stream that takes nothing: the exit code still tells, and the interpreter must not try again at its end.
+    except OSError:
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
     sys.exit(exit_code)

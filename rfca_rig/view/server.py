@@ -132,7 +132,7 @@ async def _page(_request: Request) -> Response:
     return FileResponse(STATIC / "index.html")
 
 
-async def _admitted(_request: Request) -> Response:
+async def _confirm_admission(_request: Request) -> Response:
     """HTTP handler for a page that asks whether its token is right; others do not come so far."""
     return Response(status_code=204)
 
@@ -154,7 +154,7 @@ def application(pages: Pages, token: str) -> ASGIApp:
     mimetypes.add_type("text/javascript", ".js")
     routes = [
         Route("/", _page),
-        Route("/admitted", _admitted),
+        Route("/admitted", _confirm_admission),
         Route("/stop", pages.stop, methods=["POST"]),
         WebSocketRoute("/stream", pages.stream),
         Route("/trips/{code}", _trip),

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.cores import cores
 from rfca_rig.recording.atomic import write_atomically
 from tests.cli.malformed_inputs import Recordings, find_violations, make_cases
 from tests.cli.typed import typed
@@ -71,10 +73,9 @@ def test_loops_and_names_that_are_no_text_or_commands_cost_the_list_of_runs_noth
 
 
 # Each takes some tens of milliseconds; `python -m tests.benchmarks.malformed` runs as many as one likes.
-@pytest.mark.parametrize("seed", range(3))
-def test_malformed_inputs_are_one_line_or_a_normal_result(tmp_path, seed):
+def test_malformed_inputs_are_one_line_or_a_normal_result(tmp_path):
     recordings, found = Recordings(tmp_path), []
-    for number, case in enumerate(make_cases(1000 + seed, 50, recordings)):
+    for number, case in enumerate(make_cases(1000, 150, recordings)):
         folder = tmp_path / f"{number}"
         folder.mkdir()
         found += [f"{number} {case.label}: {violation}" for violation in find_violations(case, folder)]
@@ -86,28 +87,27 @@ def test_a_long_value_does_not_hide_what_is_said_of_it(here, monkeypatch, capsys
     said = typed(monkeypatch, capsys, *DRY, "--protocol", "long.toml")
     assert said.exit_code == 2
     assert len(said.err) < 1000
-    assert "long.toml:1: experiment = 'xxx" in said.err
+    assert "long.toml:1: experiment: should be 'dynamic', not 'xxx" in said.err
 
 
 @pytest.mark.parametrize("target", ["pipe.toml", "link"])
 def test_an_output_that_is_a_device_or_a_pipe_is_never_replaced(here, monkeypatch, capsys, target):
     """An administrator's --csv /dev/null would put a file in the place of the device, for the whole machine."""
     Path("link").symlink_to("pipe.toml")
-    before = Path(target).lstat()
+    before = Path(target).lstat().st_ino
     said = typed(monkeypatch, capsys, "predict", "--height", "215", "--speed", "2", "--csv", target)
     assert said.exit_code == 2
     assert f"{target}: is a device or a pipe, where a file is needed" in said.err
     with pytest.raises(BadInput, match="is a device or a pipe"):
         write_atomically(Path(target), b"")
-    assert Path(target).lstat() == before
+    assert Path(target).lstat().st_ino == before
 
 
 @pytest.mark.parametrize("setting", ["0", "-1", "many", "1000000000", "٣", "1.5"])
-def test_a_number_of_threads_that_is_none_is_refused(here, monkeypatch, capsys, setting):
+def test_a_number_of_threads_that_is_none_is_refused(monkeypatch, setting):
     monkeypatch.setenv("RFCA_RIG_THREADS", setting)
-    said = typed(monkeypatch, capsys, "plan", "flapping")
-    assert said.exit_code == 2
-    assert f"RFCA_RIG_THREADS={setting}: should be a number of threads from 1 to 1024" in said.err
+    with pytest.raises(BadInput, match=f"RFCA_RIG_THREADS={re.escape(setting)}: should be a number of threads from 1 to 1024"):
+        cores()
 
 
 @pytest.mark.parametrize(
