@@ -3,7 +3,6 @@
 The host clock counts seconds from its start, and starts again from zero where a run was resumed. The run's events carry both times.
 """
 
-import json
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -15,7 +14,9 @@ import numpy as np
 from rfca_rig.bench.resume import RESUMED
 from rfca_rig.campaign.stored import StoredStage
 from rfca_rig.campaign.stored_streams import StoredStream
+from rfca_rig.errors import BadInput
 from rfca_rig.recording.rows import HOST_TIME
+from rfca_rig.recording.run_text import parse_events
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 NS = 1_000_000_000
@@ -54,8 +55,15 @@ class StageBeginning:
 
 
 def events_in(provenance: Mapping[str, str]) -> list[dict[str, Any]]:
-    """The run's events in order; none for an imported campaign."""
-    return [json.loads(line) for line in provenance.get("events", "").splitlines()]
+    """The run's events in order; none for an imported campaign. Raises BadInput for a line that is none."""
+    events = parse_events(provenance.get("events", ""), "the events of the recording")
+    for number, event in enumerate(events, start=1):
+        try:
+            float(event.get("t_s", 0.0))
+            _utc_ns({"utc": EPOCH, **event})
+        except (ValueError, TypeError, OverflowError):
+            raise BadInput(f"the events of the recording:{number}: t_s should be seconds, and utc a date with time and zone") from None
+    return events
 
 
 def event_times(events: Iterable[Event]) -> Iterator[tuple[int, Event]]:

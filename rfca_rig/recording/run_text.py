@@ -98,18 +98,23 @@ def complete_lines_length(content: bytes) -> int:
 
 def events_of(folder: Path) -> list[dict[str, Any]]:
     """The events in order. Raises BadInput, with the line, for a line that is no event."""
+    return parse_events(events_text(folder), str(folder / EVENTS))
+
+
+def parse_events(text: str, where: str) -> list[dict[str, Any]]:
+    """The events of a text, one a line. Raises BadInput, naming `where` and the line, for a line that is no event."""
     events = []
-    for number, line in enumerate(events_text(folder).splitlines(), start=1):
+    for number, line in enumerate(text.splitlines(), start=1):
         try:
-            events.append(_check_event(dict(json.loads(line))))
-        except (ValueError, TypeError, RecursionError) as error:
-            raise BadInput(f"{folder / EVENTS}:{number}: is no event: {error}") from None
+            events.append(_check_event(json.loads(line)))
+        except (ValueError, RecursionError) as error:
+            raise BadInput(f"{where}:{number}: is no event: {error}") from None
     return events
 
 
-def _check_event(event: dict[str, Any]) -> dict[str, Any]:
+def _check_event(event: object) -> dict[str, Any]:
     """The event. Raises ValueError where it has no name, or names a stage's file without saying what that holds."""
-    if not isinstance(event.get("event"), str):
+    if not (isinstance(event, dict) and isinstance(event.get("event"), str)):
         raise ValueError("it has no name")
     if "file" in event:
         file, samples = event["file"], event.get("samples")

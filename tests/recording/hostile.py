@@ -658,6 +658,7 @@ def keys_that_are_there_twice(file, secret):
 
 
 @of_file
+@harmless
 def events_that_are_none(file, secret):
     _text(file, "provenance", json.dumps({"events": "[" * 5000 + "\n7\nnull\n"}).encode())
 

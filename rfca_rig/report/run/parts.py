@@ -88,7 +88,7 @@ def story_of(recording: Recording) -> RunStory:
     """The run in a recording. A plan of another version, or a nominal model that cannot be read, is left out."""
     plan, rig = _plan(recording), _rig(recording)
     events = tuple(_events(recording.provenance.get("events", "")))
-    limits = json.loads(recording.provenance.get("limits", "{}"))
+    limits = _limits(recording.provenance.get("limits", "{}"))
     begun, last_limits = _beginnings(events, limits)
     parts = sorted(_parts(recording, _PredictedLoads(plan, rig), begun), key=lambda part: part.begun.place if part.begun else -1)
     return RunStory(recording, plan, rig, limits, last_limits, events, tuple(parts))
@@ -113,10 +113,18 @@ def _events(text: str) -> Iterator[Mapping[str, Any]]:
     for line in text.splitlines():
         try:
             event = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             continue
         if isinstance(event, dict) and "event" in event:
             yield event
+
+
+def _limits(text: str) -> Mapping[str, float]:
+    """Raises BadInput where the text is no table of numbers."""
+    try:
+        return {name: float(value) for name, value in dict(json.loads(text)).items()}
+    except (ValueError, TypeError, RecursionError):
+        raise BadInput("the recording's limits are not numbers by name") from None
 
 
 def _plan(recording: Recording) -> Plan | None:
