@@ -385,12 +385,12 @@ def _only_certain(angles: HingeAngles, direct: HingeAngles, ranges_rad: Floats) 
     if all(angles.hinge_rad[k] is None for k in hinges):
         return angles
     # Hinges between two links that the marks do not determine: a reflection turns them the other way.
-    low, high = (ranges_rad + np.array([-NEAR_OTHERS_RAD, NEAR_OTHERS_RAD])).T
     middles = [k for k in links if k - 1 in links] or hinges
     values = np.array([np.nan if angles.hinge_rad[k] is None else angles.hinge_rad[k] for k in middles], np.float64)
-    is_usual = (low[middles] <= values) & (values <= high[middles])
-    is_reflection_usual = (low[middles] <= -values) & (-values <= high[middles])
-    if (is_usual & ~is_reflection_usual).all():
+    low, high = ranges_rad[middles, 0] - NEAR_OTHERS_RAD, ranges_rad[middles, 1] + NEAR_OTHERS_RAD
+    is_usual = (low <= values) & (values <= high)
+    is_reflection_usual = (low <= -values) & (-values <= high)
+    if bool(np.all(is_usual & ~is_reflection_usual)):
         return angles
     return HingeAngles(
         *_without(angles.link_rad, angles.link_std_rad, angles.link_covariance_rad2, links),

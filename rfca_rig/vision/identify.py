@@ -216,7 +216,7 @@ def _describe_rejected(
         ties = [(0, np.zeros(2))] if before is None else [(before + 1, candidates.places_m[best.chosen[before]])]
         ties += [] if after is None else [(after + 1, candidates.places_m[best.chosen[after]])]
         for patch, place in zip(rejected, places, strict=True):
-            off = [bounds.excess_m(*sorted((other, i + 1)), float(np.linalg.norm(place - there))) for other, there in ties]
+            off = [bounds.excess_m(min(other, i + 1), max(other, i + 1), float(np.linalg.norm(place - there))) for other, there in ties]
             if max(map(abs, off)) < REJECTED_WITHIN_M:
                 reports[i] = f"found at ({patch.px[0]:.0f}, {patch.px[1]:.0f}) px, but not used: {patch.reason}"
     return reports
