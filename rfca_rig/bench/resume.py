@@ -169,16 +169,17 @@ def ending_of(
     folder: Path, known: Mapping[str, str], stages: Sequence[StaticStage], begun: InterruptedRun | None, eye: PhotoSetup | None
 ) -> Ending:
     """The run's end with the static stages of all its parts; photos of earlier parts that were not read are read now."""
-    earlier = () if begun is None else tuple(_with_photo_read(stage, folder, eye) for stage in begun.static)
+    earlier = () if begun is None else _with_photos_read(begun.static, folder, eye)
     resumed_text = {} if begun is None else {"resumed": _resumed_text(folder)}
     return Ending({**known, **resumed_text, **photo_hashes(folder)}, (*earlier, *stages))
 
 
-def _with_photo_read(stage: StaticStage, folder: Path, eye: PhotoSetup | None) -> StaticStage:
+def _with_photos_read(stages: Sequence[StaticStage], folder: Path, eye: PhotoSetup | None) -> tuple[StaticStage, ...]:
+    if eye is None:
+        return tuple(stages)
     # A stage with an overlay has been read already.
-    if eye is None or not stage.photo or stage.overlay:
-        return stage
-    return read_stage_photos([stage], folder, eye)[0]
+    read = iter(read_stage_photos([stage for stage in stages if not stage.overlay], folder, eye))
+    return tuple(stage if stage.overlay else next(read) for stage in stages)
 
 
 def _resumed_text(folder: Path) -> str:

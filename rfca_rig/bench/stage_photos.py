@@ -19,13 +19,18 @@ from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import OVERLAYS, PHOTOS
 from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.sums import sum_line
-from rfca_rig.vision.hinge_angles import MAX_REPORTED_STD_RAD, HingeAngles
-from rfca_rig.vision.leg_photo import LegPhoto, PhotoSetup, read_leg_photo
+from rfca_rig.vision.hinge_angles import MAX_REPORTED_STD_RAD, HingeAngles, LegFit, fit_leg
+from rfca_rig.vision.identify import IdentifiedMarks
+from rfca_rig.vision.leg_marks import MarkPlan
+from rfca_rig.vision.leg_photo import PhotoSetup, read_marks
+from rfca_rig.vision.overlay import draw_overlay
 from rfca_rig.vision.red_mask import Pixels
 
 OVERLAY_QUALITY = 90
 # More difference between photo and drive means a photo of another stage, or different zeros of drive and camera.
 SHAFT_APART_DEG = 2.0
+# Distance from the plane of the marks that is reported, and how many standard deviations it must be.
+REPORTED_OFFSET_M, OFFSET_SIGMAS = 0.3e-3, 4.0
 
 
 def read_stage_photos(
@@ -33,20 +38,28 @@ def read_stage_photos(
 ) -> tuple[StaticStage, ...]:
     """The stages with the angles from their photos; `told` is called with the progress.
 
-    A photo that cannot be read leaves its stage without angles, with the reason. Stages without a photo stay unchanged.
+    All photos are of one leg, so they are fitted together: what one pose leaves open about the marks, others determine. A photo that
+    cannot be read leaves its stage without angles, with the reason. Stages without a photo stay unchanged.
     """
-    return tuple(_with_photo_read(stage, run_folder, eye) if stage.photo else stage for stage in iterate_with_progress(stages, told))
+    marks = [_read_marks(stage, run_folder, eye) if stage.photo else stage for stage in iterate_with_progress(stages, told)]
+    found = [one for one in marks if isinstance(one, IdentifiedMarks)]
+    fit = fit_leg(found, eye.camera, eye.plan, eye.link_lengths_m)
+    angles = iter(fit.angles)
+    return tuple(
+        _with_angles(stage, run_folder, eye, one, next(angles), fit) if isinstance(one, IdentifiedMarks) else one
+        for stage, one in zip(stages, marks, strict=True)
+    )
 
 
-def _with_photo_read(stage: StaticStage, run_folder: Path, eye: PhotoSetup) -> StaticStage:
+def _read_marks(stage: StaticStage, run_folder: Path, eye: PhotoSetup) -> IdentifiedMarks | StaticStage:
+    """The marks of a stage's photo, or the stage with the reason why there are none."""
     # A photo may be lost, for example where the disk refused it; its stage is then kept but not acknowledged.
     if not (run_folder / stage.photo).is_file():
         return replace(stage, photo="", photo_doubts=f"the photo was lost: {stage.photo} did not reach the disk")
     try:
-        leg_photo = read_leg_photo(read_picture(run_folder / stage.photo), eye)
+        return read_marks(read_picture(run_folder / stage.photo), eye)
     except BadInput as error:
         return replace(stage, photo_doubts=str(error))
-    return _with_angles(replace(stage, overlay=_keep_overlay(leg_photo.overlay, run_folder, stage.photo)), leg_photo)
 
 
 def _keep_overlay(picture: Pixels, run_folder: Path, photo: str) -> str:
@@ -57,26 +70,45 @@ def _keep_overlay(picture: Pixels, run_folder: Path, photo: str) -> str:
     return name
 
 
-def _with_angles(stage: StaticStage, leg_photo: LegPhoto) -> StaticStage:
-    doubts = [doubt.words for doubt in leg_photo.identified.doubts]
+def _with_angles(
+    stage: StaticStage, run_folder: Path, eye: PhotoSetup, identified: IdentifiedMarks, angles: HingeAngles, fit: LegFit
+) -> StaticStage:
+    # Read a second time: the photos of a whole run may not fit into memory.
+    picture = draw_overlay(read_picture(run_folder / stage.photo), identified, eye.camera, eye.plan, angles)
+    stage = replace(stage, overlay=_keep_overlay(picture, run_folder, stage.photo))
+    doubts = [*([fit.refused] if fit.refused else []), *(doubt.words for doubt in identified.doubts), *_marks_out_of_plane(fit, eye.plan)]
     # Angles of another stage would be worse than none, so this doubt discards them all.
-    if other := _another_shaft_angle(stage, leg_photo.angles):
+    if other := _another_shaft_angle(stage, angles):
         return replace(stage, photo_doubts="; ".join([other, *doubts]))
     return replace(
         stage,
-        hinge_deg=_degrees(leg_photo.angles.hinge_rad),
-        hinge_std_deg=_degrees(leg_photo.angles.hinge_std_rad),
-        photo_doubts="; ".join([*doubts, *_hinges_without_angle(leg_photo)]),
+        hinge_deg=_degrees(angles.hinge_rad),
+        hinge_std_deg=_degrees(angles.hinge_std_rad),
+        photo_doubts="; ".join([*doubts, *_describe_hinges(identified, angles, eye.plan)]),
     )
 
 
-def _hinges_without_angle(leg_photo: LegPhoto) -> list[str]:
-    """Message with the numbers of hinges without an angle."""
-    numbers = [str(number) for number, angle in enumerate(leg_photo.angles.hinge_rad, start=1) if angle is None and number > 1]
-    if not numbers:
-        return []
-    why = f", known to worse than {np.degrees(MAX_REPORTED_STD_RAD):.1f} deg" if leg_photo.identified.is_complete else ""
-    return [f"hinge {', '.join(numbers)} left out{why}"]
+def _marks_out_of_plane(fit: LegFit, plan: MarkPlan) -> list[str]:
+    """A message for each mark whose distance from the plane of the others is significant."""
+    return [
+        f"the {plan.name(i)} is {1e3 * abs(offset):.1f}+-{1e3 * std:.1f} mm "
+        f"{'before' if offset > 0 else 'behind'} the plane of the marks, corrected"
+        for i, (offset, std) in enumerate(zip(fit.offsets_m, fit.offset_std_m, strict=True))
+        if abs(offset) > max(REPORTED_OFFSET_M, OFFSET_SIGMAS * std)
+    ]
+
+
+def _describe_hinges(identified: IdentifiedMarks, angles: HingeAngles, plan: MarkPlan) -> list[str]:
+    """Messages with the numbers of hinges without an angle, and of those whose angle needed the lengths of the links."""
+    known = [(number, angle is not None) for number, angle in enumerate(angles.hinge_rad, start=1) if number > 1]
+    unknown = [str(number) for number, has_angle in known if not has_angle]
+    hidden = {plan.marks[i].link for i, mark in enumerate(identified.marks) if mark is None and plan.marks[i].along_m == 0.0}
+    by_lengths = [str(number) for number, has_angle in known if has_angle and number in hidden]
+    words = [f"hinge {', '.join(by_lengths)} without its mark, from the lengths of its links"] if by_lengths else []
+    if unknown:
+        why = f", known to worse than {np.degrees(MAX_REPORTED_STD_RAD):.1f} deg" if identified.is_complete else ""
+        words.append(f"hinge {', '.join(unknown)} left out{why}")
+    return words
 
 
 def _degrees(angles_rad: Sequence[float | None]) -> tuple[float, ...]:

@@ -1,10 +1,14 @@
 """Link and hinge angles from identified marks, with their standard deviations.
 
-Angles, the shaft's position and the link lengths are fitted together by least squares, so that any plan of marks can be used. Lengths
-have a weak prior: directions between marks determine the angles, and a slightly wrong length must not change them. An angle that the
-marks do not determine, or only to worse than 0.3 degrees, is None. It is never computed from lengths, which would leave two solutions.
+All photos of a leg are fitted together by least squares: the angles of each photo, and what the photos share. That is the shaft's
+position, the distances between the marks, and the distance of each mark from the plane of motion. A mark out of the plane is seen beside
+its place, so that the distances between marks seem to change with the pose. From several poses the fit finds the offsets and corrects for
+them. From one photo it can only widen the standard deviations.
 
-The standard deviations are those of detecting the marks. They do not include the camera's calibration or the placement of the marks.
+An angle that is known to worse than 0.3 degrees is None. Where a mark is missing, the known lengths leave two solutions that are
+reflections of each other; one is reported only if the other photos of the leg exclude its reflection.
+
+The standard deviations do not include the camera's calibration or the placement of the marks within the plane.
 """
 
 from collections.abc import Sequence
@@ -14,17 +18,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.vision.camera_model import CameraModel
-from rfca_rig.vision.identify import SHAFT_STD_M, IdentifiedMarks
+from rfca_rig.vision.identify import LENGTH_STD_M, SHAFT_STD_M, IdentifiedMarks
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark, mark_positions
 
 Floats = NDArray[np.float64]
 
-# Ten times what lengths are known to: they regularise and do not determine angles.
+# Lengths this uncertain regularise and do not determine angles: used to find out what the marks alone determine.
 WEAK_LENGTH_STD_M = 2.0e-3
 # Keeps the equations regular where no mark determines an angle.
 ANGLE_PRIOR_STD_RAD = float(np.radians(60.0))
 # Angles with a larger standard deviation are reported as None.
 MAX_REPORTED_STD_RAD = float(np.radians(0.3))
+# Standard deviations of the marks' distances from the plane of motion, and their prior probabilities: glued well, badly, on spacers.
+OFFSET_STD_M = (1.0e-4, 1.0e-3, 3.0e-3)
+OFFSET_PROBABILITY = (0.90, 0.07, 0.03)
+# Largest distance of a mark from the plane that is corrected, and largest misfit of the distances between marks.
+MAX_OFFSET_M, MAX_MISFIT_M = 5.0e-3, 0.5e-3
+# An angle from lengths may be outside the range of the other photos by so much, and its reflection must be farther outside.
+NEAR_OTHERS_RAD = float(np.radians(4.0))
 STEPS = 40
 
 
@@ -44,6 +55,22 @@ class HingeAngles:
 
 
 @dataclass(frozen=True)
+class LegFit:
+    """Angles of each photo of a leg, and what its photos share.
+
+    `offsets_m` (marks,) are the marks' distances from their mean plane towards the camera, with standard deviations `offset_std_m`
+    (marks,); NaN for marks that no photo shows. `misfit_m` is the root mean square difference between seen and fitted marks.
+    `refused` says why no angle is reported, else "".
+    """
+
+    angles: tuple[HingeAngles, ...]
+    offsets_m: Floats
+    offset_std_m: Floats
+    misfit_m: float
+    refused: str = ""
+
+
+@dataclass(frozen=True)
 class _Seen:
     """Indices of the seen marks in the plan, their positions (n, 2) m, and the whitening (n, 2, 2) 1/m of their errors."""
 
@@ -59,8 +86,9 @@ def hinge_angles(
     link_lengths_m: Sequence[float],
     *,
     shaft_std_m: float = SHAFT_STD_M,
+    offset_std_m: Sequence[float] = OFFSET_STD_M,
 ) -> HingeAngles:
-    """The leg's angles, as far as the identified marks determine them.
+    """The leg's angles in one photo, as far as the identified marks determine them.
 
     Parameters
     ----------
@@ -74,21 +102,74 @@ def hinge_angles(
         From the shaft outwards.
     shaft_std_m : float
         Standard deviation of the shaft axis in the camera's calibration.
+    offset_std_m : sequence of floats
+        Possible standard deviations of the marks' distances from the plane of motion.
 
     Returns
     -------
     HingeAngles
         None for angles that are not determined.
     """
+    return fit_leg([identified], camera, plan, link_lengths_m, shaft_std_m=shaft_std_m, offset_std_m=offset_std_m).angles[0]
+
+
+def fit_leg(
+    photos: Sequence[IdentifiedMarks],
+    camera: CameraModel,
+    plan: MarkPlan,
+    link_lengths_m: Sequence[float],
+    *,
+    shaft_std_m: float = SHAFT_STD_M,
+    offset_std_m: Sequence[float] = OFFSET_STD_M,
+) -> LegFit:
+    """The angles in several photos of one leg, whose marks stay where they are glued.
+
+    Parameters
+    ----------
+    photos : sequence of IdentifiedMarks
+        The marks of each photo.
+    camera, plan, link_lengths_m, shaft_std_m, offset_std_m
+        As for `hinge_angles`.
+
+    Returns
+    -------
+    LegFit
+        Angles in the order of the photos. None of them where the marks fit no leg of these lengths.
+    """
     lengths = np.asarray(link_lengths_m, dtype=np.float64)
-    seen = _whiten(identified, camera, plan)
-    if not seen.planned:
-        return _nothing(len(lengths))
-    angles, covariance = _solve(seen, plan, lengths, shaft_std_m)
-    bends = np.eye(len(lengths)) - np.eye(len(lengths), k=-1)
-    links = _determined(angles, covariance)
-    hinges = _determined(bends @ angles, bends @ covariance @ bends.T)
-    return HingeAngles(*links, *hinges)
+    seen = [_whiten(identified, camera, plan) for identified in photos]
+    used = [number for number, one in enumerate(seen) if one.planned]
+    angles = [_nothing(len(lengths))] * len(photos)
+    unknown = np.full(len(plan.marks), np.nan)
+    if not used:
+        return LegFit(tuple(angles), unknown, unknown, 0.0)
+    problem = _Problem(
+        tuple(seen[number] for number in used), plan, lengths, np.asarray(-camera.rotation.T @ camera.translation_m), shaft_std_m
+    )
+    fit = _mix([_solve(problem, LENGTH_STD_M, std) for std in offset_std_m])
+    offsets, offset_std = _offsets(problem, fit)
+    # Twice the mean over both coordinates is the mean squared distance.
+    misfit = float(np.sqrt(2.0 * np.mean(np.concatenate(fit.misses_m) ** 2)))
+    worst = int(np.nanargmax(np.abs(offsets)))
+    if abs(offsets[worst]) > MAX_OFFSET_M:
+        refused = (
+            f"the {plan.name(worst)} would be {1e3 * offsets[worst]:+.1f} mm out of the plane of the others, "
+            f"limit {1e3 * MAX_OFFSET_M:g} mm; glue all marks in one plane, check the lengths; no angles taken"
+        )
+        return LegFit(tuple(angles), offsets, offset_std, misfit, refused)
+    if misfit > MAX_MISFIT_M:
+        refused = (
+            f"the marks miss a leg of the stated lengths by {1e3 * misfit:.2f} mm rms, limit {1e3 * MAX_MISFIT_M:g} mm; "
+            "check lengths, places of the marks and calibration; no angles taken"
+        )
+        return LegFit(tuple(angles), offsets, offset_std, misfit, refused)
+    told = [_photo_angles(problem, fit, place) for place in range(len(used))]
+    # What the marks of each photo determine with lengths that do not.
+    single = [replace(problem, photos=(one,)) for one in problem.photos]
+    direct = [_photo_angles(one, _solve(one, WEAK_LENGTH_STD_M, 0.0), 0) for one in single]
+    for place, number in enumerate(used):
+        angles[number] = _only_certain(told[place], direct[place], _ranges(told, direct))
+    return LegFit(tuple(angles), offsets, offset_std, misfit)
 
 
 def _whiten(identified: IdentifiedMarks, camera: CameraModel, plan: MarkPlan) -> _Seen:
@@ -106,38 +187,132 @@ def _nothing(links: int) -> HingeAngles:
     return HingeAngles(nothing, nothing, unknown, nothing, nothing, unknown)
 
 
-def _solve(seen: _Seen, plan: MarkPlan, lengths_m: Floats, shaft_std_m: float) -> tuple[Floats, Floats]:
-    """Link angles (links,) and their covariance, by Gauss-Newton with the priors as further rows.
+@dataclass(frozen=True)
+class _Problem:
+    """The seen marks of each photo, the leg, and the camera's position (3,) m in the plane's frame."""
 
-    The shaft's position (2,) and each link's stretch (links,) are fitted with them.
-    """
-    links = len(lengths_m)
-    nominal = np.concatenate([_start(seen, plan, lengths_m), np.zeros(2), np.ones(links)])
-    known = np.zeros((2 * links + 2, 2 * links + 2))
+    photos: tuple[_Seen, ...]
+    plan: MarkPlan
+    lengths_m: Floats
+    camera_m: Floats
+    shaft_std_m: float
+
+    @property
+    def free(self) -> int:
+        """Number of the angles of all photos; shaft (2), stretches (links,) and offsets (marks,) follow in the values."""
+        return len(self.photos) * len(self.lengths_m)
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """Values and their covariance, log evidence, and for each photo the misses (2 n,) in metres and the misfit per degree of freedom."""
+
+    values: Floats
+    covariance: Floats
+    log_evidence: float
+    misses_m: list[Floats]
+    scale: list[float]
+
+
+def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solution:
+    """Gauss-Newton with the priors as further rows. Offsets of zero deviation are fixed."""
+    links, free = len(problem.lengths_m), problem.free
+    starts = [_start(seen, problem.plan, problem.lengths_m) for seen in problem.photos]
+    _bend_hidden_hinges(starts, problem)
+    nominal = np.concatenate([*starts, np.zeros(2), np.ones(links), np.zeros(len(problem.plan.marks))])
+    precise = (
+        [1 / problem.shaft_std_m] * 2 + list(problem.lengths_m / length_std_m) + [1 / max(offset_std_m, 1e-7)] * len(problem.plan.marks)
+    )
+    known = np.zeros((len(nominal), len(nominal)))
     # The prior of the angles is on those between neighbouring links: the start angles are the most probable ones.
-    known[:links, :links] = (np.eye(links) - np.eye(links, k=-1)) / ANGLE_PRIOR_STD_RAD
-    known[links:, links:] = np.diag([1 / shaft_std_m] * 2 + list(lengths_m / WEAK_LENGTH_STD_M))
+    known[:free, :free] = np.kron(np.eye(len(problem.photos)), _bends(links) / ANGLE_PRIOR_STD_RAD)
+    known[free:, free:] = np.diag(precise)
     values = nominal.copy()
+    information = known.T @ known
     for _ in range(STEPS):
-        residual, jacobian = _residuals(values, seen, plan, lengths_m)
-        rows = np.concatenate([jacobian, known])
-        step, *_ = np.linalg.lstsq(rows, np.concatenate([residual, known @ (nominal - values)]), rcond=None)
+        residual, jacobian, _ = _residuals(values, problem)
+        information = jacobian.T @ jacobian + known.T @ known
+        # Scaled to a diagonal of ones: angles, metres and ratios differ by orders of magnitude.
+        size = np.sqrt(np.diag(information))
+        pull = jacobian.T @ residual + known.T @ (known @ (nominal - values))
+        step = np.linalg.solve(information / size / size[:, None], pull / size) / size
         values = values + step
         if np.abs(step).max() < 1e-12:
             break
-    _, jacobian = _residuals(values, seen, plan, lengths_m)
-    covariance = np.linalg.inv(jacobian.T @ jacobian + known.T @ known)
-    return values[:links], np.asarray(covariance[:links, :links])
+    residual, _, misses = _residuals(values, problem)
+    prior = known @ (values - nominal)
+    size = np.sqrt(np.diag(information))
+    covariance = np.linalg.inv(information / size / size[:, None]) / size / size[:, None]
+    log_size = float(np.linalg.slogdet(information / size / size[:, None])[1] + 2.0 * np.log(size).sum())
+    evidence = -0.5 * float(residual @ residual + prior @ prior) - 0.5 * log_size + float(np.log(precise).sum())
+    scale, at = [], 0
+    for seen in problem.photos:
+        rows = 2 * len(seen.planned)
+        scale.append(max(1.0, float(residual[at : at + rows] @ residual[at : at + rows]) / max(1, rows - links)))
+        at += rows
+    return _Solution(values, covariance, evidence, misses, scale)
 
 
-def _residuals(values: Floats, seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> tuple[Floats, Floats]:
-    """Whitened residuals (2 n,) of the seen marks, and the whitened Jacobian (2 n, values) of the leg's marks."""
-    links = len(lengths_m)
-    angles, shaft, stretch = values[:links], values[links : links + 2], values[links + 2 :]
+def _mix(solutions: Sequence[_Solution]) -> _Solution:
+    """Mean and covariance over the possible deviations of the offsets, weighted by how well each explains the marks."""
+    logs = np.array([one.log_evidence for one in solutions]) + np.log(OFFSET_PROBABILITY[: len(solutions)])
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    values = sum((weight * one.values for weight, one in zip(weights, solutions, strict=True)), np.zeros(1))
+    spread = [one.covariance + np.outer(one.values - values, one.values - values) for one in solutions]
+    covariance = sum((weight * one for weight, one in zip(weights, spread, strict=True)), np.zeros(1))
+    return replace(solutions[int(np.argmax(weights))], values=values, covariance=covariance)
+
+
+def _bends(links: int) -> Floats:
+    """Matrix (links, links) from link angles to hinge angles."""
+    return np.eye(links) - np.eye(links, k=-1)
+
+
+def _bend_hidden_hinges(starts: list[Floats], problem: _Problem) -> None:
+    """Give hinges whose mark a photo does not show the median angle of the photos that do: straight ones are between two solutions."""
+    bends = _bends(len(problem.lengths_m))
+    on_axis = [
+        {i for i, mark in enumerate(problem.plan.marks) if mark.link == link and mark.along_m == mark.across_m == 0.0}
+        for link in range(1, len(bends) + 1)
+    ]
+    shown = np.array([[marks <= set(seen.planned) for marks in on_axis] for seen in problem.photos])
+    hinges = np.array([bends @ start for start in starts])
+    for place, start in enumerate(starts):
+        for hinge in np.flatnonzero(~shown[place]):
+            others = hinges[shown[:, hinge], hinge]
+            if 0 < hinge < len(bends) and len(others):
+                # The chord stays, the links beside the hinge turn by half its angle each.
+                change = 0.5 * (np.median(others) - hinges[place, hinge])
+                start[hinge - 1] -= change
+                start[hinge] += change
+
+
+def _residuals(values: Floats, problem: _Problem) -> tuple[Floats, Floats, list[Floats]]:
+    """Whitened residuals (rows,) of the seen marks of all photos, their Jacobian (rows, values), and for each photo the misses (2 n,) m."""
+    links, free, plan = len(problem.lengths_m), problem.free, problem.plan
+    shaft, stretch, offsets = values[free : free + 2], values[free + 2 : free + 2 + links], values[free + 2 + links :]
     stretched = replace(plan, marks=tuple(replace(mark, along_m=mark.along_m * stretch[mark.link - 1]) for mark in plan.marks))
-    residual = seen.places_m - shaft - mark_positions(angles, lengths_m * stretch, stretched)[seen.planned]
-    jacobian = np.array([_mark_jacobian(plan.marks[index], angles, stretch, lengths_m) for index in seen.planned])
-    return (seen.whitening @ residual[..., None]).ravel(), (seen.whitening @ jacobian).reshape(-1, len(values))
+    away, foot = abs(float(problem.camera_m[0])), problem.camera_m[1:]
+    rows, blocks, misses = [], [], []
+    for place, seen in enumerate(problem.photos):
+        angles = values[links * place : links * (place + 1)]
+        there = shaft + mark_positions(angles, problem.lengths_m * stretch, stretched)[seen.planned]
+        near = offsets[seen.planned]
+        # A mark nearer to the camera is seen farther from the foot of the camera's normal on the plane.
+        wider = (1.0 + near / (away - near))[:, None]
+        miss = seen.places_m - foot - (there - foot) * wider
+        own = np.array([_mark_jacobian(plan.marks[index], angles, stretch, problem.lengths_m) for index in seen.planned])
+        block = np.zeros((len(near), 2, len(values)))
+        block[:, :, links * place : links * (place + 1)] = own[:, :, :links]
+        block[:, :, free : free + 2 + links] = own[:, :, links:]
+        block *= wider[:, None]
+        for row, index in enumerate(seen.planned):
+            block[row, :, free + 2 + links + index] = (there[row] - foot) * away / (away - near[row]) ** 2
+        rows.append((seen.whitening @ miss[..., None]).ravel())
+        blocks.append((seen.whitening @ block).reshape(-1, len(values)))
+        misses.append(miss.ravel())
+    return np.concatenate(rows), np.concatenate(blocks), misses
 
 
 def _mark_jacobian(mark: PlannedMark, angles: Floats, stretch: Floats, lengths_m: Floats) -> Floats:
@@ -181,3 +356,64 @@ def _determined(angles_rad: Floats, covariance: Floats) -> tuple[tuple[float | N
     shown = np.where(determined[:, None] & determined[None, :], covariance, np.nan)
     angles = tuple(float(angle) if ok else None for angle, ok in zip(angles_rad, determined, strict=True))
     return angles, tuple(float(value) if ok else None for value, ok in zip(std, determined, strict=True)), shown
+
+
+def _photo_angles(problem: _Problem, fit: _Solution, place: int) -> HingeAngles:
+    """Angles of one photo; a photo that fits badly gets larger deviations (Birge ratio)."""
+    links = len(problem.lengths_m)
+    here = slice(links * place, links * (place + 1))
+    angles, covariance, bends = fit.values[here], fit.covariance[here, here] * fit.scale[place], _bends(links)
+    return HingeAngles(*_determined(angles, covariance), *_determined(bends @ angles, bends @ covariance @ bends.T))
+
+
+def _ranges(told: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Floats:
+    """Smallest and largest angle of each hinge (links, 2) over the photos whose marks determine it; NaN without any."""
+    rows = [
+        [np.nan if sure is None or angle is None else angle for angle, sure in zip(one.hinge_rad, marks.hinge_rad, strict=True)]
+        for one, marks in zip(told, direct, strict=True)
+    ]
+    angles = np.array(rows, np.float64)
+    empty = np.isnan(angles).all(axis=0)
+    low, high = np.where(np.isnan(angles), np.inf, angles).min(axis=0), np.where(np.isnan(angles), -np.inf, angles).max(axis=0)
+    return np.where(empty[:, None], np.nan, np.column_stack([low, high]))
+
+
+def _only_certain(angles: HingeAngles, direct: HingeAngles, ranges_rad: Floats) -> HingeAngles:
+    """The angles, without those from lengths whose reflection the other photos of the leg, with `ranges_rad` (links, 2), do not exclude."""
+    hinges = [k for k, sure in enumerate(direct.hinge_rad) if sure is None]
+    links = [k for k, sure in enumerate(direct.link_rad) if sure is None]
+    if all(angles.hinge_rad[k] is None for k in hinges):
+        return angles
+    # Hinges between two links that the marks do not determine: a reflection turns them the other way.
+    middles = [k for k in links if k - 1 in links] or hinges
+    values = np.array([np.nan if angles.hinge_rad[k] is None else angles.hinge_rad[k] for k in middles], np.float64)
+    low, high = ranges_rad[middles, 0] - NEAR_OTHERS_RAD, ranges_rad[middles, 1] + NEAR_OTHERS_RAD
+    is_usual = (low <= values) & (values <= high)
+    is_reflection_usual = (low <= -values) & (-values <= high)
+    if bool(np.all(is_usual & ~is_reflection_usual)):
+        return angles
+    return HingeAngles(
+        *_without(angles.link_rad, angles.link_std_rad, angles.link_covariance_rad2, links),
+        *_without(angles.hinge_rad, angles.hinge_std_rad, angles.hinge_covariance_rad2, hinges),
+    )
+
+
+def _without(
+    angles_rad: Sequence[float | None], std_rad: Sequence[float | None], covariance: Floats, gone: Sequence[int]
+) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
+    shown = covariance.copy()
+    shown[list(gone)] = np.nan
+    shown[:, list(gone)] = np.nan
+    kept = [tuple(None if k in gone else value for k, value in enumerate(values)) for values in (angles_rad, std_rad)]
+    return kept[0], kept[1], shown
+
+
+def _offsets(problem: _Problem, fit: _Solution) -> tuple[Floats, Floats]:
+    """Offsets (marks,) m from their mean, and standard deviations (marks,); a common offset is one of the camera's calibration."""
+    seen = np.array(sorted({index for photo in problem.photos for index in photo.planned}))
+    first = problem.free + 2 + len(problem.lengths_m)
+    centring = np.eye(len(seen)) - 1.0 / len(seen)
+    covariance = centring @ fit.covariance[np.ix_(first + seen, first + seen)] @ centring.T
+    offsets, std = np.full(len(problem.plan.marks), np.nan), np.full(len(problem.plan.marks), np.nan)
+    offsets[seen], std[seen] = centring @ fit.values[first + seen], np.sqrt(np.diag(covariance))
+    return offsets, std

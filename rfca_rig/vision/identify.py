@@ -15,7 +15,7 @@ from rfca_rig.vision.assignment import Candidates, MarkAssignment, Tolerances, a
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.chain_bounds import ChainBounds, chain_bounds
 from rfca_rig.vision.leg_marks import MarkPlan
-from rfca_rig.vision.marks import Mark
+from rfca_rig.vision.marks import Mark, RejectedPatch
 
 Floats = NDArray[np.float64]
 
@@ -33,8 +33,10 @@ MIN_RUN = 2
 MIN_SEEN = 0.5
 # A red thing this near to where a missing mark may be is reported as misplaced.
 MISPLACED_WITHIN_M = 0.02
+# A red patch without a measured centre may be this far from where the lengths allow the mark: half a mark.
+REJECTED_WITHIN_M = 0.004
 
-Kind = Literal["missing", "misplaced", "extra", "ambiguous", "refused"]
+Kind = Literal["missing", "dropped", "misplaced", "extra", "ambiguous", "refused"]
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,7 @@ def identify(
     plan: MarkPlan,
     link_lengths_m: Sequence[float],
     *,
+    rejected: Sequence[RejectedPatch] = (),
     hinge_range_rad: float = HINGE_RANGE_RAD,
     length_std_m: float = LENGTH_STD_M,
     shaft_std_m: float = SHAFT_STD_M,
@@ -82,6 +85,8 @@ def identify(
         Where the marks are on the leg.
     link_lengths_m : sequence of n floats
         From the shaft outwards.
+    rejected : sequence of RejectedPatch
+        Red patches that are no marks, to say of a missing mark why it was not measured.
     hinge_range_rad : float
         Largest angle of a hinge, in either direction.
     length_std_m : float
@@ -115,7 +120,8 @@ def identify(
     reasons = dict.fromkeys(_find_odd_sized(best, candidates, marks), "the red mark there differs in size from the others")
     reasons |= dict.fromkeys(_find_loose(best, doubtful, bounds), "a red mark is there, but too loosely tied to the marks before it")
     reasons |= dict.fromkeys(doubtful, "two readings of the photo fit about equally well")
-    return _report(marks, best, reasons, plan, _describe_near_misses(best, candidates, bounds, plan))
+    nearly = _describe_near_misses(best, candidates, bounds, plan)
+    return _report(marks, best, reasons, plan, nearly, _describe_rejected(best, candidates, bounds, rejected, camera))
 
 
 def _candidates(marks: Sequence[Mark], camera: CameraModel, plan: MarkPlan) -> Candidates:
@@ -158,14 +164,19 @@ def _find_odd_sized(best: MarkAssignment, candidates: Candidates, marks: Sequenc
 
 
 def _report(
-    marks: Sequence[Mark], best: MarkAssignment, reasons: dict[int, str], plan: MarkPlan, nearly: dict[int, str]
+    marks: Sequence[Mark],
+    best: MarkAssignment,
+    reasons: dict[int, str],
+    plan: MarkPlan,
+    nearly: dict[int, str],
+    dropped: dict[int, str],
 ) -> IdentifiedMarks:
     chosen = tuple(marks[found] if found >= 0 and i not in reasons else None for i, found in enumerate(best.chosen))
     doubts = [MarkDoubt("ambiguous", i, f"{plan.name(i)}: {words}") for i, words in sorted(reasons.items())]
     for i, found in enumerate(best.chosen):
         if found < 0 and i not in reasons:
-            near = nearly.get(i)
-            doubts.append(MarkDoubt("misplaced" if near else "missing", i, f"{plan.name(i)}: {near or 'not seen'}"))
+            kind: Kind = "dropped" if i in dropped else "misplaced" if i in nearly else "missing"
+            doubts.append(MarkDoubt(kind, i, f"{plan.name(i)}: {dropped.get(i) or nearly.get(i) or 'not seen'}"))
     extra = tuple(mark for number, mark in enumerate(marks) if number not in best.chosen)
     doubts += [MarkDoubt("extra", None, f"red mark at ({mark.px[0]:.0f}, {mark.px[1]:.0f}) px is none of the leg's") for mark in extra]
     return IdentifiedMarks(chosen, extra, tuple(doubts))
@@ -190,4 +201,22 @@ def _describe_near_misses(best: MarkAssignment, candidates: Candidates, bounds: 
                 else "where other marks or its size speak against it"
             )
             reports[i] = f"a red mark is there, but {off}"
+    return reports
+
+
+def _describe_rejected(
+    best: MarkAssignment, candidates: Candidates, bounds: ChainBounds, rejected: Sequence[RejectedPatch], camera: CameraModel
+) -> dict[int, str]:
+    """For missing marks, why the red patch at a place that both neighbours allow was not measured, in words."""
+    places = camera.on_plane(np.array([patch.px for patch in rejected])) if rejected else np.zeros((0, 2))
+    reports = {}
+    for i in (i for i, found in enumerate(best.chosen) if found < 0):
+        before = max((j for j in range(i) if best.chosen[j] >= 0), default=None)
+        after = min((j for j in range(i + 1, len(best.chosen)) if best.chosen[j] >= 0), default=None)
+        ties = [(0, np.zeros(2))] if before is None else [(before + 1, candidates.places_m[best.chosen[before]])]
+        ties += [] if after is None else [(after + 1, candidates.places_m[best.chosen[after]])]
+        for patch, place in zip(rejected, places, strict=True):
+            off = [bounds.excess_m(min(other, i + 1), max(other, i + 1), float(np.linalg.norm(place - there))) for other, there in ties]
+            if max(map(abs, off)) < REJECTED_WITHIN_M:
+                reports[i] = f"found at ({patch.px[0]:.0f}, {patch.px[1]:.0f}) px, but not used: {patch.reason}"
     return reports

@@ -17,11 +17,10 @@ from rfca_rig.vision.red_mask import Patch, Pixels, red_patches, redness, rim_pi
 from rfca_rig.vision.rim import (
     GLARE,
     SMOOTHING_PX,
-    Rays,
     cast_rays,
     color_bleed_share,
-    is_beside_glare,
     is_oblique,
+    measure_glare,
     measure_levels,
     rim_points,
 )
@@ -39,6 +38,16 @@ SIZE_SPREAD = 0.4
 BORDER_PX = 2.0
 # Error that remains however sharp the photo is: pixels, and the blocks of JPEG, in which whole rims err together.
 PIXEL_FLOOR_PX = 0.02
+# Smoothing of the whiteness, in diameters: glints are wider than noise.
+WHITE_SMOOTHING = 0.06
+# Standard deviations of the noise from which something is a glint.
+GLARE_SIGMAS = 5.0
+# Share of the rim from which glare is left out, and factors of the limit up to which it is used where less is left.
+ENOUGH_RIM, MORE_GLARE = 0.7, (2.0, 4.0, np.inf)
+# Error of the centre over the amplitude of the rim's slow deviations: 1.6 to 2.5 in ray-traced photos of six kinds of light and focus.
+WAVE_ERROR = 1.7
+# Error of the centre of a mark whose whole rim is beside glare, in radii.
+GLARE_ERROR = 0.02
 # Error of the centre of a half hidden mark, in radii: the rim near a cover's edge is shifted along with it.
 COVER_ERROR = 0.012
 
@@ -61,6 +70,23 @@ class Mark:
     def whole(self) -> bool:
         """Whether practically nothing of the mark is hidden."""
         return self.roundness >= WHOLE
+
+
+@dataclass(frozen=True)
+class RejectedPatch:
+    """A red patch at `px` (2,) that was found and not measured as a mark, and the reason in words."""
+
+    px: Floats
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Rim:
+    """Rim points px (n, 2), the number of rays that looked for them, and the share of the points that are beside a glare."""
+
+    px: Floats
+    rays: int
+    glare_share: float
 
 
 @dataclass(frozen=True)
@@ -98,6 +124,11 @@ def find_marks(image_bgr_uint8: Pixels, expected_diameter_px: float) -> tuple[Ma
     BadInput
         For a picture of another kind, and for marks that are too small to measure.
     """
+    return find_marks_and_rejected(image_bgr_uint8, expected_diameter_px)[0]
+
+
+def find_marks_and_rejected(image_bgr_uint8: Pixels, expected_diameter_px: float) -> tuple[tuple[Mark, ...], tuple[RejectedPatch, ...]]:
+    """As `find_marks` for a photo (height, width, 3), with the red patches of about a mark's size that were not measured, and why."""
     if image_bgr_uint8.ndim != 3 or image_bgr_uint8.shape[2] != 3 or image_bgr_uint8.dtype != np.uint8:
         raise BadInput(f"photo: expected 8 bit colour (height, width, 3), not {image_bgr_uint8.dtype} {image_bgr_uint8.shape}")
     if not expected_diameter_px >= 6.0:
@@ -106,8 +137,16 @@ def find_marks(image_bgr_uint8: Pixels, expected_diameter_px: float) -> tuple[Ma
     cutouts = [_cutout(image_bgr_uint8, patch, expected_diameter_px) for patch in patches]
     alone = [_fit_alone(cutout, patch, expected_diameter_px / 2) for cutout, patch in zip(cutouts, patches, strict=True)]
     shape = _estimate_shape([found for found in alone if found], expected_diameter_px / 2)
-    marks = [_mark(cutout, found, shape) for cutout, found in zip(cutouts, alone, strict=True) if found]
-    return _without_duplicates([mark for mark in marks if mark])
+    waves = [found.waves_px for found in alone if found and np.isfinite(found.waves_px)]
+    typical_waves_px = float(np.median(waves)) if waves else 0.0
+    results = [_mark(cutout, found, shape, typical_waves_px) for cutout, found in zip(cutouts, alone, strict=True)]
+    marks = _without_duplicates([mark for mark in results if isinstance(mark, Mark)])
+    rejected = [
+        RejectedPatch(np.array(patch.middle_px), reason)
+        for patch, reason in zip(patches, results, strict=True)
+        if isinstance(reason, str) and all(np.linalg.norm(mark.px - patch.middle_px) > 0.5 * mark.diameter_px for mark in marks)
+    ]
+    return marks, tuple(rejected)
 
 
 def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
@@ -117,7 +156,10 @@ def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
     left, top = max(0, int(x - reach)), max(0, int(y - reach))
     piece = image[top : int(y + reach) + 2, left : int(x + reach) + 2]
     pictures = (rim_picture(piece), redness(piece), whiteness(piece))
-    rims, red, white = (np.asarray(cv2.GaussianBlur(picture, (0, 0), SMOOTHING_PX), np.float32) for picture in pictures)
+    widths = (SMOOTHING_PX, SMOOTHING_PX, max(SMOOTHING_PX, WHITE_SMOOTHING * diameter_px))
+    rims, red, white = (
+        np.asarray(cv2.GaussianBlur(picture, (0, 0), width), np.float32) for picture, width in zip(pictures, widths, strict=True)
+    )
     corner = np.array([left, top], dtype=np.float64)
     last = np.array(image.shape[1::-1], dtype=np.float64) - 1.0
     return _Cutout(rims, red, white, corner, np.stack([BORDER_PX - corner, last - BORDER_PX - corner]))
@@ -125,30 +167,39 @@ def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
 
 def _fit_alone(cutout: _Cutout, patch: Patch, radius_px: float) -> MarkOutline | None:
     """First outline of a patch, with a free shape; its centre is in cutout coordinates."""
-    points, _ = _rim(cutout, np.array(patch.middle_px) - cutout.corner_px, radius_px)
+    rim = _rim(cutout, np.array(patch.middle_px) - cutout.corner_px, radius_px)
     # A fixed seed: the same photo always gives the same marks.
-    circle = likely_circle(points, radius_px, SIZE_SPREAD, np.random.default_rng(0))
+    circle = likely_circle(rim.px, radius_px, SIZE_SPREAD, np.random.default_rng(0))
     if circle is None:
         return None
-    return _measure(cutout, circle[:2], Shape(float(circle[2])))
+    return _measure(cutout, circle[:2], Shape(float(circle[2])))[0]
 
 
-def _measure(cutout: _Cutout, middle: Floats, shape: Shape) -> MarkOutline | None:
-    points, rays = _rim(cutout, middle, shape.radius_px, square=True)
-    return fit_outline(points, middle, shape, len(rays.directions)) if len(points) else None
+def _measure(cutout: _Cutout, middle: Floats, shape: Shape) -> tuple[MarkOutline | None, _Rim]:
+    rim = _rim(cutout, middle, shape.radius_px, square=True)
+    return (fit_outline(rim.px, middle, shape, rim.rays) if len(rim.px) else None), rim
 
 
-def _rim(cutout: _Cutout, middle: Floats, radius_px: float, square: bool = False) -> tuple[Floats, Rays]:
-    """Rim points (n, 2) as seen from a centre, and their rays; points beside a glare, at the border or askew are rejected."""
+def _rim(cutout: _Cutout, middle: Floats, radius_px: float, square: bool = False) -> _Rim:
+    """Rim points as seen from a centre; points beside a glare, at the border or askew are rejected.
+
+    Where glare, such as the sheen of a glossy mark, leaves too little of the rim, its mildest parts are used as well.
+    """
     rays = cast_rays(cutout.rims, middle, radius_px)
     white = cast_rays(cutout.white, middle, radius_px)
     level = measure_levels(rays, white, radius_px)
     points = rim_points(rays, level.half)
-    spoilt = is_beside_glare(points, white, radius_px, GLARE * max(MIN_CONTRAST_COUNTS, level.contrast))
-    spoilt |= ((points.px < cutout.inside_px[0]) | (points.px > cutout.inside_px[1])).any(axis=1)
+    spoilt = ((points.px < cutout.inside_px[0]) | (points.px > cutout.inside_px[1])).any(axis=1)
     if square:
         spoilt |= is_oblique(points, middle, cutout.rims)
-    return points.px[~spoilt], rays
+    glare, noise = measure_glare(points, white, radius_px)
+    limit = max(GLARE * max(MIN_CONTRAST_COUNTS, level.contrast), GLARE_SIGMAS * noise)
+    kept = ~spoilt & (glare <= limit)
+    for factor in MORE_GLARE:
+        if kept.sum() >= ENOUGH_RIM * len(rays.directions):
+            break
+        kept = ~spoilt & (glare <= factor * limit)
+    return _Rim(points.px[kept], len(rays.directions), float((glare[kept] > limit).mean()) if kept.any() else 0.0)
 
 
 def _estimate_shape(found: Sequence[MarkOutline], radius_px: float) -> Shape:
@@ -160,18 +211,27 @@ def _estimate_shape(found: Sequence[MarkOutline], radius_px: float) -> Shape:
     return Shape(float(np.median([outline.radius_px for outline in whole])), (float(bend[0]), float(bend[1])), 0.04, 0.006)
 
 
-def _mark(cutout: _Cutout, found: MarkOutline, shape: Shape) -> Mark | None:
-    outline = _measure(cutout, found.middle_px, shape)
+def _mark(cutout: _Cutout, found: MarkOutline | None, shape: Shape, typical_waves_px: float) -> Mark | str:
+    """The measured mark, or why it is none."""
+    if found is None:
+        return "no round rim"
+    outline, rim = _measure(cutout, found.middle_px, shape)
     if outline is None:
-        return None
+        return "hardly any of its rim is seen"
     rays, red = (cast_rays(picture, outline.middle_px, outline.radius_px) for picture in (cutout.rims, cutout.red))
     level = measure_levels(rays, cast_rays(cutout.white, outline.middle_px, outline.radius_px), outline.radius_px)
     roundness = outline.seen
-    if color_bleed_share(red, outline.radius_px) > MAX_SPILL or roundness < MIN_ROUNDNESS or level.contrast < MIN_CONTRAST_COUNTS:
-        return None
+    if color_bleed_share(red, outline.radius_px) > MAX_SPILL:
+        return "it touches another red thing"
+    if roundness < MIN_ROUNDNESS:
+        return f"only {roundness:.0%} of its rim is seen, at least {MIN_ROUNDNESS:.0%}"
+    if level.contrast < MIN_CONTRAST_COUNTS:
+        return f"too dark, {level.contrast:.0f} counts of contrast, at least {MIN_CONTRAST_COUNTS:g}"
     # Errors that the scatter of the rim points does not show; the second term grows with the hidden share.
-    systematic = PIXEL_FLOOR_PX + COVER_ERROR * outline.radius_px * (1.0 - roundness) / 0.5
-    std = np.sqrt(np.diag(outline.covariance_px2) + systematic**2)
+    systematic = PIXEL_FLOOR_PX + outline.radius_px * (COVER_ERROR * (1.0 - roundness) / 0.5 + GLARE_ERROR * rim.glare_share)
+    own = outline.waves_px if np.isfinite(outline.waves_px) else typical_waves_px
+    waves = WAVE_ERROR * np.hypot(own, typical_waves_px) / np.sqrt(2.0)
+    std = np.sqrt(np.diag(outline.covariance_px2) + systematic**2 + waves**2)
     return Mark(outline.middle_px + cutout.corner_px, std, 2 * outline.radius_px, roundness, level.contrast)
 
 

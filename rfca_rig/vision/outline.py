@@ -19,6 +19,8 @@ TUKEY = 4.0
 MIN_SCATTER_PX = 0.03
 # Smoothing and blur correlate the errors of neighbouring rim points: so many count as one.
 NEIGHBOURS_SHARE_NOISE = 3.0
+# Orders of the rim's slow deviations, and the share of the rim that must be seen to tell them apart.
+WAVE_ORDERS, WAVES_SEEN = (3, 4, 5, 6), 0.8
 
 
 @dataclass(frozen=True)
@@ -36,13 +38,18 @@ class Shape:
 
 @dataclass(frozen=True)
 class MarkOutline:
-    """Centre (2,) px with its covariance (2, 2) px2, radius px, bend (2,), and the share of the rim that lies on the outline."""
+    """Centre (2,) px with its covariance (2, 2) px2, radius px, bend (2,), and the share of the rim that lies on the outline.
+
+    `waves_px` is the root mean square amplitude of the Fourier terms of WAVE_ORDERS of the rim's deviations from the outline; NaN where
+    too little of the rim is seen.
+    """
 
     middle_px: Floats
     covariance_px2: Floats
     radius_px: float
     bend: tuple[float, float]
     seen: float
+    waves_px: float
 
 
 def likely_circle(points: Floats, radius_px: float, spread: float, random: np.random.Generator) -> Floats | None:
@@ -109,7 +116,13 @@ def fit_outline(points: Floats, start_px: Floats, shape: Shape, rays: int) -> Ma
         values = values + np.linalg.solve(information, pull)
     seen = min(1.0, float((weights > 0.2).sum()) / rays)
     covariance = np.asarray(np.linalg.inv(information)[:2, :2], np.float64)
-    return MarkOutline(values[:2], covariance, float(values[2]), (float(values[3]), float(values[4])), seen)
+    # An error of the centre is the Fourier term of order 1 of the rim, which the fit hides; what disturbs a rim has higher orders as well.
+    residual, _ = _residuals(points, values)
+    on_rim = np.abs(residual) < TUKEY * scatter
+    turn = np.arctan2(points[on_rim, 1] - values[1], points[on_rim, 0] - values[0])
+    terms = np.column_stack([wave(order * turn) for order in WAVE_ORDERS for wave in (np.cos, np.sin)])
+    waves = float(np.sqrt(np.mean(np.linalg.lstsq(terms, residual[on_rim], rcond=None)[0] ** 2))) if seen > WAVES_SEEN else np.nan
+    return MarkOutline(values[:2], covariance, float(values[2]), (float(values[3]), float(values[4])), seen, waves)
 
 
 def _residuals(points: Floats, values: Floats) -> tuple[Floats, Floats]:

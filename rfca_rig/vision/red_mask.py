@@ -11,12 +11,14 @@ Floats = NDArray[np.float64]
 
 # Diameter of a mark in the picture that is searched for patches; larger pictures are reduced first.
 SEARCH_DIAMETER_PX = 14.0
-MIN_COUNTS = 12.0
-# Share of the brightest mark's redness from which a patch counts: light may fall off by this much over the picture.
-MIN_SHARE = 0.2
+MIN_COUNTS = 8.0
+# Shares of the brightest red thing's redness at which patches are searched: marks in shadow have a tenth of it, a cable may have more.
+SHARES = (0.5, 0.2, 0.08)
 BRIGHTEST_PERCENTILE = 99.97
-# Width of a cut that is closed, in diameters: a glint may cut a mark in two.
-GAP_SHARE = 0.35
+# Widths of the cuts that are closed, in diameters: a glint may cut a mark in two, but a cable beside a mark must not join it.
+GAP_SHARES = (0.2, 0.35)
+# Patches nearer to each other than this share of a diameter are one mark.
+SAME_SHARE = 0.25
 RED_PEAK_PERCENTILE = 97.0
 # Whiteness up to which surroundings count as black, as a share of the mark's redness.
 DARK_SHARE = 0.5
@@ -58,19 +60,32 @@ def rim_picture(image_bgr: Pixels) -> NDArray[np.float32]:
 def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, ...]:
     """Connected red patches of about a mark's size in a photo (height, width, 3), in picture order.
 
-    The threshold is relative to the reddest part of the photo.
+    Patches are searched at several thresholds, relative to the reddest part of the photo. Shadows make marks darker than others, and a
+    mark and a cable beside it are separate at some thresholds only.
     """
     shrink = max(1, int(expected_diameter_px / SEARCH_DIAMETER_PX))
     small = _shrink(image_bgr, shrink)
     diameter = expected_diameter_px / shrink
     red = cv2.GaussianBlur(redness(small), (0, 0), max(0.6, diameter / 14.0))
-    threshold = max(MIN_COUNTS, MIN_SHARE * float(np.percentile(red, BRIGHTEST_PERCENTILE)))
+    brightest = float(np.percentile(red, BRIGHTEST_PERCENTILE))
+    patches: list[Patch] = []
+    for threshold in sorted({max(MIN_COUNTS, share * brightest) for share in SHARES}, reverse=True):
+        found = (red > threshold).astype(np.uint8)
+        for gap in GAP_SHARES:
+            _, _, boxes, middles = cv2.connectedComponentsWithStats(_close_cuts(found, gap * diameter), connectivity=8)
+            # Component 0 is the background.
+            own = (_patch(box, middle, shrink) for box, middle in zip(boxes[1:], middles[1:], strict=True))
+            patches += [patch for patch in own if _has_size_of_mark(patch, expected_diameter_px)]
+    return _without_repeats(patches, expected_diameter_px)
 
-    mask = _close_cuts((red > threshold).astype(np.uint8), diameter)
-    _, _, boxes, middles = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    # Component 0 is the background.
-    patches = (_patch(box, middle, shrink) for box, middle in zip(boxes[1:], middles[1:], strict=True))
-    return tuple(patch for patch in patches if _has_size_of_mark(patch, expected_diameter_px))
+
+def _without_repeats(patches: list[Patch], diameter_px: float) -> tuple[Patch, ...]:
+    """Of patches at nearly the same place, the one whose size is nearest to a mark's, from top to bottom."""
+    unique: list[Patch] = []
+    for patch in sorted(patches, key=lambda patch: sum(abs(np.log(side / diameter_px)) for side in patch.sides_px)):
+        if all(np.hypot(*np.subtract(patch.middle_px, other.middle_px)) > SAME_SHARE * diameter_px for other in unique):
+            unique.append(patch)
+    return tuple(sorted(unique, key=lambda patch: patch.middle_px[::-1]))
 
 
 def _shrink(image_bgr: Pixels, shrink: int) -> Pixels:
@@ -81,8 +96,8 @@ def _shrink(image_bgr: Pixels, shrink: int) -> Pixels:
     return np.asarray(cv2.resize(whole, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _close_cuts(mask: Pixels, diameter_px: float) -> Pixels:
-    size = max(3, round(GAP_SHARE * diameter_px) | 1)
+def _close_cuts(mask: Pixels, gap_px: float) -> Pixels:
+    size = max(3, round(gap_px) | 1)
     return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))), np.uint8)
 
 

@@ -33,8 +33,12 @@ EVEN_SHARE = 0.6
 # Largest angle between the gradient at a rim point and its ray.
 SQUARE_WITHIN_RAD = float(np.radians(18.0))
 DIRECTION_SMOOTHING_PX = 1.0
+# Share of the rays over which the level of the surroundings is taken, on either side of a ray.
+NEIGHBOUR_SHARE = 0.06
 # The ring in which a mark's surroundings are black, in radii.
 SPILL_FROM, SPILL_TO = 1.35, 1.65
+# Redness between a disc and another red thing, as a share of the disc's, from which they touch.
+TOUCHING_SHARE = 0.4
 
 
 @dataclass(frozen=True)
@@ -49,15 +53,15 @@ class Rays:
 
 @dataclass(frozen=True)
 class Levels:
-    """Redness just inside the rim along each ray, `inside` (rays,), and outside the disc."""
+    """Redness just inside the rim along each ray, `inside` (rays,), and just outside it, `outside` (rays,)."""
 
     inside: Floats
-    outside: float
+    outside: Floats
 
     @property
     def contrast(self) -> float:
         """The step at the rim, in counts."""
-        return float(np.median(self.inside)) - self.outside
+        return float(np.median(self.inside - self.outside))
 
     @property
     def half(self) -> Floats:
@@ -89,24 +93,35 @@ def cast_rays(picture: NDArray[np.float32], middle_px: Floats, radius_px: float)
 
 
 def measure_levels(rays: Rays, white: Rays, radius_px: float) -> Levels:
-    """Red levels inside and outside, each as a median; inside, a plane follows uneven light across the mark. Glints are excluded.
+    """Red levels inside and outside, without glints; inside, a plane follows uneven light across the mark.
 
-    `white` are the same rays in the picture's whiteness.
+    Outside, the level follows the surroundings: sheen on a shell, or the edge of the shell, changes them along the rim. `white` are the
+    same rays in the picture's whiteness.
     """
-    outside = float(np.median(rays.counts[:, _between(rays, SPILL_FROM * radius_px, SPILL_TO * radius_px)]))
+    beyond = rays.counts[:, _between(rays, SPILL_FROM * radius_px, SPILL_TO * radius_px)]
+    outside = float(np.median(beyond))
     ring = _between(rays, *(share * radius_px for share in CORE))
     core, lightness = rays.counts[:, ring], white.counts[:, ring]
     # A high percentile: covered parts of the core do not lower it.
     contrast = float(np.percentile(core, 85.0)) - outside
+    around = _median_of_neighbours(np.median(beyond, axis=1))
+    # Where the surroundings are nearly as red as the disc, another red thing is there: no level of the surroundings.
+    around = np.where(around > outside + 0.5 * contrast, outside, around)
     plain = (core > outside + 0.5 * contrast) & (lightness < disc_whiteness(white, radius_px) + GLARE * contrast)
     if not plain.any():
-        return Levels(np.full(len(core), outside), outside)
+        return Levels(np.full(len(core), outside), around)
     typical = float(np.median(core[plain]))
     # Too little of the core is free of glints for a plane: one level for all rays.
     if plain.mean() < EVEN_SHARE:
-        return Levels(np.full(len(core), typical), outside)
+        return Levels(np.full(len(core), typical), around)
     at = rays.directions[:, None, :] * rays.radii_px[ring][None, :, None]
-    return Levels(typical + rays.directions @ _slope(at[plain], core[plain] - typical) * radius_px, outside)
+    return Levels(typical + rays.directions @ _slope(at[plain], core[plain] - typical) * radius_px, around)
+
+
+def _median_of_neighbours(values: Floats) -> Floats:
+    """Median (rays,) over the rays on either side of each."""
+    reach = max(1, round(NEIGHBOUR_SHARE * len(values)))
+    return np.asarray(np.median([np.roll(values, turn) for turn in range(-reach, reach + 1)], axis=0))
 
 
 def disc_whiteness(white: Rays, radius_px: float) -> float:
@@ -135,14 +150,20 @@ def rim_points(rays: Rays, half: Floats) -> RimPoints:
     return RimPoints(rays.middle_px + rays.directions[ray] * radius[:, None], ray, step)
 
 
-def is_beside_glare(points: RimPoints, white: Rays, radius_px: float, threshold_counts: float) -> Flags:
-    """Flags (n,) of rim points near something lighter than disc and surroundings: it distorts the rim, or is mistaken for it."""
-    around = float(np.median(white.counts[:, _between(white, SPILL_FROM * radius_px, SPILL_TO * radius_px)]))
+def measure_glare(points: RimPoints, white: Rays, radius_px: float) -> tuple[Floats, float]:
+    """By how many counts the lightest thing near each rim point is lighter than disc and surroundings (n,), and the noise of that.
+
+    Something light distorts the rim, or is mistaken for it. `white` must be smoothed so much that noise is not taken for a glint.
+    """
+    beyond = white.counts[:, _between(white, SPILL_FROM * radius_px, SPILL_TO * radius_px)]
+    around = float(np.median(beyond))
+    # 1.4826 makes the median of absolute values a standard deviation of normal noise.
+    noise = 1.4826 * float(np.median(np.abs(beyond - _median_of_neighbours(np.median(beyond, axis=1))[:, None])))
     reach = round(max(GLARE_REACH_PX, GLARE_REACH * radius_px) / STEP_PX)
     near = np.clip(points.step[:, None] + np.arange(-reach, reach), 0, white.counts.shape[1] - 1)
     # The neighbouring rays count too: a glint between two rays is not missed.
     lightest = [white.counts[(points.ray[:, None] + turn) % len(white.counts), near].max(axis=1) for turn in (-1, 0, 1)]
-    return np.asarray(np.max(lightest, axis=0) > max(around, disc_whiteness(white, radius_px)) + threshold_counts)
+    return np.max(lightest, axis=0) - max(around, disc_whiteness(white, radius_px)), noise
 
 
 def is_oblique(points: RimPoints, middle_px: Floats, red: NDArray[np.float32]) -> Flags:
@@ -162,7 +183,8 @@ def is_oblique(points: RimPoints, middle_px: Floats, red: NDArray[np.float32]) -
 
 
 def color_bleed_share(redness: Rays, radius_px: float) -> float:
-    """Share of the rays that are still red well outside the rim; more than a few mean that the disc touches another red thing."""
+    """Share of the rays that stay red from the rim to well outside; more than a few mean that the disc touches another red thing."""
     own = float(np.median(redness.counts[:, _between(redness, *(share * radius_px for share in CORE))]))
-    beyond = redness.counts[:, _between(redness, SPILL_FROM * radius_px, SPILL_TO * radius_px)]
-    return float((np.median(beyond, axis=1) > 0.5 * own).mean())
+    # The lowest value on the way: behind a dark gap, another red thing leaves the rim alone.
+    beyond = redness.counts[:, _between(redness, radius_px, SPILL_FROM * radius_px)].min(axis=1)
+    return float((beyond > TOUCHING_SHARE * own).mean())

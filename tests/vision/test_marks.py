@@ -1,12 +1,14 @@
 """Middles of marks on drawn photos: how far off they are, and whether the finder knows it."""
 
+import cv2
 import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.camera_model import Floats
+from rfca_rig.vision.identify import identify
 from rfca_rig.vision.leg_marks import mark_positions
-from rfca_rig.vision.marks import Mark, find_marks
+from rfca_rig.vision.marks import Mark, find_marks, find_marks_and_rejected
 from tests.vision.drawing import Look, draw
 from tests.vision.scenes import LENGTHS_M, PLAN, camera, pose
 
@@ -93,3 +95,43 @@ def test_a_mark_that_touches_another_red_disc_is_not_measured() -> None:
         true_px = model.project(places)
         assert len(found) == 7
         assert all(np.linalg.norm(mark.px - true_px, axis=1).min() < 0.2 for mark in found)
+
+
+def paint(things: list[tuple[float, float, float, tuple[int, int, int]]], noise: float = 2.0) -> np.ndarray:
+    """Picture (300, 400, 3) with discs (x, y, radius px, BGR) on black."""
+    fine = np.full((1200, 1600, 3), 25, np.uint8)
+    for x, y, radius, colour in things:
+        cv2.circle(fine, (round(4 * x), round(4 * y)), round(4 * radius), colour, -1)
+    picture = cv2.GaussianBlur(cv2.resize(fine, (400, 300), interpolation=cv2.INTER_AREA), (0, 0), 0.8)
+    return np.clip(picture + np.random.default_rng(0).normal(0.0, noise, picture.shape), 0, 255).astype(np.uint8)
+
+
+def test_a_mark_in_cool_shadow_is_found_beside_a_bright_one() -> None:
+    marks = find_marks(paint([(100, 100, 13, (30, 30, 240)), (250, 150, 13, (46, 34, 70))]), 26.0)
+    assert len(marks) == 2
+    np.testing.assert_allclose(marks[1].px, [250, 150], atol=0.6)
+
+
+def test_a_red_cable_beside_a_mark_does_not_hide_it() -> None:
+    picture = paint([(150, 150, 13, (30, 30, 220))])
+    cable = cv2.line(picture.copy(), (172, 0), (172, 299), (30, 30, 220), 6, cv2.LINE_AA)
+    (mark,) = find_marks(cable, 26.0)
+    np.testing.assert_allclose(mark.px, [150, 150], atol=0.5)
+
+
+def test_noise_of_a_dark_photo_is_no_glare() -> None:
+    marks = find_marks(paint([(100, 100, 13, (22, 22, 75)), (250, 150, 13, (22, 22, 75))], noise=7.0), 26.0)
+    assert [mark.whole for mark in marks] == [True, True]
+
+
+def test_what_was_found_and_not_measured_is_said() -> None:
+    random, model = np.random.default_rng(4), camera(1000)
+    angles = pose(random)
+    places = mark_positions(angles, LENGTHS_M, PLAN)
+    photo = draw(angles, LENGTHS_M, PLAN, model, Look(covers=((3, 0.5, 0.7),)), random)
+    marks, rejected = find_marks_and_rejected(photo, float(np.mean(model.disc_diameter_px(places, PLAN.diameter_m))))
+    assert len(marks) == 7
+    assert "rim is seen" in rejected[0].reason
+    (doubt,) = identify(marks, model, PLAN, LENGTHS_M.tolist(), rejected=rejected).doubts
+    assert (doubt.kind, doubt.planned) == ("dropped", 3)
+    assert "found at" in doubt.words

@@ -1,0 +1,116 @@
+"""Several photos of one leg fitted together: marks out of the plane are found and corrected, hidden ones replaced, misfits refused."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from rfca_rig.vision.camera_model import Floats
+from rfca_rig.vision.hinge_angles import LegFit, fit_leg, hinge_angles
+from rfca_rig.vision.identify import IdentifiedMarks
+from rfca_rig.vision.leg_marks import mark_positions
+from rfca_rig.vision.marks import Mark
+from tests.vision.scenes import LENGTHS_M, PLAN, camera
+
+CAMERA = camera()
+LENGTHS = LENGTHS_M.tolist()
+STD_PX = 0.05
+# The scenes' camera looks along -x, so that +x is towards it.
+RAISED_M = np.array([0.0, 2.5, 0.5, 3.0, 0.0, 1.5, 3.0, 1.0]) * 1e-3
+
+
+def poses(count: int, bend_deg: float = -18.0) -> Floats:
+    """Absolute link angles (count, 7) of a leg that is bent more and more while its shaft turns."""
+    random = np.random.default_rng(5)
+    first = np.radians(np.linspace(20.0, 75.0, count))
+    hinges = np.radians(np.linspace(-3.0, bend_deg, count))[:, None] * np.linspace(1.2, 0.6, 6) + np.radians(
+        random.normal(0, 0.5, (count, 6))
+    )
+    return np.column_stack([first, first[:, None] + np.cumsum(hinges, axis=1)])
+
+
+def photograph(angles: Floats, offsets_m: Floats, random: np.random.Generator, hidden: Sequence[int] = ()) -> IdentifiedMarks:
+    places = np.column_stack([offsets_m, mark_positions(angles, LENGTHS_M, PLAN)])
+    px = CAMERA.project(places) + CAMERA.circle_shift_px(places[:, 1:], PLAN.diameter_m) + random.normal(0.0, STD_PX, (8, 2))
+    marks = [None if i in hidden else Mark(here, np.full(2, STD_PX), 25.0, 1.0, 100.0) for i, here in enumerate(px)]
+    return IdentifiedMarks(tuple(marks), (), ())
+
+
+def fit(photos: Sequence[IdentifiedMarks]) -> LegFit:
+    return fit_leg(photos, CAMERA, PLAN, LENGTHS)
+
+
+def errors_deg(result: LegFit, angles: Floats) -> tuple[Floats, Floats]:
+    """Errors (photos, 6) in degrees of hinges 2 to 7, and their standard deviations; NaN for those that are not stated."""
+    hinges = np.array([[np.nan if value is None else value for value in one.hinge_rad[1:]] for one in result.angles])
+    std = np.array([[np.nan if value is None else value for value in one.hinge_std_rad[1:]] for one in result.angles])
+    return np.degrees(hinges - np.diff(angles, axis=1)), np.degrees(std)
+
+
+def test_marks_out_of_the_plane_are_found_and_corrected() -> None:
+    random, angles = np.random.default_rng(1), poses(8)
+    photos = [photograph(one, RAISED_M, random) for one in angles]
+    result = fit(photos)
+    miss, std = errors_deg(result, angles)
+    assert np.isfinite(miss).mean() > 0.9
+    assert np.nanmax(np.abs(miss) / std) < 4.0
+    assert np.nanmax(np.abs(miss)) < 0.5
+    flat = [hinge_angles(one, CAMERA, PLAN, LENGTHS, offset_std_m=(0.0,)) for one in photos]
+    uncorrected = np.degrees([one.hinge_rad[1:] for one in flat] - np.diff(angles, axis=1))
+    assert np.sqrt(np.nanmean(miss**2)) < 0.4 * np.sqrt(np.mean(uncorrected**2))
+    off = result.offsets_m - (RAISED_M - RAISED_M.mean())
+    assert (np.abs(off) < 4.0 * result.offset_std_m).all()
+    assert result.offset_std_m.max() < 0.9e-3
+
+
+def test_marks_in_the_plane_lose_nothing() -> None:
+    random, angles = np.random.default_rng(2), poses(8)
+    result = fit([photograph(one, np.zeros(8), random) for one in angles])
+    miss, std = errors_deg(result, angles)
+    assert np.isfinite(miss).all()
+    assert np.sqrt(np.mean((miss / std) ** 2)) < 1.3
+    assert np.abs(miss).max() < 0.2
+    assert (np.abs(result.offsets_m) < 4.0 * result.offset_std_m).all()
+
+
+def test_a_mark_far_out_of_the_plane_is_refused() -> None:
+    random = np.random.default_rng(3)
+    raised = np.where(np.arange(8) == 4, 12e-3, 0.0)
+    result = fit([photograph(one, raised, random) for one in poses(8)])
+    assert "mark at hinge 5" in result.refused
+    assert "limit 5 mm" in result.refused
+    assert all(angle is None for one in result.angles for angle in one.hinge_rad)
+
+
+def test_marks_of_another_leg_are_refused() -> None:
+    random, angles = np.random.default_rng(3), poses(6)
+    photos = [photograph(one, np.zeros(8), random) for one in angles]
+    assert "no angles taken" in fit_leg(photos, CAMERA, PLAN, (1.06 * LENGTHS_M[::-1]).tolist()).refused
+
+
+def test_marks_that_move_between_photos_are_refused() -> None:
+    random = np.random.default_rng(3)
+    photos = [photograph(one, random.uniform(-30e-3, 30e-3, 8), random) for one in poses(8)]
+    result = fit(photos)
+    assert "mm" in result.refused
+    assert "no angles taken" in result.refused
+
+
+@pytest.mark.parametrize("hidden", [2, 4, 5])
+def test_a_hidden_mark_is_replaced_by_lengths_where_other_photos_exclude_the_reflection(hidden: int) -> None:
+    random, angles = np.random.default_rng(4), poses(8)
+    photos = [photograph(one, np.zeros(8), random, (hidden,) if number == 7 else ()) for number, one in enumerate(angles)]
+    result = fit(photos)
+    miss, std = errors_deg(result, angles)
+    around = miss[7, hidden - 2 : hidden + 1]
+    assert np.isfinite(around).sum() >= 2
+    assert np.nanmax(np.abs(miss) / std) < 4.0
+    alone = fit(photos[7:])
+    assert np.isnan(errors_deg(alone, angles[7:])[0][0, hidden - 2 : hidden + 1]).all()
+
+
+def test_a_hidden_mark_of_a_leg_that_bends_both_ways_is_not_guessed() -> None:
+    random, angles = np.random.default_rng(4), np.vstack([poses(4, 18.0), poses(4)])
+    photos = [photograph(one, np.zeros(8), random, (4,) if number == 7 else ()) for number, one in enumerate(angles)]
+    miss, _ = errors_deg(fit(photos), angles)
+    assert np.isnan(miss[7, 2:5]).all()
