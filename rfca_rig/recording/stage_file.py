@@ -5,6 +5,7 @@ one of seconds.
 """
 
 import json
+import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -95,7 +96,7 @@ def write_stage(journal: Path, path: Path, header: Recording) -> Steps[StageOnDi
 def _sense_in(journal: Path) -> Iterator[None]:
     try:
         yield
-    except (ValueError, LookupError, TypeError, OSError, RecursionError) as error:
+    except (ValueError, LookupError, TypeError, OSError, RecursionError, struct.error) as error:
         raise BadInput(f"{journal}: is no journal of a stage: {type(error).__name__}: {error}") from None
 
 
