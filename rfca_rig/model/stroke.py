@@ -146,7 +146,7 @@ def simulate_setup(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None
     )
 
 
-def _fill_resting(chain: Chain, laws: Laws | None, state: State, samples: Samples, rows: int) -> None:
+def _fill_resting(chain: Chain, laws: Laws, state: State, samples: Samples, rows: int) -> None:
     work, force = allocate_workspace(state.q.size, state.anchor.size), np.empty(3)
     measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
     samples.q[:rows], samples.w[:rows], samples.force[:rows], samples.contact[:rows] = state.q, 0.0, force, work.contact
