@@ -1,6 +1,6 @@
 """Builds one simulation from rig, height and shaft motion, and lets each effect change it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -81,6 +81,7 @@ class Setup:
     - `joint_readings`: of pendulums only.
 
     `strokes_before` holds, for each stroke whose mean is simulated, how many strokes the leg had made before; () where not counted.
+    `moved_by` holds the effects that change more than `sensor_changes`: without the others, the leg moves in the same way.
     """
 
     rig: RigModel
@@ -94,6 +95,7 @@ class Setup:
     begins: tuple[Callable[[Chain, State], None], ...] = ()
     joint_readings: JointReadings | None = None
     strokes_before: tuple[int, ...] = ()
+    moved_by: tuple[Hashable, ...] = ()
 
     def chain(self) -> Chain:
         """The chain with all changes."""
