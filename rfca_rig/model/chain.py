@@ -273,7 +273,6 @@ def advance(
     else:
         # Everything else in it is written before it is read.
         work.ends[:] = 0.0
-        work.limit[:] = np.inf
     status, next_s, accepted, rejected = integrate(
         chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, tolerance.most_steps, bounds, work, samples
     )
