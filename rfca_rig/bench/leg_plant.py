@@ -48,7 +48,7 @@ class LegPlant:
     _step_s: float = 1e-4
     _airborne_s: float = 0.0
     _chain: Chain = field(init=False)
-    _laws: Laws | None = field(init=False)
+    _laws: Laws = field(init=False)
     _state: State = field(init=False)
     _work: Work = field(init=False)
     _torque_Nm: float = 0.0

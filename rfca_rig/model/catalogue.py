@@ -13,7 +13,7 @@ import importlib.util
 import os
 import pkgutil
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -89,7 +89,10 @@ def set_up(rig: RigModel, height_m: float, motion: ShaftMotion, strokes_before: 
                 f"effect {effect.id}: its law is written in k0 and k2, and the hinges of this leg follow a measured curve "
                 "(leg.torque_rotation); leave out one of them"
             )
-        setup = effect.apply(setup, values)
+        changed = effect.apply(setup, values)
+        # By identity, since a motion holds arrays. The function stands for a lab's own effect, which may change under the same id.
+        kept = all(getattr(changed, part.name) is getattr(setup, part.name) for part in fields(Setup) if part.name != "sensor_changes")
+        setup = changed if kept else replace(changed, moved_by=(*setup.moved_by, (effect.apply, present)))
     return setup
 
 

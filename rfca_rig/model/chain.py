@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.compiled import jit_allocating
+from rfca_rig.model.compiled import jit, jit_inline
 from rfca_rig.model.contact import drag_anchors
-from rfca_rig.model.forces import assemble
+from rfca_rig.model.forces import assemble_stiffness
 from rfca_rig.model.hinge_springs import table_of
 from rfca_rig.model.integrator import DONE, SHORTEST_STEP_S, STEP_TOO_SHORT, integrate, update_memory
 from rfca_rig.model.laws import TABLE, LawUse, address_of, address_of_advance
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 from rfca_rig.model.stage import allocate_workspace, drive_torque, solve
-from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State, Work
+from rfca_rig.model.state import NO_LAWS, Chain, Laws, Samples, Shaft, State, Work
 
 NEWTON_LIMIT = 200
 # Time since the last step that laws with memory are given: at rest everything has relaxed.
@@ -29,47 +29,61 @@ Floats = NDArray[np.float64]
 LONGEST_STEP_S = 5e-3
 
 
-@jit_allocating
-def find_equilibrium(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, tolerance: float, work: Work) -> bool:
-    """Changes state.q to the equilibrium with the shaft held at q[0], or free on its spring, by damped Newton; True when found.
+@jit_inline
+def close_shaft_row(shaft: Shaft, q: Floats, work: Work) -> None:
+    """Adds the torque of a free shaft's spring to row 0, or replaces the row by the condition that a held shaft stays; `q` is (c,)."""
+    if shaft.free:
+        torque, k_angle, _ = drive_torque(shaft, shaft.angle - q[0], 0.0, q[0])
+        work.R[0] -= torque
+        work.J[0, 0] += k_angle
+    else:
+        work.R[0] = 0.0
+        for i in range(q.size):
+            work.J[0, i] = 0.0
+        work.J[0, 0] = 1.0
 
-    `chain` must be without friction: the force of a stuck end depends on its path, which a rest pose does not contain.
-    `tolerance` is the largest change of the last iteration [rad].
+
+@jit
+def settle(chain: Chain, laws: Laws, shaft: Shaft, state: State, tolerance: float, work: Work) -> bool:
+    """Changes state.q to the equilibrium with the shaft held at q[0], or free on its spring; then initialises memory and anchors.
+
+    By damped Newton, until its last change is below `tolerance` [rad]; an infinite one takes the pose as it is. The memory is that of
+    the laws, the anchors are right below the ends. False, and nothing initialised, where no equilibrium is found.
+
+    For an equilibrium, `chain` must be without friction: the force of a stuck end depends on its path, which a rest pose does not
+    contain. Loops, because assignments of whole arrays make the compiler include the texts of their errors, which takes some seconds.
     """
-    q, zero = state.q, np.zeros(state.q.size)
-    for _ in range(NEWTON_LIMIT):
-        assemble(chain, laws, state, LONG_S, q, zero, zero, (0.0, 0.0, 1.0), work)
-        if shaft.free:
-            torque, k_angle, _ = drive_torque(shaft, shaft.angle - q[0], 0.0, q[0])
-            work.R[0] -= torque
-            work.J[0, 0] += k_angle
-        else:
-            work.R[0] = 0.0
-            work.J[0, :] = 0.0
-            work.J[0, 0] = 1.0
+    q, still, change = state.q, work.base_w, np.inf
+    for i in range(q.size):
+        still[i] = 0.0
+    iterations = 0
+    while not change < tolerance and not np.isinf(tolerance):
+        iterations += 1
+        if iterations > NEWTON_LIMIT:
+            return False
+        assemble_stiffness(chain, laws, state, LONG_S, q, still, still, work)
+        close_shaft_row(shaft, q, work)
         if not solve(work.J, work.pivot, work.R):
             return False
+        change = 0.0
+        for i in range(q.size):
+            # Written so that NaN ends the iteration, too.
+            if not abs(work.R[i]) < np.inf:
+                return False
+            change = max(change, abs(work.R[i]))
         # All coordinates are scaled alike, which keeps Newton's direction.
-        change = np.max(np.abs(work.R))
-        q -= work.R * min(1.0, LONGEST_TURN_RAD / max(change, 1e-300))
-        if change < tolerance:
-            return True
-    return False
-
-
-@jit_allocating
-def reset_memory(chain: Chain, laws: Laws | None, state: State, work: Work) -> None:
-    """Initialises the memory of the laws with the rest pose, and the anchors right below the ends."""
-    assemble(chain, laws, state, LONG_S, state.q, state.w, state.a, None, work)
-    # A loop: an assignment of whole arrays makes the compiler include the texts of its errors, which takes some seconds.
-    for i in range(state.q.size):
-        work.q[i] = state.q[i]
+        for i in range(q.size):
+            q[i] -= work.R[i] * min(1.0, LONGEST_TURN_RAD / max(change, 1e-300))
+    assemble_stiffness(chain, laws, state, LONG_S, q, state.w, state.a, work)
+    for i in range(q.size):
+        work.q[i] = q[i]
     update_memory(chain, laws, state, LONG_S, work)
     # With all depths at zero, `drag_anchors` takes every end for one in the air and puts its anchor below it.
     for k in range(work.place.shape[0]):
         for j in range(work.place.shape[1]):
             work.place[k, j] = 0.0
-    drag_anchors(chain, state, state.q, work)
+    drag_anchors(chain, state, q, work)
+    return True
 
 
 @dataclass(frozen=True)
@@ -171,7 +185,7 @@ EMPTY = np.empty(0)
 HELD_SHAFT = Shaft(EMPTY, np.empty((0, 4)), EMPTY, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def find_rest_state(chain: Chain, shaft_angle_rad: float, laws: Laws | None = None, shaft: Shaft = HELD_SHAFT) -> State:
+def find_rest_state(chain: Chain, shaft_angle_rad: float, laws: Laws = NO_LAWS, shaft: Shaft = HELD_SHAFT) -> State:
     """The chain in equilibrium under its weight, its shaft held or on the spring of a compliant drive; without friction on the ground.
 
     Raises SimulationFailed where no rest pose is found.
@@ -183,29 +197,28 @@ def find_rest_state(chain: Chain, shaft_angle_rad: float, laws: Laws | None = No
         w=np.zeros(coordinates),
         a=np.zeros(coordinates),
         anchor=np.zeros(links),
-        memory=np.zeros((0 if laws is None else laws.place.size, links, 4)),
+        memory=np.zeros((laws.place.size, links, 4)),
     )
     state.q[:links] += np.cumsum(chain.rest)
     # The displacement of a frame counts from where it carries the leg at rest, see `forces.add_frame`.
     state.q[links:] = 0.0
     # Friction would make the pose depend on how the leg got there; 1e-12 rad is close to rounding, so that forces are smooth in fits.
     smooth, work = chain._replace(mu=0.0, drag=0.0), allocate_workspace(coordinates, links)
-    if not find_equilibrium(smooth, laws, shaft, state, 1e-12, work):
+    if not settle(smooth, laws, shaft, state, 1e-12, work):
         raise SimulationFailed(
             f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "
             f"{1e3 * chain.ground_depth:.1f} mm above the ground; is the rack height right?"
         )
-    reset_memory(chain, laws, state, work)
     return state
 
 
-def set_swinging(chain: Chain, laws: Laws | None, state: State, share: float, rate_per_s: float) -> None:
+def set_swinging(chain: Chain, laws: Laws, state: State, share: float, rate_per_s: float) -> None:
     """Lifts a resting leg by `share` of its sag, 1 for its unloaded shape, and gives it a speed of `rate_per_s` sags per second."""
     links = chain.length.size
     sag = state.q[0] + np.cumsum(chain.rest) - state.q[:links]
     state.q[:links] += share * sag
     state.w[:links] += rate_per_s * sag
-    reset_memory(chain, laws, state, allocate_workspace(state.q.size, links))
+    settle(chain, laws, HELD_SHAFT, state, np.inf, allocate_workspace(state.q.size, links))
 
 
 def allocate_samples(t_s: Floats, coordinates: int, links: int | None = None) -> Samples:
@@ -222,7 +235,7 @@ def advance(
     step_s: float,
     tolerance: Tolerance,
     samples: Samples,
-    laws: Laws | None = None,
+    laws: Laws = NO_LAWS,
     work: Work | None = None,
 ) -> Steps:
     """Integrates `state` over `span_s` in place and fills `samples`.
@@ -230,7 +243,7 @@ def advance(
     Parameters
     ----------
     chain, shaft, laws
-        What moves, what turns the shaft, and the laws of effects; None for the plain chain.
+        What moves, what turns the shaft, and the laws of effects.
     state
         At the start of the span; at its end afterwards.
     span_s
@@ -260,7 +273,6 @@ def advance(
     else:
         # Everything else in it is written before it is read.
         work.ends[:] = 0.0
-        work.limit[:] = np.inf
     status, next_s, accepted, rejected = integrate(
         chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, tolerance.most_steps, bounds, work, samples
     )

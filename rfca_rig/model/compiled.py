@@ -95,7 +95,8 @@ def jit_inline(function: Function) -> Function:
 
 def _compile(function: Function, options: dict[str, bool]) -> Function:
     with caching_in(CACHE_FOLDER):
-        return cast(Function, _njit(cache=True, **AS_ALL, **options)(function))
+        # Nothing calls it by a pointer in C.
+        return cast(Function, _njit(cache=True, no_cfunc_wrapper=True, **AS_ALL, **options)(function))
 
 
 _CACHE_DIR_LOCK = Lock()

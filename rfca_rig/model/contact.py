@@ -162,28 +162,11 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
 
 
 @jit_inline
-def add_contacts(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
+def add_contacts(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, work: Work) -> None:
     """Adds the ground forces at the located ends to R and J, and writes them into `work.contact` (2, n) = N, F.
 
-    For a chain without effects. `w` is (c,); without `weights` J stays as it is.
+    With the laws of effects and a frame that yields. `w` is (c,); without `weights` J stays as it is.
     """
-    place, contact = work.place, work.contact
-    for k in range(place.shape[0]):
-        contact[0, k] = contact[1, k] = work.regime[0, k] = work.limit[0, k] = 0.0
-        if place[k, 0] > 0.0:
-            normal = plain_normal_force(chain, place[k, 0], place[k, 1])
-            friction = (chain.mu, 0.0, 0.0)
-            tangential = tangential_force(chain, friction, place[k, 2], place[k, 3], normal[0], work.ends[k, 2], work.limit[2, k])
-            work.limit[0, k] = chain.mu * normal[0]
-            contact[0, k], contact[1, k] = normal[0], tangential[0]
-            # Branch of the law, by which `stage` judges whether J is still valid: 0 in the air, 1 stuck, else 2 + the sign of the stretch.
-            work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
-            add_contact(chain, k, normal, tangential, w, weights, work, work.down, work.along)
-
-
-@jit_inline
-def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, work: Work) -> None:
-    """As `add_contacts` with laws of effects and a frame that yields; `w` (c,). Kept apart, as its branches would slow the plain chain."""
     place, contact = work.place, work.contact
     for k in range(place.shape[0]):
         contact[0, k] = contact[1, k] = work.regime[0, k] = work.limit[0, k] = 0.0
@@ -196,6 +179,7 @@ def add_contacts_with_effects(chain: Chain, laws: Laws, w: Floats, weights: Weig
             tangential = tangential_force(chain, friction, place[k, 2], place[k, 3], normal[0], work.ends[k, 2], work.limit[2, k])
             work.limit[0, k] = friction[0] * abs(normal[0])
             contact[0, k], contact[1, k] = normal[0], tangential[0]
+            # Branch of the law, by which `stage` judges whether J is still valid: 0 in the air, 1 stuck, else 2 + the sign of the stretch.
             work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
             # Over a level floor the directions of all ends agree; on a bump each end has its own.
             across, aside = work.down, work.along

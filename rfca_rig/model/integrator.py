@@ -55,7 +55,7 @@ def interpolate(state: State, end: int, h: float, x: float, work: Work) -> None:
 
 
 @jit_internal
-def fill_samples(chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> int:
+def fill_samples(chain: Chain, laws: Laws, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> int:
     """Fills the samples inside (t, t_new], from `state` to the last stage. Returns the next sample's index."""
     h, end = t_new - t, work.stage_q.shape[0] - 1
     while first < out.t.size and out.t[first] <= t_new:
@@ -74,7 +74,7 @@ def fill_samples(chain: Chain, laws: Laws | None, state: State, t: float, t_new:
 
 
 @jit_inline
-def start(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float, work: Work) -> bool:
+def start(chain: Chain, laws: Laws, shaft: Shaft, state: State, t: float, work: Work) -> bool:
     """Solves for the accelerations at the angles and speeds of `state`, where those of the last step are invalid after a jump."""
     for i in range(state.q.size):
         work.base_q[i], work.base_w[i], work.a[i], work.jerk[i] = state.q[i], state.w[i], state.a[i], 0.0
@@ -126,7 +126,7 @@ def store_stage(stage: int, q: Floats, w: Floats, a: Floats, work: Work) -> None
 
 
 @jit_inline
-def try_step(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: float, t_new: float, tolerance: Floats, work: Work) -> float:
+def try_step(chain: Chain, laws: Laws, shaft: Shaft, state: State, t: float, t_new: float, tolerance: Floats, work: Work) -> float:
     """Computes the stages of a step from t to t_new into `work`. Returns its error in units of `tolerance` (2,), in rad and rad/s.
 
     Returns infinity where a stage did not converge.
@@ -151,11 +151,9 @@ def try_step(chain: Chain, laws: Laws | None, shaft: Shaft, state: State, t: flo
     return error
 
 
-@jit
-def update_memory(chain: Chain, laws: Laws | None, state: State, h: float, work: Work) -> None:
+@jit_internal
+def update_memory(chain: Chain, laws: Laws, state: State, h: float, work: Work) -> None:
     """Updates the memory of hinge laws after a step of length h [s] that ends in `work`."""
-    if laws is None:
-        return
     for m in range(laws.place.size):
         if laws.advance[m] != 0:
             for i in range(1, chain.length.size):
@@ -163,10 +161,12 @@ def update_memory(chain: Chain, laws: Laws | None, state: State, h: float, work:
                     call_hinge(chain, laws, laws.advance[m], m, i, state, h, work.q, work.w, work.a, work)
 
 
+# An internal function has no entry point of its own; this one is for callers in Python.
+update_memory_once = jit(update_memory)
+
+
 @jit_inline
-def accept_step(
-    chain: Chain, laws: Laws | None, state: State, t: float, t_new: float, first: int, work: Work, out: Samples
-) -> tuple[int, bool]:
+def accept_step(chain: Chain, laws: Laws, state: State, t: float, t_new: float, first: int, work: Work, out: Samples) -> tuple[int, bool]:
     """Accepts the step in `work`: samples, anchors, memory, state. Returns the next sample's index, and whether forces jumped."""
     # Samples are interpolated with the state at the beginning of the step, so they come before the state changes.
     for k in range(state.anchor.size):
@@ -189,7 +189,7 @@ def accept_step(
 @jit
 def integrate(
     chain: Chain,
-    laws: Laws | None,
+    laws: Laws,
     shaft: Shaft,
     state: State,
     t: float,
@@ -206,7 +206,7 @@ def integrate(
     Parameters
     ----------
     chain, laws, shaft
-        The equations of motion; laws None is the plain chain.
+        The equations of motion.
     state
         Changed in place.
     t, t_end, h, longest

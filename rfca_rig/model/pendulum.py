@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import resolve_effect
-from rfca_rig.model.chain import Tolerance, advance, allocate_samples, make_laws
+from rfca_rig.model.chain import Tolerance, advance, allocate_samples
 from rfca_rig.model.effects.joint_torques import CLOCK, TorqueTrace, drive_of, with_traces
 from rfca_rig.model.effects.joints import friction_of, inertia_of
 from rfca_rig.model.effects.sensor_timing import filter_first_order
-from rfca_rig.model.integrator import FIRST_STEP_S, update_memory
+from rfca_rig.model.integrator import FIRST_STEP_S, update_memory_once
 from rfca_rig.model.laws import HINGE, LINK, ROTOR, LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
@@ -171,7 +171,7 @@ class DrivenPendulum:
         work.w[:] = w
         for ago_s in (EVEN_S, 0.0):
             work.q[:] = q - ago_s * w
-            update_memory(self.chain, laws, state, EVEN_S, work)
+            update_memory_once(self.chain, laws, state, EVEN_S, work)
         # These laws have counted the time of the assumed rotation; the trace begins at 0.
         for place, use in enumerate(self.uses):
             if use.reads_torque:
@@ -202,7 +202,7 @@ def make_driven_pendulum(pendulum: Pendulum, effects: Sequence[PresentEffect] = 
         if effect.where == "ground" or not _acts(before, setup):
             raise BadInput(f"effect {present.id}: acts on ground, shaft or force sensor, which a pendulum does not have; leave it out")
     chain = setup.chain()
-    laws = setup.compile_laws(chain) or make_laws(())
+    laws = setup.compile_laws(chain)
     if chain.frame_mass > 0.0:
         raise BadInput("a pendulum hangs from a fixed joint; leave frame_compliance out")
     return DrivenPendulum(pendulum, chain, setup.laws, laws, setup.joint_readings or JointReadings())

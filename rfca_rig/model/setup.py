@@ -1,6 +1,6 @@
 """Builds one simulation from rig, height and shaft motion, and lets each effect change it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -81,6 +81,7 @@ class Setup:
     - `joint_readings`: of pendulums only.
 
     `strokes_before` holds, for each stroke whose mean is simulated, how many strokes the leg had made before; () where not counted.
+    `moved_by` holds the effects that change more than `sensor_changes`: without the others, the leg moves in the same way.
     """
 
     rig: RigModel
@@ -94,6 +95,7 @@ class Setup:
     begins: tuple[Callable[[Chain, State], None], ...] = ()
     joint_readings: JointReadings | None = None
     strokes_before: tuple[int, ...] = ()
+    moved_by: tuple[Hashable, ...] = ()
 
     def chain(self) -> Chain:
         """The chain with all changes."""
@@ -102,12 +104,9 @@ class Setup:
             chain = change(chain)
         return chain
 
-    def compile_laws(self, chain: Chain) -> Laws | None:
-        """The laws of effects in the form of the compiled chain; None for a plain chain. Raises BadInput as `check_law` does."""
+    def compile_laws(self, chain: Chain) -> Laws:
+        """The laws of effects in the form of the compiled chain. Raises BadInput as `check_law` does."""
         laws = (*self.laws, *(law(chain) for law in self.laws_of_chain))
-        # The compiler makes a faster version for the plain chain; frame, shaft friction and bump exist only in the other one.
-        if not laws and chain.frame_mass == chain.shaft_friction == chain.bump_height == 0.0:
-            return None
         for use in laws:
             check_law(use)
         return make_laws(laws)
@@ -117,7 +116,7 @@ class Setup:
         """Start time of the simulation [s]: 0, where the motion begins, or earlier where the leg swings already."""
         return -self.rig.swing.before_s if self.rig.swing else 0.0
 
-    def begin(self, chain: Chain, laws: Laws | None) -> tuple[Shaft, State]:
+    def begin(self, chain: Chain, laws: Laws) -> tuple[Shaft, State]:
         """The shaft, and the chain as it is at `begins_s`: at rest, or swinging."""
         motion = self.motion.standing_since(self.begins_s) if self.rig.swing else self.motion
         start_rad = float(motion.angle_rad(np.zeros(1))[0])
@@ -154,7 +153,7 @@ def check_law(use: LawUse) -> None:
         raise BadInput(f"{code.co_filename}: {code.co_name} or what it calls cannot be compiled: {reason[:300]}") from error
 
 
-def holding_torque(chain: Chain, laws: Laws | None, state: State) -> float:
+def holding_torque(chain: Chain, laws: Laws, state: State) -> float:
     """Torque of the shaft that holds the leg in this state [N m], positive in the direction of its angle."""
     work, force = allocate_workspace(state.q.size, state.anchor.size), np.empty(3)
     measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)

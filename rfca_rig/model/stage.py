@@ -182,7 +182,7 @@ def allocate_workspace(coordinates: int, links: int) -> Work:
 
 @jit_internal
 def solve_stage(
-    chain: Chain, laws: Laws | None, shaft: Shaft, state: State, elapsed: float, t: float, g: float, enough: float, reuse: bool, work: Work
+    chain: Chain, laws: Laws, shaft: Shaft, state: State, elapsed: float, t: float, g: float, enough: float, reuse: bool, work: Work
 ) -> bool:
     """Finds `work.a` such that R(base_q + g w, base_w + g a, a) = 0, with q and w. True if the last change of w is below `enough`.
 

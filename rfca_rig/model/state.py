@@ -100,6 +100,9 @@ class Laws(NamedTuple):
     parameter: Floats
 
 
+NO_LAWS = Laws(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 8)))
+
+
 class Shaft(NamedTuple):
     """What turns the shaft: a prescribed piecewise cubic angle, or (`free`) a rotor under
     feed + k_angle (angle - q) + k_speed (speed - w), where angle and speed follow the piecewise cubic if there is one.

@@ -14,12 +14,12 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
 from rfca_rig.model.compiled import jit_allocating
 from rfca_rig.model.contact import drag_anchors, store_ends
-from rfca_rig.model.forces import assemble, assemble_once
+from rfca_rig.model.forces import assemble_once, assemble_stiffness
 from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stage import allocate_workspace, solve
-from rfca_rig.model.state import Chain, Floats, State, Work
+from rfca_rig.model.state import NO_LAWS, Chain, Floats, Laws, State, Work
 from rfca_rig.model.static_stages import StaticState, make_static_state
 
 NEWTON_LIMIT = 25
@@ -36,7 +36,7 @@ AT_REST_RAD_S = 1e-5
 
 
 @jit_allocating
-def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats, work: Work) -> bool:
+def balance(chain: Chain, laws: Laws, state: State, q: Floats, angle: float, nothing: Floats, work: Work) -> bool:
     """Solves for the equilibrium with the shaft at `angle` and the anchors of `state`, by Newton from `q` (n,); True when found nearby.
 
     `nothing` (n,) are zeros: at rest the ground has neither damping nor drag. The first iteration goes along the tangent of the path,
@@ -44,7 +44,7 @@ def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats
     """
     turned = 0.0
     for _ in range(NEWTON_LIMIT):
-        assemble(chain, None, state, 0.0, q, nothing, nothing, (0.0, 0.0, 1.0), work)
+        assemble_stiffness(chain, laws, state, 0.0, q, nothing, nothing, work)
         # Row 0, the torque of the shaft, is replaced by the condition that the shaft has its angle.
         work.R[0] = q[0] - angle
         work.J[0, :] = 0.0
@@ -63,7 +63,7 @@ def balance(chain: Chain, state: State, q: Floats, angle: float, nothing: Floats
 
 
 @jit_allocating
-def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: Work) -> bool:
+def turn_shaft(chain: Chain, laws: Laws, state: State, angle: float, nothing: Floats, work: Work) -> bool:
     """Turns the shaft to `angle` in small steps, and `state` with it; False where the path ends before. `nothing` (n,) are zeros.
 
     A step that finds no equilibrium nearby is repeated at half the length. After each step the anchors follow slipping ends, so that
@@ -73,16 +73,16 @@ def turn_shaft(chain: Chain, state: State, angle: float, nothing: Floats, work: 
     step, trial = STEP_RAD, q.copy()
     # An infinite limit: at the beginning the force of each tie follows from its stretch alone.
     work.limit[2] = np.inf
-    assemble(chain, None, state, 0.0, q, nothing, nothing, None, work)
+    assemble_stiffness(chain, laws, state, 0.0, q, nothing, nothing, work)
     work.ends[:], work.limit[2] = work.place, work.limit[0]
     while q[0] != angle:
         remaining = angle - q[0]
         goal = angle if abs(remaining) <= step else q[0] + np.sign(remaining) * step
         trial[:] = q
-        if balance(chain, state, trial, goal, nothing, work):
+        if balance(chain, laws, state, trial, goal, nothing, work):
             # Exactly the goal, so that the loop can end by equality.
             trial[0] = goal
-            assemble(chain, None, state, 0.0, trial, nothing, nothing, None, work)
+            assemble_stiffness(chain, laws, state, 0.0, trial, nothing, nothing, work)
             drag_anchors(chain, state, trial, work)
             store_ends(chain, state, trial, work)
             work.limit[2] = work.limit[0]
@@ -141,7 +141,7 @@ def follow_static_path(
 def _go_to(chain: Chain, state: State, angle: float) -> bool:
     work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
     jumped = False
-    while not turn_shaft(chain, state, angle, zeros, work):
+    while not turn_shaft(chain, NO_LAWS, state, angle, zeros, work):
         _jump(chain, state, angle)
         jumped = True
     return jumped
@@ -159,7 +159,7 @@ def _jump(chain: Chain, state: State, angle: float) -> None:
     _wait_for_rest(chain, motion, moving)
     work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
     # The leg still moves a little; Newton finds the equilibrium itself, with the anchors that the motion has left.
-    if not balance(chain, state, state.q, after, zeros, work):
+    if not balance(chain, NO_LAWS, state, state.q, after, zeros, work):
         raise _no_rest(chain, after)
     state.q[0] = after
 
@@ -183,5 +183,5 @@ def _no_rest(chain: Chain, angle: float) -> SimulationFailed:
 
 def _measure(rig: RigModel, chain: Chain, state: State, jumped: bool) -> StaticState:
     work, zeros = allocate_workspace(state.q.size, state.q.size), np.zeros(state.q.size)
-    assemble_once(chain, None, state, 0.0, state.q, zeros, zeros, None, work)
+    assemble_once(chain, NO_LAWS, state, 0.0, state.q, zeros, zeros, None, work)
     return make_static_state(rig, state.q.copy(), float(work.R[0]), work.contact[0].copy(), work.contact[1].copy(), jumped)

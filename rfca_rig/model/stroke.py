@@ -1,8 +1,9 @@
 """Simulates one flapping stroke: force, torque and shape over time."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.catalogue import set_up
-from rfca_rig.model.chain import Tolerance, advance, allocate_samples
+from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_samples
 from rfca_rig.model.forces import measure_once
 from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
@@ -116,8 +117,43 @@ def simulate_stroke(
     return simulate_setup(set_up(rig, height_m, motion, strokes_before), t_s, tolerance)
 
 
+def recall_stroke(
+    rig: RigModel, height_m: float, motion: ShaftMotion, t_s: Floats, tolerance: Tolerance, strokes_before: tuple[int, ...]
+) -> SimulatedStroke:
+    """As `simulate_stroke`, but a motion of the leg that was simulated recently is used again; `t_s` is (m,).
+
+    For a search, which tries dozens of effects of the sensor on one motion of the leg.
+    """
+    setup = set_up(rig, height_m, motion, strokes_before)
+    arrays = (t_s, motion.breaks_s, motion.coefficients, motion.landings_s)
+    key = (replace(rig, effects=()), setup.moved_by, height_m, strokes_before, tolerance, *(part.tobytes() for part in arrays))
+    samples, cost = _move_once(_Stroke(key, setup, t_s, tolerance))
+    # Whoever gets a stroke may change its arrays.
+    return _sense(setup, Samples(*(column.copy() for column in samples)), cost)
+
+
+@dataclass(frozen=True)
+class _Stroke:
+    """A stroke to simulate. Strokes with the same `key` move in the same way, whatever the sensor makes of it."""
+
+    key: tuple[Hashable, ...]
+    setup: Setup = field(compare=False)
+    t_s: Floats = field(compare=False)
+    tolerance: Tolerance = field(compare=False)
+
+
+# Enough for the conditions of a campaign, in several threads. A stroke has 0.4 MB.
+@lru_cache(maxsize=32)
+def _move_once(stroke: _Stroke) -> tuple[Samples, Steps]:
+    return _move(stroke.setup, stroke.t_s, stroke.tolerance)
+
+
 def simulate_setup(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> SimulatedStroke:
     """As `simulate_stroke`, for a setup that is complete already; `t_s` (m,) ascending."""
+    return _sense(setup, *_move(setup, t_s, tolerance or Tolerance()))
+
+
+def _move(setup: Setup, t_s: Floats, tolerance: Tolerance) -> tuple[Samples, Steps]:
     chain = setup.chain()
     laws = setup.compile_laws(chain)
     shaft, state = setup.begin(chain, laws)
@@ -127,7 +163,12 @@ def simulate_setup(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None
     # Samples before the motion begins cost no integration.
     _fill_resting(chain, laws, state, everything, resting)
     moving = Samples(*(column[resting:] for column in everything))
-    cost = advance(chain, shaft, state, (setup.begins_s, float(t_s[-1])), FIRST_STEP_S, tolerance or Tolerance(), moving, laws)
+    return everything, advance(chain, shaft, state, (setup.begins_s, float(t_s[-1])), FIRST_STEP_S, tolerance, moving, laws)
+
+
+def _sense(setup: Setup, everything: Samples, cost: Steps) -> SimulatedStroke:
+    """The stroke as the sensor shows it."""
+    t_s, links = everything.t, everything.contact.shape[2]
     fy, fz, torque = everything.force.T
     # The sensor sits below the shaft, so fy adds a moment to the shaft's torque.
     felt = setup.apply_sensor_changes(SensorOutput(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy, everything.q[:, 0]))
@@ -146,7 +187,7 @@ def simulate_setup(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None
     )
 
 
-def _fill_resting(chain: Chain, laws: Laws | None, state: State, samples: Samples, rows: int) -> None:
+def _fill_resting(chain: Chain, laws: Laws, state: State, samples: Samples, rows: int) -> None:
     work, force = allocate_workspace(state.q.size, state.anchor.size), np.empty(3)
     measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
     samples.q[:rows], samples.w[:rows], samples.force[:rows], samples.contact[:rows] = state.q, 0.0, force, work.contact

@@ -12,6 +12,7 @@ from rfca_rig.model.chain import find_rest_state, make_chain
 from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stage import allocate_workspace
+from rfca_rig.model.state import NO_LAWS
 from tests.model.legs import PAPER
 
 ICE = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0, drag_N_s_per_m=0.0))
@@ -32,7 +33,7 @@ def fz_by_lsoda(rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndar
         w = np.concatenate([[speed_rad_s * min(share, 1.0)], x[n - 1 :]])
         a = np.zeros(n)
         a[0] = speed_rad_s / ramp_s if ramping else 0.0
-        assemble_once(chain, None, rest, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
+        assemble_once(chain, NO_LAWS, rest, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
         a[1:] = np.linalg.solve(work.J[1:, 1:], -work.R[1:])
         return q, w, a
 

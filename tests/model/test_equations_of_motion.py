@@ -8,7 +8,7 @@ from scipy.special import ellipk
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
 from rfca_rig.model.forces import assemble_once
 from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Shaft, State
+from rfca_rig.model.state import NO_LAWS, Shaft, State
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 
 TIGHT = Tolerance(1e-9, 3e-6)
@@ -105,9 +105,9 @@ def test_the_jacobian_is_the_derivative_of_the_residual():
         assert (plus - minus) / 2e-6 == pytest.approx(exact[:, j], rel=2e-5, abs=1e-4)
 
 
-def residual(chain, q, w, a, anchor, weights, laws=None):
+def residual(chain, q, w, a, anchor, weights, laws=NO_LAWS):
     work = allocate_workspace(q.size, 7)
-    memory = np.zeros((0 if laws is None else laws.place.size, 7, 4))
+    memory = np.zeros((laws.place.size, 7, 4))
     state = State(q, w, a, anchor, memory)
     assemble_once(chain, laws, state, 1e-3, q, w, a, weights, work)
     assert (work.contact[0] > 0).sum() >= 2  # several ends in the ground, or the test proves little

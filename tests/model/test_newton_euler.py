@@ -17,7 +17,7 @@ from rfca_rig.model.paper.dynamics import (
     right_side_Nm,
 )
 from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import State
+from rfca_rig.model.state import NO_LAWS, State
 from tests.model.legs import PAPER, pendulum
 
 
@@ -34,7 +34,7 @@ def compiled(rig, q, w, a, anchor):
     """(R, M, loads of the ground) of the compiled chain; the shaft at ground level, so that many ends are in the ground."""
     chain, work = make_chain(rig, 0.0), allocate_workspace(q.size, q.size)
     state = State(q, w, a, anchor, np.zeros((0, q.size, 4)))
-    assemble_once(chain, None, state, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
+    assemble_once(chain, NO_LAWS, state, 0.0, q, w, a, (1.0, 0.0, 0.0), work)
     normal, tangential = work.contact.copy()
     return work.R.copy(), work.J.copy(), EndLoads(np.array([tangential, -normal]), -chain.radius * tangential)
 

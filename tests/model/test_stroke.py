@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.chain import Tolerance
+from rfca_rig.model import stroke as stroke_module
+from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
+from rfca_rig.model.integrator import FIRST_STEP_S
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
-from rfca_rig.model.stroke import simulate_stroke, simulate_stroke_at_speed
+from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.model.stage import allocate_workspace
+from rfca_rig.model.stroke import recall_stroke, simulate_stroke, simulate_stroke_at_speed
 from tests.model.legs import PAPER
 from tests.model.lsoda import ICE, fz_by_lsoda
 
@@ -85,6 +89,42 @@ def test_the_valley_does_not_depend_on_the_tolerance(stroke):
 def test_the_same_stroke_twice_is_the_same_to_the_last_bit(stroke):
     again = simulate_stroke_at_speed(PAPER, 0.215, 2.433, T)
     assert again.fz_N.tobytes() == stroke.fz_N.tobytes()
+
+
+def recalled(effects, height_m):
+    motion = ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, PAPER.drive.ramp_s, float(T[-1]))
+    return recall_stroke(replace(PAPER, effects=effects), height_m, motion, T, Tolerance(), ())
+
+
+def test_effects_of_the_sensor_use_the_motion_that_is_known_and_others_do_not(monkeypatch):
+    gain = (PresentEffect("sensor_gain", (("factor", 1.03),)),)
+    plain = recalled((), 0.2151)
+    # Whoever gets a stroke may change it; the next one must not notice.
+    plain.q_rad[:] = 0.0
+    with monkeypatch.context() as context:
+        context.setattr(stroke_module, "advance", None)  # an integration would end in a TypeError
+        felt = recalled(gain, 0.2151)
+        for effects, height_m in (((PresentEffect("shaft_friction", (("torque_Nm", 0.1),)),), 0.2151), (gain, 0.2152)):
+            with pytest.raises(TypeError):
+                recalled(effects, height_m)
+    anew = simulate_stroke_at_speed(replace(PAPER, effects=gain), 0.2151, 2.433, T)
+    for name in ("fz_N", "fy_N", "tx_Nm", "q_rad", "normal_N"):
+        assert np.array_equal(getattr(felt, name), getattr(anew, name))
+    assert not np.array_equal(felt.fz_N, plain.fz_N)
+
+
+def test_used_working_memory_gives_the_same_bits_as_new_memory():
+    # A bump, over which a step needs the slope where it began.
+    chain = make_chain(PAPER, 0.215)._replace(bump_height=2e-3, bump_at=0.15, bump_width=0.02)
+    shaft = ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, 0.05, 1.5).shaft()
+    states = [find_rest_state(chain, PAPER.leg.start_angle_rad) for _ in range(2)]
+    work = allocate_workspace(7, 7)
+    # Into the ground in spans of 10 ms.
+    for n in range(100):
+        for state, used in zip(states, (None, work), strict=True):
+            span_s = (0.01 * n, 0.01 * (n + 1))
+            advance(chain, shaft, state, span_s, FIRST_STEP_S, Tolerance(), allocate_samples(np.empty(0), 7), work=used)
+    assert all(np.array_equal(new, used) for new, used in zip(*states, strict=True))
 
 
 def pressed_and_held() -> tuple[np.ndarray, ShaftMotion]:

@@ -24,7 +24,7 @@ from rfca_rig.model.paper.statics import equilibrium_under_tip_force, imbalance_
 from rfca_rig.model.paper.strip import with_links
 from rfca_rig.model.parameters import LawTable, PresentEffect, TorqueSpline
 from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Shaft, State
+from rfca_rig.model.state import NO_LAWS, Shaft, State
 from rfca_rig.model.statics_contact import follow_static_path
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.legs import NO_GROUND_M, PAPER
@@ -107,7 +107,7 @@ def test_the_kernels_derivative_is_that_of_its_residual():
     q = np.cumsum([0.4, -0.7, 0.05, -0.1, 0.3, 0.6, -0.02])
 
     def residual(at):
-        assemble_once(chain, None, state, 0.0, at, zero, zero, (0.0, 0.0, 1.0), work)
+        assemble_once(chain, NO_LAWS, state, 0.0, at, zero, zero, (0.0, 0.0, 1.0), work)
         return work.R.copy()
 
     residual(q)

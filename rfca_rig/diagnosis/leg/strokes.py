@@ -14,7 +14,7 @@ from rfca_rig.analysis.valley import Valley, stroke_valley, valley_and_phases
 from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
-from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
+from rfca_rig.model.stroke import SimulatedStroke, recall_stroke
 from rfca_rig.recording.model import Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
@@ -122,7 +122,7 @@ class DynamicCondition:
     def stroke(self, supposed: ModelPoint) -> SimulatedStroke:
         """The whole simulated stroke at the samples' times. Raises SimulationFailed."""
         motion = self.turn.motion(supposed, float(self.t_s[-1]))
-        return simulate_stroke(
+        return recall_stroke(
             supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, STROKE_TOLERANCE, self.strokes_before
         )
 
