@@ -20,10 +20,10 @@ def ignore_progress(_done: int, _of: int) -> None:
     """Callback that ignores progress."""
 
 
-def iterate_with_progress(items: Sequence[T], told: ProgressCount) -> Iterator[T]:
-    """Yields the items. Before each, and after the last, `told` is called with the number done and the total."""
+def iterate_with_progress(items: Sequence[T], report_progress: ProgressCount) -> Iterator[T]:
+    """Yields the items. Before each, and after the last, `report_progress` is called with the number done and the total."""
     for number, item in enumerate(items):
-        told(number, len(items))
+        report_progress(number, len(items))
         yield item
     if items:
-        told(len(items), len(items))
+        report_progress(len(items), len(items))

@@ -77,7 +77,7 @@ class AcquiredDatagrams:
         try:
             self._child.send(datagram)
         except OSError as error:
-            raise DeviceError(f"acquisition of {self._peer} has ended: {error}; start the run anew") from error
+            raise DeviceError(f"acquisition of {self._peer} has ended: {error}; start the run again") from error
 
     def receive_all(self) -> list[bytes]:
         self._check()
@@ -97,7 +97,7 @@ class AcquiredDatagrams:
             if self._child.poll():
                 raise DeviceError(self._child.recv())
         except (EOFError, OSError) as error:
-            raise DeviceError(f"acquisition of {self._peer} has ended by itself; start the run anew") from error
+            raise DeviceError(f"acquisition of {self._peer} has ended by itself; start the run again") from error
 
     def close(self) -> None:
         """Ends the process, which takes a few milliseconds, and removes the ring."""

@@ -138,7 +138,7 @@ class StripComparison:
         ]
 
 
-def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, told: ProgressCount = ignore_progress) -> StripComparison:
+def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, report_progress: ProgressCount = ignore_progress) -> StripComparison:
     """Predict one stroke with the four materials of Table I at 0.8 and 0.3 mm.
 
     Parameters
@@ -162,7 +162,7 @@ def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, told: Pro
     materials = {material.name: material for material in table_1_materials()}
     fitted = paper_strips(materials[FITTED_STRIP[0]], FITTED_STRIP[1])
     every = list(product(THICKNESSES_M, materials.values()))
-    rows = tuple(_row(rig, paper_strips(m, t), fitted, height_m, speed_rad_s) for t, m in iterate_with_progress(every, told))
+    rows = tuple(_row(rig, paper_strips(m, t), fitted, height_m, speed_rad_s) for t, m in iterate_with_progress(every, report_progress))
     return StripComparison(height_m, speed_rad_s, _pitch_m(rig.leg), fitted.bending_stiffness_Nm2 / rig.leg.k0_Nm_per_rad, rows)
 
 

@@ -171,9 +171,9 @@ class Recorder:
     def _clocks(self) -> Mapping[str, str | float]:
         return {"t_s": round(self._paired_s, 6), "utc": self._clock.wall_time().isoformat()}
 
-    def read_photos(self, run_folder: Path, eye: PhotoSetup, told: ProgressCount = ignore_progress) -> None:
+    def read_photos(self, run_folder: Path, eye: PhotoSetup, report_progress: ProgressCount = ignore_progress) -> None:
         """Adds the angles from the photos to `stages`. To be called when nothing moves and the keeper has finished."""
-        self.stages = list(read_stage_photos(self.stages, run_folder, eye, told))
+        self.stages = list(read_stage_photos(self.stages, run_folder, eye, report_progress))
 
 
 def stroke_of(stage: Flap, recorded: RecordedSamples, scale: SensorScale) -> Stroke:

@@ -34,14 +34,14 @@ REPORTED_OFFSET_M, OFFSET_SIGMAS = 0.3e-3, 4.0
 
 
 def read_stage_photos(
-    stages: Sequence[StaticStage], run_folder: Path, eye: PhotoSetup, told: ProgressCount = ignore_progress
+    stages: Sequence[StaticStage], run_folder: Path, eye: PhotoSetup, report_progress: ProgressCount = ignore_progress
 ) -> tuple[StaticStage, ...]:
-    """The stages with the angles from their photos; `told` is called with the progress.
+    """The stages with the angles from their photos; `report_progress` is called with the progress.
 
     All photos are of one leg, so they are fitted together: what one pose leaves open about the marks, others determine. A photo that
     cannot be read leaves its stage without angles, with the reason. Stages without a photo stay unchanged.
     """
-    marks = [_read_marks(stage, run_folder, eye) if stage.photo else stage for stage in iterate_with_progress(stages, told)]
+    marks = [_read_marks(stage, run_folder, eye) if stage.photo else stage for stage in iterate_with_progress(stages, report_progress)]
     found = [one for one in marks if isinstance(one, IdentifiedMarks)]
     fit = fit_leg(found, eye.camera, eye.plan, eye.link_lengths_m)
     angles = iter(fit.angles)
@@ -177,7 +177,7 @@ def _marks(recording: Recording) -> MarksSection:
 
 
 def with_hand_photos(
-    recording: Recording, photos: Sequence[Path], eye: PhotoSetup, run_folder: Path, told: ProgressCount = ignore_progress
+    recording: Recording, photos: Sequence[Path], eye: PhotoSetup, run_folder: Path, report_progress: ProgressCount = ignore_progress
 ) -> Recording:
     """The recording with hinge angles from the photos, in the stages' order; copies and overlays go into `run_folder`.
 
@@ -194,5 +194,5 @@ def with_hand_photos(
         # Angles of an earlier reading must not survive where the new photo shows none.
         unread = (float("nan"),) * len(stage.hinge_deg)
         stages.append(replace(stage, hinge_deg=unread, hinge_std_deg=(), photo=name, overlay="", photo_doubts=""))
-    read = read_stage_photos(stages, run_folder, eye, told)
+    read = read_stage_photos(stages, run_folder, eye, report_progress)
     return replace(recording, static=read, provenance={**recording.provenance, **photo_hashes(run_folder)})

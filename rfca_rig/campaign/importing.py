@@ -15,14 +15,14 @@ from rfca_rig.recording.atomic import make_folder_atomically
 from rfca_rig.recording.store import write_recording
 
 
-def import_campaign(folder: Path, out_folder: Path, told: ProgressCount = ignore_progress, as_is: bool = False) -> Path:
+def import_campaign(folder: Path, out_folder: Path, report_progress: ProgressCount = ignore_progress, as_is: bool = False) -> Path:
     """Read the campaign in `folder` and write `out_folder`/run.h5, all or nothing. Returns the file's path.
 
-    `told` receives how many of its files have been read. Raises BadInput, one line, where the campaign cannot be used, `out_folder` exists,
-    or a value is probably in another unit, unless it is to be taken `as_is`. Raises RigError where the disk refuses.
+    `report_progress` receives how many of its files have been read. Raises BadInput, one line, where the campaign cannot be used,
+    `out_folder` exists, or a value is probably in another unit, unless it is to be taken `as_is`. Raises RigError where the disk refuses.
     """
     _check_new(out_folder)
-    recording = read_campaign(folder, told)
+    recording = read_campaign(folder, report_progress)
     if not as_is:
         refuse_slips(folder, recording)
     _make(out_folder, lambda partial: write_recording(recording, partial / RECORDING_NAME))

@@ -120,7 +120,7 @@ def _check_time(table: CsvTable, t_s: Floats) -> None:
         raise table.fault(len(t_s) - 1, f"column t_s: ends at {t_s[-1]:g} s, before the motion starts at 0")
 
 
-def read_campaign(folder: Path, told: ProgressCount = ignore_progress) -> Recording:
+def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress) -> Recording:
     """Read the campaign in `folder`, with strokes and stages in the order of campaign.toml. Nothing is written.
 
     Raises BadInput, one line with file, line and column, for the first fault.
@@ -137,14 +137,14 @@ def read_campaign(folder: Path, told: ProgressCount = ignore_progress) -> Record
         source="IMPORT",
         nominal=_nominal(campaign),
         known_to=campaign.known_to.model_dump(mode="json", exclude_unset=True),
-        strokes=_strokes(folder, campaign, told),
+        strokes=_strokes(folder, campaign, report_progress),
         static=static,
         provenance=_provenance(folder, campaign, extra),
     )
 
 
-def _strokes(folder: Path, campaign: CampaignFile, told: ProgressCount) -> tuple[Stroke, ...]:
-    return tuple(read_stroke(folder / run.file, run) for _, run in iterate_with_progress(list(campaign.dynamic()), told))
+def _strokes(folder: Path, campaign: CampaignFile, report_progress: ProgressCount) -> tuple[Stroke, ...]:
+    return tuple(read_stroke(folder / run.file, run) for _, run in iterate_with_progress(list(campaign.dynamic()), report_progress))
 
 
 def _stages(folder: Path, campaign: CampaignFile) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:

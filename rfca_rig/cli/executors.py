@@ -26,7 +26,9 @@ SLURM, ADDRESSES = "slurm:", ("tcp://", "tls://")
 
 
 @contextmanager
-def open_executor(workers: int | None, cluster: str | None, told: ProgressReport, results: Path | None = None) -> "Iterator[TaskExecutor]":
+def open_executor(
+    workers: int | None, cluster: str | None, report_progress: ProgressReport, results: Path | None = None
+) -> "Iterator[TaskExecutor]":
     """The executor that `--workers` and `--cluster` ask for.
 
     Parameters
@@ -55,27 +57,27 @@ def open_executor(workers: int | None, cluster: str | None, told: ProgressReport
         with process_executor(workers or machine_cores()) as here:
             yield here
     elif cluster.startswith(SLURM):
-        with _slurm_executor(Path(cluster.removeprefix(SLURM)), told, results) as there:
+        with _slurm_executor(Path(cluster.removeprefix(SLURM)), report_progress, results) as there:
             yield there
     elif cluster.startswith(ADDRESSES):
-        with _dask_executor(cluster, told, results) as there:
+        with _dask_executor(cluster, report_progress, results) as there:
             yield there
     else:
         raise BadInput(f"--cluster {cluster}: should be tcp://HOST:PORT or slurm:FILE")
 
 
-def _slurm_executor(file: Path, told: ProgressReport, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
+def _slurm_executor(file: Path, report_progress: ProgressReport, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
     from rfca_rig.description.cluster_file import read_cluster_file
     from rfca_rig.executors.slurm import slurm_workers
 
     shared = _shared_folder(results)
-    return slurm_workers(read_cluster_file(file), shared or Path(), shared, collect_facts, told, _notice)
+    return slurm_workers(read_cluster_file(file), shared or Path(), shared, collect_facts, report_progress, _notice)
 
 
-def _dask_executor(address: str, told: ProgressReport, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
+def _dask_executor(address: str, report_progress: ProgressReport, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
     from rfca_rig.executors.cluster import connect_to_scheduler
 
-    return connect_to_scheduler(address, _shared_folder(results), collect_facts, told, _notice)
+    return connect_to_scheduler(address, _shared_folder(results), collect_facts, report_progress, _notice)
 
 
 def _shared_folder(results: Path | None) -> Path | None:

@@ -79,7 +79,7 @@ def finish(config: RunConfig, run: FinishedRun, quiet: bool = False) -> None:
         raise kind(f"{error}; {safe}, type rfca-rig recover {run.folder} (where the disk is full, make room first)") from error
 
 
-def _put_together(config: RunConfig, run: FinishedRun, told: ProgressCount) -> None:
+def _put_together(config: RunConfig, run: FinishedRun, report_progress: ProgressCount) -> None:
     recorder = run.recorder
     known = {
         **provenance.ending_fields(run.bench, run.outcome, recorder.worst_gap_s),
@@ -91,15 +91,15 @@ def _put_together(config: RunConfig, run: FinishedRun, told: ProgressCount) -> N
         "recorder_samples": f"{recorder.samples} handed over, {recorder.refused} refused",
     }
     write_ending(run.folder, ending_of(run.folder, known, run.recorder.stages, config.begun, config.eye))
-    run_folder.build_recording(run.folder, told)
+    run_folder.build_recording(run.folder, report_progress)
 
 
-def _read_photos(config: RunConfig, run: FinishedRun, told: ProgressCount) -> None:
+def _read_photos(config: RunConfig, run: FinishedRun, report_progress: ProgressCount) -> None:
     if config.eye is not None:
         make_marked_say(config.mark, config.quiet)(
             f"motor off; reading {sum(bool(stage.photo) for stage in run.recorder.stages)} photos ..."
         )
-        run.recorder.read_photos(run.folder, config.eye, told)
+        run.recorder.read_photos(run.folder, config.eye, report_progress)
 
 
 def finish_cut_short(config: RunConfig, run: FinishedRun, say: Say) -> None:

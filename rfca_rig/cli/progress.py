@@ -44,14 +44,14 @@ def _clock(seconds: float) -> str:
 
 
 class ProgressLines:
-    """Lines of progress; `told` may be called from any thread."""
+    """Lines of progress; `report_progress` may be called from any thread."""
 
     def __init__(self, bars: Progress) -> None:
         self._bars = bars
         self._tasks: dict[str, TaskID] = {}
         self._without_end: list[TaskID] = []
 
-    def told(self, what: str, done: float, of: float) -> None:
+    def report(self, what: str, done: float, of: float) -> None:
         """Updates the line of `what`, which is added when first named. Progress on it ends the lines of work without a known end."""
         if what not in self._tasks:
             self._tasks[what] = self._bars.add_task(_short(what), total=of, completed=int(done))
@@ -61,7 +61,7 @@ class ProgressLines:
 
     def counting(self, what: str) -> ProgressCount:
         """A callback for work that counts its items."""
-        return lambda done, of: self.told(what, done, of)
+        return lambda done, of: self.report(what, done, of)
 
     def show_unbounded(self, what: str, note: Callable[[], str]) -> None:
         """A line for work of unknown amount; `note` is called again and again for the text to show."""

@@ -153,7 +153,7 @@ class MotorStops(MotorHooks):
             assert re.search("leapt|restarted", rig.motor.status().fault or "")
             if rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) != 0.0:
                 rig.motor.disable()
-            with pytest.raises(DeviceError, match=r"not enabled: .*find its zero again, then start anew"):
+            with pytest.raises(DeviceError, match=r"not enabled: .*find its zero again, then start again"):
                 rig.motor.enable()
 
     # -- the bus -------------------------------------------------------------------------------------------------------------

@@ -69,7 +69,7 @@ class PlaneSection(Section):
         rotation = np.array(rows)
         # The digits in the file allow errors below 1e-5.
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-5) or np.linalg.det(rotation) < 0:
-            raise ValueError("should be three rows of a rotation, perpendicular and of length 1; calibrate anew")
+            raise ValueError("should be three rows of a rotation, perpendicular and of length 1; calibrate again")
         return rows
 
 

@@ -102,7 +102,7 @@ def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, a
     """
     silenced = _await_torque_off(guard, limit_s)
     if silenced is None:
-        raise DeviceError(f"guardian not proven: it did nothing within {limit_s:g} s of silence; end this program and start it anew")
+        raise DeviceError(f"guardian not proven: it did nothing within {limit_s:g} s of silence; end this program and start it again")
     # Without a report there is no evidence either way, so a silent drive is never accepted as off.
     if silenced.reports == 0:
         raise DeviceError(

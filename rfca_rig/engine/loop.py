@@ -148,7 +148,7 @@ class Loop:
     def _refuse_if_over(self) -> None:
         # A command after the stop could energise the motor again, or keep its watchdog quiet.
         if self._is_over:
-            raise DeviceError("the run has stopped; nothing moves before it is begun anew")
+            raise DeviceError("the run has stopped; nothing moves before it is begun again")
 
     def _check(self, target_rad: float, target_speed_rad_s: float) -> None:
         self.target_rad, self._target_speed_rad_s = target_rad, target_speed_rad_s

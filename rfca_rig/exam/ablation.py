@@ -27,7 +27,9 @@ DiagnoseWithout = Callable[[str, Path, Path], object]
 """Without the effect of that id in the catalogue, reads the campaign in the first folder and writes diagnosis.json into the second."""
 
 
-def run_ablation(folder: Path, diagnose: DiagnoseWithout, executor: TaskExecutor, told: ProgressReport = ignore_named_progress) -> None:
+def run_ablation(
+    folder: Path, diagnose: DiagnoseWithout, executor: TaskExecutor, report_progress: ProgressReport = ignore_named_progress
+) -> None:
     """Diagnose every such case of the exam in `folder` without its effect, into `folder`/taken-out. Finished ones are kept.
 
     Raises RigError where one could not be diagnosed, after the others are done.
@@ -37,7 +39,7 @@ def run_ablation(folder: Path, diagnose: DiagnoseWithout, executor: TaskExecutor
     remove_leftovers(answers)
     to_diagnose = [truth for truth in _visible(folder) if not (answers / truth.case).is_dir()]
     jobs = [(truth.case, effect) for truth in to_diagnose for effect in truth.effects]
-    run_jobs(executor, partial(_diagnose, folder.resolve(), diagnose), jobs, _case, "entries taken out", told)
+    run_jobs(executor, partial(_diagnose, folder.resolve(), diagnose), jobs, _case, "entries taken out", report_progress)
     refresh_nfs_cache(answers)
 
 

@@ -33,7 +33,7 @@ def examine(
     diagnose: Diagnose,
     executor: TaskExecutor | None = None,
     clocks: Clocks | None = None,
-    told: ProgressReport = ignore_named_progress,
+    report_progress: ProgressReport = ignore_named_progress,
 ) -> ExamScores:
     """Score `diagnose` on newly written cases.
 
@@ -64,8 +64,8 @@ def examine(
         the message names the case. A BadInput or SimulationFailed counts as an answer, that the campaign cannot be used.
     """
     executor = executor or InProcessExecutor()
-    campaigns = write_all(folder, ExamPlan(seed, numbers), executor, told)
-    diagnose_campaigns(campaigns, folder, diagnose, executor, clocks, told)
+    campaigns = write_all(folder, ExamPlan(seed, numbers), executor, report_progress)
+    diagnose_campaigns(campaigns, folder, diagnose, executor, clocks, report_progress)
     return score_folder(folder, folder / DIAGNOSES)
 
 
@@ -75,7 +75,7 @@ def diagnose_campaigns(
     diagnose: Diagnose,
     executor: TaskExecutor,
     clocks: Clocks | None = None,
-    told: ProgressReport = ignore_named_progress,
+    report_progress: ProgressReport = ignore_named_progress,
 ) -> None:
     """Diagnose each campaign that has no diagnosis yet. Raises RigError where one crashes, after the others are done."""
     diagnoses = folder / DIAGNOSES
@@ -83,14 +83,14 @@ def diagnose_campaigns(
     remove_leftovers(diagnoses)
     to_answer = [campaign.resolve() for campaign in campaigns if not (diagnoses / campaign.name).is_dir()]
     before = len(campaigns) - len(to_answer)
-    told("campaigns diagnosed", before, len(campaigns))
+    report_progress("campaigns diagnosed", before, len(campaigns))
     crashed: dict[str, TaskFailure] = {}
     work = partial(diagnose_campaign, diagnoses.resolve(), diagnose, clocks)
     for number, (campaign, result) in enumerate(map_unordered(executor, work, to_answer), start=before + 1):
         _keep(result, folder / CRASHES / f"{campaign.name}.txt")
         if isinstance(result, TaskFailure):
             crashed[campaign.name] = result
-        told("campaigns diagnosed", number, len(campaigns))
+        report_progress("campaigns diagnosed", number, len(campaigns))
     if crashed:
         first, failed = min(crashed.items())
         raise RigError(

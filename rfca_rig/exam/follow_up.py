@@ -51,7 +51,7 @@ class FollowUp:
     said: str
 
 
-def follow_up(folder: Path, diagnose: Diagnose, executor: TaskExecutor, told: ProgressReport = ignore_named_progress) -> None:
+def follow_up(folder: Path, diagnose: Diagnose, executor: TaskExecutor, report_progress: ProgressReport = ignore_named_progress) -> None:
     """Follow all open cases of a finished exam in both arms, into `folder`/follow-ups. Finished ones are kept.
 
     Raises RigError where one fails, after the others are done.
@@ -60,7 +60,7 @@ def follow_up(folder: Path, diagnose: Diagnose, executor: TaskExecutor, told: Pr
     cases = {case.id: case for case in draw_cases(plan.seed, plan.numbers) if isinstance(case, Case) and case.kind == POOR_DATA}
     truths = {truth["case"]: parse_truth(truth) for truth in open_all(folder) if truth["case"] in cases}
     jobs = [(case, truths[id_], arm) for id_, case in cases.items() for arm in ARMS]
-    run_jobs(executor, partial(follow_case, folder.resolve(), diagnose), jobs, _case_and_arm, "open cases followed", told)
+    run_jobs(executor, partial(follow_case, folder.resolve(), diagnose), jobs, _case_and_arm, "open cases followed", report_progress)
 
 
 def _case_and_arm(job: tuple[Case, Truth, str]) -> str:

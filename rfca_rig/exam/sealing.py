@@ -82,14 +82,14 @@ def _seals(out: Path) -> list[tuple[str, str]]:
 def _open(out: Path, seal: str, case: str) -> dict[str, Any]:
     path = _path(out, case)
     if not path.is_file():
-        raise BadInput(f"{path}: not there, though {SEALS} names it; write the cases anew")
+        raise BadInput(f"{path}: not there, though {SEALS} names it; write the cases again")
     try:
         content = base64.decodebytes(path.read_bytes())
     # Empty content fails the comparison of hashes below, whose message also fits a damaged file.
     except binascii.Error:
         content = b""
     if hashlib.sha256(content).hexdigest() != seal:
-        raise BadInput(f"{path}: is not what was sealed; write the cases anew")
+        raise BadInput(f"{path}: is not what was sealed; write the cases again")
     opened: dict[str, Any] = json.loads(content)
     return opened
 

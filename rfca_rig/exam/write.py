@@ -31,7 +31,7 @@ def run_jobs(
     jobs: Sequence[Job],
     name_of: Callable[[Job], str],
     what: str,
-    told: ProgressReport,
+    report_progress: ProgressReport,
     before: int = 0,
 ) -> dict[str, Result]:
     """Run `work` on all `jobs` and return the results by name.
@@ -45,7 +45,7 @@ def run_jobs(
     name_of : callable
         Name of a job, the key of its result.
     what, told : str, callable
-        `told` is called with `what`, the number done and the total.
+        `report_progress` is called with `what`, the number done and the total.
     before : int
         Jobs that were done earlier; they count in the progress.
 
@@ -57,13 +57,13 @@ def run_jobs(
     results: dict[str, Result] = {}
     failed: dict[str, TaskFailure] = {}
     of = before + len(jobs)
-    told(what, before, of)
+    report_progress(what, before, of)
     for job, result in map_unordered(executor, work, jobs):
         if isinstance(result, TaskFailure):
             failed[name_of(job)] = result
         else:
             results[name_of(job)] = result
-        told(what, before + len(results), of)
+        report_progress(what, before + len(results), of)
     _raise_with_the_first(failed, what, of)
     return results
 
@@ -85,26 +85,26 @@ def write_cases(folder: Path, seed: int, numbers: Mapping[str, int], workers: in
         return write_all(folder, plan, executor)
 
 
-def write_all(folder: Path, plan: ExamPlan, executor: TaskExecutor, told: ProgressReport = ignore_named_progress) -> list[Path]:
-    """As `write_cases`, with an executor; `told` is called with the progress."""
+def write_all(folder: Path, plan: ExamPlan, executor: TaskExecutor, report_progress: ProgressReport = ignore_named_progress) -> list[Path]:
+    """As `write_cases`, with an executor; `report_progress` is called with the progress."""
     begin(folder, plan)
     cases = draw_cases(plan.seed, plan.numbers)
-    _seal(cases, folder, executor, told)
+    _seal(cases, folder, executor, report_progress)
     campaigns = folder / CAMPAIGNS
     remove_leftovers(campaigns)
     to_write = [case for case in cases if not (campaigns / case.id).is_dir()]
     before = len(cases) - len(to_write)
-    run_jobs(executor, partial(_write_whole, campaigns.resolve()), to_write, _id, "campaigns written", told, before)
+    run_jobs(executor, partial(_write_whole, campaigns.resolve()), to_write, _id, "campaigns written", report_progress, before)
     return [campaigns / case.id for case in cases]
 
 
-def _seal(cases: Sequence[Case | PendulumCase], folder: Path, executor: TaskExecutor, told: ProgressReport) -> None:
+def _seal(cases: Sequence[Case | PendulumCase], folder: Path, executor: TaskExecutor, report_progress: ProgressReport) -> None:
     """Seal all truths, or complete an interrupted sealing."""
     # Hashes are written once. After an interruption only contents are added, which must match their hashes when they are opened.
     sealed = is_sealed(folder)
     missing = set(list_unwritten(folder)) if sealed else {case.id for case in cases}
     to_seal = [case for case in cases if case.id in missing]
-    truths = run_jobs(executor, _truth_of, to_seal, _id, "truths sealed", told, len(cases) - len(to_seal))
+    truths = run_jobs(executor, _truth_of, to_seal, _id, "truths sealed", report_progress, len(cases) - len(to_seal))
     (write_missing if sealed else seal_all)([truths[case.id] for case in to_seal], folder)
 
 

@@ -55,7 +55,7 @@ class WorkerStartup:
     """
 
     expected: int
-    told: ProgressReport
+    report_progress: ProgressReport
     still_coming: Callable[[], None]
 
 
@@ -85,7 +85,7 @@ class DaskExecutor(TaskExecutor):
         if self._clock.now_s() - self._counted_s > COUNT_EVERY_S:
             self._counted_s = self._clock.now_s()
             self._count = len(self._threads())
-            self._hiring.told("workers", self._count, max(self._count, self._hiring.expected))
+            self._hiring.report_progress("workers", self._count, max(self._count, self._hiring.expected))
         return self._count
 
     def look(self) -> None:
@@ -191,10 +191,10 @@ def connect_workers(scheduler: Any, folder: Path | None, facts: Callable[[], Fac
 
 @contextmanager
 def connect_to_scheduler(
-    address: str, folder: Path | None, facts: Callable[[], Facts], told: ProgressReport, notice: Callable[[str], None]
+    address: str, folder: Path | None, facts: Callable[[], Facts], report_progress: ProgressReport, notice: Callable[[str], None]
 ) -> Iterator[DaskExecutor]:
     """Uses the workers of a running scheduler, and leaves them running. Raises BadInput if it does not answer."""
-    with connect_workers(address, folder, facts, WorkerStartup(1, told, lambda: None)) as executor:
+    with connect_workers(address, folder, facts, WorkerStartup(1, report_progress, lambda: None)) as executor:
         if executor.count() == 0:
             notice(f"{address} has no workers yet; waiting for the first")
         executor.wait_for_first()

@@ -91,7 +91,12 @@ class JobArray:
 
 @contextmanager
 def slurm_workers(
-    array: JobArray, shared: Path, folder: Path | None, facts: Callable[[], Facts], told: ProgressReport, notice: Callable[[str], None]
+    array: JobArray,
+    shared: Path,
+    folder: Path | None,
+    facts: Callable[[], Facts],
+    report_progress: ProgressReport,
+    notice: Callable[[str], None],
 ) -> Iterator[DaskExecutor]:
     """Executor on the workers of a job array, which is cancelled whenever the block ends.
 
@@ -106,7 +111,9 @@ def slurm_workers(
         with (
             _handle_termination(),
             _submit(own / SCRIPT) as job,
-            connect_workers(scheduler, folder, facts, WorkerStartup(array.workers, told, partial(_check_job_alive, job, own))) as executor,
+            connect_workers(
+                scheduler, folder, facts, WorkerStartup(array.workers, report_progress, partial(_check_job_alive, job, own))
+            ) as executor,
         ):
             notice(f"SLURM has job {job}, {array.jobs} times {array.workers_per_job} workers")
             executor.wait_for_first()

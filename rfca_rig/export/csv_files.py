@@ -32,7 +32,7 @@ class ExportedCsv:
     records: int
 
 
-def export_csv(run: Path, out: Path, told: ProgressCount) -> ExportedCsv:
+def export_csv(run: Path, out: Path, report_progress: ProgressCount) -> ExportedCsv:
     """Writes the folder `out`, completely or not at all. Samples are read block by block, so memory does not grow with the recording.
 
     Parameters
@@ -57,13 +57,13 @@ def export_csv(run: Path, out: Path, told: ProgressCount) -> ExportedCsv:
     stage_rows: list[dict[str, Any]] = []
     stored = open_stored(run)
     with translate_os_errors(out, "cannot be written"):
-        make_folder_atomically(out, lambda folder: stage_rows.extend(_write_folder(stored, folder, told)))
+        make_folder_atomically(out, lambda folder: stage_rows.extend(_write_folder(stored, folder, report_progress)))
     return ExportedCsv(len(stage_rows), sum(row["records"] for row in stage_rows))
 
 
-def _write_folder(stored: StoredRecording, folder: Path, told: ProgressCount) -> list[dict[str, Any]]:
+def _write_folder(stored: StoredRecording, folder: Path, report_progress: ProgressCount) -> list[dict[str, Any]]:
     (folder / "stages").mkdir()
-    rows = list(_write_stages(stored, folder, told))
+    rows = list(_write_stages(stored, folder, report_progress))
     _write_csv(folder / "stages.csv", INDEX, ([row.get(name, "") for name in INDEX] for row in rows))
     if stored.static:
         table = [static_row(means) for means in stored.static]
@@ -71,8 +71,8 @@ def _write_folder(stored: StoredRecording, folder: Path, told: ProgressCount) ->
     return rows
 
 
-def _write_stages(stored: StoredRecording, folder: Path, told: ProgressCount) -> Iterator[dict[str, Any]]:
-    for number, stage in enumerate(iterate_with_progress((*stored.strokes, *stored.raw), told), start=1):
+def _write_stages(stored: StoredRecording, folder: Path, report_progress: ProgressCount) -> Iterator[dict[str, Any]]:
+    for number, stage in enumerate(iterate_with_progress((*stored.strokes, *stored.raw), report_progress), start=1):
         # A file per device: devices sample at different times, and joining them would need resampling.
         with stage.samples.opened() as streams:
             for stream in streams:

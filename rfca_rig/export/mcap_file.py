@@ -52,7 +52,7 @@ class Exported:
     missing: tuple[str, ...]
 
 
-def export_mcap(run: Path, out: Path, told: ProgressCount) -> Exported:
+def export_mcap(run: Path, out: Path, report_progress: ProgressCount) -> Exported:
     """Writes the recording at `run` to `out`, completely or not at all. Memory does not grow with the recording.
 
     Parameters
@@ -78,7 +78,7 @@ def export_mcap(run: Path, out: Path, told: ProgressCount) -> Exported:
         out.parent.mkdir(parents=True, exist_ok=True)
         try:
             with partial.open("wb") as file:
-                exported = _McapFile(file, stored).write(told)
+                exported = _McapFile(file, stored).write(report_progress)
             # A rename within one folder is atomic: no reader finds half a file.
             partial.replace(out)
         finally:
@@ -129,11 +129,11 @@ class _McapFile:
         self._messages = self._pictures = 0
         self._missing: list[str] = []
 
-    def write(self, told: ProgressCount) -> Exported:
+    def write(self, report_progress: ProgressCount) -> Exported:
         self._writer.start(library=LIBRARY)
         self._describe()
         # Events and samples are each in order of time. Viewers play a file from front to back, so the two are merged.
-        for ns, channel, content in merge(self._log_messages(), self._stage_messages_in_order(told), key=itemgetter(0)):
+        for ns, channel, content in merge(self._log_messages(), self._stage_messages_in_order(report_progress), key=itemgetter(0)):
             # MCAP's sequence number has 32 bits; it wraps in recordings of more than 4e9 messages.
             self._writer.add_message(channel, ns, content, ns, self._messages & 0xFFFFFFFF)
             self._messages += 1
@@ -159,12 +159,12 @@ class _McapFile:
         for ns, event in events:
             yield ns, channel, foxglove.log(ns, event_text(event), "error" if TRIP in str(event.get("why", "")) else "info")
 
-    def _stage_messages_in_order(self, told: ProgressCount) -> Iterator[Message]:
+    def _stage_messages_in_order(self, report_progress: ProgressCount) -> Iterator[Message]:
         """Messages of all stages in order. Static stages of which only means are known come last, a second apart."""
         stages = order_by_time((*self._stored.strokes, *self._stored.raw), self._events)
         holds = match_static_stages(self._stored.static, [stage for _, stage in stages])
         ns = 0
-        for zero_ns, stage in iterate_with_progress(stages, told):
+        for zero_ns, stage in iterate_with_progress(stages, report_progress):
             with stage.samples.opened() as streams:
                 # Each device's messages ascend by themselves: a lazy merge orders them without holding the stage in memory.
                 for message in merge(*self._stage_messages(zero_ns, stage, streams, holds.get(id(stage))), key=itemgetter(0)):

@@ -218,7 +218,9 @@ def verdicts_by_identity(verdicts_of_files: Iterable[tuple[str, float, Mapping[s
     return verdicts
 
 
-def list_runs(runs: Path, told: ProgressCount = ignore_progress, measure_s: Callable[[Path], float | None] = lambda _: None) -> list[Entry]:
+def list_runs(
+    runs: Path, report_progress: ProgressCount = ignore_progress, measure_s: Callable[[Path], float | None] = lambda _: None
+) -> list[Entry]:
     """All runs below a folder, newest first. Raises BadInput where there is no such folder.
 
     Parameters
@@ -234,7 +236,7 @@ def list_runs(runs: Path, told: ProgressCount = ignore_progress, measure_s: Call
         raise BadInput(f"{runs}: is no folder; name the one that your runs are in with --runs, or record one: rfca-rig dynamic run")
     known = read_index(runs)
     found = list(find_runs(runs))
-    rows = _rows(runs, found, known, told, measure_s)
+    rows = _rows(runs, found, known, report_progress, measure_s)
     verdicts, diagnoses = _verdicts(runs, found, known)
     rows |= diagnoses
     # Nothing is added to a run's own folder, whose files are covered by its checksums.
@@ -250,13 +252,13 @@ def is_run(found: list[FoundRun]) -> bool:
 
 
 def _rows(
-    runs: Path, found: list[FoundRun], known: dict[str, IndexRow], told: ProgressCount, measure_s: Callable[[Path], float | None]
+    runs: Path, found: list[FoundRun], known: dict[str, IndexRow], report_progress: ProgressCount, measure_s: Callable[[Path], float | None]
 ) -> dict[str, IndexRow]:
     """A row of every run, read again where its folder has changed."""
     # Rows of folders that no longer exist are dropped with this.
     rows = {one.folder: known[one.folder] for one in found if one.folder in known and known[one.folder].stamp == one.stamp}
     new = [one for one in found if one.folder not in rows]
-    for one in iterate_with_progress(new, told):
+    for one in iterate_with_progress(new, report_progress):
         rows[one.folder] = IndexRow(one.stamp, read_entry(runs, one.folder, measure_s).plain())
     return rows
 

@@ -38,14 +38,14 @@ from rfca_rig.recording.strokes import copy_streams, make_strokes
 from rfca_rig.recording.sums import write_sums
 
 
-def write_run(folder: Path, told: ProgressCount = ignore_progress) -> Steps[Path]:
+def write_run(folder: Path, report_progress: ProgressCount = ignore_progress) -> Steps[Path]:
     """Assembles `run.h5` from the other files; the result of the steps is its path.
 
     Raises BadInput, naming the file, where a stage is damaged; RigError, DiskFull.
     """
     header, ending = read_header(folder), read_ending(folder)
     with new_hdf5_file(folder / RECORDING) as made:
-        static = yield from _copy_stages(made, iterate_with_progress(stage_files(folder), told), header.source)
+        static = yield from _copy_stages(made, iterate_with_progress(stage_files(folder), report_progress), header.source)
         _finish(made, folder, replace(header, static=static), ending)
         yield from made.put_in_place()
     return folder / RECORDING
@@ -152,13 +152,13 @@ def merge_stages(header: Recording, stages: Iterable[Recording]) -> Recording:
     )
 
 
-def build_recording(folder: Path, told: ProgressCount = ignore_progress) -> Path:
+def build_recording(folder: Path, report_progress: ProgressCount = ignore_progress) -> Path:
     """Assembles `run.h5` from the other files, the same bytes every time, and writes the checksums of all. Returns its path.
 
-    `told` is called with the number of stages copied so far. The run's end says last that all of it was done: a file that is missing
-    after that was removed, and not left unwritten by a crash.
+    `report_progress` is called with the number of stages copied so far. The run's end says last that all of it was done: a file that is
+    missing after that was removed, and not left unwritten by a crash.
     """
-    path = run_to_completion(write_run(folder, told))
+    path = run_to_completion(write_run(folder, report_progress))
     ending = read_ending(folder)
     if ending is None:
         write_sums(folder)

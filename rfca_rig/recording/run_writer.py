@@ -76,7 +76,7 @@ class RunWriter:
             self._making = None
             self._ended.popleft()
             self._acknowledge(journal, path, done.value)
-        # Once the reserve is released there is room again: the file is begun anew with the next step.
+        # Once the reserve is released there is room again: the file is begun again with the next step.
         except DiskFull as full:
             self._making = None
             self._use_ballast(full)

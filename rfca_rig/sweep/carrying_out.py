@@ -82,9 +82,10 @@ class Shards:
                 digest, values = file.attrs["plan"], np.asarray(file["values"][()], dtype=np.float64)
                 remarks = tuple(remark.decode() for remark in file["remarks"][()])
         except (OSError, KeyError, ValueError) as error:
-            raise BadInput(f"{path}: cannot be read ({' '.join(str(error).split())}); remove it, and its cases are computed anew") from None
+            reason = " ".join(str(error).split())
+            raise BadInput(f"{path}: cannot be read ({reason}); remove it, and its cases are computed again") from None
         if digest != self._digest or len(values) != len(span) != len(remarks):
-            raise BadInput(f"{path}: is of another sweep; remove it, and its cases are computed anew")
+            raise BadInput(f"{path}: is of another sweep; remove it, and its cases are computed again")
         return CaseRows(values, remarks)
 
     def clear(self) -> None:
@@ -148,7 +149,9 @@ def all_cases(plan: SweepPlan) -> CaseRange:
     return CaseRange(0, plan.count)
 
 
-def run_sweep(plan: SweepPlan, folder: Path, executor: TaskExecutor, clocks: Callable[[], Clock], told: ProgressReport) -> SweepResult:
+def run_sweep(
+    plan: SweepPlan, folder: Path, executor: TaskExecutor, clocks: Callable[[], Clock], report_progress: ProgressReport
+) -> SweepResult:
     """Run the whole sweep, continuing from what `folder` already holds.
 
     Parameters
@@ -180,21 +183,23 @@ def run_sweep(plan: SweepPlan, folder: Path, executor: TaskExecutor, clocks: Cal
         # A finished sweep that stopped before its shards were removed only needs that.
         result = read_result(plan, folder)
         if result is None:
-            _compute_missing(plan, shards, executor, clocks, told)
+            _compute_missing(plan, shards, executor, clocks, report_progress)
             result = merge_shards(plan, shards)
             write_result(result, folder)
         shards.clear()
     return result
 
 
-def _compute_missing(plan: SweepPlan, shards: Shards, executor: TaskExecutor, clocks: Callable[[], Clock], told: ProgressReport) -> None:
+def _compute_missing(
+    plan: SweepPlan, shards: Shards, executor: TaskExecutor, clocks: Callable[[], Clock], report_progress: ProgressReport
+) -> None:
     gaps = find_gaps(plan.count, shards.spans())
     if not gaps:
         return
     # Shards are sized by time, so that writing them costs little and an interruption loses little.
     size = measure_pace(plan, clocks()).cases_per_shard
     computed = plan.count - sum(map(len, gaps))
-    told(CASES, computed, plan.count)
+    report_progress(CASES, computed, plan.count)
     lost = []
     for span, rows in map_unordered(executor, partial(compute, plan), split_gaps(gaps, size), clocks):
         if isinstance(rows, TaskFailure):
@@ -202,12 +207,12 @@ def _compute_missing(plan: SweepPlan, shards: Shards, executor: TaskExecutor, cl
             continue
         shards.write(span, rows)
         computed += len(span)
-        told(CASES, computed, plan.count)
+        report_progress(CASES, computed, plan.count)
     # A lost shard is tried again case by case, so that one case that ends its worker does not take its neighbours along.
     for span, found in map_unordered(executor, partial(compute, plan), split_gaps(lost, 1), clocks):
         shards.write(span, _rows(plan, span, found))
         computed += 1
-        told(CASES, computed, plan.count)
+        report_progress(CASES, computed, plan.count)
 
 
 def _rows(plan: SweepPlan, span: CaseRange, found: CaseRows | TaskFailure) -> CaseRows:
@@ -219,6 +224,6 @@ def merge_shards(plan: SweepPlan, shards: Shards) -> SweepResult:
     """All shards as one table, in the order of the cases. Raises BadInput for a damaged shard, or for cases that are stored twice."""
     spans = shards.spans()
     if sum(map(len, spans)) != plan.count:
-        raise BadInput(f"{shards.folder}: holds some cases twice; remove the folder, and the same command computes them anew")
+        raise BadInput(f"{shards.folder}: holds some cases twice; remove the folder, and the same command computes them again")
     rows = [shards.read(span) for span in spans]
     return SweepResult(plan, np.concatenate([each.values for each in rows]), tuple(remark for each in rows for remark in each.remarks))

@@ -40,7 +40,7 @@ CAN_FAULTS = (
     Fault("can-twice", "every frame of the drive comes twice"),
 )
 DRIVE_FAULTS = (
-    Fault("drive-restart", "the drive starts anew: without torque, and its position counts from elsewhere", once=True),
+    Fault("drive-restart", "the drive starts again: without torque, and its position counts from elsewhere", once=True),
     Fault("drive-hot", "the motor warms by 5 K every second, and the drive has no limit of its own", once=True),
     Fault("temperature-stuck", "the temperature that the drive tells never changes again", once=True),
     Fault("encoder-frozen", "every report of the position is the next one over again", once=True),

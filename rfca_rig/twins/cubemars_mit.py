@@ -149,7 +149,7 @@ class CubemarsMitTwin:
 
     def _reply(self, shaft: ShaftState) -> None:
         settings, has_errors = self._settings, self._settings.tells_errors
-        angle_rad, speed_rad_s = self.encoder.told(settings.direction * shaft.angle_rad + self._zero_rad, shaft.speed_rad_s)
+        angle_rad, speed_rad_s = self.encoder.report(settings.direction * shaft.angle_rad + self._zero_rad, shaft.speed_rad_s)
         code = cubemars_mit.position_code(self._ranges, angle_rad)
         reply = MitReply(
             drive_id=settings.drive_id,
@@ -158,7 +158,7 @@ class CubemarsMitTwin:
             position_rad=0.0,
             speed_rad_s=settings.direction * speed_rad_s,
             torque_Nm=settings.direction * shaft.torque_Nm,
-            temperature_degC=min(round(self.warmth.told_degC), 255 - self._ranges.temperature_offset_degC) if has_errors else None,
+            temperature_degC=min(round(self.warmth.reported_degC), 255 - self._ranges.temperature_offset_degC) if has_errors else None,
             error=self._error if has_errors else None,
         )
         identifier = settings.drive_id if settings.reply_id is None else settings.reply_id

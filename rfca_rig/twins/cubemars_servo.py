@@ -163,7 +163,7 @@ class CubemarsServoTwin:
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
-        reported_deg, speed_rad_s = self.encoder.told(self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s)
+        reported_deg, speed_rad_s = self.encoder.report(self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s)
         count = floor(reported_deg / cubemars_servo.STATUS_DEG)
         clipped = min(max(count, -MAX_COUNT), MAX_COUNT)
         wrapped = (count + cubemars_servo.STATUS_COUNTS // 2) % cubemars_servo.STATUS_COUNTS - cubemars_servo.STATUS_COUNTS // 2
@@ -171,7 +171,7 @@ class CubemarsServoTwin:
             position_count=wrapped if self._settings.wraps else clipped,
             speed_erpm=speed_rad_s * self._erpm_s_per_rad,
             current_A=torque_Nm / self._torque_per_A,
-            temperature_degC=min(round(self.warmth.told_degC), MAX_TEMPERATURE_degC),
+            temperature_degC=min(round(self.warmth.reported_degC), MAX_TEMPERATURE_degC),
             error=self._error,
         )
         frame = cubemars_servo.status(self._settings.drive_id, status)

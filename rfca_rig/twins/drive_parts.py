@@ -18,7 +18,7 @@ class Encoder:
         """Fault: every later report repeats the angle and speed of the next one."""
         self._stands = True
 
-    def told(self, angle: float, speed: float) -> tuple[float, float]:
+    def report(self, angle: float, speed: float) -> tuple[float, float]:
         """Angle and speed as reported, in the units of the arguments."""
         if self._stands and self._standing is None:
             self._standing = angle, speed
@@ -58,7 +58,7 @@ class MotorThermalModel:
         self._stuck_degC = self._degC
 
     @property
-    def told_degC(self) -> float:
+    def reported_degC(self) -> float:
         return self._degC if self._stuck_degC is None else self._stuck_degC
 
 

@@ -313,7 +313,7 @@ class MoteusTwin:
         ]
 
     def _values(self, mode: int, fault: int, shaft: ShaftState) -> dict[int, float]:
-        angle_rad, speed_rad_s = self.encoder.told(shaft.angle_rad, shaft.speed_rad_s)
+        angle_rad, speed_rad_s = self.encoder.report(shaft.angle_rad, shaft.speed_rad_s)
         return {
             **IDENTITY_REGISTERS,
             Register.MODE: mode,
@@ -323,7 +323,7 @@ class MoteusTwin:
             Register.Q_CURRENT: nan,
             Register.D_CURRENT: nan,
             Register.POWER: shaft.torque_Nm * shaft.speed_rad_s,
-            Register.MOTOR_TEMPERATURE: self.warmth.told_degC,
+            Register.MOTOR_TEMPERATURE: self.warmth.reported_degC,
             Register.TRAJECTORY_COMPLETE: 1,
             Register.HOME_STATE: 1,
             Register.VOLTAGE: self._settings.voltage_V,

@@ -207,7 +207,7 @@ class OdriveTwin:
         settings = self._settings
         if settings.temperature_period_s is not None and settings.dialect == OdriveFirmware.V0_6:
             for _ in self._temperature_ticks.until(now_s):
-                self._send(cansimple.temperatures(settings.node_id, settings.warming.air_degC, self.warmth.told_degC))
+                self._send(cansimple.temperatures(settings.node_id, settings.warming.air_degC, self.warmth.reported_degC))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
         node, rad = self._settings.node_id, self._rad_per_turn
@@ -218,7 +218,7 @@ class OdriveTwin:
             self._send(cansimple.iq(node, current_A, current_A))
         else:
             self._send(cansimple.torques(node, torque_Nm, torque_Nm))
-        reported_rad, reported_rad_s = self.encoder.told(angle_rad - self._counted_from_rad, speed_rad_s)
+        reported_rad, reported_rad_s = self.encoder.report(angle_rad - self._counted_from_rad, speed_rad_s)
         self._send(cansimple.encoder_estimates(node, self._settings.zero_turns + reported_rad / rad, reported_rad_s / rad))
 
     def _beat(self) -> Heartbeat:

@@ -146,7 +146,7 @@ class SpeedDriveTwin(ABC):
     def _send_shaft_report(self, angle_rad: float, speed_rad_s: float, law: ShaftDrive) -> None:
         ratio, direction, zero_turns = self._gear
         torque_Nm = law.torque_Nm(angle_rad, speed_rad_s)
-        reported_rad, reported_rad_s = self.encoder.told(angle_rad - self._counted_from_rad, speed_rad_s)
+        reported_rad, reported_rad_s = self.encoder.report(angle_rad - self._counted_from_rad, speed_rad_s)
         # From shaft radians to motor turns.
         per_rad = direction * ratio / tau
         self._send(self.report(zero_turns + reported_rad * per_rad, reported_rad_s * per_rad, torque_Nm / (direction * ratio)))

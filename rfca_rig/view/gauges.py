@@ -36,7 +36,7 @@ class Gauge:
             self.value, self.share, self.limit, self.is_reported = value, share, limit, False
         self.peak_share = max(self.peak_share, share)
 
-    def told(self) -> dict[str, float]:
+    def read_values(self) -> dict[str, float]:
         """The worst value since the last call, as numbers for the page; the next value starts a new report."""
         self.is_reported = True
         numbers = {"value": self.value, "share": self.share, "peak_share": max(self.peak_share, self.share), "limit": self.limit}
@@ -130,6 +130,6 @@ class Gauges:
         if np.isfinite(heard_s).any():
             self._sensor.show(1e3 * float((ticks.now_s - heard_s)[np.isfinite(heard_s)].max()))
 
-    def told(self) -> Mapping[str, Mapping[str, float]]:
+    def read_values(self) -> Mapping[str, Mapping[str, float]]:
         """The worst values since the last call, by name of the gauge."""
-        return {gauge.name: gauge.told() for gauge in self._all}
+        return {gauge.name: gauge.read_values() for gauge in self._all}

@@ -49,7 +49,7 @@ class LiveHealth:
         while self._delays_s and self._delays_s[0][0] < wall_s - RATE_OVER_S:
             self._delays_s.popleft()
 
-    def told(self) -> list[Health]:
+    def list_lines(self) -> list[Health]:
         """All lines for the page; none before the first tick."""
         ticks = self._last
         return [] if ticks is None else [self._rate(), *self._stream(), *self._loop(ticks), *self._view(ticks.lost)]

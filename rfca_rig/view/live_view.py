@@ -47,7 +47,7 @@ class LiveView:
     """
 
     def __init__(
-        self, facts: RunFacts, plan: Plan, stop_request: StopRequest, vitals: Vitals, told: Callable[[str], None], port: int
+        self, facts: RunFacts, plan: Plan, stop_request: StopRequest, vitals: Vitals, announce: Callable[[str], None], port: int
     ) -> None:
         """Starts the view's process; returns when the page can be opened.
 
@@ -75,7 +75,7 @@ class LiveView:
         """
         clock, token = WallClock(), new_token()
         self._queue = BlockQueue.create(QUEUE_BYTES)
-        self.run_queue = RunQueue(self._queue, plan.stages, stop_request, clock, vitals, told)
+        self.run_queue = RunQueue(self._queue, plan.stages, stop_request, clock, vitals, announce)
         try:
             self._process, self._child = subprocesses.spawn(MODULE, ViewAssignment(facts, self._queue.name, clock, port, token))
         except OSError as error:

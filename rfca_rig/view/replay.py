@@ -186,5 +186,5 @@ class ReplayFeed:
             gauge.show(float(peak))
             gauge.is_reported = True
             gauge.show(float(value))
-            states[gauge.name] = gauge.told()
+            states[gauge.name] = gauge.read_values()
         return states

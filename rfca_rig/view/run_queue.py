@@ -31,7 +31,7 @@ class RunQueue:
 
     `lost` counts force records that the view did not get; the recording has them all. The queue's word for acknowledged stages, which a
     recorder uses, carries the operator's stop request here. `vitals` returns the state of the sensor's stream, and the bytes that the
-    recorder is behind. `told` is called with a line of text when a stop is requested.
+    recorder is behind. `announce` is called with a line of text when a stop is requested.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class RunQueue:
         stop_request: StopRequest,
         clock: Clock,
         vitals: Vitals,
-        told: Callable[[str], None],
+        announce: Callable[[str], None],
     ) -> None:
         """`clock` is the one that the view's process has, so that it can compute delays."""
         self._queue = queue
@@ -49,7 +49,7 @@ class RunQueue:
         self._stop_request = stop_request
         self._clock = clock
         self._vitals = vitals
-        self._notify = told
+        self._notify = announce
         self._next = 0
         self._vitals_s = -VITALS_EVERY_S
         self._owed: deque[bytes] = deque(maxlen=MAX_WAITING)

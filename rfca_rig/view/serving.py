@@ -139,7 +139,7 @@ class _FailureReport:
 
     def __init__(self, listening: socket.socket) -> None:
         self._listening = listening
-        self._is_told = False
+        self._is_announced = False
 
     def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")
@@ -148,6 +148,6 @@ class _FailureReport:
             return
         if not (isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE)):
             loop.default_exception_handler(context)
-        elif not self._is_told:
-            self._is_told = True
+        elif not self._is_announced:
+            self._is_announced = True
             print(f"the view takes no more connections until others are closed: {error.strerror} (ulimit -n)", file=sys.stderr)

@@ -163,12 +163,12 @@ def fit_leg(
             "check lengths, places of the marks and calibration; no angles taken"
         )
         return LegFit(tuple(angles), offsets, offset_std, misfit, refused)
-    told = [_photo_angles(problem, fit, place) for place in range(len(used))]
+    stated = [_photo_angles(problem, fit, place) for place in range(len(used))]
     # What the marks of each photo determine with lengths that do not.
     single = [replace(problem, photos=(one,)) for one in problem.photos]
     direct = [_photo_angles(one, _solve(one, WEAK_LENGTH_STD_M, 0.0), 0) for one in single]
     for place, number in enumerate(used):
-        angles[number] = _only_certain(told[place], direct[place], _ranges(told, direct))
+        angles[number] = _only_certain(stated[place], direct[place], _ranges(stated, direct))
     return LegFit(tuple(angles), offsets, offset_std, misfit)
 
 
@@ -366,11 +366,11 @@ def _photo_angles(problem: _Problem, fit: _Solution, place: int) -> HingeAngles:
     return HingeAngles(*_determined(angles, covariance), *_determined(bends @ angles, bends @ covariance @ bends.T))
 
 
-def _ranges(told: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Floats:
+def _ranges(stated: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Floats:
     """Smallest and largest angle of each hinge (links, 2) over the photos whose marks determine it; NaN without any."""
     rows = [
         [np.nan if sure is None or angle is None else angle for angle, sure in zip(one.hinge_rad, marks.hinge_rad, strict=True)]
-        for one, marks in zip(told, direct, strict=True)
+        for one, marks in zip(stated, direct, strict=True)
     ]
     angles = np.array(rows, np.float64)
     empty = np.asarray(np.isnan(angles).all(axis=0))

@@ -98,7 +98,7 @@ REFITTED = ("k0_Nm_per_rad", "k2_per_rad2", "hinge_damping_Nm_s_per_rad", "start
 
 
 def refitted(rig: RigModel) -> RigModel:
-    """Stiffness, hardening, hinge damping and start angle fitted to Table II anew; friction and ground stay as given."""
+    """Stiffness, hardening, hinge damping and start angle fitted to Table II again; friction and ground stay as given."""
     scale = np.array([getattr(PAPER.leg, name) for name in REFITTED])
 
     def tried(x: np.ndarray) -> RigModel:
@@ -225,7 +225,7 @@ def spikes_at_random(tries: int = 1000) -> None:
 
 
 def friction_is_not_told() -> list[RigModel]:
-    print("friction held, hinges fitted to Table II anew: k0, k2, damping, start in degrees, then as above")
+    print("friction held, hinges fitted to Table II again: k0, k2, damping, start in degrees, then as above")
     rigs = [refitted(changed(ground={"friction_coefficient": mu})) for mu in (0.15, 0.25, 0.41, 0.6, 0.63, 0.75, 0.9)]
     for rig in rigs:
         print(row(f"{rig.ground.friction_coefficient:.2f}: {_hinges(rig)}", rig))

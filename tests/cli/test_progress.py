@@ -34,12 +34,12 @@ def test_items_are_counted_and_what_remains_is_told(terminal, capsys):
 def test_of_work_without_a_known_end_its_own_words_and_the_time_so_far_until_something_is_counted(terminal, capsys):
     with progress(quiet=False) as bars:
         bars.show_unbounded("compiling", lambda: "7 functions")
-        bars.told("strips", 0, 8)
+        bars.report("strips", 0, 8)
     lines = shown(capsys.readouterr().err)
     assert re.search(r"compiling .* 7 functions 00:0\d$", next(line for line in lines if "compiling" in line))
     with progress(quiet=False) as bars:
         bars.show_unbounded("compiling", lambda: "7 functions")
-        bars.told("strips", 1, 8)
+        bars.report("strips", 1, 8)
     assert "compiling" not in shown(capsys.readouterr().err)[-1]
 
 
@@ -58,7 +58,7 @@ def test_nothing_is_said_where_nobody_watches(quiet, capsys, monkeypatch):
     if quiet:
         monkeypatch.setenv("TTY_COMPATIBLE", "1")
     with progress(quiet=quiet) as bars:
-        bars.told("letters", 1, 2)
+        bars.report("letters", 1, 2)
         bars.share("part", 0.5)
         bars.show_unbounded("more", lambda: "")
     said = capsys.readouterr()
@@ -67,7 +67,7 @@ def test_nothing_is_said_where_nobody_watches(quiet, capsys, monkeypatch):
 
 def test_results_go_to_standard_output_while_a_bar_is_there(terminal, capsys):
     with progress(quiet=False) as bars:
-        bars.told("letters", 1, 2)
+        bars.report("letters", 1, 2)
         print("a result")
     said = capsys.readouterr()
     assert said.out == "a result\n"

@@ -330,7 +330,7 @@ def test_a_restart_of_the_drive_is_a_fault_and_counted_and_time_does_not_run_bac
         shaft = r.run(0.1)
         assert np.all(np.diff(shaft.device_s) > 0.0)
         assert shaft.device_s[-1] - shaft.device_s[0] == pytest.approx(0.1, abs=0.005)
-        assert "the drive restarted, its millisecond counter began anew" in (r.motor.status().fault or "")
+        assert "the drive restarted, its millisecond counter began again" in (r.motor.status().fault or "")
         assert r.motor.identity()["restarts"] == "1"
 
 

@@ -23,9 +23,9 @@ def hypothesis():
     return coordinates, np.append(np.zeros(coordinates.nuisances), 0.3)
 
 
-def inferred(dataset, hypothesis, stopped_as_told=True):
+def inferred(dataset, hypothesis, stopped_as_commanded=True):
     coordinates, x = hypothesis
-    return dataset.with_parts(LegSimulator(stopped_as_told).infer_history(dataset.parts, coordinates.supposed, x))
+    return dataset.with_parts(LegSimulator(stopped_as_commanded).infer_history(dataset.parts, coordinates.supposed, x))
 
 
 def forgotten(dataset):
@@ -57,4 +57,4 @@ def test_before_the_moves_are_known_friction_is_left_open_and_afterwards_it_coun
     assert extra_directions.rows.transient_scale.max() > 0.0 and not dataset.rows.transient_scale.any()
     known = inferred(extra_directions, hypothesis)
     assert not known.rows.transient_scale.any() and known.parts[0].moves == MOVES[0]
-    assert inferred(extra_directions, hypothesis, stopped_as_told=False).rows.transient_scale.max() > 0.0
+    assert inferred(extra_directions, hypothesis, stopped_as_commanded=False).rows.transient_scale.max() > 0.0

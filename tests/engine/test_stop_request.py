@@ -113,6 +113,6 @@ def test_after_the_stop_no_command_leaves_any_more(tmp_path):
         wiretap = tapped(bench)
         loop.end()
         for command in (lambda: loop.step_to_angle(0.0, 0.0, 0.002), lambda: loop.step_at_speed(1.0, 0.002)):
-            with pytest.raises(DeviceError, match="nothing moves before it is begun anew"):
+            with pytest.raises(DeviceError, match="nothing moves before it is begun again"):
                 command()
         assert not [frame for frame in wiretap.sent if frame.arbitration_id & 0x1F in {*MOTION, OdriveCommand.CONTROLLER_MODE}]

@@ -107,7 +107,7 @@ def test_what_was_half_done_is_done_again_and_the_rest_stays(exam):
         folder.rename(folder.with_name(".case-0002.writing"))
     (exam / "campaigns" / ".case-0002.writing" / "campaign.toml").write_text("half")
     told = []
-    examine(exam, 1, NUMBERS, wants_more_data, told=lambda *said: told.append(said))
+    examine(exam, 1, NUMBERS, wants_more_data, report_progress=lambda *said: told.append(said))
     assert (lost[0] / "campaign.toml").read_text() == content
     after = files(exam)
     assert set(after) == set(before)

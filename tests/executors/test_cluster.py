@@ -28,7 +28,7 @@ EXAM = ("--seed", 2, "--kind", "poor data", "--cases", 2)
 
 @pytest.fixture(scope="module")
 def address():
-    """A scheduler with two workers that are processes of their own, started anew when they are lost."""
+    """A scheduler with two workers that are processes of their own, started again when they are lost."""
     asked = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": "127.0.0.1:0", "silence_logs": 60}
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("HANGS_S", "1")  # a worker goes on with what it has begun when the command that wanted it was killed

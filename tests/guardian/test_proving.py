@@ -65,7 +65,7 @@ def test_a_drive_without_torque_is_proof_and_what_it_rests_on_is_kept(held_Nm, a
         (TorqueOffResult(0.102, 0.5, 9, 0.9), 0.0, True, r"still shows 0\.90 N m; press the emergency stop"),
         (can.CanOperationError("cable pulled"), 1.0, True, r"guardian not proven: cable pulled"),
     ],
-    ids=["nothing", "no answer", "holds", "holds the other way", "pulls anew", "bus"],
+    ids=["nothing", "no answer", "holds", "holds the other way", "pulls again", "bus"],
 )
 def test_everything_else_is_refused_in_words(did, held_Nm, answers, said):
     with pytest.raises(DeviceError, match=said):

@@ -1,4 +1,4 @@
-"""Laws of the package are compiled once for all processes, each for itself, and anew where a file of the model changes."""
+"""Laws of the package are compiled once for all processes, each for itself, and again where a file of the model changes."""
 
 import os
 import subprocess

@@ -16,7 +16,7 @@ BENT = np.array([0.42, 0.35, -0.1, 0.2, 0.6, 0.05])
 
 
 def dense_stiffness(holding, elements=300):
-    """Second derivatives of (7) with the stations' angles eliminated from a dense matrix; nodes and springs put up anew."""
+    """Second derivatives of (7) with the stations' angles eliminated from a dense matrix; nodes and springs put up again."""
     even = np.linspace(0.0, LAY.length_m, elements + 1)
     apart = np.abs(even[:, None] - holding.stations_m).min(axis=1) > 1e-6
     s = np.sort(np.concatenate((even[apart], holding.stations_m)))

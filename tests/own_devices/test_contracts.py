@@ -81,7 +81,7 @@ class PolledTwin(SpeedDriveTwin):
                 self.switch_on()
 
     def report(self, turns: float, turns_s: float, torque_Nm: float) -> list[can.Message]:
-        data = struct.pack("<fffBBB", turns, turns_s, torque_Nm, self.is_on, self.fault, round(self.warmth.told_degC))
+        data = struct.pack("<fffBBB", turns, turns_s, torque_Nm, self.is_on, self.fault, round(self.warmth.reported_degC))
         return [can.Message(arbitration_id=0x20, data=data, is_fd=True, is_extended_id=False)]
 
     def starve(self) -> None:

@@ -177,7 +177,7 @@ def test_a_damaged_shard_and_one_of_another_sweep_are_named(tmp_path):
     shard = next(out.glob("shards/*.h5"))
     whole = shard.read_bytes()
     shard.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(BadInput, match=rf"{shard.name}: cannot be read .*; remove it, and its cases are computed anew"):
+    with pytest.raises(BadInput, match=rf"{shard.name}: cannot be read .*; remove it, and its cases are computed again"):
         run_sweep(small_plan(), out, InProcessExecutor(), Slow, ignore_named_progress)
     shard.unlink()
     Shards(out, "of another plan").write(span_of(shard), compute(small_plan(), span_of(shard)))

@@ -159,7 +159,7 @@ def test_a_share_passes_one_exactly_where_the_run_trips(pieces, expected_N):
     for number, force_N in enumerate(forces, start=1):
         one = tick(0.01 * number, counts_of(force_N, rows=3))
         gauges.take(ticks_of([tick_block(one, Stamp(0.0, 0))]))
-        share = max(gauges.told()[name]["peak_share"] for name in ("force", "force above expected"))
+        share = max(gauges.read_values()[name]["peak_share"] for name in ("force", "force above expected"))
         try:
             watch.check(one.force)
             assert share < 1.001
@@ -172,12 +172,12 @@ def test_a_peak_between_two_tellings_is_told_and_the_peak_of_a_stage_stays_until
     gauges = Gauges(LIMITS, SensorScale(1e6, 1e6, 7000.0))
     for now_s, force_N in ((0.002, 10.0), (0.004, 150.0), (0.006, 10.0)):
         gauges.take(seen(now_s, force_N))
-    assert gauges.told()["force"] == {"value": 150.0, "share": 0.5, "peak_share": 0.5, "limit": 300.0}
+    assert gauges.read_values()["force"] == {"value": 150.0, "share": 0.5, "peak_share": 0.5, "limit": 300.0}
     gauges.take(seen(0.008, 30.0))
-    assert gauges.told()["force"] == {"value": 30.0, "share": 0.1, "peak_share": 0.5, "limit": 300.0}
+    assert gauges.read_values()["force"] == {"value": 30.0, "share": 0.1, "peak_share": 0.5, "limit": 300.0}
     gauges.stage(None)
     gauges.take(seen(0.010, 30.0))
-    assert gauges.told()["force"]["peak_share"] == 0.1
+    assert gauges.read_values()["force"]["peak_share"] == 0.1
 
 
 STAGES = [ListedStage("move", "move", 2.0), ListedStage("rest", "rest", 10.0), ListedStage("flap", "flap", 4.0)] * 2

@@ -42,7 +42,7 @@ def test_where_the_view_is_behind_whole_ticks_are_left_out_and_counted():
         both.run.beat()
         both.run_queue.tick(next(ticks(1)))
         both.run.beat()
-        values = {line.name: line.value for line in both.run.source._health.told()}
+        values = {line.name: line.value for line in both.run.source._health.list_lines()}
         assert values["lost to the view"] == f"{lost} records"
 
 

@@ -52,7 +52,7 @@ def test_corners_are_numbered_and_placed_as_opencv_finds_them(text):
 
 
 def test_the_pdf_is_in_true_scale_and_says_the_same_as_the_picture():
-    """Its rectangles are drawn anew here, in points of 1/72 inch."""
+    """Its rectangles are drawn again here, in points of 1/72 inch."""
     board = parse_board("10x7,25,18")
     document = board_pdf(board)
     box = [float(word) for word in re.search(rb"/MediaBox \[([^]]*)\]", document)[1].split()]

@@ -45,7 +45,7 @@ def _check_run(run: Path, as_json: bool) -> None:
         done_MB, total_MB = 0.0, _size_MB(run)
         for finding in check_run(run):
             done_MB += _size_MB(run / finding.file)
-            bars.told("checking, MB", round(done_MB), max(1, round(total_MB)))
+            bars.report("checking, MB", round(done_MB), max(1, round(total_MB)))
             findings.append(finding)
             # Printed as it is found: a long run takes minutes, and the first damage should show at once.
             if not as_json:

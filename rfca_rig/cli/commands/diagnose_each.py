@@ -31,8 +31,8 @@ def diagnose_each(paths: Sequence[Path], out: Path, job: Job, workers: int | Non
     out.mkdir(parents=True, exist_ok=True)
     remove_leftovers(out)
     try:
-        with progress(quiet=as_json) as bars, open_executor(workers, cluster, bars.told, out) as executor:
-            failed = _diagnose_all(folders, job, executor, bars.told)
+        with progress(quiet=as_json) as bars, open_executor(workers, cluster, bars.report, out) as executor:
+            failed = _diagnose_all(folders, job, executor, bars.report)
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
     # Workers on other computers wrote the answers; this computer may not see the new folders yet.
@@ -61,19 +61,21 @@ def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
     return folders
 
 
-def _diagnose_all(folders: dict[str, tuple[Path, Path]], job: Job, executor: "TaskExecutor", told: ProgressReport) -> dict[str, str]:
+def _diagnose_all(
+    folders: dict[str, tuple[Path, Path]], job: Job, executor: "TaskExecutor", report_progress: ProgressReport
+) -> dict[str, str]:
     """Diagnoses what is missing; returns the reason, by name, for each that failed."""
     from rfca_rig.executors.mapping import TaskFailure, map_unordered
 
     to_do = [each for each in folders.values() if not (each[1] / ANSWER).is_file()]
     before = len(folders) - len(to_do)
     failed: dict[str, str] = {}
-    told("diagnoses", before, len(folders))
+    report_progress("diagnoses", before, len(folders))
     for number, ((_, into), result) in enumerate(map_unordered(executor, job, to_do), start=before + 1):
         why = result.reason if isinstance(result, TaskFailure) else result
         if why is not None:
             failed[into.name] = why
-        told("diagnoses", number, len(folders))
+        report_progress("diagnoses", number, len(folders))
     return failed
 
 

@@ -87,7 +87,7 @@ def fit(
     select_parameters(_names(parameters))
     recordings = open_with_nominal_model(paths, as_is)
     counter = _Counter()
-    with progress(quiet=as_json) as bars, _executor_of_starts(cluster, bars.told) as executor:
+    with progress(quiet=as_json) as bars, _executor_of_starts(cluster, bars.report) as executor:
         bars.show_unbounded("fitting", counter.text)
         search = Search(starts=starts, rng=np.random.default_rng(seed), progress=counter.count, executor=executor)
         result = fit_recordings(recordings, _names(parameters), comparison, search)
@@ -141,9 +141,9 @@ def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path
         typer.echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
 
 
-def _executor_of_starts(cluster: str | None, told: ProgressReport) -> "AbstractContextManager[TaskExecutor | None]":
+def _executor_of_starts(cluster: str | None, report_progress: ProgressReport) -> "AbstractContextManager[TaskExecutor | None]":
     """None without a cluster: threads of this process share out one descent better than processes share several."""
-    return nullcontext() if cluster is None else open_executor(None, cluster, told)
+    return nullcontext() if cluster is None else open_executor(None, cluster, report_progress)
 
 
 def _names(text: str) -> list[str]:

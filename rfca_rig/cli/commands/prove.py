@@ -70,12 +70,12 @@ def _work(
     from rfca_rig.exam.follow_up import follow_up
 
     try:
-        with progress(quiet=quiet) as bars, open_executor(workers, cluster, bars.told, out) as executor:
-            examine(out, seed, numbers, diagnose_as_typed, executor, WallClock, bars.told)
+        with progress(quiet=quiet) as bars, open_executor(workers, cluster, bars.report, out) as executor:
+            examine(out, seed, numbers, diagnose_as_typed, executor, WallClock, bars.report)
             if follows:
-                follow_up(out, diagnose_as_typed, executor, bars.told)
+                follow_up(out, diagnose_as_typed, executor, bars.report)
             if takes_out:
-                run_ablation(out, diagnose_without, executor, bars.told)
+                run_ablation(out, diagnose_without, executor, bars.report)
     # Completed cases are on disk, so the same command continues.
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None

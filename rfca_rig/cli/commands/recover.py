@@ -18,7 +18,7 @@ def recover(
 ) -> None:
     """Make a whole recording of a run that a crash or a power cut ended, the stage in progress included. Not while it still goes on.
 
-    Also makes run.h5 anew from the files of the stages, where it is missing or damaged.
+    Also makes run.h5 again from the files of the stages, where it is missing or damaged.
 
     Example: rfca-rig recover runs/REAL-flapping-001
     """
@@ -101,5 +101,5 @@ def _nothing_to_recover(path: Path) -> str:
     try:
         summarize(path, thorough=False)
     except BadInput as error:
-        return f"{error}; and there are no stage files beside it to make it anew from"
+        return f"{error}; and there are no stage files beside it to make it again from"
     return f"{path}: is whole, and there is no interrupted run beside it to recover"

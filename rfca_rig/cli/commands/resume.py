@@ -35,7 +35,7 @@ def resume(
 ) -> None:
     """Go on with a run that was stopped, by ^C, a trip, a crash or a power cut: the stages that are not recorded, into the same folder.
 
-    A real rig is armed anew. From wherever the shaft stands it first turns forwards to the start angle.
+    A real rig is armed again. From wherever the shaft stands it first turns forwards to the start angle.
 
     Example: rfca-rig resume runs/REAL-table-ii-001
     """

@@ -24,7 +24,7 @@ def photos(
     ] = None,
     runs: Runs = Path("runs"),
 ) -> None:
-    """Read hinge angles off photos taken by hand, or anew with a better calibration; the recording with them goes into a new folder.
+    """Read hinge angles off photos taken by hand, or again with a better calibration; the recording with them goes into a new folder.
 
     Example: rfca-rig static photos runs/REAL-static-001 camera-card/ --camera calibration/camera.toml
     """

@@ -132,8 +132,8 @@ def _run_sweep(
 
     if not is_warm() and not quiet:
         typer.echo("compiling the model, once on this machine, about ten seconds ...", err=True)
-    with progress(quiet) as bars, open_executor(workers, cluster, bars.told) as executor:
-        return run_sweep(plan, folder, executor, clocks, bars.told)
+    with progress(quiet) as bars, open_executor(workers, cluster, bars.report) as executor:
+        return run_sweep(plan, folder, executor, clocks, bars.report)
 
 
 def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_json: bool) -> None:

@@ -88,12 +88,12 @@ class LegSimulator(Simulator):
         return _with_tables(conditions, [replace(table, moves=moves) for table in tables])
 
 
-def make_leg_dataset(conditions: Iterable[LegCondition], stopped_as_told: bool = True) -> Dataset:
+def make_leg_dataset(conditions: Iterable[LegCondition], stopped_as_commanded: bool = True) -> Dataset:
     """The dataset of the recordings of a leg. Raises BadInput where there is none."""
     conditions = tuple(conditions)
     if not conditions:
         raise BadInput("nothing to diagnose: no stroke shows a touchdown and a valley, and there is no static table")
-    return make_dataset(conditions, LegSimulator(stopped_as_told))
+    return make_dataset(conditions, LegSimulator(stopped_as_commanded))
 
 
 def select_strokes(conditions: Iterable[object]) -> tuple[DynamicCondition, ...]:

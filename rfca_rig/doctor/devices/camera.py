@@ -21,10 +21,10 @@ LOOK_EVERY_S = 0.02
 
 @dataclass(frozen=True)
 class CameraObservation:
-    """Observed photo. `fault` is why there was none, else None. It showed `told` of `planned` marks, with these doubts."""
+    """Observed photo. `fault` is why there was none, else None. It showed `stated` of `planned` marks, with these doubts."""
 
     fault: str | None
-    told: int = 0
+    stated: int = 0
     planned: int = 0
     doubts: tuple[str, ...] = ()
 
@@ -42,8 +42,8 @@ def judge_camera_file(path: str, fault: str | None, error_px: float) -> Finding:
 def judge_camera(seen: CameraObservation) -> Finding:
     if seen.fault is not None:
         return red(CAMERA, seen.fault, "put the camera right before the next static run; without [camera] forces are measured all the same")
-    shown = f"{seen.told} of {seen.planned} marks told"
-    if seen.told == seen.planned:
+    shown = f"{seen.stated} of {seen.planned} marks told"
+    if seen.stated == seen.planned:
         return green(CAMERA, shown)
     message = f"{shown}: {'; '.join(seen.doubts)}"
     return yellow(CAMERA, message, "bring the leg into the picture, light it evenly, take red things away")

@@ -73,7 +73,7 @@ def judge_can_bus(seen: CanBusObservation, interface: str, channel: str, known: 
         return red(BUS_SUBJECT, f"{name} cannot be opened: {seen.error}", remedy, *commands)
     if seen.went_off or seen.failed is not None:
         problem = "went off after too many errors" if seen.went_off else f"failed: {seen.failed}"
-        return red(BUS_SUBJECT, f"{name} {problem}", "check wiring, termination and bit rate, then start the interface anew")
+        return red(BUS_SUBJECT, f"{name} {problem}", "check wiring, termination and bit rate, then start the interface again")
     if seen.error_frames:
         fix = "check that the drive has the bit rate of the rig file, the wiring, and a 120 ohm resistor at both ends"
         return yellow(BUS_SUBJECT, f"{name} opens, with {seen.error_frames} error frames beside {seen.frames} good ones", fix)

@@ -319,5 +319,5 @@ def await_standstill(clock: Clock, speed_rad_s: Callable[[], float]) -> None:
         if now_s - began_s > WAIT_S:
             raise DeviceError(
                 f"drive not enabled: without torque the shaft turns at {now_rad_s:.2g} rad/s, and does not come to rest within "
-                f"{WAIT_S:g} s (limit {MAX_SPEED_RAD_S:g} rad/s); steady the leg, and start anew"
+                f"{WAIT_S:g} s (limit {MAX_SPEED_RAD_S:g} rad/s); steady the leg, and start again"
             )

@@ -82,7 +82,7 @@ class CubemarsMitMotor:
         """
         self.disable()
         if self._replies.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start anew")
+            raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start again")
         self._await_replies()
         await_standstill(self._clock, self._limp_speed_rad_s)
         self._target = self._target_at(self._replies.angle_rad)

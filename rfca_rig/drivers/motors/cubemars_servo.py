@@ -176,7 +176,7 @@ class CubemarsServoMotor:
         """
         self.disable()
         if self._reports.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
+            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
         self._await_status()
         # Motion while energising is the sign of a wrong turn counter, so the shaft must be at rest before.
         await_standstill(self._clock, self._limp_speed_rad_s)

@@ -53,7 +53,7 @@ class MoteusMotor:
         """
         self.disable()
         if self._replies.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start anew")
+            raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start again")
         self._replies.drain()
         self._replies.reset_counters()
         self._send(IDENTITY_QUERY, wants_reply=True)

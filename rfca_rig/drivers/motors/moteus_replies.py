@@ -176,7 +176,7 @@ class MoteusReplies:
     def zero_lost(self) -> str | None:
         """Why the angle can no longer be trusted, or None. Never reset."""
         if self.restarts:
-            return "the drive restarted, its millisecond counter began anew; turns that it had counted are lost: find its zero again"
+            return "the drive restarted, its millisecond counter began again; turns that it had counted are lost: find its zero again"
         return self._leap.fault
 
     def missing(self) -> str | None:

@@ -69,7 +69,7 @@ class OdriveMotor:
 
     def _refuse_lost_zero(self) -> None:
         if self._reports.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
+            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
 
     def _await_reports(self) -> None:
         """Waits for every required message, and for enough encoder frames to measure their rate."""

@@ -117,7 +117,7 @@ class SpeedDrive(ABC, Generic[Keys]):
         # Frames that piled up during a pause may have gaps, so they are discarded.
         self._reports.samples()
         if self._reports.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start anew")
+            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
         self._say(self.to_clear())
         self._await_reports()
         self._check_period()

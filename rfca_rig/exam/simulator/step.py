@@ -152,21 +152,21 @@ def add_frame_terms(mount: Floats, hanging: float, phi: Floats, w: Floats, h: fl
 
 
 @jit_internal
-def drive_shaft(drive: Floats, motor: Floats, told: float, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> float:
+def drive_shaft(drive: Floats, motor: Floats, commanded: float, phi: Floats, w: Floats, h: float, M: Floats, x: Floats) -> float:
     """Add the torque on a shaft that is free to turn to row 0 of `M` (n, n) and `x` (n,).
 
-    `told` is the commanded angle before the step. Returns the torque at mid-step without its implicit part.
+    `commanded` is the commanded angle before the step. Returns the torque at mid-step without its implicit part.
     """
     if drive[SHAFT] != 0.0:
         angle, speed = motor[MOTOR_ANGLE] + 0.5 * h * motor[MOTOR_SPEED], motor[MOTOR_SPEED]
         # Without a controller the motor follows the command exactly.
         if drive[KP] == 0.0:
-            angle, speed = 0.5 * (told + motor[COMMAND_ANGLE]), (motor[COMMAND_ANGLE] - told) / h
+            angle, speed = 0.5 * (commanded + motor[COMMAND_ANGLE]), (motor[COMMAND_ANGLE] - commanded) / h
         torque, rising = shaft_torque(drive, angle - phi[0], speed - w[0])
         M[0, 0] += 0.5 * h * rising
     else:
         # A rigid shaft: the rotor's inertia turns with the leg.
-        torque, falling = pi_torque(drive, motor, told, phi[0], w[0], h)
+        torque, falling = pi_torque(drive, motor, commanded, phi[0], w[0], h)
         M[0, 0] += drive[ROTOR] + 0.5 * h * falling
     x[0] += torque
     return torque
@@ -195,13 +195,13 @@ def balance(M: Floats, bias: Floats, cable_torque: float, A: Floats, x: Floats) 
 
 
 @jit_internal
-def solve(drive: Floats, motor: Floats, told: float, held: bool, phi: Floats, w: Floats, h: float, A: Floats, x: Floats) -> float:
+def solve(drive: Floats, motor: Floats, commanded: float, held: bool, phi: Floats, w: Floats, h: float, A: Floats, x: Floats) -> float:
     """Solve for the accelerations, into `x` (n,).
 
     Returns the torque of `drive_shaft` where the shaft is free. Where it is `held`, its acceleration is known and 0 is returned.
     """
     if not held:
-        torque = drive_shaft(drive, motor, told, phi, w, h, A, x)
+        torque = drive_shaft(drive, motor, commanded, phi, w, h, A, x)
         solve_between(A, x, 0, x.size)
         return torque
     # The shaft reaches the commanded speed at the end of the step. Its column moves to the right-hand side.
@@ -315,15 +315,15 @@ def compute_reactions(
 
 @jit_internal
 def report_motor(
-    drive: Floats, motor: Floats, told: float, torque: float, held: bool, phi: Floats, w: Floats, h: float, now: Floats
+    drive: Floats, motor: Floats, commanded: float, torque: float, held: bool, phi: Floats, w: Floats, h: float, now: Floats
 ) -> None:
     """Write the motor's torque, angle and speed after a step into `now` (6 + n,); advances a rotor behind a soft shaft.
 
-    `told` is the commanded angle before the step, `torque` the return value of `solve`.
+    `commanded` is the commanded angle before the step, `torque` the return value of `solve`.
     """
     now[MOTOR_TORQUE] = now[LEG_TORQUE]
     if not held and drive[SHAFT] != 0.0 and drive[KP] != 0.0:
-        now[MOTOR_TORQUE] = turn_rotor(drive, motor, told, torque, h)
+        now[MOTOR_TORQUE] = turn_rotor(drive, motor, commanded, torque, h)
     elif held or drive[SHAFT] != 0.0:
         motor[MOTOR_ANGLE], motor[MOTOR_SPEED] = motor[COMMAND_ANGLE], motor[COMMAND_SPEED]
     else:

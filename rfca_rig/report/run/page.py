@@ -126,7 +126,7 @@ def shorten(text: str) -> str:
     return text
 
 
-def page(story: RunStory, tables: Sequence[Table], told: PageContext, files: Sequence[str]) -> str:
+def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: Sequence[str]) -> str:
     """The page as HTML.
 
     Parameters
@@ -145,8 +145,8 @@ def page(story: RunStory, tables: Sequence[Table], told: PageContext, files: Seq
     shown, stages_shown = pictures.select_traces(story.parts), pictures.select_static_stages(recording.static)
     return template("run.html").render(
         sheets=("verdict.css",),
-        origin=told.origin,
-        links=told.links,
+        origin=context.origin,
+        links=context.links,
         files=files,
         title=recording.title,
         mark=recording.source,

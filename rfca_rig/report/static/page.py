@@ -68,7 +68,11 @@ def photos_by_source(sources: Sequence[StaticSource]) -> list[tuple[str, list[St
 
 
 def page(
-    result: StaticResult, sources: Sequence[StaticSource], elastica: Sequence[PredictedHingeCurve], told: PageContext, files: Sequence[str]
+    result: StaticResult,
+    sources: Sequence[StaticSource],
+    elastica: Sequence[PredictedHingeCurve],
+    context: PageContext,
+    files: Sequence[str],
 ) -> str:
     """The page as HTML.
 
@@ -87,7 +91,7 @@ def page(
     """
     return template("static.html").render(
         sheets=("static.css",),
-        origin=told.origin,
+        origin=context.origin,
         files=files,
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)),
         sources=[
@@ -115,7 +119,7 @@ def page(
         strips=[{"name": name, "pictures": [_photo(picture) for picture in strip]} for name, strip in photos_by_source(sources)],
         stages=_stages(result, sources),
         several=len(sources) > 1,
-        model=f"the model in {told.model_file}" if told.model_file else "the model as it was believed",
+        model=f"the model in {context.model_file}" if context.model_file else "the model as it was believed",
         has_model="model.toml" in files,
         has_curve="model-curve.toml" in files,
         rest_sentence_of_hinges=_rest_angles(result),

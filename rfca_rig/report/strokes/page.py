@@ -184,7 +184,7 @@ def model_table(rig: RigModel) -> Table:
     return Table("model", "", COLUMNS, tuple(TableRow(row) for row in rows))
 
 
-def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, told: PageContext) -> str:
+def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, context: PageContext) -> str:
     """The page as HTML.
 
     Parameters
@@ -202,9 +202,9 @@ def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: 
     """
     return template("table2.html").render(
         sheets=(),
-        origin=told.origin,
+        origin=context.origin,
         files=tuple(f"{stem}.{kind}" for stem in ("table2", peaks.name) for kind in ("csv", "tex", "json")),
-        links=told.links,
+        links=context.links,
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)) or "Nothing recorded",
         standfirst=_standfirst(table),
         sources=[_source(source) for source in sources],
@@ -212,7 +212,7 @@ def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: 
         peaks=peaks,
         figures=_figures(sources, shaft),
         static_tables=[table for source in sources for table in stage_tables(source.name, source.recording.static)],
-        models=_models(sources, told.model_file),
+        models=_models(sources, context.model_file),
         definition=DEFINITION,
         regions_definition=REGIONS_DEFINITION,
     )
