@@ -98,7 +98,12 @@ def check_picture_path(path: Path) -> None:
 
 
 def save_picture(figure: Figure, path: Path) -> None:
-    """Writes the figure, all or nothing; the same figure gives the same bytes. Raises RigError where the disk refuses."""
+    """Writes the figure, all or nothing; the same figure gives the same bytes.
+
+    Raises BadInput where its folder is missing, RigError where the disk refuses.
+    """
+    if not path.parent.is_dir():
+        raise BadInput(f"{path}: cannot be written: {path.parent} is no folder; make it, or name another one")
     drawn, kind = io.BytesIO(), path.suffix.lower()
     # Without its date, an SVG has the same bytes each time.
     figure.savefig(drawn, format=kind.lstrip("."), dpi=200, metadata={"Date": None} if kind == ".svg" else None)

@@ -373,7 +373,7 @@ def _ranges(stated: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Flo
         for one, marks in zip(stated, direct, strict=True)
     ]
     angles = np.array(rows, np.float64)
-    empty = np.asarray(np.isnan(angles).all(axis=0))
+    empty = np.atleast_1d(np.isnan(angles).all(axis=0))
     low, high = np.where(np.isnan(angles), np.inf, angles).min(axis=0), np.where(np.isnan(angles), -np.inf, angles).max(axis=0)
     return np.where(empty[:, None], np.nan, np.column_stack([low, high]))
 

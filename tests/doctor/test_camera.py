@@ -61,14 +61,14 @@ def test_a_leg_in_the_picture_is_green(tmp_path, shows):
     shows(hanging(noise_counts=1.0))
     found = findings(tmp_path)
     assert colours(found.values()) == {"camera file": "green", "camera": "green"}
-    assert whole(found["camera"]).startswith("8 of 8 marks told")
+    assert whole(found["camera"]).startswith("8 of 8 marks found")
 
 
 def test_a_hidden_mark_is_yellow_and_named(tmp_path, shows):
     shows(hanging(hidden_mark=4, hidden_share=0.9))
     seen = findings(tmp_path)["camera"]
     assert seen.colour == "yellow"
-    assert "7 of 8 marks told: mark at hinge 5: not seen" in whole(seen)
+    assert "7 of 8 marks found: mark at hinge 5: not seen" in whole(seen)
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def judge_camera_file(path: str, fault: str | None, error_px: float) -> Finding:
 def judge_camera(seen: CameraObservation) -> Finding:
     if seen.fault is not None:
         return red(CAMERA, seen.fault, "put the camera right before the next static run; without [camera] forces are measured all the same")
-    shown = f"{seen.stated} of {seen.planned} marks told"
+    shown = f"{seen.stated} of {seen.planned} marks found"
     if seen.stated == seen.planned:
         return green(CAMERA, shown)
     message = f"{shown}: {'; '.join(seen.doubts)}"
