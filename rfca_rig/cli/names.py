@@ -1,6 +1,7 @@
 """Names that can be typed on the command line, found without loading anything heavy: for completion and suggestions."""
 
 import os
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import islice
@@ -83,11 +84,13 @@ VERDICTS = tuple(word.replace(" ", "-") for word in ANY_VERDICT)
 TRIP_CODES = tuple(code.value for code in Trip)
 RECORDED = ("run.json", "run.h5", "campaign.toml", "pendulum.toml", "experiment.toml")
 MAX_FOLDERS = 50
+EFFECT_ID = re.compile(r'^ +id="(\w+)"', re.MULTILINE)
 
 
 def effect_names() -> list[str]:
-    """Effects of the package and of the lab's own folder; an effect's file has its name."""
-    return _stems(filter(None, (str(PACKAGE / "model" / "effects"), os.environ.get("RFCA_RIG_EFFECTS"))), "*.py")
+    """Effects of the package, by their ids in its files, and of the lab's own folder, where an effect's file has its name."""
+    text = "".join(file.read_text(encoding="utf-8") for file in (PACKAGE / "model" / "effects").glob("*.py"))
+    return sorted({*EFFECT_ID.findall(text), *_stems(filter(None, (os.environ.get("RFCA_RIG_EFFECTS"),)), "*.py")})
 
 
 def file_names(kind: str) -> list[str]:

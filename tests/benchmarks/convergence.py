@@ -19,7 +19,7 @@ from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.model.chain import LONGEST_STEP_S, Tolerance, allocate_samples, make_chain
 from rfca_rig.model.integrator import DONE, FIRST_STEP_S, integrate
 from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Chain, Samples
+from rfca_rig.model.state import NO_LAWS, Chain, Samples
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.report.style import FAINT, MEASURED, STYLE
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
@@ -64,7 +64,7 @@ def free_motion(
     samples, bounds = allocate_samples(t_s, len(start)), np.array([tolerance.angle_rad, tolerance.speed_rad_s])
     end_s, work = float(t_s[-1]), allocate_workspace(len(start), len(start))
     status, _, accepted, _ = integrate(
-        chain, None, free_shaft(), released(start), 0.0, end_s, first_s, longest_s, 10**9, bounds, work, samples
+        chain, NO_LAWS, free_shaft(), released(start), 0.0, end_s, first_s, longest_s, 10**9, bounds, work, samples
     )
     if status != DONE:
         raise SystemExit(f"the free chain stopped after {accepted} steps")
