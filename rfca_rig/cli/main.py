@@ -125,6 +125,7 @@ def run() -> None:
         exit_code = _command()(standalone_mode=False) or 0
         # Here, where a full disk or a closed pipe can still be reported.
         sys.stdout.flush()
+        _drop_broken_error_stream()
         sys.exit(exit_code)
     # Exit codes are a contract with scripts: each kind of error has its own.
     except TyperException as error:
@@ -135,9 +136,9 @@ def run() -> None:
         _leave(str(error), error.exit_code)
     except (KeyboardInterrupt, Abort):
         _leave("stopped by the operator", Stopped.exit_code)
-    # The reader, for example `head`, has gone. Closing the stream prevents a second error at exit.
+    # The reader, for example `head`, has gone. Streams that take all prevent a second error at exit.
     except BrokenPipeError:
-        sys.stderr.close()
+        sys.stdout = sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
         sys.exit(1)
     except OSError as error:
         if error.errno == errno.ENOENT and _is_folder_gone():
@@ -183,10 +184,17 @@ def _is_folder_gone() -> bool:
 
 
 def _leave(message: str, exit_code: int) -> None:
-    try:
+    # The exit code still tells where the error stream takes nothing.
+    with suppress(OSError):
         if message:
             typer.echo(f"rfca-rig: {in_one_line(message)}", err=True)
-    # An error stream that takes nothing: the exit code still tells, and the interpreter must not try again at its end.
-    except OSError:
-        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+    _drop_broken_error_stream()
     sys.exit(exit_code)
+
+
+def _drop_broken_error_stream() -> None:
+    """Replaces an error stream that takes nothing: the interpreter would try it again at its end, and end with code 120."""
+    try:
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn
 from rich.text import Text
 
+from rfca_rig.cli.terminal import ErrorConsole
 from rfca_rig.progress import ProgressCount
 
 # Parts differ in length, so the remaining time is estimated from all of them and not from the last half minute.
@@ -77,7 +77,7 @@ class ProgressLines:
 @contextmanager
 def progress(quiet: bool) -> Iterator[ProgressLines]:
     """Lines that disappear when the work is done."""
-    console = Console(stderr=True, quiet=quiet, highlight=False)
+    console = ErrorConsole(stderr=True, quiet=quiet, highlight=False)
     columns = (SpinnerColumn("line"), TextColumn("{task.description}"), BarColumn(BAR_WIDTH), _Done(), _Left())
     bars = Progress(
         *columns,

@@ -12,13 +12,20 @@ from rfca_rig.suggestions import printable
 Say = Callable[[str], None]
 
 
+class ErrorConsole(Console):
+    """A console whose reader may leave: it is silent from then on, where rich would end the process."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+
+
 @contextmanager
 def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Callable[[str, float], None], Say]]:
     """Yields (advance, say): `advance(label, rig_s)` moves the bar by seconds of rig time, `say` prints a line above it.
 
     The bar shows only on a terminal; `quiet` silences both.
     """
-    console = Console(file=sys.stderr, quiet=quiet, highlight=False)
+    console = ErrorConsole(file=sys.stderr, quiet=quiet, highlight=False)
     columns = (
         TextColumn(mark),
         BarColumn(),
@@ -40,7 +47,7 @@ def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Calla
 
 def make_marked_say(mark: str, quiet: bool) -> Say:
     """A function that prints lines with the mark in front, on the error stream, because --json owns the output."""
-    console = Console(file=sys.stderr, quiet=quiet, highlight=False)
+    console = ErrorConsole(file=sys.stderr, quiet=quiet, highlight=False)
     return lambda line: _print(console, mark, line)
 
 

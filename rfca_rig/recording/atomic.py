@@ -48,6 +48,8 @@ def refuse_devices(path: Path) -> None:
             mode = path.stat().st_mode
         except FileNotFoundError:
             return
+        except NotADirectoryError as error:
+            raise BadInput(f"{path}: cannot be written: {error.strerror}; name a file in a folder") from None
     if not S_ISREG(mode) and not S_ISDIR(mode):
         raise BadInput(f"{path}: is a device or a pipe, where a file is needed; name another file")
 

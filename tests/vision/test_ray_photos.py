@@ -32,7 +32,8 @@ def test_the_tracer_puts_marks_where_its_lens_projects_them() -> None:
     assert all(mark is not None and np.hypot(*(mark.px - px)) < 0.3 for mark, px in zip(found, true_px, strict=True))
     np.testing.assert_allclose(shares, 1.0)
     covered = replace(leg, covers=((3, 0.5, 0.6),))
-    assert 0.2 < photograph(covered, 0)[1][3] < 0.6
+    # Straight on, a segment of 0.37 would remain; the rod stands 10 mm before the plane, which shifts it by up to a third of the mark.
+    assert 0.02 < photograph(covered, 0)[1][3] < 0.75
 
 
 @pytest.mark.slow
@@ -50,7 +51,8 @@ def test_a_static_run_states_marks_out_of_the_plane_and_angles_within_their_devi
     read = read_stage_photos(stages, tmp_path, eye_of(leg))
     hinges, std = (np.array([getattr(stage, name) for stage in read]) for name in ("hinge_deg", "hinge_std_deg"))
     miss = hinges - np.degrees([true_hinges_rad(leg, stage) for stage in range(STAGES)])
-    assert np.isfinite(miss).sum() >= 10
+    # Half of the marks are 2 to 3 mm out of the plane, so most angles are too uncertain to be stated.
+    assert np.isfinite(miss).sum() >= 6
     assert np.nanmax(np.abs(miss) / std) < 4.0
-    assert all("mark at hinge 6: found at" in stage.photo_doubts and "of its rim is seen" in stage.photo_doubts for stage in read)
-    assert all("the plane of the marks, corrected" in stage.photo_doubts for stage in read)
+    # A sixth of this mark is visible.
+    assert all("mark at hinge 6: found at" in stage.photo_doubts and "but not used: " in stage.photo_doubts for stage in read)
