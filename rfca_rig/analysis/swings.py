@@ -288,12 +288,15 @@ class LocalPolynomial:
         return np.asarray(factorial(order) * self.coefficients[order] / self.half_s**order)
 
 
-def local_polynomial(t_s: Floats, position: Floats, at_s: float, half_s: float = SMOOTHING_HALF_WIDTH_S) -> LocalPolynomial:
-    """Least-squares polynomial through the positions (m, n) within `half_s` of `at_s`, for ascending times `t_s` (m,).
+def local_polynomial(t_s: Floats, position: Floats, at_s: float) -> LocalPolynomial:
+    """Least-squares polynomial through the positions (m, n) around `at_s`, for ascending times `t_s` (m,).
 
     The stretch is widened where fewer samples lie in it than the polynomial needs.
     """
-    half_s = max(half_s, _narrowest_half_width(t_s))
+    return _fit_polynomial(t_s, position, at_s, max(SMOOTHING_HALF_WIDTH_S, _narrowest_half_width(t_s)))
+
+
+def _fit_polynomial(t_s: Floats, position: Floats, at_s: float, half_s: float) -> LocalPolynomial:
     # The tolerance keeps samples at the border in, whatever the rounding of their times.
     near = np.abs(t_s - at_s) <= half_s * (1.0 + 1e-9)
     design = np.vander((t_s[near] - at_s) / half_s, POLYNOMIAL_DEGREE + 1, increasing=True)
@@ -326,11 +329,11 @@ def estimate_start(t_s: Floats, position: Floats, start_s: float, noise: Floats)
     the one with the least standard deviation of the speed: the widest one in smooth motion, a narrower one near an impact.
     """
     # A stretch needs twice the samples of the narrowest one; with fewer, the misfit itself is hardly known.
-    least_s = 2.0 * _narrowest_half_width(t_s)
-    halves_s = [SMOOTHING_HALF_WIDTH_S]
-    while (half_s := NARROWER * halves_s[-1]) >= least_s:
+    narrowest_s = _narrowest_half_width(t_s)
+    halves_s = [max(SMOOTHING_HALF_WIDTH_S, narrowest_s)]
+    while (half_s := NARROWER * halves_s[-1]) >= 2.0 * narrowest_s:
         halves_s.append(half_s)
-    fits = [local_polynomial(t_s, position, start_s, half_s) for half_s in halves_s]
+    fits = [_fit_polynomial(t_s, position, start_s, half_s) for half_s in halves_s]
     # (widths, 2, n): of position and of speed.
     std = np.array([fit.std[:2, None] * np.maximum(noise, fit.missed) / np.array([[1.0], [fit.half_s]]) for fit in fits])
     best, joints = std[:, 1].argmin(axis=0), np.arange(position.shape[1])

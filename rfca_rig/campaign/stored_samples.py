@@ -69,11 +69,13 @@ class SamplesInFile:
     def of(cls, path: Path, file: h5py.File, group: str) -> "SamplesInFile":
         """The samples of a group. Raises ValueError where one of its streams is not of the recording's source, or has no times."""
         streams = dict(streams_in(file[group], file.attrs["source"]))
-        # Only the first and last time are read, not the samples between them.
-        times = [stream[TIME] for stream in streams.values()]
-        spans = [(float(time[0]), float(time[-1])) for time in times if len(time)]
+        spans = []
         for stream in streams.values():
-            check_times(stream, np.ravel(spans))
+            if len(times := stream[TIME]):
+                # Only the first and last time are read, not the samples between them.
+                span = float(times[0]), float(times[-1])
+                check_times(stream, np.array(span))
+                spans.append(span)
         return cls(path, group, tuple(streams), _span(spans))
 
     def whole(self) -> Streams:

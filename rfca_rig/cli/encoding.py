@@ -5,6 +5,7 @@ import io
 import os
 import sys
 from pathlib import Path
+from typing import TextIO
 
 NAME = "rfca-ascii"
 ASCII = {
@@ -23,12 +24,17 @@ ASCII = {
 }
 
 
+def open_null() -> TextIO:
+    """A stream that takes everything, for the rest of the process."""
+    return Path(os.devnull).open("w", encoding="utf-8")
+
+
 def use_ascii_fallback() -> None:
     """For standard output and the error stream of this process; streams of another kind, as in tests, stay unchanged."""
     codecs.register_error(NAME, _in_ascii)
     # Python has no streams where the shell closed them (>&-): what is printed goes nowhere then.
-    sys.stdout = sys.stdout or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  (for the rest of the process)
-    sys.stderr = sys.stderr or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+    sys.stdout = sys.stdout or open_null()
+    sys.stderr = sys.stderr or open_null()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=NAME)

@@ -42,7 +42,7 @@ from rfca_rig.cli.commands import (
     view,
 )
 from rfca_rig.cli.completion import add_completions
-from rfca_rig.cli.encoding import use_ascii_fallback
+from rfca_rig.cli.encoding import open_null, use_ascii_fallback
 from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
 from rfca_rig.suggestions import in_one_line
 
@@ -117,7 +117,8 @@ def run() -> None:
     """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130 stopped."""
     use_ascii_fallback()
     # Set to 0 or below, as by some terminals without a size, help would have no width at all.
-    if not os.environ.get("COLUMNS", "80").isdecimal() or int(os.environ.get("COLUMNS", "80")) == 0:
+    columns = os.environ.get("COLUMNS", "80")
+    if not columns.isdecimal() or int(columns) == 0:
         del os.environ["COLUMNS"]
     # python-can warns of every frame that came in two pieces.
     logging.getLogger("can").setLevel(logging.ERROR)
@@ -138,7 +139,7 @@ def run() -> None:
         _leave("stopped by the operator", Stopped.exit_code)
     # The reader, for example `head`, has gone. Streams that take all prevent a second error at exit.
     except BrokenPipeError:
-        sys.stdout = sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+        sys.stdout = sys.stderr = open_null()
         sys.exit(1)
     except OSError as error:
         if error.errno == errno.ENOENT and _is_folder_gone():
@@ -197,4 +198,4 @@ def _drop_broken_error_stream() -> None:
     try:
         sys.stderr.flush()
     except (OSError, ValueError):
-        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+        sys.stderr = open_null()

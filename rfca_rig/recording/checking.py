@@ -12,7 +12,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording.journal import block_size, read_blocks
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, OVERLAYS, PHOTOS, RECORDING, STAGES, SUMS, journals, refuse_links, stage_files
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.run_text import INTERRUPTED, ending_bytes, events_of, events_text, read_ending, read_header
+from rfca_rig.recording.run_text import INTERRUPTED, Ending, ending_bytes, events_of, events_text, read_ending, read_header
 from rfca_rig.recording.store import read_texts
 from rfca_rig.recording.summary import RecordingSummary, add_up, summarize
 from rfca_rig.recording.sums import read_sums, sha256_of
@@ -72,7 +72,12 @@ def needs_no_recovery(folder: Path, findings: Iterable[FileFinding]) -> bool:
     """Whether nothing needs recovery: no stage is unfinished, `run.h5` exists, and every file is as it was written."""
     has_all = all((folder / name).is_file() for name in (ENDING, RECORDING, SUMS))
     # An end that is damaged is a finding that is not sound.
-    return has_all and not journals(folder) and all(finding.is_sound for finding in findings) and _read_closed(folder) is not False
+    return (
+        has_all
+        and not journals(folder)
+        and all(finding.is_sound for finding in findings)
+        and _is_closed(_read_whole_ending(folder)) is not False
+    )
 
 
 def check_run(folder: Path) -> Iterator[FileFinding]:
@@ -90,9 +95,10 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     stages = _Stages(folder)
     yield from stages.check(sums, events_of(folder) if events.is_sound else [])
     yield from (_check_journal(folder, journal) for journal in journals(folder))
-    has_ending, has_recording, closed = (folder / ENDING).is_file(), (folder / RECORDING).is_file(), _read_closed(folder)
+    has_ending, has_recording, ending = (folder / ENDING).is_file(), (folder / RECORDING).is_file(), _read_whole_ending(folder)
+    closed = _is_closed(ending)
     if has_ending or ENDING in sums or _has_ended(folder, texts):
-        yield sums.finding_of_end(partial(_ending, folder, texts))
+        yield sums.finding_of_end(ending, partial(_ending, folder, texts))
     elif not has_recording and not journals(folder):
         yield FileFinding(ENDING, f"is not there: the run goes on, or was not finished; then type rfca-rig recover {folder}")
     if has_recording or RECORDING in sums or closed:
@@ -101,29 +107,29 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
         yield FileFinding(RECORDING, f"is not made yet; type rfca-rig recover {folder}")
     # Versions that do not say whether a run was closed made the checksums right after `run.h5`.
     yield from sums.rest(is_finished=has_recording if closed is None else closed)
-    yield from _lost_pictures(folder, sums)
+    yield from _lost_pictures(folder, sums, ending)
     if closed is False and has_recording:
         yield FileFinding(SUMS, f"the run was cut off while it was closed; type rfca-rig recover {folder}")
 
 
-def _lost_pictures(folder: Path, sums: "_Sums") -> Iterator[FileFinding]:
+def _lost_pictures(folder: Path, sums: "_Sums", ending: Ending | None) -> Iterator[FileFinding]:
     """Photos that the run's end names, where neither they nor their hashes are there."""
-    try:
-        ending = read_ending(folder)
-    except BadInput:
-        return
     for stage in ending.static if ending is not None and ending.static is not None else ():
         for name in filter(None, (stage.photo, stage.overlay)):
             if not (folder / name).is_file() and not sums.has_listed(name):
                 yield FileFinding(name, "is missing", False)
 
 
-def _read_closed(folder: Path) -> bool | None:
-    """What the run's end says; None where it is damaged or missing, which is a finding of its own, or says nothing."""
+def _read_whole_ending(folder: Path) -> Ending | None:
+    """The run's end; None where it is damaged or missing, which is a finding of its own."""
     try:
-        ending = read_ending(folder)
+        return read_ending(folder)
     except BadInput:
         return None
+
+
+def _is_closed(ending: Ending | None) -> bool | None:
+    """Whether the run's end says that the run was closed; None where it says nothing."""
     return None if ending is None else ending.is_closed
 
 
@@ -170,9 +176,9 @@ class _Sums:
             return FileFinding(name, "is not what was written: its SHA-256 is another", False)
         return _finding_of(name, look)
 
-    def finding_of_end(self, look: Callable[[], str]) -> FileFinding:
+    def finding_of_end(self, ending: Ending | None, look: Callable[[], str]) -> FileFinding:
         """Of the run's end, which is written once more after the checksums: a crash between the two is no damage."""
-        if _read_closed(self._folder) is False and (ending := read_ending(self._folder)) is not None:
+        if ending is not None and ending.is_closed is False:
             closed = hashlib.sha256(ending_bytes(replace(ending, is_closed=True))).hexdigest()
             if self._sums.get(ENDING) == closed:
                 # The hash of what it would have become shows that nothing else in it was changed.

@@ -69,6 +69,13 @@ def _number(file: Path) -> int:
     return int(file.stem)
 
 
+def read_bounded(path: Path) -> bytes:
+    """The bytes of a text of the run. Raises BadInput where it is larger than any run's."""
+    if (size := path.stat().st_size) > MOST_TEXT_BYTES:
+        raise BadInput(f"{path}: has {size / 1e6:.0f} MB, where {MOST_TEXT_BYTES / 1e6:.0f} MB are the most")
+    return path.read_bytes()
+
+
 def is_inside(name: str) -> bool:
     """Whether a path that a file states stays in the folder it belongs to, on any system."""
     paths = PurePosixPath(name), PureWindowsPath(name)

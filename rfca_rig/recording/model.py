@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,11 +155,17 @@ class Recording:
 
 def check_header(found: Recording) -> Recording:
     """The recording from a file. Raises ValueError where its source or its nominal values are none."""
-    if found.source not in get_args(Source):
-        raise ValueError(f"source {found.source!r} is none of {', '.join(get_args(Source))}")
+    check_source(found.source)
     if not (isinstance(found.nominal, dict) and isinstance(found.known_to, dict)):
         raise ValueError("its nominal values are not values by name")
     return found
+
+
+def check_source(source: object) -> Source:
+    """The source from a file. Raises ValueError where it is none."""
+    if not isinstance(source, str) or source not in get_args(Source):
+        raise ValueError(f"source {source!r} is none of {', '.join(get_args(Source))}")
+    return cast(Source, source)
 
 
 def check_texts(provenance: object) -> dict[str, str]:

@@ -9,7 +9,7 @@ from typing import Any
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.blocks import static_stage_of
-from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, MOST_TEXT_BYTES, is_inside
+from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, is_inside, read_bounded
 from rfca_rig.recording.model import Recording, StaticStage, check_header, check_texts
 
 FORMAT = "rfca-run/1"
@@ -86,7 +86,7 @@ def run_provenance(folder: Path, known: Recording, ending: Ending | None, stroke
 
 def events_text(folder: Path) -> str:
     """The complete lines of `events.jsonl`; part of a line, from a crash, is ignored."""
-    content = _read_bytes(folder / EVENTS) if (folder / EVENTS).is_file() else b""
+    content = read_bounded(folder / EVENTS) if (folder / EVENTS).is_file() else b""
     # Damaged bytes must not keep the other events from being read.
     return content[: complete_lines_length(content)].decode(errors="replace")
 
@@ -133,17 +133,11 @@ def _bytes_of(content: Mapping[str, object]) -> bytes:
     return (json.dumps(content, ensure_ascii=False, indent=1) + "\n").encode()
 
 
-def _read_bytes(path: Path) -> bytes:
-    if (size := path.stat().st_size) > MOST_TEXT_BYTES:
-        raise BadInput(f"{path}: has {size / 1e6:.0f} MB, where {MOST_TEXT_BYTES / 1e6:.0f} MB are the most")
-    return path.read_bytes()
-
-
 def _read(path: Path) -> dict[str, Any]:
     try:
         if path.exists() and not path.is_file():
             raise BadInput(f"{path}: is no file")
-        return dict(json.loads(_read_bytes(path)))
+        return dict(json.loads(read_bounded(path)))
     except FileNotFoundError:
         raise BadInput(f"{path}: is not there, so this is no run's folder") from None
     except (OSError, ValueError, TypeError, RecursionError) as error:

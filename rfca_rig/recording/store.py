@@ -15,7 +15,7 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any
 
 import h5py
 
@@ -23,7 +23,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording import nexus
 from rfca_rig.recording.cooperative import run_to_completion
 from rfca_rig.recording.hdf5_file import new_hdf5_file
-from rfca_rig.recording.model import Recording, Source, check_texts
+from rfca_rig.recording.model import Recording, Source, check_source, check_texts
 from rfca_rig.recording.plain_hdf5 import open_plain
 from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.raw_stages import read_raw_stages, write_raw_stages
@@ -108,10 +108,7 @@ def _read_source(path: Path, file: h5py.File) -> Source:
     if not isinstance(found, str) or found != FORMAT:
         description = f"format {str(found)[:60]!r}" if isinstance(found, str) else "an HDF5 file without format attribute"
         raise BadInput(f"{path}: {description}, where a recording of format {FORMAT!r} is needed")
-    source = file.attrs["source"]
-    if not isinstance(source, str) or source not in get_args(Source):
-        raise ValueError(f"source {source!r} is none of {', '.join(get_args(Source))}")
-    return cast(Source, source)
+    return check_source(file.attrs["source"])
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.recording.layout import BALLAST, MOST_TEXT_BYTES, SUMS, WRITING, is_inside
+from rfca_rig.recording.layout import BALLAST, SUMS, WRITING, is_inside, read_bounded
 
 _HASH = re.compile("[0-9a-f]{64}")
 
@@ -39,10 +39,8 @@ def read_sums(folder: Path) -> dict[str, str]:
     path = folder / SUMS
     if not path.is_file():
         return {}
-    if path.stat().st_size > MOST_TEXT_BYTES:
-        raise BadInput(f"{path}: has {path.stat().st_size / 1e6:.0f} MB, where {MOST_TEXT_BYTES / 1e6:.0f} MB are the most")
     sums: dict[str, str] = {}
-    text = path.read_bytes().decode(errors="replace")
+    text = read_bounded(path).decode(errors="replace")
     # By line feeds alone: names may hold other characters that end a line elsewhere.
     *lines, behind = text.split("\n")
     for number, line in enumerate(lines, start=1):

@@ -151,24 +151,26 @@ def fit_leg(
     # Twice the mean over both coordinates is the mean squared distance.
     misfit = float(np.sqrt(2.0 * np.mean(np.concatenate(fit.misses_m) ** 2)))
     worst = int(np.nanargmax(np.abs(offsets)))
+    refused = ""
     if abs(offsets[worst]) > MAX_OFFSET_M:
         refused = (
             f"the {plan.name(worst)} would be {1e3 * offsets[worst]:+.1f} mm out of the plane of the others, "
             f"limit {1e3 * MAX_OFFSET_M:g} mm; glue all marks in one plane, check the lengths; no angles taken"
         )
-        return LegFit(tuple(angles), offsets, offset_std, misfit, refused)
-    if misfit > MAX_MISFIT_M:
+    elif misfit > MAX_MISFIT_M:
         refused = (
             f"the marks miss a leg of the stated lengths by {1e3 * misfit:.2f} mm rms, limit {1e3 * MAX_MISFIT_M:g} mm; "
             "check lengths, places of the marks and calibration; no angles taken"
         )
+    if refused:
         return LegFit(tuple(angles), offsets, offset_std, misfit, refused)
     stated = [_photo_angles(problem, fit, place) for place in range(len(used))]
     # What the marks of each photo determine with lengths that do not.
     single = [replace(problem, photos=(one,)) for one in problem.photos]
     direct = [_photo_angles(one, _solve(one, WEAK_LENGTH_STD_M, 0.0), 0) for one in single]
+    ranges_rad = _ranges(stated, direct)
     for place, number in enumerate(used):
-        angles[number] = _only_certain(stated[place], direct[place], _ranges(stated, direct))
+        angles[number] = _only_certain(stated[place], direct[place], ranges_rad)
     return LegFit(tuple(angles), offsets, offset_std, misfit)
 
 
@@ -242,8 +244,9 @@ def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solu
     residual, _, misses = _residuals(values, problem)
     prior = known @ (values - nominal)
     size = np.sqrt(np.diag(information))
-    covariance = np.linalg.inv(information / size / size[:, None]) / size / size[:, None]
-    log_size = float(np.linalg.slogdet(information / size / size[:, None])[1] + 2.0 * np.log(size).sum())
+    scaled = information / size / size[:, None]
+    covariance = np.linalg.inv(scaled) / size / size[:, None]
+    log_size = float(np.linalg.slogdet(scaled)[1] + 2.0 * np.log(size).sum())
     evidence = -0.5 * float(residual @ residual + prior @ prior) - 0.5 * log_size + float(np.log(precise).sum())
     scale, at = [], 0
     for seen in problem.photos:

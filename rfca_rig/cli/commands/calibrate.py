@@ -71,6 +71,7 @@ def camera(
     Example: rfca-rig calibrate camera board-photos/ --plane board-in-plane.jpg --board-at 20,15
     """
     from rfca_rig.cli.terminal import make_marked_say
+    from rfca_rig.cli.writable import out_file
     from rfca_rig.description.camera_file import camera_file, write_camera_file
     from rfca_rig.errors import BadInput
     from rfca_rig.vision.board import parse_board
@@ -82,7 +83,8 @@ def camera(
         return
     if not photos:
         raise BadInput(f"no photos named; print the board first: rfca-rig calibrate camera --board {board} --make-board board.pdf")
-    _check_can_be_written(out)
+    # Before the work, not after it.
+    out_file(out)
     place = _place(plane, board_at, shaft_px, turned, nearer, reach)
     say = make_marked_say("REAL", as_json)
     calibration = calibrate([_find_board_in(file, described, say) for file in _files(photos)])
@@ -97,6 +99,7 @@ def camera(
 
 
 def _make_board(board: "Board", path: Path) -> None:
+    from rfca_rig.cli.writable import out_file
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.atomic import write_atomically
     from rfca_rig.vision.board_sheet import board_pdf, board_png
@@ -104,16 +107,9 @@ def _make_board(board: "Board", path: Path) -> None:
     makers = {".pdf": board_pdf, ".png": board_png}
     if path.suffix.lower() not in makers:
         raise BadInput(f"{path}: a board is written as .pdf or .png; name such a file")
-    _check_can_be_written(path)
+    out_file(path)
     write_atomically(path, makers[path.suffix.lower()](board))
     typer.echo(f"board {board.to_text()} in {path}; print it at 100 %, check its line with a ruler, glue it flat", err=True)
-
-
-def _check_can_be_written(path: Path) -> None:
-    """Checked before the work, not after it."""
-    from rfca_rig.cli.writable import out_file
-
-    out_file(path)
 
 
 def _files(photos: list[Path]) -> list[Path]:

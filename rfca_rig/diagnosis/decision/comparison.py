@@ -77,6 +77,10 @@ class ScaledHypothesis:
         """The ids of its effects."""
         return self.hypothesis.ids
 
+    def is_less_plausible_than(self, other: "ScaledHypothesis") -> bool:
+        """Whether it needs an implausible nuisance parameter, and the other one does not."""
+        return other.hypothesis.fitted.max_nuisance_shift < IMPLAUSIBLE < self.hypothesis.fitted.max_nuisance_shift
+
 
 @dataclass(frozen=True)
 class Support:
@@ -196,11 +200,7 @@ class Comparison:
         """
         others = set(self.best.ids) - {name}
         rest = next((one for one in self.ranked if others and set(one.ids) == others), None)
-        return 1.0 if rest is None or self._is_less_plausible(rest, self.best) else self.law_error(rest)
-
-    def _is_less_plausible(self, simpler: ScaledHypothesis, whole: ScaledHypothesis) -> bool:
-        """Whether a subset needs an implausible nuisance parameter that the whole set does not need."""
-        return whole.hypothesis.fitted.max_nuisance_shift < IMPLAUSIBLE < simpler.hypothesis.fitted.max_nuisance_shift
+        return 1.0 if rest is None or rest.is_less_plausible_than(self.best) else self.law_error(rest)
 
     @cached_property
     def noise_floor(self) -> float:
@@ -238,7 +238,7 @@ class Comparison:
         """
         for simpler in self.ranked:
             is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
-            if is_part and not self._is_less_plausible(simpler, one):
+            if is_part and not simpler.is_less_plausible_than(one):
                 log_ratio = np.median(np.log(simpler.held_out_rms / one.held_out_rms))
                 # The threshold is a share of the mean square, and `log_ratio` that of an rms, hence the half.
                 if log_ratio < -0.5 * np.log1p(-WORTH_ADDING):
