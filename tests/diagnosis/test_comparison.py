@@ -44,10 +44,16 @@ def uneven():
 
 
 def strained(one, x):
-    """The hypothesis with its first nuisance parameter so many prior deviations away, and all others at their prior means."""
+    """The hypothesis with its first nuisance parameter so many prior deviations away, and exact laws; all others at their prior means."""
     fitted = one.hypothesis.fitted
-    rest = fitted.at_prior_means[1:]
-    return replace(one, hypothesis=replace(one.hypothesis, fitted=replace(fitted, x=np.concatenate([[x], rest]))))
+    return moved(one, np.concatenate([[x], fitted.at_prior_means[1:]]), np.append(x, np.zeros(fitted.coordinates.nuisances - 1)))
+
+
+def moved(one, x, nuisance_shifts):
+    """The hypothesis at other values of its unknowns, with the signatures that it had."""
+    other = replace(one, hypothesis=replace(one.hypothesis, fitted=replace(one.hypothesis.fitted, x=x)))
+    other.__dict__.update(signatures=one.signatures, nuisance_shifts=nuisance_shifts)
+    return other
 
 
 def test_a_law_that_holds_has_one_size_everywhere_and_leaves_noise(gained):
@@ -69,7 +75,7 @@ def test_a_size_that_differs_between_conditions_scatters(gained):
     """As if the effect were larger by 30 % in one half of the conditions, and smaller in the other."""
     rows = gained.result.dataset.rows
     share = np.array([0.3, -0.3, 0.3, -0.3, 0.0])[rows.condition]
-    other = replace(rows, measured=rows.measured + share * gained._signatures[0])
+    other = replace(rows, measured=rows.measured + share * gained.best.signatures[0])
     found = Comparison(replace(gained.result, dataset=replace(gained.result.dataset, rows=other)), gained.ranked)
     assert 0.15 < found.condition_scatter(0) < 0.35
     assert gained.condition_scatter(0) < 0.05
@@ -86,7 +92,7 @@ def test_strain_is_the_least_of_the_explanations_that_are_as_good(gained):
 
     def strain(gap, ids):
         alike = replace(strained(crosstalk, 1.0), log_joint=gained.best.log_joint - gap)
-        return _with(Comparison(gained.result, (best, alike, *others)), "_signatures", gained._signatures).support(ids).strain
+        return Comparison(gained.result, (best, alike, *others)).support(ids).strain
 
     assert strain(AS_GOOD_LOG_ODDS - 1.0, ("sensor_gain", "sensor_crosstalk")) == 1.0
     assert strain(AS_GOOD_LOG_ODDS - 1.0, ("sensor_gain",)) == 4.0
@@ -99,10 +105,9 @@ def test_what_an_exact_law_removes_beside_its_rival_is_nearly_all_that_can_be_re
 
 
 def test_a_size_at_the_end_of_its_range_does_not_speak_against_the_family(gained):
-    fitted = gained.best.hypothesis.fitted
-    far = replace(gained.best.hypothesis, fitted=replace(fitted, x=np.append(fitted.x[:-1], 3.9)))
-    ranked = tuple(replace(one, hypothesis=far) if one is gained.best else one for one in gained.ranked)
-    compared_far = _with(Comparison(gained.result, ranked), "_signatures", gained._signatures)
+    far = moved(gained.best, np.append(gained.best.hypothesis.fitted.x[:-1], 3.9), gained.best.nuisance_shifts)
+    ranked = tuple(far if one is gained.best else one for one in gained.ranked)
+    compared_far = Comparison(gained.result, ranked)
     bound = {one.kind: one.values["bound"] for one in support_of_best(compared_far)}
     assert bound == {"effect": 3.9, "family": 0.0}
 
@@ -267,7 +272,7 @@ def test_an_effect_that_may_be_there_is_not_ruled_out_and_a_likely_one_is_mentio
     usual = {True: np.full(5, 0.3), False: np.full(5, 0.9)}
     ranked = tuple(_with_rms(strained(one, 1.0), usual[one.ids == ("sensor_gain",)]) for one in gained.ranked)
     best = ranked[gained.ranked.index(gained.best)]
-    decision = graded(_with(_with(Comparison(result, ranked), "_signatures", gained._signatures), "best", best), probability)
+    decision = graded(_with(Comparison(result, ranked), "best", best), probability)
     assert decision.grade == "nothing missing"
     assert ("sensor_gain" in decision.suspects) == is_suspect
     assert ("sensor_gain (70 %)" in describe(decision)) == is_likely
@@ -302,7 +307,7 @@ def test_where_the_model_predicts_as_usual_without_effects_an_effect_must_be_sur
     usual = {True: np.full(5, 0.3), False: np.full(5, 0.9)}
     ranked = tuple(_with_rms(strained(one, 1.0), usual[one.ids == ("sensor_gain",)]) for one in gained.ranked)
     best = ranked[gained.ranked.index(gained.best)]
-    comparison = _with(_with(Comparison(result, ranked), "_signatures", gained._signatures), "best", best)
+    comparison = _with(Comparison(result, ranked), "best", best)
     assert graded(comparison, probability).grade == grade
 
 
@@ -319,7 +324,7 @@ def test_a_law_of_which_the_effect_is_a_special_case_is_no_rival(gained):
     behind = replace(as_variant(crosstalk, ""), log_joint=gained.best.log_joint - AS_GOOD_LOG_ODDS - 1.0)
     others = [one for one in gained.ranked if one.ids not in (("sensor_gain",), ("sensor_crosstalk",))]
     ranked = (as_variant(gained.best, "sensor_crosstalk"), behind, *others)
-    comparison = _with(Comparison(gained.result, ranked), "_signatures", gained._signatures)
+    comparison = Comparison(gained.result, ranked)
     assert gained.variants_of("sensor_gain") == ()
     assert comparison.variants_of("sensor_gain") == ("sensor_crosstalk",)
     assert comparison.variants_of("sensor_crosstalk") == ()  # the gain is part of the best explanation: both would support each other
@@ -380,7 +385,7 @@ def test_a_law_that_the_effect_becomes_in_a_limit_is_reported_with_it_where_the_
         return replace(one, hypothesis=replace(one.hypothesis, fitted=fitted))
 
     ranked = tuple(with_limit(one) if one.ids == ("sensor_gain",) else one for one in gained.ranked)
-    comparison = _with(Comparison(gained.result, ranked), "_signatures", gained._signatures)
+    comparison = Comparison(gained.result, ranked)
     decision = decide_from(comparison, support_of_best(comparison))
     assert [effect.cannot_tell_from for effect in decision.effects] == [("sensor_crosstalk",) if holds else ()]
     rival = comparison.support(("sensor_gain", "sensor_crosstalk") if holds else ("sensor_gain",))

@@ -15,10 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, CONDITION_SIZE_STD, IMPLAUSIBLE, INFORMATIVE_SHARE, WORTH_ADDING
+from rfca_rig.diagnosis.config import (
+    AS_GOOD_LOG_ODDS,
+    CONDITION_SIZE_STD,
+    IMPLAUSIBLE,
+    INFORMATIVE_SHARE,
+    LAW_ERROR,
+    MAX_COORDINATE,
+    STRAINED,
+    WORTH_ADDING,
+)
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
-from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening
+from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, propagate_smooth_error
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 
@@ -77,9 +86,45 @@ class ScaledHypothesis:
         """The ids of its effects."""
         return self.hypothesis.ids
 
+    @cached_property
+    def signatures(self) -> tuple[Floats, ...]:
+        """Signature (m,) of each of its effects: what the effect adds to the rows, all other unknowns at their MAP values."""
+        fitted, found = self.hypothesis.fitted, []
+        coordinates = fitted.coordinates
+        for number in range(len(coordinates.choices)):
+            others = [term for i, term in enumerate(coordinates.choices) if i != number]
+            x = np.delete(fitted.x, np.arange(coordinates.size)[coordinates.part(number)])
+            rows = self.result.dataset.predicted(coordinates.with_terms(others).supposed(x))
+            found.append(np.zeros_like(fitted.predicted) if rows is None else fitted.predicted - rows)
+        return tuple(found)
+
+    @cached_property
+    def nuisance_shifts(self) -> Floats:
+        """Distance (n,) of each nuisance parameter from its prior mean, in units of what its prior and approximate laws allow.
+
+        The law of each effect errs by LAW_ERROR of its signature, as smoothly as the discrepancy. The fit answers such an error by shifts
+        of nuisance parameters, which say nothing against the effect. Their standard deviations follow from the linear fit.
+        """
+        fitted, rows = self.hypothesis.fitted, self.result.dataset.rows
+        x = fitted.x[: fitted.coordinates.nuisances]
+        if not self.ids or fitted.max_nuisance_shift <= STRAINED:
+            return x
+        linear = fitted.linear(rows.measured)
+        posterior = laplace_posterior(linear, self.whitening)
+        gain = (posterior.covariance @ self.whitening.apply_precision(linear.jacobian).T)[: x.size]
+        variance = sum(propagate_smooth_error(rows, LAW_ERROR * signature, gain) for signature in self.signatures)
+        # The optimiser stops at MAX_COORDINATE, the linear fit does not.
+        beyond = np.where(np.abs(x) < MAX_COORDINATE, x, posterior.mean[: x.size])
+        return np.asarray(np.where(np.abs(beyond) > np.abs(x), beyond, x) / np.sqrt(1.0 + variance))
+
+    @property
+    def max_nuisance_shift(self) -> float:
+        """The largest of `nuisance_shifts`."""
+        return float(np.abs(self.nuisance_shifts).max(initial=0.0))
+
     def is_less_plausible_than(self, other: "ScaledHypothesis") -> bool:
         """Whether it needs an implausible nuisance parameter, and the other one does not."""
-        return other.hypothesis.fitted.max_nuisance_shift < IMPLAUSIBLE < self.hypothesis.fitted.max_nuisance_shift
+        return other.max_nuisance_shift < IMPLAUSIBLE < self.max_nuisance_shift
 
 
 @dataclass(frozen=True)
@@ -101,8 +146,7 @@ class Support:
     condition_scatter
         Relative standard deviation of the effect's size between conditions, beyond chance.
     strain
-        The largest distance of a nuisance parameter from its prior mean, in prior standard deviations; the least of the explanations that
-        are as good.
+        The largest of `ScaledHypothesis.nuisance_shifts`; the least of the explanations that are as good.
     bound
         The largest distance of one of the effect's sizes from the middle of its prior, in prior standard deviations.
     """
@@ -221,7 +265,7 @@ class Comparison:
             removed_share=self._compute_removed_share(rival, best),
             # Of several effects of one family the best counts: the statement is true if any of them is there.
             condition_scatter=min(self.condition_scatter(number) for number in numbers),
-            strain=min(one.hypothesis.fitted.max_nuisance_shift for one in self._as_good_with(ids)),
+            strain=min(one.max_nuisance_shift for one in self._as_good_with(ids)),
             bound=min(self._farthest_size(number) for number in numbers),
         )
 
@@ -245,25 +289,13 @@ class Comparison:
                     return simpler
         return None
 
-    @cached_property
-    def _signatures(self) -> list[Floats]:
-        """Signatures (m,) of the effects of the best explanation, all other unknowns at their MAP values."""
-        fitted = self.best.hypothesis.fitted
-        coordinates, found = fitted.coordinates, []
-        for number in range(len(coordinates.choices)):
-            others = [term for i, term in enumerate(coordinates.choices) if i != number]
-            x = np.delete(fitted.x, np.arange(coordinates.size)[coordinates.part(number)])
-            rows = self.result.dataset.predicted(coordinates.with_terms(others).supposed(x))
-            found.append(np.zeros_like(fitted.predicted) if rows is None else fitted.predicted - rows)
-        return found
-
     def condition_scatter(self, number: int) -> float:
         """Relative standard deviation of the size of one effect between conditions, beyond chance.
 
         The size of each condition is a random effect with prior deviation CONDITION_SIZE_STD. Conditions whose size stays uncertain are
         ignored.
         """
-        signature, best, group = self._signatures[number], self.best, self.result.dataset.rows.condition
+        signature, best, group = self.best.signatures[number], self.best, self.result.dataset.rows.condition
         columns = [column for g in range(int(group.max()) + 1) if np.any(column := np.where(group == g, signature, 0.0))]
         if len(columns) < 2:
             return 0.0

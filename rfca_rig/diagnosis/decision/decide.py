@@ -212,7 +212,7 @@ def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
     With them the model without effects predicts as usual, and the hypothesis needs none of them.
     """
     is_needed = comparison.explained_share(one) < DOMINANT_SHARE and comparison.nothing.misfit <= USUAL_MISFIT
-    return describe_strain(comparison.nothing.hypothesis) if is_needed and not describe_strain(one.hypothesis) else ""
+    return describe_strain(comparison.nothing) if is_needed and not describe_strain(one) else ""
 
 
 def _is_dominant(comparison: Comparison, one: ScaledHypothesis) -> bool:
@@ -260,7 +260,7 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
     """
     misfit = one.misfit if one.ids else one.misfit_of_all
     least = min((effect.probability for effect in supported), default=1.0)
-    strained = describe_strain(one.hypothesis)
+    strained = describe_strain(one)
     probable = Criterion(
         "probability", least >= IDENTIFIED_PROBABILITY, f"{least:.3f} that every effect is there, {IDENTIFIED_PROBABILITY:g} needed"
     )
@@ -271,10 +271,11 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
     )
 
 
-def describe_strain(hypothesis: Hypothesis) -> str:
+def describe_strain(one: ScaledHypothesis) -> str:
     """Implausible nuisance parameters in words; empty where there are none."""
-    names, x = hypothesis.fitted.coordinates.space.names, hypothesis.fitted.x
-    return "; ".join(f"{name} {z:+.1f} prior standard deviations off" for name, z in zip(names, x, strict=False) if abs(z) > IMPLAUSIBLE)
+    names, x = one.hypothesis.fitted.coordinates.space.names, one.hypothesis.fitted.x
+    found = zip(names, x, one.nuisance_shifts, strict=False)
+    return "; ".join(f"{name} {z:+.1f} prior standard deviations off" for name, z, shift in found if abs(shift) > IMPLAUSIBLE)
 
 
 def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> StatedFamily | None:

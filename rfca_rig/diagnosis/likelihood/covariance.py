@@ -231,13 +231,28 @@ def _alike(rows: Observations) -> list[Integers]:
 
 def _discrepancy_within(rows: Observations, of: Integers) -> Floats:
     """K (b, b) of the rows of one block: equation for K_ij in section 3 of docs/method.md."""
-    condition, scale = rows.condition[of], rows.scale[of]
+    scale = rows.scale[of]
+    # The diagonal holds what is independent between rows: a small share of the variance, and `transient_scale`.
+    rough = np.diag(ROUGH_VARIANCE_SHARE * scale**2 + rows.transient_scale[of] ** 2)
+    return np.asarray(scale[:, None] * _correlation_within(rows, of) * scale + rough)
+
+
+def _correlation_within(rows: Observations, of: Integers) -> Floats:
+    """Correlation (b, b) of a smooth error of the rows of one block."""
+    condition = rows.condition[of]
     together = np.where(condition[:, None] == condition, 1.0, CONDITION_CORRELATION)
     # All labels of one signal of one experiment have the same correlation length, so the first is enough.
     apart = (rows.progress[of][:, None] - rows.progress[of]) / rows.labels[rows.label[of[0]]].correlation_length
-    smooth = np.exp(-0.5 * apart**2) * together
-    # The diagonal holds what is independent between rows: a small share of the variance, and `transient_scale`.
-    return np.asarray(scale[:, None] * smooth * scale + np.diag(ROUGH_VARIANCE_SHARE * scale**2 + rows.transient_scale[of] ** 2))
+    return np.asarray(np.exp(-0.5 * apart**2) * together)
+
+
+def propagate_smooth_error(rows: Observations, size: Floats, gain: Floats) -> Floats:
+    """Variances (p,) of `gain` (p, m) times an error of the rows that is as smooth as the discrepancy, with deviations `size` (m,)."""
+    variance = np.zeros(len(gain))
+    for of in _alike(rows):
+        scaled = gain[:, of] * size[of]
+        variance += np.einsum("ij,ij->i", scaled @ _correlation_within(rows, of), scaled)
+    return variance
 
 
 def make_basis(rows: Observations, scatter: Floats) -> DiscrepancyBasis:
