@@ -6,12 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, IMPLAUSIBLE, LAW_ERROR, LAW_SIZE_ERROR
+from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, IMPLAUSIBLE, LAW_ERROR, LAW_SIZE_ERROR, MAX_COORDINATE
 from rfca_rig.diagnosis.decision import decide, sizes
 from rfca_rig.diagnosis.decision.comparison import Comparison, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, decide_from, support_of_best
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
 from rfca_rig.diagnosis.decision.wording import describe
+from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
 from rfca_rig.model.catalogue import members_of
 from rfca_rig.model.effect import EqualLimit
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, found_among, present, recorded
@@ -97,6 +98,26 @@ def test_strain_is_the_least_of_the_explanations_that_are_as_good(gained):
     assert strain(AS_GOOD_LOG_ODDS - 1.0, ("sensor_gain", "sensor_crosstalk")) == 1.0
     assert strain(AS_GOOD_LOG_ODDS - 1.0, ("sensor_gain",)) == 4.0
     assert strain(AS_GOOD_LOG_ODDS + 1.0, ("sensor_gain", "sensor_crosstalk")) == 4.0
+
+
+def test_a_shift_that_the_error_of_an_approximate_law_would_cause_counts_less(gained):
+    """By dense matrices: the gain of the linear fit times a smooth error of LAW_ERROR of the signature."""
+    rows, fitted = gained.result.dataset.rows, gained.best.hypothesis.fitted
+    x = np.concatenate([[3.5, -MAX_COORDINATE], fitted.x[2:]])
+    one = replace(gained.best, hypothesis=replace(gained.best.hypothesis, fitted=replace(fitted, x=x)))
+    one.__dict__["signatures"] = gained.best.signatures
+    inverse, jacobian = np.linalg.inv(one.whitening.covariance()), fitted.jacobian
+    gain = np.linalg.solve(jacobian.T @ inverse @ jacobian + np.eye(x.size), jacobian.T @ inverse)
+    correlation = discrepancy_covariance(rows) / np.outer(rows.scale, rows.scale)
+    np.fill_diagonal(correlation, 1.0)
+    error = LAW_ERROR * gained.best.signatures[0]
+    expected = np.sqrt(1.0 + np.diag(gain @ (np.outer(error, error) * correlation) @ gain.T))
+    mean = gain @ (rows.measured - fitted.predicted + jacobian @ x)
+    assert expected[:2].min() > 1.02  # so that the test can fail
+    assert one.nuisance_shifts[0] == pytest.approx(3.5 / expected[0], rel=1e-6)
+    # Where the optimiser was stopped, the linear fit tells how much farther the shift would go.
+    assert one.nuisance_shifts[1] == pytest.approx(max((x[1], mean[1]), key=abs) / expected[1], rel=1e-6)
+    assert np.array_equal(gained.nothing.nuisance_shifts, gained.nothing.hypothesis.fitted.x)
 
 
 def test_what_an_exact_law_removes_beside_its_rival_is_nearly_all_that_can_be_removed(gained, uneven):
