@@ -1,3 +1,47 @@
-"""Runs the static and flapping experiments of a flexible leg, and compares them with a rigid-flexible multibody model."""
+"""Runs the static and flapping experiments of a flexible leg, and compares them with a rigid-flexible multibody model.
+
+As a library: `import rfca_rig as rr`. The names of `__all__` are stable; they are imported when they are first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rfca_rig import mechanics as mechanics
+    from rfca_rig.notebook.analyses import diagnose as diagnose
+    from rfca_rig.notebook.analyses import effects as effects
+    from rfca_rig.notebook.analyses import fit as fit
+    from rfca_rig.notebook.analyses import report as report
+    from rfca_rig.notebook.experiments import plan as plan
+    from rfca_rig.notebook.experiments import run as run
+    from rfca_rig.notebook.recordings import open_path as open
+    from rfca_rig.notebook.rig import Rig as Rig
+    from rfca_rig.notebook.rig import simulate as simulate
 
 __version__ = "0.1.0"
+# Modules of the public names; a name of its own there after the colon.
+_PLACES = {
+    "Rig": "rfca_rig.notebook.rig",
+    "diagnose": "rfca_rig.notebook.analyses",
+    "effects": "rfca_rig.notebook.analyses",
+    "fit": "rfca_rig.notebook.analyses",
+    "mechanics": "rfca_rig.mechanics:",
+    "open": "rfca_rig.notebook.recordings:open_path",
+    "plan": "rfca_rig.notebook.experiments",
+    "report": "rfca_rig.notebook.analyses",
+    "run": "rfca_rig.notebook.experiments",
+    "simulate": "rfca_rig.notebook.rig",
+}
+__all__ = ["Rig", "diagnose", "effects", "fit", "mechanics", "open", "plan", "report", "run", "simulate"]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _PLACES:
+        raise AttributeError(f"module rfca_rig has no name {name!r}; it has {', '.join(__all__)}")
+    module, _, own = _PLACES[name].partition(":")
+    found = import_module(module)
+    return found if _PLACES[name].endswith(":") else getattr(found, own or name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -10,13 +10,13 @@ class Printing:
     """Raises BadInput at once where PDFs are wanted and no browser is found."""
 
     def __init__(self, wanted: bool) -> None:
-        from rfca_rig.report.pdf import find_browser
+        from rfca_rig.reports.pdf import find_browser
 
         self._browser = find_browser() if wanted else None
 
     def print(self, pages: Iterable[Path], quiet: bool) -> None:
         """Prints the pages; does nothing where no PDFs are wanted."""
-        from rfca_rig.report.pdf import print_pdfs
+        from rfca_rig.reports.pdf import print_pdfs
 
         if self._browser is None:
             return

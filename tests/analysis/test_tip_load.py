@@ -5,7 +5,7 @@ import pytest
 
 from rfca_rig.analysis.tip_load import find_tip_force, load_tip
 from rfca_rig.errors import BadInput
-from rfca_rig.report.static.pictures import write_tip_load_picture
+from rfca_rig.reports.static.pictures import write_tip_load_picture
 from tests.model.legs import PAPER
 
 FORCE_N = np.array([-4.0, -18.0])

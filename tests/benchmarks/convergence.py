@@ -21,7 +21,7 @@ from rfca_rig.model.integrator import DONE, FIRST_STEP_S, integrate
 from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import NO_LAWS, Chain, Samples
 from rfca_rig.model.stroke import simulate_stroke_at_speed
-from rfca_rig.report.style import FAINT, MEASURED, STYLE
+from rfca_rig.reports.style import FAINT, MEASURED, STYLE
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 from tests.model.test_equations_of_motion import energy_J, free_shaft, released, vector_mechanics
 

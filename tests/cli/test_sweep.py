@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.executors import local
 from rfca_rig.executors.mapping import InProcessExecutor
-from rfca_rig.report.text import MINUS
+from rfca_rig.reports.text import MINUS
 from rfca_rig.sweep.outputs import OUTPUTS
 from rfca_rig.sweep.quantities import list_quantities
 from tests.cli.typed import typed

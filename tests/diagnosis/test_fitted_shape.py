@@ -11,7 +11,7 @@ from rfca_rig.diagnosis.model_files import _to_found_effect
 from rfca_rig.diagnosis.result import NamedEffect, Value
 from rfca_rig.diagnosis.result_builder import present_effects
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.report.diagnosis.json_file import _effect
+from rfca_rig.reports.diagnosis.json_file import _effect
 from tests.description.test_model_file import written
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
 

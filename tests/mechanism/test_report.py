@@ -12,9 +12,9 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import ALL, FittedShift, SignalError, WindowFit
-from rfca_rig.report.diagnosis.pictures import _with_breaks
-from rfca_rig.report.provenance import Origin
-from rfca_rig.report.strokes.motions import MOST_SHOWN, MotionsReport, write_motions
+from rfca_rig.reports.diagnosis.pictures import _with_breaks
+from rfca_rig.reports.provenance import Origin
+from rfca_rig.reports.strokes.motions import MOST_SHOWN, MotionsReport, write_motions
 from tests.cli.typed import typed
 from tests.mechanism.arm import Arm, Friction, record, write_campaign
 

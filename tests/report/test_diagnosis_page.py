@@ -24,12 +24,12 @@ from rfca_rig.diagnosis.result import (
 )
 from rfca_rig.errors import RigError
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.report.diagnosis.files import MOST_LINES, WIDTH, terminal_lines, write_diagnosis
-from rfca_rig.report.diagnosis.page import EDGES, band, condition_grid, maps_of, page
-from rfca_rig.report.diagnosis.tables import UNLISTED, format_probability, format_significant, format_with_interval_90, hypothesis
-from rfca_rig.report.provenance import Origin
-from rfca_rig.report.style import compress_paths
-from rfca_rig.report.text import name_with_unit
+from rfca_rig.reports.diagnosis.files import MOST_LINES, WIDTH, terminal_lines, write_diagnosis
+from rfca_rig.reports.diagnosis.page import EDGES, band, condition_grid, maps_of, page
+from rfca_rig.reports.diagnosis.tables import UNLISTED, format_probability, format_significant, format_with_interval_90, hypothesis
+from rfca_rig.reports.provenance import Origin
+from rfca_rig.reports.style import compress_paths
+from rfca_rig.reports.text import name_with_unit
 from tests.model.legs import PAPER
 from tests.report.outline import Outline
 from tests.report.test_law_picture import CURVE, law

@@ -1,6 +1,6 @@
 import numpy as np
 
-from rfca_rig.report.style import envelope
+from rfca_rig.reports.style import envelope
 
 
 def test_peaks_and_order_survive_and_points_are_few():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, MeasuredLaw, MemoryTest
-from rfca_rig.report.diagnosis.pictures import draw_law
+from rfca_rig.reports.diagnosis.pictures import draw_law
 
 KNOTS = np.linspace(-2.0, 1.0, 7)
 

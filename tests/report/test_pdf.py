@@ -8,8 +8,8 @@ import zlib
 import pytest
 
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.report.pdf import NAMES, VARIABLE, find_browser, print_pdfs
-from rfca_rig.report.strokes.writing import write_report
+from rfca_rig.reports.pdf import NAMES, VARIABLE, find_browser, print_pdfs
+from rfca_rig.reports.strokes.writing import write_report
 from tests.cli.typed import typed
 from tests.report.recordings import recording, stages
 
@@ -68,7 +68,7 @@ def test_without_a_browser_nothing_is_begun(tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
     monkeypatch.delenv(VARIABLE)
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr("rfca_rig.report.pdf.PLACES", ())
+    monkeypatch.setattr("rfca_rig.reports.pdf.PLACES", ())
     with pytest.raises(BadInput, match="install one, name it with RFCA_RIG_BROWSER, or open the page"):
         find_browser()
 

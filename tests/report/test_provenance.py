@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rfca_rig.campaign.fingerprint import fingerprint
 from rfca_rig.recording.store import write_recording
-from rfca_rig.report.provenance import command_line, origin_of, version_text
-from rfca_rig.report.templates import by_stem
+from rfca_rig.reports.provenance import command_line, origin_of, version_text
+from rfca_rig.reports.templates import by_stem
 from tests.report.recordings import recording, stages
 
 SMALL = Path(__file__).parents[1] / "data" / "small-campaign"

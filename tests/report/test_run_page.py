@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.report.provenance import Origin, PageContext, PageLink, RecordingSource
-from rfca_rig.report.run.page import page, tables_of
-from rfca_rig.report.run.parts import story_of
-from rfca_rig.report.run.pictures import MOST_STAGES, MOST_TRACES, select_static_stages, select_traces
-from rfca_rig.report.run.tables import MOST_ROWS, clock_drifts
-from rfca_rig.report.table import as_csv
+from rfca_rig.reports.provenance import Origin, PageContext, PageLink, RecordingSource
+from rfca_rig.reports.run.page import page, tables_of
+from rfca_rig.reports.run.parts import story_of
+from rfca_rig.reports.run.pictures import MOST_STAGES, MOST_TRACES, select_static_stages, select_traces
+from rfca_rig.reports.run.tables import MOST_ROWS, clock_drifts
+from rfca_rig.reports.table import as_csv
 from tests.report import runs
 from tests.report.outline import Outline
 from tests.report.recordings import recording, stages, strokes

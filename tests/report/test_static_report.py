@@ -16,8 +16,8 @@ from rfca_rig.description.model_file import read_model_file
 from rfca_rig.errors import RigError
 from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.exam.sampled_rig import with_effect
-from rfca_rig.report.static.files import write_static_report
-from rfca_rig.report.static.tables import StaticSource, static_sources
+from rfca_rig.reports.static.files import write_static_report
+from rfca_rig.reports.static.tables import StaticSource, static_sources
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
 from tests.report.outline import Outline
 

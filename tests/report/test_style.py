@@ -5,14 +5,14 @@ from importlib import resources
 
 import pytest
 
-from rfca_rig.report import style
+from rfca_rig.reports import style
 
 SHEETS = ("static.css", "diagnosis.css", "exam.css", "verdict.css")
 PAGES = ("table2.html", "run.html", "static.html", "diagnosis.html", "exam.html")
 
 
 def text_of(name):
-    return resources.files("rfca_rig.report").joinpath(name).read_text("utf-8")
+    return resources.files("rfca_rig.reports").joinpath(name).read_text("utf-8")
 
 
 def luminance(colour):

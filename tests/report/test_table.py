@@ -7,8 +7,8 @@ from math import nan
 
 import pytest
 
-from rfca_rig.report.table import Foot, Table, TableColumn, TableRow, as_csv, as_tex, as_text, cell, places, with_common_decimals
-from rfca_rig.report.templates import cells_as_text, template
+from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, as_csv, as_tex, as_text, cell, places, with_common_decimals
+from rfca_rig.reports.templates import cells_as_text, template
 from tests.report.outline import Outline
 
 COLUMNS = (

@@ -1,7 +1,7 @@
 import pytest
 
-from rfca_rig.report.strokes.page import parameter_lines
-from rfca_rig.report.text import count_noun, in_thousands, keep_units_together, number, spread
+from rfca_rig.reports.strokes.page import parameter_lines
+from rfca_rig.reports.text import count_noun, in_thousands, keep_units_together, number, spread
 from tests.model.legs import PAPER
 
 

@@ -40,8 +40,8 @@ def crosscheck(
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
     from rfca_rig.progress import iterate_with_progress
-    from rfca_rig.report.crosscheck_picture import write_crosscheck_picture
-    from rfca_rig.report.style import check_picture_path
+    from rfca_rig.reports.crosscheck_picture import write_crosscheck_picture
+    from rfca_rig.reports.style import check_picture_path
 
     # Before any work: MuJoCo is an extra that may not be installed.
     load_mujoco()
@@ -87,7 +87,7 @@ def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondit
 
 def _table(checked: "list[CheckedCondition]") -> str:
     """A line for each condition; of one that never reaches a valley the loading is not known."""
-    from rfca_rig.report.table import Table, TableColumn, TableRow, as_text
+    from rfca_rig.reports.table import Table, TableColumn, TableRow, as_text
 
     columns = (TableColumn("condition"), TableColumn("whole_stroke_pct", digits=3), TableColumn("loading_pct", digits=3))
     rows = ({"condition": one.label, "whole_stroke_pct": one.stroke_pct, "loading_pct": one.loading_pct} for one in checked)

@@ -70,7 +70,7 @@ def diagnose(
     from rfca_rig.cli.printing import Printing
     from rfca_rig.diagnosis.candidate_effects import check_known
     from rfca_rig.errors import BadInput
-    from rfca_rig.report.provenance import command_line
+    from rfca_rig.reports.provenance import command_line
 
     mechanism = experiment_among(paths)
     if mechanism is None:
@@ -129,7 +129,7 @@ def diagnose_quietly(without: tuple[str, ...], as_is: bool, job: tuple[Path, Pat
 
 def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     """Prints the result in the terminal."""
-    from rfca_rig.report.diagnosis.files import terminal_lines
+    from rfca_rig.reports.diagnosis.files import terminal_lines
 
     if as_json:
         typer.echo((out / "diagnosis.json").read_text(encoding="utf-8"), nl=False)
@@ -193,7 +193,7 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.experiment_design.mechanism_experiment import write_excitation
     from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
-    from rfca_rig.report.diagnosis.tables import describe_law, write_law_table
+    from rfca_rig.reports.diagnosis.tables import describe_law, write_law_table
 
     with progress(asked.quiet) as bars:
         found = diagnose_mechanism(read_experiment(asked.paths[0]), bars.share, asked.without, asked.law_at)
@@ -236,8 +236,8 @@ def _write_imported(diagnosis: "Diagnosis", asked: DiagnoseOptions) -> "Diagnosi
     """Writes the files of a diagnosis of tables from elsewhere."""
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.identity import identity_of_tables
-    from rfca_rig.report.diagnosis.files import write_diagnosis
-    from rfca_rig.report.provenance import origin_of_import
+    from rfca_rig.reports.diagnosis.files import write_diagnosis
+    from rfca_rig.reports.provenance import origin_of_import
 
     (folder,) = asked.paths
     # The identity ties the result to these files, wherever they lie.
@@ -253,8 +253,8 @@ def _diagnose_leg(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> 
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
     from rfca_rig.diagnosis.experiment_design.next_protocol import write_next_protocol
     from rfca_rig.diagnosis.model_files import write_fitted_model, write_measured_model
-    from rfca_rig.report.diagnosis.files import write_diagnosis
-    from rfca_rig.report.provenance import origin_of
+    from rfca_rig.reports.diagnosis.files import write_diagnosis
+    from rfca_rig.reports.provenance import origin_of
 
     with progress(asked.quiet) as bars:
         diagnosis = diagnosed(recordings, bars.share, asked.limits, asked.without, asked.law_at)

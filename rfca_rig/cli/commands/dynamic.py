@@ -64,7 +64,7 @@ def run(
         rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing, faults=fault or ()
     )
     config = make_run_config(
-        asked, lambda path, facts: flapping_plan(_as_asked(read_dynamic(path), height, speed, repeats).flapping(), facts)
+        asked, lambda path, facts: flapping_plan(replace_conditions(read_dynamic(path), height, speed, repeats).flapping(), facts)
     )
     valleys = Valleys()
     folder, _ = run_and_record(config, valleys.say_stage)
@@ -72,8 +72,8 @@ def run(
         _close(config.mark, folder, valleys.rows, report, as_json)
 
 
-def _as_asked(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> "DynamicFile":
-    """The protocol with the values that the command line replaces."""
+def replace_conditions(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> "DynamicFile":
+    """The protocol with these values in place of its conditions and repeats. Raises BadInput where the file's format forbids them."""
     from rfca_rig.description.protocol_file import ConditionSection, DynamicFile
     from rfca_rig.description.toml import validate
     from rfca_rig.errors import BadInput

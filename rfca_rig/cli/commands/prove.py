@@ -45,7 +45,7 @@ def prove(
     """
     from rfca_rig.cli.printing import Printing
     from rfca_rig.exam.scored import score_exam, score_exam_so_far
-    from rfca_rig.report.exam.files import write_exam
+    from rfca_rig.reports.exam.files import write_exam
 
     printing = Printing(pdf)
     if so_far:

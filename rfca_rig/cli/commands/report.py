@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rfca_rig.analysis.compare import Table2
     from rfca_rig.analysis.matched_simulation import Shaft as ShaftName
     from rfca_rig.diagnosis.window_fit import WindowFit
-    from rfca_rig.report.strokes.motions import MotionsReport
+    from rfca_rig.reports.strokes.motions import MotionsReport
 
 
 class ShaftOption(StrEnum):
@@ -81,7 +81,7 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
-    from rfca_rig.report.strokes.motions import pendulum_report
+    from rfca_rig.reports.strokes.motions import pendulum_report
 
     printing = Printing(pdf)
     campaign = read_pendulum_campaign(folder)
@@ -99,7 +99,7 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
-    from rfca_rig.report.strokes.motions import mechanism_report
+    from rfca_rig.reports.strokes.motions import mechanism_report
 
     printing = Printing(pdf)
     experiment = read_experiment(folder)
@@ -113,9 +113,9 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
 
 def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out: Path, as_json: bool, model: Path | None) -> Path:
     """Writes the page of recordings in windows; returns its path."""
-    from rfca_rig.report.provenance import command_line, origin_of_import
-    from rfca_rig.report.strokes.motions import PAGE, write_motions
-    from rfca_rig.report.text import count_noun
+    from rfca_rig.reports.provenance import command_line, origin_of_import
+    from rfca_rig.reports.strokes.motions import PAGE, write_motions
+    from rfca_rig.reports.text import count_noun
 
     write_motions(report, fit, out, origin_of_import(command_line("report", folder, options={"--model": model}), folder, report.title))
     if as_json:
@@ -161,9 +161,9 @@ def write(
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
-    from rfca_rig.report.provenance import command_line, origin_of
-    from rfca_rig.report.strokes.page import GivenModel
-    from rfca_rig.report.strokes.writing import write_report
+    from rfca_rig.reports.provenance import command_line, origin_of
+    from rfca_rig.reports.strokes.page import GivenModel
+    from rfca_rig.reports.strokes.writing import write_report
 
     # First: a missing browser must be reported before the work, not after it.
     printing = Printing(pdf)

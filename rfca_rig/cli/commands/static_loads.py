@@ -39,13 +39,13 @@ def load(
     import numpy as np
 
     from rfca_rig.analysis.tip_load import load_tip
-    from rfca_rig.report.style import check_picture_path
+    from rfca_rig.reports.style import check_picture_path
 
     if picture is not None:
         check_picture_path(picture)
     shape = load_tip(_leg(rig, model), float(np.radians(shaft)), np.array([along, down]))
     if picture is not None:
-        from rfca_rig.report.static.pictures import write_tip_load_picture
+        from rfca_rig.reports.static.pictures import write_tip_load_picture
 
         write_tip_load_picture(shape, picture)
     if as_json:
@@ -134,7 +134,7 @@ def _numbers(text: str) -> list[float]:
 
 
 def _line(label: str, found: "FoundTipForce", felt_N: "tuple[float, float] | None") -> str:
-    from rfca_rig.report.diagnosis.tables import STDS_90
+    from rfca_rig.reports.diagnosis.tables import STDS_90
 
     each = zip(found.force_N, found.std_N, ("along", "down"), strict=True)
     parts = [f"{force:+.2f} +- {STDS_90 * std:.2f} N {way}" for force, std, way in each]

@@ -44,9 +44,9 @@ def report(
     from rfca_rig.campaign.opening import open_recordings
     from rfca_rig.cli.printing import Printing
     from rfca_rig.cli.progress import progress
-    from rfca_rig.report.provenance import command_line, origin_of
-    from rfca_rig.report.static.files import summary, write_static_report
-    from rfca_rig.report.static.tables import static_sources
+    from rfca_rig.reports.provenance import command_line, origin_of
+    from rfca_rig.reports.static.files import summary, write_static_report
+    from rfca_rig.reports.static.tables import static_sources
 
     printing = Printing(pdf)
     recordings = open_recordings(paths, as_is)
@@ -93,7 +93,7 @@ def read_nominal_values(recordings: "Sequence[Recording]", model: Path | None) -
 
 def _say(result: "StaticResult", out: Path) -> None:
     from rfca_rig.analysis.torque_rotation.remarks import remarks
-    from rfca_rig.report.static.page import bend_sentence
+    from rfca_rig.reports.static.page import bend_sentence
 
     values = result.values
     for line in remarks(result):

@@ -137,8 +137,8 @@ def _run_sweep(
 
 
 def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_json: bool) -> None:
-    from rfca_rig.report.provenance import command_line
-    from rfca_rig.report.sweep.page import HTML, JSON, lines, write_summary
+    from rfca_rig.reports.provenance import command_line
+    from rfca_rig.reports.sweep.page import HTML, JSON, lines, write_summary
 
     write_summary(result, folder, command_line(*command))
     if as_json:

@@ -1,0 +1,313 @@
+"""Report, fit and diagnosis of recordings, with results as tables and pictures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rfca_rig.analysis.compare import Table2
+from rfca_rig.analysis.fitting.result import FitResult
+from rfca_rig.analysis.fitting.strokes import fit_recordings
+from rfca_rig.campaign.experiment import Experiment
+from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model, pendulum_among
+from rfca_rig.campaign.pendulum import PendulumCampaign
+from rfca_rig.diagnosis.diagnose import diagnose as diagnose_leg
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
+from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
+from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
+from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
+from rfca_rig.diagnosis.result import Diagnosis
+from rfca_rig.diagnosis.window_fit import WindowFit
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import catalogue, families_of
+from rfca_rig.notebook.display import Row, html_table, make_axes, make_frame, show_progress
+from rfca_rig.notebook.recordings import OpenedRecordings, open_path
+from rfca_rig.recording.model import Recording
+from rfca_rig.reports.diagnosis.files import write_diagnosis
+from rfca_rig.reports.strokes.writing import write_report
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+Source = OpenedRecordings | str | Path
+Z_90 = 1.6448536269514722  # standard deviations to either end of a 90 % interval
+
+
+@dataclass(frozen=True)
+class DiagnosisResult:
+    """The graded answer of a diagnosis.
+
+    Parameters
+    ----------
+    diagnosis
+        The whole answer as plain values.
+    """
+
+    diagnosis: Diagnosis
+
+    @property
+    def grade(self) -> str:
+        """identified, mostly, family, nothing missing, unexplained or not enough data."""
+        return self.diagnosis.grade
+
+    @property
+    def sentence(self) -> str:
+        """The answer in words."""
+        return self.diagnosis.sentence
+
+    @property
+    def probability(self) -> float | None:
+        """Probability of what is stated."""
+        return self.diagnosis.probability
+
+    def effects(self) -> "pandas.DataFrame":
+        """A row per parameter of each stated effect, with the ends of its 90 % interval."""
+        return make_frame(self._effect_rows(), ("effect", "probability", "parameter", "value", "low_90", "high_90"))
+
+    def rivals(self) -> "pandas.DataFrame":
+        """A row per set of effects that was compared, most probable first."""
+        return make_frame([{"effects": ", ".join(one.ids) or "none", **_numbers(one)} for one in self.diagnosis.rivals])
+
+    def errors(self) -> "pandas.DataFrame":
+        """A row per signal: rms error of the nominal and of the amended model, and on held-out conditions."""
+        return make_frame(self._error_rows(), ("signal", "before", "after", "held_out_before", "held_out_after", "noise"))
+
+    def save(self, folder: str | Path) -> Path:
+        """Write diagnosis.html, diagnosis.json and the tables into `folder`; returns the page."""
+        write_diagnosis(self.diagnosis, Path(folder))
+        return Path(folder) / "diagnosis.html"
+
+    def plot(self, number: int = 0, ax: "Axes | None" = None) -> "Axes":
+        """Draw one measured signal with the nominal and the amended model into `ax`, or into a new figure."""
+        overlays = self.diagnosis.overlays
+        if not 0 <= number < len(overlays):
+            raise BadInput(f"there are {len(overlays)} signals to draw, numbered from 0; there is no {number}")
+        ax, shown = make_axes(ax), overlays[number]
+        for label, values in (("measured", shown.measured), ("nominal model", shown.before), ("amended model", shown.after)):
+            ax.plot(shown.t_s, values, label=label, linestyle="-" if label == "measured" else "--")
+        ax.set(xlabel="time in s", ylabel=shown.signal, title=shown.condition)
+        ax.legend()
+        return ax
+
+    def _effect_rows(self) -> list[Row]:
+        return [
+            {
+                "effect": effect.id,
+                "probability": effect.probability,
+                "parameter": name,
+                "value": one.value,
+                "low_90": one.value - Z_90 * one.std,
+                "high_90": one.value + Z_90 * one.std,
+            }
+            for effect in self.diagnosis.effects
+            for name, one in effect.parameters.items()
+        ]
+
+    def _error_rows(self) -> list[Row]:
+        rows: list[Row] = []
+        for name, one in self.diagnosis.fit.items():
+            held_out = self.diagnosis.held_out.get(f"held_out_{name}")
+            ends = (None, None) if held_out is None else (held_out.before, held_out.after)
+            rows.append(
+                {"signal": name, "before": one.before, "after": one.after, "held_out_before": ends[0], "held_out_after": ends[1]}
+                | {"noise": one.noise_floor}
+            )
+        return rows
+
+    def __repr__(self) -> str:
+        probability = "" if self.probability is None else f" ({self.probability:.1%})"
+        return f"{self.grade}{probability}: {self.sentence}"
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), self._effect_rows()) + html_table("rms error", self._error_rows())
+
+
+def _numbers(rival: object) -> Row:
+    return {name: getattr(rival, name) for name in ("probability", "log_evidence", "model_error")}
+
+
+@dataclass(frozen=True)
+class FittedResult:
+    """A fit of values of the nominal model.
+
+    Parameters
+    ----------
+    fit
+        The whole result.
+    rows
+        A row per value.
+    """
+
+    fit: FitResult | WindowFit
+    rows: tuple[Row, ...]
+
+    def table(self) -> "pandas.DataFrame":
+        """A row per value: prior, fitted value and standard error."""
+        return make_frame(self.rows)
+
+    def _repr_html_(self) -> str:
+        return html_table("fitted values", self.rows)
+
+
+@dataclass(frozen=True)
+class ReportResult:
+    """A written report.
+
+    Parameters
+    ----------
+    page
+        The page to open.
+    table2
+        Table II of the paper: measured and simulated valleys.
+    """
+
+    page: Path
+    table2: Table2
+
+    def table(self) -> "pandas.DataFrame":
+        """A row per condition."""
+        return make_frame(self._rows())
+
+    def _rows(self) -> list[Row]:
+        return [
+            {
+                "height_mm": round(1e3 * row.height_m, 6),
+                "speed_rad_s": row.speed_rad_s,
+                "repeats": row.repeats,
+                "measured_time_s": row.time.mean,
+                "measured_fz_N": row.fz.mean,
+                "simulated_time_s": row.simulated_time_s,
+                "simulated_fz_N": row.simulated_fz_N,
+                "time_error_pct": row.time_error_pct,
+                "force_error_pct": row.force_error_pct,
+            }
+            for row in self.table2.rows
+        ]
+
+    def _repr_html_(self) -> str:
+        return html_table(str(self.page), self._rows())
+
+
+def diagnose(*sources: Source, without: Sequence[str] = (), law_at: str = "", progress: bool = True) -> DiagnosisResult:
+    """Say which physics the model of recordings lacks, with size and probability.
+
+    Parameters
+    ----------
+    sources
+        Opened recordings or paths; several of one leg count together, with one nominal model.
+    without
+        Ids of effects that are known to be absent.
+    law_at
+        Place where a law is measured as well, see `docs/measured-laws.md`.
+    progress
+        Show a bar, where tqdm is installed.
+
+    Raises
+    ------
+    BadInput
+        Where the recordings cannot be used, or an effect is not known.
+    SimulationFailed
+        Where the nominal model cannot be simulated.
+    """
+    one = _alone(sources)
+    with show_progress("diagnosis", progress) as move:
+        if isinstance(one, Experiment):
+            return DiagnosisResult(diagnose_mechanism(one, move, without, law_at).diagnosis)
+        if isinstance(one, PendulumCampaign):
+            return DiagnosisResult(diagnose_pendulum(one, move, without, law_at))
+        return DiagnosisResult(diagnose_leg(_recordings(sources), move, None, without, law_at))
+
+
+def fit(*sources: Source, parameters: Sequence[str] = (), effects: Sequence[str] = (), progress: bool = True) -> FittedResult:
+    """Fit values of the nominal model to recordings.
+
+    Parameters
+    ----------
+    sources
+        Opened recordings or paths; several of one leg count together.
+    parameters
+        Names of the values; all that `known_to` lists if empty.
+    effects
+        Of a mechanism: ids of effects that are put into the model.
+    progress
+        Show a bar, where tqdm is installed.
+
+    Raises
+    ------
+    BadInput
+        Where the recordings cannot be used, or a name is not known.
+    """
+    one = _alone(sources)
+    if effects and not isinstance(one, Experiment):
+        raise BadInput("effects: are for recordings of a mechanism (experiment.toml); leave them out here")
+    with show_progress("fit", progress) as move:
+        if isinstance(one, Experiment):
+            return _of_windows(fit_mechanism(one, move, list(parameters), list(effects)).fit)
+        if isinstance(one, PendulumCampaign):
+            return _of_windows(fit_pendulum(one, move, list(parameters)).fit)
+        found = fit_recordings(_recordings(sources), list(parameters))
+    return FittedResult(found, tuple(vars(value) for value in found.parameters))
+
+
+def _of_windows(found: WindowFit) -> FittedResult:
+    shifts = tuple({"name": s.name, "shift": s.value, "std": s.std, "prior_std": s.prior_std} for s in found.shifts)
+    sizes = tuple({"name": f"{s.effect}.{s.name}", "shift": s.value, "std": s.std, "prior_std": None} for s in found.sizes)
+    return FittedResult(found, shifts + sizes)
+
+
+def report(*sources: Source, out: str | Path = "report") -> ReportResult:
+    """Compare recordings of a leg with their nominal model, and write the report.
+
+    Parameters
+    ----------
+    sources
+        Opened recordings or paths.
+    out
+        Folder of the report.
+
+    Raises
+    ------
+    BadInput
+        Where the recordings cannot be used; of pendulums and mechanisms the command `rfca-rig report` writes the page.
+    """
+    written = write_report(_recordings(sources), Path(out))
+    return ReportResult(written.pages[0], written.table)
+
+
+def effects() -> "pandas.DataFrame":
+    """The catalogue of effects of the leg: id, where it acts, law, families, parameters with plausible ranges, source."""
+    rows = (
+        {
+            "id": one.id,
+            "where": one.where,
+            "law": one.law,
+            "families": ", ".join(family.id for family in families_of(one.id)),
+            "parameters": "; ".join(f"{p.name} {p.low:g} to {p.high:g}" for p in one.parameters),
+            "source": one.source,
+        }
+        for _, one in sorted(catalogue().items())
+    )
+    return make_frame(list(rows))
+
+
+def _alone(sources: Sequence[Source]) -> Recording | PendulumCampaign | Experiment | None:
+    """What the only source holds; None of several. Raises BadInput where one of several has a model of its own."""
+    paths = _paths(sources)
+    # Both refuse a folder with a model of its own beside other folders.
+    experiment_among(paths)
+    pendulum_among(paths)
+    if len(sources) > 1:
+        return None
+    source = sources[0]
+    return source.content if isinstance(source, OpenedRecordings) else open_path(source).content
+
+
+def _recordings(sources: Sequence[Source]) -> list[Recording]:
+    return open_with_nominal_model(_paths(sources), as_is=False)
+
+
+def _paths(sources: Sequence[Source]) -> list[Path]:
+    if not sources:
+        raise BadInput("give recordings: a path, or what rr.open returned")
+    return [source.path if isinstance(source, OpenedRecordings) else Path(source) for source in sources]

@@ -1,0 +1,176 @@
+"""Recordings of any kind as xarray datasets and pandas tables."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rfca_rig.analysis.valley import Valley, stroke_valley
+from rfca_rig.campaign.experiment import Experiment, MechanismRun, read_experiment
+from rfca_rig.campaign.opening import experiment_among, open_recordings, pendulum_among
+from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
+from rfca_rig.errors import BadInput
+from rfca_rig.notebook.display import Row, html_table, make_axes, make_frame, require
+from rfca_rig.recording.model import Recording, StaticStage, Stroke
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
+
+STATIC_COLUMNS = ("height_mm", "stage", "direction", "shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
+
+
+@dataclass(frozen=True)
+class OpenedRecordings:
+    """Recordings of one rig.
+
+    Parameters
+    ----------
+    path
+        Where they lie.
+    content
+        What the files hold: a `Recording` of a leg, a `PendulumCampaign`, or an `Experiment` with a mechanism.
+    """
+
+    path: Path
+    content: Recording | PendulumCampaign | Experiment
+
+    @property
+    def title(self) -> str:
+        """The title in the files."""
+        return self.content.title
+
+    @property
+    def strokes(self) -> Sequence[Stroke | PendulumRun | MechanismRun]:
+        """The recorded motions: strokes of a leg, else runs."""
+        return self.content.strokes if isinstance(self.content, Recording) else self.content.runs
+
+    def __len__(self) -> int:
+        return len(self.strokes)
+
+    def to_xarray(self, number: int = 0) -> "xarray.Dataset":
+        """The samples of motion `number` in SI units, as measured.
+
+        A leg's devices have time bases of their own, so each has a dimension of its own: `force_t_s`, `shaft_t_s`.
+        """
+        motion, dataset = self._motion(number), require("xarray").Dataset
+        if isinstance(motion, Stroke):
+            found: xarray.Dataset = dataset(*_stroke_data(motion))
+            return found
+        times = {"t_s": ("t_s", motion.t_s, {"units": "s"})}
+        about = {"title": self.title, "run": motion.label, "condition": motion.condition}
+        found = dataset({name: ("t_s", values, {"units": unit}) for name, values, unit in self._columns(motion)}, times, about)
+        return found
+
+    def table(self) -> "pandas.DataFrame":
+        """A row per motion: its condition, and of a stroke the valley."""
+        return make_frame(self._rows())
+
+    def static_table(self) -> "pandas.DataFrame":
+        """A row per static stage of a leg: means after settling, hinge angles with their standard deviations."""
+        stages: Iterable[StaticStage] = self.content.static if isinstance(self.content, Recording) else ()
+        return make_frame([_static_row(stage) for stage in stages], STATIC_COLUMNS)
+
+    def plot(self, number: int = 0, ax: "Axes | None" = None) -> "Axes":
+        """Draw the forces of a stroke, or the signals of a run, over time into `ax`, or into a new figure."""
+        motion, ax = self._motion(number), make_axes(ax)
+        if isinstance(motion, Stroke):
+            shown = [(name, *found) for name in ("fz_N", "fy_N") if (found := motion.channel(name)) is not None]
+            ax.set_ylabel("force on the sensor in N")
+        else:
+            shown = [(f"{name} in {unit}", motion.t_s, values) for name, values, unit in self._columns(motion)]
+        for label, t_s, values in shown:
+            ax.plot(t_s, values, label=label)
+        ax.set(xlabel="time in s", title=f"{self.title}, {number}")
+        ax.legend()
+        return ax
+
+    def __repr__(self) -> str:
+        return f"OpenedRecordings({str(self.path)!r}: {self.title}, {len(self)} motions)"
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), self._rows())
+
+    def _motion(self, number: int) -> Stroke | PendulumRun | MechanismRun:
+        if not -len(self) <= number < len(self):
+            raise BadInput(f"{self.path}: holds {len(self)} motions, numbered from 0; there is no {number}")
+        return self.strokes[number]
+
+    def _rows(self) -> list[Row]:
+        return [_stroke_row(one) if isinstance(one, Stroke) else _run_row(one) for one in self.strokes]
+
+    def _columns(self, run: PendulumRun | MechanismRun) -> list[tuple[str, Any, str]]:
+        if isinstance(run, PendulumRun):
+            speeds = () if run.speed_rad_s is None else (("speed", run.speed_rad_s, "rad/s"),)
+            groups = (("angle", run.angle_rad, "rad"), *speeds, ("torque", run.torque_Nm, "N m"))
+            return [(f"{name}_{j + 1}", values[:, j], unit) for name, values, unit in groups for j in range(values.shape[1])]
+        assert isinstance(self.content, Experiment)
+        signals = [(f"{s.name}.{s.quantity}", run.signals[:, k], s.unit) for k, s in enumerate(self.content.signals)]
+        return signals + [(f"{name}.command", run.commands[:, k], "") for k, name in enumerate(self.content.actuators)]
+
+
+def _stroke_data(stroke: Stroke) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Variables, coordinates and attributes of a stroke."""
+    data: dict[str, Any] = {}
+    times: dict[str, Any] = {}
+    for device, stream in stroke.streams.items():
+        along = f"{device}_t_s"
+        times[along] = (along, stream.t_s, {"units": "s"})
+        # Two devices may give the same quantity, as motor and encoder give an angle.
+        data |= {
+            name if name not in data else f"{device}_{name}": (along, c.values, {"units": c.unit}) for name, c in stream.columns.items()
+        }
+    return data, times, {"height_mm": 1e3 * stroke.height_m, "speed_rad_s": stroke.speed_rad_s, "repeat": stroke.repeat}
+
+
+def _stroke_row(stroke: Stroke) -> Row:
+    valley = stroke_valley(stroke)
+    found = valley if isinstance(valley, Valley) else None
+    return {
+        "height_mm": round(1e3 * stroke.height_m, 6),
+        "speed_rad_s": stroke.speed_rad_s,
+        "repeat": stroke.repeat,
+        "valley_time_s": None if found is None else found.time_s,
+        "valley_fz_N": None if found is None else found.fz_N,
+    }
+
+
+def _run_row(run: PendulumRun | MechanismRun) -> Row:
+    return {"run": run.label, "condition": run.condition, "duration_s": float(run.t_s[-1] - run.t_s[0]), "samples": len(run.t_s)}
+
+
+def _static_row(stage: StaticStage) -> Row:
+    hinges = {f"hinge{k}_deg": angle for k, angle in enumerate(stage.hinge_deg, start=2)}
+    stds = {f"hinge{k}_std_deg": std for k, std in enumerate(stage.hinge_std_deg, start=2)}
+    own = {name: getattr(stage, name) for name in STATIC_COLUMNS[1:]}
+    return {"height_mm": round(1e3 * stage.height_m, 6), **own, **hinges, **stds, "settled": stage.settled, "photo": stage.photo}
+
+
+def open_path(path: str | Path, *, as_is: bool = False) -> OpenedRecordings:
+    """Open recordings: a run, an .h5 file, a campaign, a campaign of a pendulum, or a folder with experiment.toml.
+
+    Parameters
+    ----------
+    path
+        The folder or file.
+    as_is
+        Take values of a campaign that are probably in another unit; otherwise they are refused with a guess.
+
+    Raises
+    ------
+    BadInput
+        One line where nothing there can be used.
+
+    Examples
+    --------
+    >>> import rfca_rig as rr
+    >>> recordings = rr.open("runs/SIM-table-ii-001")  # doctest: +SKIP
+    >>> recordings.to_xarray(0)["fz_N"].min()  # doctest: +SKIP
+    """
+    path = Path(path)
+    if experiment_among([path]) is not None:
+        return OpenedRecordings(path, read_experiment(path))
+    if pendulum_among([path]) is not None:
+        return OpenedRecordings(path, read_pendulum_campaign(path))
+    return OpenedRecordings(path, open_recordings([path], as_is)[0])

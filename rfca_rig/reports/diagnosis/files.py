@@ -1,0 +1,144 @@
+"""Writes the files of a diagnosis: diagnosis.json for programs, diagnosis.html for people, tables as CSV and LaTeX for papers.
+
+Also its summary for a terminal: at most fifteen lines, the verdict first.
+"""
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rfca_rig.diagnosis.candidate_effects import EXCLUDED
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, NamedEffect, Value
+from rfca_rig.reports.diagnosis.json_file import as_json
+from rfca_rig.reports.diagnosis.page import page
+from rfca_rig.reports.diagnosis.tables import (
+    SIGMA,
+    before_after_table,
+    describe_law,
+    describe_moved_prior,
+    detection_limits_table,
+    entries,
+    format_p_value,
+    format_probability,
+    format_significant,
+    format_with_interval_90,
+    nominal_values_table,
+    parameters_table,
+)
+from rfca_rig.reports.provenance import Origin
+from rfca_rig.reports.table import table_files, write_all
+from rfca_rig.reports.text import count_noun, words_and_unit
+
+WIDTH = 80
+MOST_LINES = 15
+# Of the located differences, the largest.
+PLACES = 3
+# Of the misfits, the forces; hinge angles are on the page.
+FIGURES = 3
+# A console may have no other characters.
+ASCII = str.maketrans({"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", "²": "2", "³": "3", SIGMA: "sigma"})
+
+__all__ = ["terminal_lines", "write_diagnosis"]
+
+
+def terminal_lines(diagnosis: Diagnosis) -> list[str]:
+    """Lines of at most 80 characters. Where there is too much to show, the last items are dropped."""
+    probability = diagnosis.probability
+    verdict = diagnosis.grade.upper() + (f" ({format_probability(probability)})" if probability is not None else "")
+    items = [(f"{verdict}: {diagnosis.sentence}", 3)]
+    items += [(text, 2) for text in _body(diagnosis)]
+    lines = [line for text, max_lines in items for line in _wrap(text, max_lines)]
+    return lines[:MOST_LINES]
+
+
+def _body(diagnosis: Diagnosis) -> Iterable[str]:
+    if diagnosis.verdict == "not enough data":
+        yield from diagnosis.remarks[:3]
+    yield from (_effect(effect) for effect in diagnosis.effects[:3])
+    if diagnosis.stated_law is not None:
+        law = diagnosis.stated_law.law
+        yield f"law at {law.place} over {law.argument}, {describe_law(diagnosis.stated_law)}"
+    yield from (remark for remark in diagnosis.remarks if remark.startswith(EXCLUDED))
+    yield from (_place("located", place) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
+    yield from (_place("remains", place) for place in diagnosis.remaining[:1])
+    if diagnosis.place is not None:
+        yield f"acts on the {diagnosis.place.id} ({format_probability(diagnosis.place.probability)}): {diagnosis.place.words}"
+    yield from (describe_moved_prior(one) for one in diagnosis.moved_priors[:2])
+    yield from _figures(diagnosis)
+    failed = [criterion for criterion in diagnosis.criteria if not criterion.passed]
+    if failed and diagnosis.grade != "nothing missing":
+        yield "not identified: " + "; ".join(f"{criterion.name} ({criterion.found})" for criterion in failed)
+    yield from (f"unexplained: {text}" for text in diagnosis.unexplained[:1])
+    yield from _detection_summary(diagnosis)
+    if diagnosis.next_experiment:
+        yield "next: " + "; ".join(f"{name}: {text}" for name, text in entries(diagnosis.next_experiment))
+
+
+def _effect(effect: NamedEffect) -> str:
+    values = ", ".join(_value_text(name, value) for name, value in effect.parameters.items())
+    others = f"; cannot be told from {', '.join(effect.cannot_tell_from)}" if effect.cannot_tell_from else ""
+    return f"{effect.id} ({format_probability(effect.probability)}): {values} (90 %){others}"
+
+
+def _value_text(name: str, value: Value) -> str:
+    words, unit = words_and_unit(name)
+    return f"{words} {format_with_interval_90(value)} {unit}".strip()
+
+
+def _place(what: str, place: Located) -> str:
+    size = f"{format_significant(place.size)} {place.unit}, {format_significant(place.sigmas, 2)} sigma"
+    where = f"{words_and_unit(place.signal)[0]}, {place.experiment}, {place.phase}"
+    return f"{what}: {where}: {size}, {count_noun(len(place.conditions), 'condition')}, p {format_p_value(place.p_value)}"
+
+
+def _figures(diagnosis: Diagnosis) -> Iterable[str]:
+    for name, fit in list(diagnosis.fit.items())[:FIGURES]:
+        words, unit = words_and_unit(name)
+        held_out = diagnosis.held_out.get(f"held_out_{name}")
+        held_out_text = f"; held out {_change(held_out)}" if held_out else ""
+        floor = "" if fit.noise_floor is None else f" (noise {format_significant(fit.noise_floor, 2)})"
+        yield f"{words}: {_change(fit)} {unit}{floor}{held_out_text}"
+    if diagnosis.valley:
+        yield ", ".join(f"{words_and_unit(name)[0]} {_change(each)} %" for name, each in diagnosis.valley.items())
+
+
+def _change(figure: BeforeAfter) -> str:
+    return f"{format_significant(figure.before, 2)} -> {format_significant(figure.after, 2)}"
+
+
+def _detection_summary(diagnosis: Diagnosis) -> Iterable[str]:
+    ruled_out = sum(one.would_have_seen is not None for one in diagnosis.not_seen)
+    if diagnosis.not_seen:
+        yield f"ruled out: {count_noun(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
+
+
+def _wrap(text: str, most: int) -> Sequence[str]:
+    one_line = " ".join(text.translate(ASCII).split())
+    return textwrap.wrap(one_line, WIDTH, subsequent_indent="  ", max_lines=most, placeholder=" ...")
+
+
+def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = None) -> None:
+    """Writes all files of a diagnosis into `out`, which is made where it does not exist. The same diagnosis gives the same bytes.
+
+    Parameters
+    ----------
+    diagnosis
+        The result to write.
+    out
+        Folder of the report.
+    origin
+        Command, recordings and version for the foot of the page; None for a page that no command made.
+
+    Raises
+    ------
+    RigError
+        Where a file cannot be written.
+    """
+    tables = (
+        parameters_table(diagnosis),
+        nominal_values_table(diagnosis),
+        detection_limits_table(diagnosis),
+        before_after_table(diagnosis),
+    )
+    contents = {"diagnosis.json": as_json(diagnosis), **table_files(tables)}
+    write_all(out, {"diagnosis.html": page(diagnosis, origin or Origin(), tuple(contents)), **contents})

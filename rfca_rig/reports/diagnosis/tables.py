@@ -1,0 +1,272 @@
+"""Tables of a diagnosis, and its words and numbers as text for a reader.
+
+Tables hold parameters with intervals, nuisance parameters, misfits before and after, detection limits, and measured laws.
+"""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from math import floor, isfinite, log10
+from pathlib import Path
+
+from rfca_rig.diagnosis.residual_force.law import MeasuredLaw, StatedLaw
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, MovedPrior, Value
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.reports.table import Table, TableColumn, TableRow, places
+from rfca_rig.reports.table import Value as Shown
+from rfca_rig.reports.text import NO_BREAK, NOTHING, name_with_unit, number, words_and_unit
+
+# Half of a 90 % interval of a normal distribution, in standard deviations.
+STDS_90 = 1.645
+SIGMA = "\u03c3"
+UNKNOWN = "unknown"
+UNLISTED = "something that the catalogue does not list"
+
+# Decimals of misfits at most.
+MOST_PLACES = 4
+ALL_DATA, HELD_OUT, PRIOR = "all data", "predicted from the others", "prior"
+
+PARAMETERS = (
+    TableColumn("effect", "Effect"),
+    TableColumn("parameter", "Parameter"),
+    TableColumn("value", "Value", half="half_90"),
+    TableColumn("unit", "Unit"),
+    TableColumn("std", role="kept"),
+    TableColumn("low_90", role="kept"),
+    TableColumn("high_90", role="kept"),
+    TableColumn("probability", role="kept"),
+)
+
+
+def format_significant(value: float | None, digits: int = 3) -> str:
+    """A value with `digits` significant digits, without an exponent; an en dash for an unknown one."""
+    if value is None or not isfinite(value):
+        return NOTHING
+    return format_decimals(value, decimals(value, digits))
+
+
+def decimals(size: float, digits: int) -> int:
+    """Decimals that show `size` with so many significant digits; negative where it is rounded to tens or hundreds."""
+    return digits - 1 - floor(log10(abs(size))) if size and isfinite(size) else 0
+
+
+def format_decimals(value: float, places: int) -> str:
+    """A value with `places` decimals; negative ones round to tens or hundreds."""
+    return number(round(value, places), max(places, 0)) if isfinite(value) else NOTHING
+
+
+def format_with_interval_90(value: Value) -> str:
+    """Value ± half of the 90 % interval, both to the second digit of the latter; the value alone without a known uncertainty."""
+    half = STDS_90 * value.std
+    if not (isfinite(half) and half > 0.0 and isfinite(value.value)):
+        return format_significant(value.value, 4)
+    places = decimals(half, 2)
+    return f"{format_decimals(value.value, places)} ± {format_decimals(half, places)}"
+
+
+def format_probability(probability: float) -> str:
+    """A probability in percent, never shown as certain: neither 0 nor 100."""
+    text = f"{100.0 * probability:.0f}"
+    if probability < 0.0005:
+        text = "< 0.1"
+    elif probability >= 0.9995:
+        text = "> 99.9"
+    elif not 0.01 <= probability < 0.99:
+        text = f"{100.0 * probability:.1f}"
+    return f"{text} %".replace(" ", NO_BREAK) if isfinite(probability) else NOTHING
+
+
+def format_p_value(p_value: float) -> str:
+    """A p-value as text; small ones as "< 0.001"."""
+    return "< 0.001" if p_value < 0.0005 else format_significant(p_value, 1 if p_value < 0.1 else 2)
+
+
+def describe_effect(effect_id: str) -> str:
+    """What a model without this effect lacks, in the catalogue's words; empty for an id that is not in the catalogue."""
+    if effect_id == UNKNOWN:
+        return UNLISTED
+    effect = catalogue().get(effect_id)
+    return effect.left_out if effect else ""
+
+
+def hypothesis(ids: Sequence[str]) -> str:
+    """Name of a hypothesis: the ids of its effects."""
+    if not ids:
+        return "nothing missing"
+    return " and ".join(dict.fromkeys(UNLISTED if name == UNKNOWN else name for name in ids))
+
+
+def describe_moved_prior(one: MovedPrior) -> str:
+    """Sentence on a nuisance parameter that moved beyond its prior."""
+    words, unit = one.name.replace("_", " "), f"{NO_BREAK}{one.unit}" if one.unit else ""
+    now, prior = (
+        f"{format_significant(one.now.value)}{unit}",
+        f"{format_significant(one.prior.value)} ± {format_significant(one.prior.std, 2)}{unit}",
+    )
+    return f"{words} moved to {now}, {abs(one.deviations):.1f} prior deviations from {prior}: it is wrong, or something acts like it"
+
+
+def sizes(values: Mapping[str, float]) -> str:
+    """Values by name in words, as in "half gap 0.12 deg, rate 0.2 N/s"."""
+    return ", ".join(_size(name, value) for name, value in values.items())
+
+
+def _size(name: str, value: float) -> str:
+    words, unit = words_and_unit(name)
+    return f"{words} {format_significant(value)}{NO_BREAK}{unit.replace(' ', NO_BREAK)}".rstrip(NO_BREAK)
+
+
+def entries(values: Mapping[str, object]) -> list[tuple[str, str]]:
+    """Pairs (name, value) in words of a mapping that may be nested; an inner entry has both names, as in "outer: inner"."""
+    pairs: list[tuple[str, str]] = []
+    for name, value in values.items():
+        if isinstance(value, Mapping) and value:
+            pairs += [(f"{name_with_unit(str(name))}: {inner}", text) for inner, text in entries(value)]
+        else:
+            pairs.append((name_with_unit(str(name)), format_value(value)))
+    return pairs
+
+
+def format_value(value: object) -> str:
+    """Any value as text: numbers to six digits, lists with commas."""
+    if value is None or (isinstance(value, Mapping) and not value):
+        return NOTHING
+    if isinstance(value, Mapping):
+        return "; ".join(f"{name} {text}" for name, text in entries(value))
+    if isinstance(value, bool | str):
+        return {True: "yes", False: "no"}[value] if isinstance(value, bool) else value
+    if isinstance(value, int | float):
+        return f"{value:.6g}".replace("-", "\u2212") if isfinite(value) else NOTHING
+    return ", ".join(format_value(each) for each in value) if hasattr(value, "__iter__") else str(value)
+
+
+def parameters_table(diagnosis: Diagnosis) -> Table:
+    """Parameters of every stated effect, or of the most probable ones where none is claimed."""
+    claim = "What the model lacks" if diagnosis.verdict == "named" else "Likeliest of the catalogue, not claimed"
+    rows = tuple(
+        TableRow({"effect": effect.id.replace("_", " "), "probability": effect.probability, **_value_cells(name, value)})
+        for effect in diagnosis.effects
+        for name, value in effect.parameters.items()
+    )
+    return Table("parameters", f"{claim}: values ± half of a 90 % interval.", PARAMETERS, rows)
+
+
+def nominal_values_table(diagnosis: Diagnosis) -> Table:
+    """Nuisance parameters after the fit, with their priors."""
+    priors = {name: {"prior_value": value.value, "prior_std": value.std} for name, value in diagnosis.priors.items()}
+    columns = (
+        TableColumn("parameter", "Nuisance parameter"),
+        *PARAMETERS[2:7],
+        TableColumn("prior_value", "Before", over=PRIOR),
+        TableColumn("prior_std", "Std.", over=PRIOR),
+    )
+    rows = tuple(TableRow({**_value_cells(name, value), **priors.get(name, {})}) for name, value in diagnosis.believed_values.items())
+    return Table("believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows)
+
+
+def _value_cells(name: str, value: Value) -> dict[str, Shown]:
+    words, unit = words_and_unit(name)
+    half = STDS_90 * value.std
+    cells: dict[str, Shown] = {"parameter": words, "value": value.value, "unit": unit}
+    # A parameter without a finite uncertainty has no interval.
+    if not (isfinite(half) and half > 0.0):
+        return cells
+    return {**cells, "half_90": half, "std": value.std, "low_90": value.value - half, "high_90": value.value + half}
+
+
+def before_after_table(diagnosis: Diagnosis) -> Table:
+    """Misfits before and after: forces signal by signal, then the valley of Table II; held-out values beside fitted ones."""
+    names = dict.fromkeys([*diagnosis.fit, *(name.removeprefix("held_out_") for name in diagnosis.held_out)])
+    rows = [_row("signals", name, diagnosis.fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
+    rows += [_row("Table II", name, each) for name, each in diagnosis.valley.items()]
+    held_out = (
+        (TableColumn("held_out_before", "before", over=HELD_OUT), TableColumn("held_out_after", "after", over=HELD_OUT))
+        if diagnosis.held_out
+        else ()
+    )
+    columns = (
+        TableColumn("of", role="group"),
+        TableColumn("difference", "Difference, rms"),
+        TableColumn("unit", "Unit"),
+        TableColumn("before", over=ALL_DATA),
+        TableColumn("after", over=ALL_DATA),
+        *held_out,
+        TableColumn("noise_floor", "Noise floor"),
+    )
+    caption = (
+        "Measured less simulated, means over the repeats of each condition, rms over all of them. Before: the model as it was believed; "
+        "after: the model that this diagnosis arrives at."
+    )
+    note = " Predicted: each condition left out in turn and computed from a fit to the others."
+    return Table("before-after", caption + (note if diagnosis.held_out else ""), columns, tuple(rows))
+
+
+def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> TableRow:
+    """One line. All its numbers have as many decimals as the smallest one needs for two digits, so that they can be compared."""
+    floors = [each.noise_floor for each in (fit, held_out) if each is not None and each.noise_floor is not None]
+    numbers = {
+        "before": fit.before if fit else None,
+        "after": fit.after if fit else None,
+        "noise_floor": floors[0] if floors else None,
+        "held_out_before": held_out.before if held_out else None,
+        "held_out_after": held_out.after if held_out else None,
+    }
+    words, unit = words_and_unit(name.removeprefix("rms_"))
+    digits = max((places(number, 2) for number in numbers.values() if number is not None), default=0)
+    return TableRow({"of": of, "difference": words, "unit": unit, **numbers}, digits=min(max(digits, 1), MOST_PLACES))
+
+
+def detection_limits_table(diagnosis: Diagnosis) -> Table:
+    """Detection limits: effects that were not found, with the size from which each would have been detected.
+
+    An effect without a size could not have been detected in these data.
+    """
+    rows = [
+        TableRow({"effect": one.id.replace("_", " "), "means": describe_effect(one.id), **size})
+        for one in diagnosis.not_seen
+        for size in _sizes(one.would_have_seen)
+    ]
+    columns = (
+        TableColumn("effect", "Effect"),
+        TableColumn("means", role="kept"),
+        TableColumn("parameter", "Seen from"),
+        TableColumn("size", "Size", set_value=True),
+        TableColumn("unit", "Unit"),
+    )
+    caption = (
+        "Effects looked for and not found, with the size from which on they would have been seen in these data; without a size: "
+        "not tested by them."
+    )
+    return Table("ruled-out", caption, columns, tuple(rows))
+
+
+def _sizes(would_have_seen: Mapping[str, float] | None) -> list[dict[str, Shown]]:
+    if not would_have_seen:
+        return [{}]
+    named = ((*words_and_unit(name), size) for name, size in would_have_seen.items())
+    return [{"parameter": words, "size": float(f"{size:.3g}"), "unit": unit} for words, unit, size in named]
+
+
+def write_law_table(path: Path, law: MeasuredLaw) -> None:
+    """Writes knots, values and standard deviations as CSV, and the whole law where the model has a part of it already.
+
+    Raises RigError where the file cannot be written.
+    """
+    unit = law.unit.replace(" ", "") or "relative"
+    columns = {law.argument: law.knots, f"residual_{unit}": law.values, f"residual_std_{unit}": law.std}
+    if law.whole is not None and law.whole_std is not None:
+        columns |= {f"whole_{unit}": law.whole, f"whole_std_{unit}": law.whole_std}
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(columns)
+    rows.writerows([f"{value:.7g}" for value in row] for row in zip(*columns.values(), strict=True))
+    write_atomically(path, text.getvalue().encode("utf-8"))
+
+
+def describe_law(stated: StatedLaw) -> str:
+    """States which effects the model had when the law was measured, and which share of the held-out misfit the law removes."""
+    law = stated.law
+    beside = " and ".join(law.base) or "the model without effects"
+    instead = f", in place of what {' and '.join(stated.instead_of)} states there" if stated.instead_of else ""
+    return f"measured beside {beside}{instead}. On held-out conditions it removes {100.0 * law.explained:.0f}\u00a0% of what those leave"

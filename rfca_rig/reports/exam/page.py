@@ -1,0 +1,302 @@
+"""exam.html: one self-contained page, with figures of calibration, power, errors of parameters and misfit removed."""
+
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from rfca_rig import __version__
+from rfca_rig.exam import cases
+from rfca_rig.exam.answer import CLASS, DETECTABLE, EXTRA, OUTCOMES, RIGHT, WRONG
+from rfca_rig.exam.claims import ClaimCalibration
+from rfca_rig.exam.score import LISTED, POWER_AT, ExamScores, Share
+from rfca_rig.exam.scored import ExamResult, ParameterDeviation, ScoredCase
+from rfca_rig.exam.scoring import ScoreGoal, bars
+from rfca_rig.reports.exam.tables import ablation_table, follow_up_table, matrix_of
+from rfca_rig.reports.provenance import Origin, command_line
+from rfca_rig.reports.style import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing, inline_svg
+from rfca_rig.reports.templates import template
+from rfca_rig.reports.text import NO_BREAK, NOTHING, count_noun, number
+
+MEANINGS = {
+    "right": "names exactly what is there; or nothing where nothing is; or says that it cannot explain what no name fits",
+    "class": "what is there is among those that a name is said to be indistinguishable from",
+    "partial": "some of what is there, nothing false",
+    "extra": "all that is there, and something false",
+    "wrong": "something false, and not all that is there",
+    "silent": "“nothing missing”, though something is",
+    "cautious": "no name where one was to be had, or an alarm where nothing is missing",
+}
+PASSED = {True: "passed", False: "failed", None: "none"}
+
+WIDTH_IN, HEIGHT_IN = 4.3, 3.1
+# Height of the line of one effect in the figure of parameters.
+LINE_IN = 0.17
+# Relative errors beyond these are drawn at the border.
+SMALLEST, LARGEST = 1e-3, 10.0
+# Kinds of cases whose parameters and fitted models are scored.
+SCORED_KINDS = (cases.SINGLE, cases.PAIR)
+# Parts of a stacked bar from below: outcomes, colour, words. The part without outcomes takes all that no other part lists.
+PARTS = (
+    ((RIGHT,), MEASURED, "right"),
+    ((CLASS,), ALIKE, "in its class"),
+    ((), PALE, "no name"),
+    ((WRONG, EXTRA), BAD, "false name"),
+)
+
+
+def page(exam: ExamResult, files: Sequence[str] = (), version: str = __version__) -> str:
+    """The page as HTML.
+
+    Parameters
+    ----------
+    exam
+        The scored exam.
+    files
+        Names of the files beside the page, which it links.
+    version
+        Version of the program, for the foot of the
+    """
+    marks, all_bars = exam.marks, bars(exam.marks)
+    judged = [bar for bar in all_bars if bar.passed is not None]
+    return template("exam.html").render(
+        sheets=("verdict.css", "exam.css"),
+        origin=Origin(_command_line(exam), (), version, "of the same cases"),
+        files=files,
+        of=f"Blind exam of the diagnosis: {exam.words}, rfca-rig {__version__}",
+        sentence=_sentence(marks, len(exam.cases)),
+        passed=sum(bar.passed is True for bar in judged),
+        judged=len(judged),
+        bars=[_bar(bar) for bar in all_bars],
+        detectable=f"{DETECTABLE:g}",
+        ways=follow_up_table(exam.ways),
+        taken_out=ablation_table(exam.taken_out) if exam.taken_out else None,
+        outcomes=_outcomes(marks),
+        meanings=MEANINGS,
+        matrix=matrix_of(exam.cases),
+        pictures=_pictures(exam),
+        shades=[(colour, words) for _, colour, words in PARTS],
+        calibration=_calibration(marks),
+        values=_values(marks),
+        gap=_gap(marks),
+        power=_power(marks),
+        detection=_detection(marks),
+        worst=[{"case": miss.case, "kind": miss.kind, "reason": miss.reason} for miss in marks.worst],
+        listed=LISTED,
+        time=_time(exam.cases),
+    )
+
+
+def share_text(value: float, trimmed: bool = True) -> str:
+    """A share in percent, as in "2.5 %"; a trailing ".0" is removed where `trimmed`."""
+    if not isfinite(value):
+        return NOTHING
+    text = number(100.0 * value, 1)
+    return f"{text.removesuffix('.0') if trimmed else text}{NO_BREAK}%"
+
+
+def _sentence(marks: ExamScores, count: int) -> str:
+    """Standfirst: number of cases, and of false names, which are the worst answers."""
+    names, null = marks.false_discoveries, marks.null_false_claims
+    text = f"{count_noun(count, 'campaign')} of another simulator, truths under seal: "
+    were = "was" if names.of == 1 else "were"
+    text += f"{names.hits} of {count_noun(names.of, 'name')} {were} false" if names.of else "nothing was named"
+    return f"{text}; {null.hits or 'none'} of {null.of} campaigns that lack nothing were given a name." if null.of else f"{text}."
+
+
+def _bar(bar: ScoreGoal) -> dict[str, str]:
+    limits = [("at least", bar.at_least), ("at most", bar.at_most)]
+    # A limit above 1 is no share, but a mean number, and is not shown in percent.
+    plain = any(limit is not None and limit > 1.0 for _, limit in limits)
+    text = _plain if plain else share_text
+    worse = "above" if bar.at_least is not None else "below"
+    return {
+        "name": bar.name,
+        "goal": " and ".join(f"{word} {text(limit)}" for word, limit in limits if limit is not None),
+        "value": _plain(bar.value) if plain else share_text(bar.value, trimmed=False),
+        "counted": bar.counted,
+        "bound": f"{worse} {text(bar.bound)}" if bar.bound is not None else "",
+        "passed": PASSED[bar.passed],
+    }
+
+
+def _plain(value: float) -> str:
+    return number(value, 1) if isfinite(value) else NOTHING
+
+
+def _outcomes(marks: ExamScores) -> dict[str, Any]:
+    lines = [(kind, sum(counts.values()), [counts.get(word, 0) for word in OUTCOMES]) for kind, counts in marks.outcomes.items()]
+    return {"words": OUTCOMES, "lines": lines, "totals": [sum(counts[place] for _, _, counts in lines) for place in range(len(OUTCOMES))]}
+
+
+def _pictures(exam: ExamResult) -> Mapping[str, str]:
+    single = any(case.kind == cases.SINGLE for case in exam.cases)
+    return {
+        "reliability": draw_reliability(exam.marks.calibration) if exam.marks.calibration.bins else "",
+        "power": draw_power(exam.cases) if single else "",
+        "errors": draw_parameter_errors(exam.cases) if exam.marks.values.count else "",
+        "gaps": draw_gaps(exam.cases) if exam.marks.gap_worse.of else "",
+    }
+
+
+def _power(marks: ExamScores) -> str:
+    """Detection rate by size of the effect, as in "below 0.5: 0 of 3; from 0.5: 1 of 2"."""
+    limits = (f"below {POWER_AT[0]:g}", *(f"from {at:g}" for at in POWER_AT))
+    return "; ".join(f"{limit}: {share.hits} of {share.of}" for limit, share in zip(limits, marks.power, strict=True) if share.of)
+
+
+def _calibration(marks: ExamScores) -> str:
+    found = marks.calibration
+    return (
+        f"Calibration error {share_text(found.ece)}, Brier score {number(found.brier, 3)}, logarithmic score {number(found.log_score, 3)}."
+    )
+
+
+def _values(marks: ExamScores) -> str:
+    found = marks.values
+    covered = f"; {share_text(found.coverage_90)} of the 90 % intervals hold the truth" if isfinite(found.coverage_90) else ""
+    return f"{count_noun(found.count, 'parameter')}: half of them within {share_text(found.median_error)}{covered}."
+
+
+def _gap(marks: ExamScores) -> str:
+    got = marks.gap_worse
+    return f"Median {share_text(marks.gap_closed)} over {count_noun(got.of, 'case')} with right names; {got.hits or 'none'} got worse."
+
+
+def _detection(marks: ExamScores) -> str:
+    alarms, missed, errors = (_of(share) for share in (marks.false_alarms, marks.missed, marks.detection_errors))
+    return (
+        f"As the DXC competitions count: {alarms} false alarms where nothing is missing; {missed} missed of what can be seen; "
+        f"{errors} cases with the wrong answer to whether anything is missing; {marks.classification_errors} names false or missing."
+    )
+
+
+def _of(share: Share) -> str:
+    return f"{share.hits} of {share.of}"
+
+
+def _time(marked: Sequence[ScoredCase]) -> str:
+    seconds = [case.seconds for case in marked if case.seconds is not None]
+    if not seconds:
+        return ""
+    median, longest, total = np.median(seconds), max(seconds), sum(seconds)
+    each = f"A diagnosis took {median:.0f} s of one core (median), {longest:.0f} s at most"
+    return f"{each}; all {len(seconds)} together {total / 3600.0:.1f} h."
+
+
+def _command_line(exam: ExamResult) -> str:
+    """Command line that writes and scores the same cases again."""
+    numbers = {kind: number for kind, number in exam.plan.numbers.items() if number}
+    only = next(iter(numbers)) if len(numbers) == 1 else None
+    options = {"--out": "exam", "--seed": exam.plan.seed, "--cases": sum(numbers.values()), "--kind": only}
+    return command_line("prove", options={**options, "--follow-up": bool(exam.ways), "--take-out-each": exam.taken_out is not None})
+
+
+def draw_reliability(found: ClaimCalibration) -> str:
+    """Reliability diagram: share of right claims over the stated probability, with 90 % bounds; numbers of claims above."""
+    return _draw_figure(lambda axes: _reliability(axes, found), HEIGHT_IN, "share of claims that are right against the stated probability")
+
+
+def draw_power(marked: Sequence[ScoredCase]) -> str:
+    """Shares of outcomes for single effects over their strength, in bins of equal width."""
+    single = [case for case in marked if case.kind == cases.SINGLE]
+    return _draw_figure(lambda axes: _draw_power_axes(axes, single), HEIGHT_IN, "what came of one effect, by its strength")
+
+
+def draw_parameter_errors(marked: Sequence[ScoredCase]) -> str:
+    """Relative error of each parameter of a right answer, by effect; hollow where the truth is outside the 90 % interval."""
+    deviations = [each for case in marked if case.kind in SCORED_KINDS for each in case.deviations]
+    effects = sorted({each.effect for each in deviations}, reverse=True)
+    height_in = max(HEIGHT_IN, 0.75 + LINE_IN * len(effects))
+    return _draw_figure(lambda axes: _errors(axes, deviations, effects), height_in, "relative errors of parameters by effect", left_in=1.75)
+
+
+def draw_gaps(marked: Sequence[ScoredCase]) -> str:
+    """Histogram of the share of the misfit on held-out conditions that right answers remove; cases that got worse are left of 0."""
+    right = [case for case in marked if case.kind in SCORED_KINDS and case.outcome == RIGHT]
+    closed = [case.gap_closed for case in right if case.gap_closed is not None]
+    return _draw_figure(lambda axes: _gaps(axes, closed), HEIGHT_IN, "share of the gap that right names close on held-out conditions")
+
+
+def _draw_figure(draw: Callable[[Axes], None], height_in: float, label: str, left_in: float = 0.6) -> str:
+    with drawing():
+        figure = Figure(figsize=(WIDTH_IN, height_in))
+        box = (left_in / WIDTH_IN, 0.5 / height_in, (WIDTH_IN - left_in - 0.22) / WIDTH_IN, (height_in - 0.8) / height_in)
+        draw(figure.add_axes(box))
+        return inline_svg(figure, label, escape(label, quote=True))
+
+
+def _reliability(axes: Axes, found: ClaimCalibration) -> None:
+    axes.plot([0.0, 1.0], [0.0, 1.0], color=FAINT, lw=0.7, ls=(0, (3, 2)), zorder=0)
+    for count, mean, right in found.bins:
+        if count:
+            # Two one-sided bounds of 95 % (Clopper and Pearson) make an interval of 90 %.
+            share = Share(round(count * right), count)
+            axes.plot([mean, mean], [share.lower, share.upper], color=MEASURED, lw=1.1)
+            axes.plot([mean], [right], ls="", marker="o", ms=5.5, mfc=MEASURED, mec="white", mew=0.8)
+            axes.text(mean, 1.04, str(count), ha="center", va="bottom", fontsize=SMALL, color="#555555")
+    _unit_axes(axes)
+    axes.set_xlabel("stated probability")
+    axes.set_ylabel("share right")
+
+
+def _draw_power_axes(axes: Axes, single: Sequence[ScoredCase]) -> None:
+    # A strength of exactly 1 belongs to the last bin.
+    level = np.array([min(int(case.strength * cases.LEVELS), cases.LEVELS - 1) for case in single], dtype=int)
+    total = np.bincount(level, minlength=cases.LEVELS)
+    centres = (np.arange(cases.LEVELS) + 0.5) / cases.LEVELS
+    below, listed = np.zeros(cases.LEVELS), {each for outcomes, _, _ in PARTS for each in outcomes}
+    for outcomes, colour, words in PARTS:
+        inside = np.array([case.outcome in outcomes if outcomes else case.outcome not in listed for case in single], dtype=bool)
+        share = np.bincount(level[inside], minlength=cases.LEVELS) / np.maximum(total, 1)
+        axes.bar(centres, share, 0.86 / cases.LEVELS, bottom=below, color=colour, label=words)
+        below = below + share
+    for x, count in zip(centres, total, strict=True):
+        axes.text(x, 1.02, str(count), ha="center", va="bottom", fontsize=SMALL, color="#555555")
+    _unit_axes(axes)
+    axes.set_xlabel("strength, from hardly visible (0) to gross (1)")
+    axes.set_ylabel("share of cases")
+
+
+def _unit_axes(axes: Axes) -> None:
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(0.0, 1.0)
+    # Markers on the border of the unit square are not cut in half.
+    for spread in (axes.lines, axes.collections):
+        for each in spread:
+            each.set_clip_on(False)
+
+
+def _errors(axes: Axes, deviations: Sequence[ParameterDeviation], effects: Sequence[str]) -> None:
+    for covered, face, edge in ((True, MEASURED, MEASURED), (None, FAINT, FAINT), (False, "none", BAD)):
+        some = [each for each in deviations if each.covered is covered]
+        x = np.clip([each.error for each in some], SMALLEST, LARGEST)
+        axes.plot(x, [effects.index(each.effect) for each in some], ls="", marker="o", ms=4.2, mfc=face, mec=edge, mew=0.9, alpha=0.85)
+    axes.set_xscale("log")
+    axes.set_xlim(0.8 * SMALLEST, 1.25 * LARGEST)
+    # The goal for the median error of parameters in the exam.
+    axes.axvline(0.1, color=FAINT, lw=0.7, ls=(0, (3, 2)), zorder=0)
+    axes.set_xticks([0.001, 0.01, 0.1, 1.0, 10.0], ["0.1 %", "1 %", "10 %", "100 %", "1000 %"])
+    axes.minorticks_off()
+    axes.set_ylim(-0.7, max(len(effects), 1) - 0.3)
+    axes.set_yticks(range(len(effects)), [effect.replace("_", " ") for effect in effects], fontsize=SMALL)
+    axes.set_xlabel("error relative to what the effect changes")
+
+
+def _gaps(axes: Axes, closed: Sequence[float]) -> None:
+    edges = np.linspace(-0.2, 1.1, 14)
+    # Values beyond the axis count in the outermost bins.
+    axes.hist(np.clip(closed, edges[0] + 1e-9, edges[-1] - 1e-9), edges.tolist(), color=ALIKE, edgecolor="white", linewidth=0.8)
+    if closed:
+        axes.axvline(float(np.median(closed)), color=MEASURED, lw=1.4)
+    # The goal for the median share in the exam.
+    axes.axvline(0.8, color=FAINT, lw=0.7, ls=(0, (3, 2)))
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_xlabel("share of the gap closed (1: down to the noise)")
+    axes.set_ylabel("right names")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))

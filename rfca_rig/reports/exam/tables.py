@@ -1,0 +1,154 @@
+"""Tables of an exam: required scores (bars), results of follow-up experiments, ablation of the catalogue, and the confusion matrix.
+
+The matrix has hidden effects in rows, answers in columns.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from rfca_rig.exam import cases
+from rfca_rig.exam.ablation import AblationResult, WronglyNamed
+from rfca_rig.exam.answer import CLASS, EXTRA, RIGHT, VERDICTS, WRONG
+from rfca_rig.exam.follow_up import ArmResult
+from rfca_rig.exam.scored import ScoredCase
+from rfca_rig.exam.scoring import ScoreGoal
+from rfca_rig.exam.sizes import SIZE_RANGES
+from rfca_rig.reports.table import Table, TableColumn, TableRow, Value
+
+SEVERAL = "several names"
+# Kinds of cases with one hidden effect or none. Cases with several have no single row.
+ROWS_OF = (cases.SINGLE, cases.WRONG_LAW, cases.STRANGER, cases.MISLABEL, cases.NOTHING, cases.MODEL_ERROR)
+SHADES = {RIGHT: "right", CLASS: "class", WRONG: "wrong", EXTRA: "wrong"}
+WORST_FIRST = ("wrong", "", "class", "right")
+
+PASSED = {True: "passed", False: "failed", None: "no case"}
+
+
+@dataclass(frozen=True)
+class MatrixCell:
+    """Number of cases; `shade` is that of the worst answer among them, "" for one that is neither right nor a false name."""
+
+    count: int
+    shade: str
+
+
+@dataclass(frozen=True)
+class MatrixRow:
+    """A hidden effect, and a cell for each column; None for a cell without cases."""
+
+    concealed: str
+    cells: tuple[MatrixCell | None, ...]
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """Rows by kind of case. The columns are effects (`names`), then answers without a single name (`verdicts`)."""
+
+    names: tuple[str, ...]
+    verdicts: tuple[str, ...]
+    kinds: tuple[tuple[str, tuple[MatrixRow, ...]], ...]
+
+
+def matrix_of(marked: Sequence[ScoredCase]) -> Matrix:
+    """Matrix of the kinds with one hidden effect or none; empty columns are omitted."""
+    shown = [case for case in marked if case.kind in ROWS_OF]
+    answers = {_answer(case) for case in shown}
+    names = tuple(name for name in SIZE_RANGES if name in answers) + tuple(sorted(answers - set(SIZE_RANGES) - {SEVERAL, *VERDICTS}))
+    verdicts = tuple(each for each in (SEVERAL, *VERDICTS) if each in answers)
+    by_kind = [(kind, [case for case in shown if case.kind == kind]) for kind in ROWS_OF]
+    return Matrix(names, verdicts, tuple((kind, _rows(of_kind, (*names, *verdicts))) for kind, of_kind in by_kind if of_kind))
+
+
+def _answer(case: ScoredCase) -> str:
+    if len(case.named) > 1:
+        return SEVERAL
+    return case.named[0] if case.named else case.verdict
+
+
+def _rows(marked: Sequence[ScoredCase], columns: Sequence[str]) -> tuple[MatrixRow, ...]:
+    hidden_effects = sorted({_hidden(case) for case in marked}, key=_place)
+    return tuple(_row(name, [case for case in marked if _hidden(case) == name], columns) for name in hidden_effects)
+
+
+def _hidden(case: ScoredCase) -> str:
+    return " and ".join(case.concealed) or "nothing"
+
+
+def _place(name: str) -> tuple[int, str]:
+    """Sort key that puts effects in the order of the columns, so that right answers are on the diagonal."""
+    return (list(SIZE_RANGES).index(name), "") if name in SIZE_RANGES else (len(SIZE_RANGES), name)
+
+
+def _row(name: str, marked: Sequence[ScoredCase], columns: Sequence[str]) -> MatrixRow:
+    return MatrixRow(name, tuple(_cell([case for case in marked if _answer(case) == column]) for column in columns))
+
+
+def _cell(marked: Sequence[ScoredCase]) -> MatrixCell | None:
+    if not marked:
+        return None
+    shades = [SHADES.get(case.outcome, "") for case in marked]
+    return MatrixCell(len(marked), min(shades, key=WORST_FIRST.index))
+
+
+def bars_table(all_bars: Sequence[ScoreGoal]) -> Table:
+    """Required scores: goal, value reached, counts, and the worst value that is still compatible at 95 % confidence."""
+    rows = tuple(TableRow(_bar(bar), marked=bar.passed is False) for bar in all_bars)
+    columns = (
+        TableColumn("mark", "Mark"),
+        TableColumn("goal", "Goal"),
+        TableColumn("reached", "Reached", set_value=True),
+        TableColumn("counts", "Counts"),
+        TableColumn("bound_95", "With 95 % confidence", set_value=True),
+        TableColumn("passed", "Passed"),
+    )
+    return Table("bars", "Shares of cases; the last bound is how bad the share may still be on cases that were not drawn.", columns, rows)
+
+
+def _bar(bar: ScoreGoal) -> dict[str, Value]:
+    goal = " and ".join(f"{word} {limit:g}" for word, limit in (("at least", bar.at_least), ("at most", bar.at_most)) if limit is not None)
+    reached = float(f"{bar.value:.4g}") if isfinite(bar.value) else None
+    bound = None if bar.bound is None else float(f"{bar.bound:.3g}")
+    return {"mark": bar.name, "goal": goal, "reached": reached, "counts": bar.counted, "bound_95": bound, "passed": PASSED[bar.passed]}
+
+
+def follow_up_table(ways: Sequence[ArmResult]) -> Table:
+    """Experiments that were proposed in undecided cases, compared with other choices."""
+    rows = tuple(TableRow({"arm": way.arm, "settled": f"{way.settled} of {way.of}", "experiments": way.experiments}) for way in ways)
+    columns = (
+        TableColumn("arm", "Next experiments"),
+        TableColumn("settled", "Settled"),
+        TableColumn("experiments", "Experiments on average", digits=2),
+    )
+    caption = (
+        "Cases of too few recordings that conceal nothing or something that can be seen. Settled: the right verdict with nothing as likely "
+        "beside it, within four experiments; four are counted where it was not."
+    )
+    return Table("next-experiments", caption, columns, rows)
+
+
+def ablation_table(found: AblationResult) -> Table:
+    """Effects that were given another name after they had been removed from the catalogue."""
+    columns = (TableColumn("concealed", "Concealed"), TableColumn("named", "Named"), TableColumn("probability", "Probability", digits=3))
+    caption = f"{found.words[0].upper()}{found.words[1:]}."
+    return Table("taken-out", caption, columns, tuple(TableRow(_false_name(each)) for each in found.named))
+
+
+def _false_name(each: WronglyNamed) -> dict[str, Value]:
+    named = " and ".join(each.named)
+    return {"concealed": each.effect.replace("_", " "), "named": named.replace("_", " "), "probability": each.probability}
+
+
+def confusion_table(marked: Sequence[ScoredCase]) -> Table:
+    """Confusion matrix: numbers of cases by hidden effect (rows) and answer (columns); empty where there is no case."""
+    matrix = matrix_of(marked)
+    names = (*matrix.names, *matrix.verdicts)
+    columns = tuple(TableColumn(name.replace(" ", "_"), name.replace("_", " "), upright=True) for name in names)
+    rows = tuple(
+        TableRow({"kind": kind, "concealed": row.concealed.replace("_", " "),
+             **{column.key: cell.count if cell else None for column, cell in zip(columns, row.cells, strict=True)}})
+        for kind, of_kind in matrix.kinds
+        for row in of_kind
+    )  # fmt: skip
+    caption = "Numbers of cases: rows are what is concealed, columns what was named, the last of them answers without a name."
+    return Table("confusion", caption, (TableColumn("kind", role="group"), TableColumn("concealed", "Concealed"), *columns), rows)

@@ -1,0 +1,271 @@
+"""run.html: one self-contained page on how a run went, with its health in words."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import PurePosixPath, PureWindowsPath
+from typing import Any
+
+import numpy as np
+
+from rfca_rig.errors import TRIP
+from rfca_rig.reports.provenance import PageContext
+from rfca_rig.reports.run import pictures
+from rfca_rig.reports.run.parts import RunStory
+from rfca_rig.reports.run.tables import MOST_ROWS, checks_table, clocks_table, conditions_table, events_table, stages_table
+from rfca_rig.reports.table import Table
+from rfca_rig.reports.templates import template
+from rfca_rig.reports.text import count_noun, in_thousands, keep_units_together, number
+
+Pairs = list[tuple[str, str]]
+
+# Longer texts of the provenance are shown as length and hash.
+LONGEST_TEXT = 160
+DEVICES = ("motor_", "sensor_", "camera")
+HEALTH = ("sensor_records", "tare_drift")  # begin like a device, and say how the run went
+# Keys that another part of the page shows.
+SHOWN_ELSEWHERE = (
+    "events", "limits", "resumed", "ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms",
+    "ended_in_stage", "standstill", "tare_drift", "sensor_records", "recorder_samples", "interrupted",
+)  # fmt: skip
+
+DONE = "done"
+# Stiffness checks that the page lists; the CSV has all.
+MOST_CHECKS = 20
+# Key of a limit, words, unit shown, factor to that unit.
+LIMIT_WORDS = (
+    ("force_N", "force", "N", 1.0),
+    ("torque_Nm", "moment", "N m", 1.0),
+    ("speed_rad_s", "speed of the shaft", "rad/s", 1.0),
+    ("following_error_rad", "following error", "rad", 1.0),
+    ("above_expected", "load over the expected", "times", 1.0),
+    ("above_expected_s", "such a load for", "ms", 1e3),
+    ("temperature_C", "temperature of the drive", "°C", 1.0),
+    ("sensor_silent_s", "sensor silent for", "ms", 1e3),
+    ("drive_silent_s", "drive silent for", "ms", 1e3),
+    ("late_s", "control loop late by", "ms", 1e3),
+)
+
+
+def health(story: RunStory) -> Pairs:
+    """Health of a run: pairs of name and text, with the limit where there is one."""
+    known = story.recording.provenance
+    texts = {
+        "ended": _end_text(known),
+        "in or after": known.get("ended_in_stage", ""),
+        "began": known.get("started_at", ""),
+        "lasted": f"{float(known['lasted_s']):.1f} s" if "lasted_s" in known else "",
+        "shaft, once the torque was gone": known.get("standstill", ""),
+        "longest gap of the control loop": _gap(story),
+        "records of the sensor": known.get("sensor_records", ""),
+        "samples to the recorder": known.get("recorder_samples", ""),
+        "drift of the sensor\u2019s zero": known.get("tare_drift", ""),
+        "zero of the sensor at rest": _tares(story.events),
+        "went on": _resume_text(known),
+    }
+    return [(name, text) for name, text in texts.items() if text]
+
+
+def _end_text(known: Mapping[str, str]) -> str:
+    if "ended" not in known:
+        return known.get("interrupted", "")
+    return f"{known['ended']} (exit status {known.get('exit_status', '?')}, reason {known.get('reason', '?')})"
+
+
+def _gap(story: RunStory) -> str:
+    gap_ms = story.recording.provenance.get("worst_loop_gap_ms", "")
+    late_s = story.limits.get("late_s")
+    return f"{float(gap_ms):.1f} ms" + (f", may be late by {1e3 * late_s:g} ms" if late_s else "") if gap_ms else ""
+
+
+def _tares(events: Sequence[Mapping[str, Any]]) -> str:
+    """Mean and standard deviation of fz over all rests in the air."""
+    fz_N = [float(event["fz_N"]) for event in events if event["event"] == "tare"]
+    if not fz_N:
+        return ""
+    spread = f" ± {np.std(fz_N, ddof=1):.3f}" if len(fz_N) > 1 else ""
+    return f"fz {number(float(np.mean(fz_N)), 3)}{spread} N, mean and standard deviation over {count_noun(len(fz_N), 'rest')} in the air"
+
+
+def _resume_text(known: Mapping[str, str]) -> str:
+    times = json.loads(known.get("resumed", "[]"))
+    return "; ".join(f"at {event['utc']}{_changes_text(event)}, had stopped: {event['stopped']}" for event in times)
+
+
+def _changes_text(event: Mapping[str, Any]) -> str:
+    changes = ", ".join(f"{name} {shorten(str(value))}" for name, value in event.get("rig_changes", {}).items())
+    return f" with {changes}" if changes else ""
+
+
+def devices(kept: Mapping[str, str]) -> Pairs:
+    """What the devices reported of themselves: pairs of name and text."""
+    return [(_words(name), shorten(text)) for name, text in sorted(kept.items()) if name.startswith(DEVICES) and not _is_elsewhere(name)]
+
+
+def provenance(kept: Mapping[str, str]) -> Pairs:
+    """Provenance that no other part of the page shows: pairs of name and text."""
+    return [(_words(n), shorten(text)) for n, text in sorted(kept.items()) if not n.startswith(DEVICES) and n not in SHOWN_ELSEWHERE]
+
+
+def _is_elsewhere(name: str) -> bool:
+    return name in SHOWN_ELSEWHERE or name.startswith("camera_file")
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def shorten(text: str) -> str:
+    """Short text unchanged, but only the last part of an absolute path; length and hash of a long text."""
+    if len(text) > LONGEST_TEXT or "\n" in text.strip():
+        return f"text of {count_noun(len(text.splitlines()), 'line')}, sha256 {hashlib.sha256(text.encode()).hexdigest()[:16]}…"
+    # Both kinds: a recording may come from another system. PureWindowsPath also splits at "/".
+    if PurePosixPath(text).is_absolute() or PureWindowsPath(text).is_absolute():
+        return PureWindowsPath(text).name
+    return text
+
+
+def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: Sequence[str]) -> str:
+    """The page as HTML.
+
+    Parameters
+    ----------
+    story
+        The run.
+    tables
+        Stages, conditions and stiffness checks, from `tables_of`.
+    told
+        Origin of the page and links to others.
+    files
+        Names of the files beside the page, which it links.
+    """
+    recording, known = story.recording, story.recording.provenance
+    stages, done, checks = tables
+    shown, stages_shown = pictures.select_traces(story.parts), pictures.select_static_stages(recording.static)
+    return template("run.html").render(
+        sheets=("verdict.css",),
+        origin=context.origin,
+        links=context.links,
+        files=files,
+        title=recording.title,
+        mark=recording.source,
+        stamp=_stamp(story),
+        sentence=_sentence(story),
+        loads=_loads_sentence(story),
+        share=_share(story, done),
+        done=done,
+        limits=_limits(story),
+        health=[(name, keep_units_together(text)) for name, text in health(story)],
+        stages=_first_and_marked(stages),
+        stages_file=next((name for name in files if name.endswith("-stages.csv")), ""),
+        left_out=max(len(stages.rows) - MOST_ROWS, 0),
+        traces=pictures.draw_traces(shown, story.rig) if shown else "",
+        traced=_traces_caption(len(shown), sum(part.trace is not None for part in story.parts)),
+        static=pictures.draw_static_forces(stages_shown) if stages_shown else "",
+        static_count=_of(len(stages_shown), len(recording.static), "stage"),
+        cycles=pictures.draw_cycles(story) if pictures.has_cycles(recording) else "",
+        cycle_count=count_noun(sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"),
+        checks=_thin_out(checks),
+        check_count=len(checks.rows),
+        check_picture=pictures.draw_checks(checks) if checks.rows else "",
+        clocks=clocks_table(recording),
+        events=events_table(story.events),
+        devices=devices(known),
+        provenance=provenance(known),
+    )
+
+
+def tables_of(story: RunStory) -> tuple[Table, Table, Table]:
+    """Tables that are also written as CSV and LaTeX: stages, conditions, stiffness checks."""
+    return stages_table(story), conditions_table(story), checks_table(story)
+
+
+def _limits(story: RunStory) -> list[tuple[str, str]]:
+    """Limits of the run; one that changed when the run was resumed has both values."""
+    lines = []
+    for key, words, unit, factor in LIMIT_WORDS:
+        if key in story.limits:
+            first, last = (f"{factor * limits[key]:.4g} {unit}" for limits in (story.limits, story.last_limits))
+            lines.append((words, first if first == last else f"{first}, later {last}"))
+    return lines
+
+
+def _first_and_marked(stages: Table) -> Table:
+    """The first rows, and all marked ones: stages that were cut short."""
+    rows = tuple(row for place, row in enumerate(stages.rows) if place < MOST_ROWS or row.marked)
+    return Table(stages.name, stages.caption, stages.columns, rows)
+
+
+def _thin_out(checks: Table) -> Table:
+    """Evenly chosen checks with the first and the last, and all beyond the limit."""
+    count = len(checks.rows)
+    chosen = {round(part * (count - 1) / (MOST_CHECKS - 1)) for part in range(MOST_CHECKS)} if count > MOST_CHECKS else set(range(count))
+    return replace(checks, rows=tuple(row for place, row in enumerate(checks.rows) if place in chosen or row.marked))
+
+
+def _stamp(story: RunStory) -> tuple[str, str]:
+    """Class of the style sheet and text of the stamp: done, a trip's code, stopped, imported."""
+    known: Mapping[str, str] = story.recording.provenance
+    reason = known.get("reason", "")
+    if story.recording.source == "IMPORT":
+        return "not", "imported"
+    if reason == DONE:
+        return "named", DONE
+    if _has_tripped(known):
+        return "unexplained", f"tripped {reason}"
+    return "unexplained", reason.replace("-", " ") or "not ended"
+
+
+def _sentence(story: RunStory) -> str:
+    known = story.recording.provenance
+    ended, interrupted = known.get("ended", ""), known.get("interrupted", "")
+    if story.recording.source == "IMPORT":
+        return "Recorded elsewhere: what was not imported is not told here."
+    if ended == DONE:
+        return "The whole plan was carried out."
+    if not ended:
+        return keep_units_together(
+            f"{interrupted[:1].upper()}{interrupted[1:]}." if interrupted else "The run was never brought to its end."
+        )
+    explained = f" What {known['reason']} means, and what to do: rfca-rig trip {known['reason']}." if _has_tripped(known) else ""
+    return keep_units_together(f"The run ended before its plan did: {ended}.{explained}")
+
+
+def _has_tripped(kept: Mapping[str, str]) -> bool:
+    return kept.get("ended", "").startswith(TRIP)
+
+
+def _share(story: RunStory, done: Table) -> dict[str, str] | None:
+    """Share of the plan that was done; None without a plan."""
+    planned = sum(int(str(row.values["planned"])) for row in done.rows if row.values.get("planned") is not None)
+    if not planned:
+        return None
+    count = sum(int(str(row.values["done"])) for row in done.rows)
+    words = {"dynamic": "strokes", "static": "static stages", "fatigue": "cycles and stages"}
+    return {
+        "count": f"{in_thousands(str(count))} of {in_thousands(str(planned))}",
+        "of": f"{words[story.plan.experiment] if story.plan else 'parts'} recorded",
+    }
+
+
+def _loads_sentence(story: RunStory) -> str:
+    peaks = [(part.peak, part) for part in story.parts if part.peak is not None]
+    if not peaks:
+        return "No force was recorded."
+    peak, part = max(peaks, key=lambda each: each[0].force_N)
+    limit, expected = part.begun.limits.get("force_N") if part.begun else None, part.expected
+    sentence = f"The largest force was {peak.force_N:.1f} N, in {part.label}"
+    sentence += f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
+    sentence += f"; the model expected {expected.force_N:.1f} N there" if expected else ""
+    return keep_units_together(f"{sentence}.")
+
+
+def _traces_caption(shown: int, of: int) -> str:
+    strokes = _of(shown, of, "stroke")
+    return f"{strokes}, each measured once, on one scale. Expected: the model as it was believed, with the shaft as commanded."
+
+
+def _of(shown: int, of: int, what: str) -> str:
+    """Number of items, and how many of them are shown where that is not all."""
+    return count_noun(of, what) if shown == of else f"{shown} of {count_noun(of, what)}, evenly over the run"

@@ -1,0 +1,198 @@
+"""Figures of a run: a small trace of every stroke, static forces over the shaft angle, peaks and stiffness over cycles."""
+
+from collections.abc import Sequence
+from functools import cache
+from html import escape
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.stroke import simulate_stroke_at_speed
+from rfca_rig.recording.cycle_table import cycle_table
+from rfca_rig.recording.model import Recording, StaticStage
+from rfca_rig.reports.run.parts import RunPart, RunStory
+from rfca_rig.reports.style import (
+    BAD,
+    FAINT,
+    MEASURED,
+    PAPER,
+    SIMULATED,
+    drawing,
+    envelope,
+    inline_svg,
+    make_panels,
+    mark_axes,
+    set_panel_title,
+)
+from rfca_rig.reports.table import Table
+from rfca_rig.reports.text import in_thousands
+
+Floats = NDArray[np.float64]
+
+# Limits that keep the page readable and small.
+MOST_TRACES = 40
+MOST_STAGES = 60
+ACROSS = 5
+# Resolution of lines, two points for each column: of a small panel, and of a figure across the page.
+TRACE_COLUMNS = 60
+CYCLE_COLUMNS = 300
+# Sampling of simulated strokes, fine enough for a small panel.
+SAMPLE_S = 2e-3
+WIDE_IN = (8.6, 2.5)
+BOX = (0.08, 0.19, 0.91, 0.74)
+DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = ("-", (0, (4.0, 2.0)), (0, (1.0, 1.5)), "-.")
+FORCES = {"fy_N": "fy (N)", "fz_N": "fz (N)", "tx_Nm": "tx (N m)"}
+
+
+def select_traces(parts: Sequence[RunPart]) -> list[RunPart]:
+    """Parts with a trace; of too many, those cut short and others evenly over the run."""
+    with_trace = [part for part in parts if part.trace is not None]
+    if len(with_trace) <= MOST_TRACES:
+        return with_trace
+    evenly = {round(place) for place in np.linspace(0, len(with_trace) - 1, MOST_TRACES)}
+    return [part for place, part in enumerate(with_trace) if place in evenly or part.ended]
+
+
+def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> str:
+    """fz over time, each stroke in its own panel, over the stroke that the model predicts for the commanded motion."""
+    label = f"fz over time of {len(parts)} strokes, measured and expected"
+    across = min(ACROSS, max(len(parts), 3))
+    with drawing():
+        figure, panels = make_panels(len(parts), across)
+        for axes, part in zip(panels, parts, strict=True):
+            _trace(axes, part, rig)
+        mark_axes(panels, across, "time (s)", "fz (N)")
+        return inline_svg(figure, "traces", escape(label, quote=True))
+
+
+def _trace(axes: Axes, part: RunPart, rig: RigModel | None) -> None:
+    trace = part.trace
+    assert trace is not None
+    condition = _height_and_speed(part.label)
+    if rig is not None and condition is not None:
+        expected = _predict_stroke(rig, *condition, round(float(trace.t_s[-1]), 2))
+        if expected is not None:
+            axes.plot(*envelope(*expected, TRACE_COLUMNS), color=SIMULATED, lw=1.9, solid_capstyle="round")
+    axes.plot(*envelope(trace.t_s, trace.fz_N, TRACE_COLUMNS), color=MEASURED, lw=0.8)
+    axes.margins(x=0.0, y=0.06)
+    above = set_panel_title(axes, part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (" ✗" if part.ended else ""))
+    if part.ended:
+        above.set_color(BAD)
+
+
+def _height_and_speed(label: str) -> tuple[float, float] | None:
+    """Height in m and speed in rad/s from the label of a stroke; None for another label."""
+    words = label.replace(",", "").split()
+    return (1e-3 * float(words[1]), float(words[3])) if words[:1] == ["flap"] else None
+
+
+# Repeats of a condition share one simulation; the end is rounded to 10 ms by the caller so that they find it.
+@cache
+def _predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, end_s: float) -> tuple[Floats, Floats] | None:
+    try:
+        found = simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(-0.1, end_s, SAMPLE_S))
+    except SimulationFailed:
+        return None
+    return found.t_s, found.fz_N
+
+
+def select_static_stages(stages: Sequence[StaticStage]) -> list[StaticStage]:
+    """All static stages, or, of too many, complete loading sequences evenly over the run with the first and the last."""
+    if len(stages) <= MOST_STAGES:
+        return list(stages)
+    pieces = np.split(np.arange(len(stages)), _sequence_starts(stages))
+    count = max(2, MOST_STAGES * len(pieces) // len(stages))
+    chosen = sorted({round(place) for place in np.linspace(0, len(pieces) - 1, count)})
+    return [stages[place] for number in chosen for place in pieces[number]]
+
+
+def draw_static_forces(stages: Sequence[StaticStage]) -> str:
+    """Means over the shaft angle, a line for each height; hollow markers for unloading."""
+    heights = sorted({stage.height_m for stage in stages})
+    with drawing():
+        figure = Figure(figsize=WIDE_IN)
+        for place, (name, words) in enumerate(FORCES.items()):
+            axes = figure.add_axes((0.075 + 0.325 * place, 0.2, 0.25, 0.72))
+            for height_m, dashes in zip(heights, DASHES, strict=False):
+                _static(axes, [stage for stage in stages if stage.height_m == height_m], name, dashes)
+            axes.set_xlabel("shaft (degrees)")
+            axes.set_ylabel(words, labelpad=1.0)
+        return inline_svg(figure, "static forces", "fy, fz and tx over the angle of the shaft, at each height")
+
+
+def _static(axes: Axes, stages: Sequence[StaticStage], name: str, dashes: str | tuple[int, tuple[float, ...]]) -> None:
+    x = np.degrees([stage.shaft_angle_rad for stage in stages])
+    y = np.array([getattr(stage, name) for stage in stages])
+    std = np.array([stage.std.get(name, 0.0) for stage in stages])
+    for piece in np.split(np.arange(len(x)), _sequence_starts(stages)):
+        axes.plot(x[piece], y[piece], color=MEASURED, lw=0.7, ls=dashes)
+    axes.vlines(x, y - std, y + std, color=MEASURED, lw=0.6)
+    for direction, face in (("loading", MEASURED), ("unloading", PAPER)):
+        of_it = np.array([stage.direction == direction for stage in stages], dtype=bool)
+        axes.plot(x[of_it], y[of_it], ls="", marker="o", ms=3.0, mfc=face, mec=MEASURED, mew=0.7)
+
+
+def _sequence_starts(stages: Sequence[StaticStage]) -> list[int]:
+    """Indices at which the shaft has returned to a smaller angle to load the leg again."""
+    pairs = enumerate(pairwise(stages), start=1)
+    return [place for place, (a, b) in pairs if b.direction == "loading" and b.shaft_angle_rad < a.shaft_angle_rad]
+
+
+def draw_cycles(story: RunStory) -> str:
+    """Largest force and smallest fz of each cycle over its number, with the force that the model predicts."""
+    found = cycle_table(story.recording)
+    order = np.argsort(found.numbers, kind="stable")
+    numbers = found.numbers[order].astype(float)
+    expected = next((part.expected for part in story.parts if part.kind == "cycles" and part.expected), None)
+    with drawing():
+        figure, axes = _wide_figure()
+        if expected is not None:
+            axes.axhline(expected.force_N, color=SIMULATED, lw=2.2)
+        for values, dashes in ((found.peak_force_N[order], "-"), (found.min_fz_N[order], (0, (3, 1.5)))):
+            axes.plot(*envelope(numbers, values, CYCLE_COLUMNS), color=MEASURED, lw=0.8, ls=dashes)
+        axes.set_xlabel("cycle")
+        axes.set_ylabel("force (N)")
+        axes.margins(x=0.0, y=0.08)
+        _count_below(axes)
+        return inline_svg(figure, "cycles", "largest force and least fz of each cycle over its number")
+
+
+def draw_checks(checks: Table) -> str:
+    """Drift of the stiffness with its interval over the number of cycles before each check, between the limits."""
+    rows = [row.values for row in checks.rows]
+    x, drift, half = (np.array([float(str(row[key])) for row in rows]) for key in ("cycles", "drift_pct", "half_pct"))
+    limit = max(float(str(row["limit_pct"])) for row in rows)
+    with drawing():
+        figure, axes = _wide_figure()
+        axes.axhline(0.0, color=FAINT, lw=0.6)
+        for side in (-limit, limit):
+            axes.axhline(side, color=BAD, lw=0.9, ls=(0, (5, 2)))
+        axes.vlines(x, drift - half, drift + half, color=MEASURED, lw=0.9)
+        axes.plot(x, drift, color=MEASURED, lw=0.6, marker="o", ms=3.5)
+        axes.set_xlim(0.0, 1.04 * float(x.max()))
+        _count_below(axes)
+        axes.set_xlabel("cycles")
+        axes.set_ylabel("drift (%)")
+        return inline_svg(figure, "checks", "drift of the stiffness over cycles, between its limits")
+
+
+def _wide_figure() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=WIDE_IN)
+    return figure, figure.add_axes(BOX)
+
+
+def _count_below(axes: Axes) -> None:
+    """Labels the x axis with whole numbers, grouped by thousands."""
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_formatter(lambda value, _: in_thousands(f"{value:.0f}"))
+
+
+def has_cycles(recording: Recording) -> bool:
+    """Whether the recording holds cycles of a fatigue run."""
+    return len(cycle_table(recording).numbers) > 0

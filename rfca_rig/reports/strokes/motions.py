@@ -1,0 +1,301 @@
+"""report.html of pendulums and mechanisms: signals of each recording, measured and simulated, with nominal and with fitted values.
+
+Residuals are drawn over position and speed of a joint, where omitted physics shows as a step, a slope or a wave.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.fitting.result import describe_pair
+from rfca_rig.campaign.experiment import Experiment
+from rfca_rig.campaign.pendulum import PendulumCampaign
+from rfca_rig.diagnosis.config import STRAINED
+from rfca_rig.diagnosis.mechanisms.comparison import JointRemainder, MechanismComparison
+from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT
+from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT
+from rfca_rig.diagnosis.pendulums.windows import WINDOW_S
+from rfca_rig.diagnosis.result import SignalOverlay
+from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
+from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
+from rfca_rig.reports.provenance import Origin
+from rfca_rig.reports.style import BOTTOM_IN, FAINT, MEASURED, OTHER, PANEL_IN, SIMULATED, WIDTH_IN, drawing, inline_svg
+from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, as_csv, table_files, write_all
+from rfca_rig.reports.templates import template
+from rfca_rig.reports.text import MINUS, name_with_unit, words_and_unit
+
+Floats = NDArray[np.float64]
+
+# Points of one series in one panel.
+MOST_POINTS = 400
+LEFT_IN, BETWEEN_IN, RIGHT_IN, TOP_IN = 0.76, 0.32, 0.2, 0.08
+POSITION, SPEED = "_position_", "_speed_"
+
+PAGE = "report.html"
+# Recordings whose signals are drawn: those with the largest errors.
+MOST_SHOWN = 12
+ACROSS = 2
+
+ERRORS = "Rms error"
+ALWAYS = (
+    TableColumn("run", "Recording"),
+    TableColumn("signal", "Signal"),
+    TableColumn("unit", "Unit"),
+    TableColumn("noise", "Noise", over=ERRORS),
+    TableColumn("nominal", "Nominal values", over=ERRORS),
+)
+OF_FIT = (TableColumn("fitted", "Fitted values", over=ERRORS), TableColumn("held_out", "Held-out", over=ERRORS))
+SHIFTS = (
+    TableColumn("name", "Value"),
+    TableColumn("prior_std", "Prior standard deviation", digits=5),
+    TableColumn("value", "Shift from nominal", half="std"),
+    TableColumn("std", role="kept"),
+)
+SIGNALS = tuple(TableColumn(key) for key in ("run", "signal", "t_s", "measured", "nominal", "fitted"))
+
+
+@dataclass(frozen=True)
+class _Series:
+    """Points of one colour, all (k,)."""
+
+    color: str
+    position: Floats
+    speed: Floats
+    residual: Floats
+
+
+def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> list[Picture]:
+    """One picture for each position and each speed: measured minus nominal, and with `with_fit` also measured minus fitted.
+
+    Arrays of the overlays are (m,). A signal that does not belong to a joint has no picture.
+    """
+    states = {(one.condition, one.signal): one for one in overlays}
+    found = []
+    for signal in dict.fromkeys(one.signal for one in overlays):
+        joint, unit = _split(signal)
+        position_name, speed_name = f"{joint}{POSITION}{unit}", f"{joint}{SPEED}{unit}_s"
+        here = [one for one in overlays if one.signal == signal]
+        if (here[0].condition, position_name) not in states:
+            continue
+        # A speed that was not recorded is derived from the position.
+        positions = [states[one.condition, position_name] for one in here]
+        speeds = [states.get((one.condition, speed_name)) for one in here]
+        position = np.concatenate([one.measured for one in positions])
+        speed = np.concatenate([_speed_of(p) if s is None else s.measured for p, s in zip(positions, speeds, strict=True)])
+        residuals = [(OTHER, np.concatenate([one.measured - one.before for one in here]))]
+        if with_fit:
+            residuals.append((SIMULATED, np.concatenate([one.measured - one.after for one in here])))
+        series = [_Series(color, position, speed, residual) for color, residual in residuals]
+        found.append(Picture(name_with_unit(signal), _draw(signal, position_name, series), ""))
+    return found
+
+
+def _split(signal: str) -> tuple[str, str]:
+    """Joint and unit of its position, from the name of a position or a speed; empty for other signals."""
+    for kind in (SPEED, POSITION):
+        joint, found, unit = signal.rpartition(kind)
+        if found:
+            return joint, unit.removesuffix("_s")
+    return "", ""
+
+
+def _speed_of(position: SignalOverlay) -> Floats:
+    """Speed (m,) by central differences of the binned position, where no speed was recorded."""
+    return np.asarray(np.gradient(position.measured, position.t_s))
+
+
+def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
+    """One picture for each joint: the torque that the recorded motion requires and the nominal model lacks."""
+    found = []
+    for one in joints:
+        unit = "m" if one.is_slide else "rad"
+        name = f"{one.joint} force_N" if one.is_slide else f"{one.joint} torque_Nm"
+        series = [_Series(MEASURED, one.position, one.speed, one.remainder)]
+        found.append(Picture(name_with_unit(name), _draw(name, f"{one.joint}{POSITION}{unit}", series), ""))
+    return found
+
+
+def _draw(name: str, position: str, series: Sequence[_Series]) -> str:
+    """Two panels, over position and over speed; `name` is that of the residual."""
+    high_in = BOTTOM_IN + TOP_IN + PANEL_IN
+    width_in = (WIDTH_IN - LEFT_IN - BETWEEN_IN - RIGHT_IN) / 2.0
+    words, unit = words_and_unit(name)
+    of_position, unit_of_position = words_and_unit(position)
+    with drawing():
+        figure = Figure(figsize=(WIDTH_IN, high_in))
+        boxes = [(LEFT_IN + k * (width_in + BETWEEN_IN), BOTTOM_IN, width_in, PANEL_IN) for k in range(2)]
+        of_figure = np.array([WIDTH_IN, high_in, WIDTH_IN, high_in])
+        left = figure.add_axes((np.array(boxes[0]) / of_figure).tolist())
+        right = figure.add_axes((np.array(boxes[1]) / of_figure).tolist(), sharey=left)
+        for axes, part in ((left, "position"), (right, "speed")):
+            axes.axhline(0.0, color=FAINT, lw=0.6)
+            for one in series:
+                # Every n-th point, n rounded up: more points only blacken the panel.
+                every = max(1, -(-len(one.residual) // MOST_POINTS))
+                axes.plot(getattr(one, part)[::every], one.residual[::every], ls="", marker=".", ms=3.4, mew=0.0, color=one.color)
+        left.set_ylabel(f"residual ({unit})")
+        left.set_xlabel(f"{of_position} ({unit_of_position})")
+        right.set_xlabel(f"{of_position.removesuffix('position')}speed ({unit_of_position}/s)")
+        right.tick_params(labelleft=False)
+        label = f"residual of {words} over position and speed of the joint"
+        return inline_svg(figure, f"residual {name}", escape(label, quote=True))
+
+
+@dataclass(frozen=True)
+class MotionsReport:
+    """Texts and names of a page of motions, besides the fit.
+
+    Parameters
+    ----------
+    kind
+        What was recorded, as in "swings of a pendulum".
+    title
+        Title of the recordings.
+    nominal
+        Source of the nominal values, as in "pendulum.toml".
+    stem
+        Beginning of the names of the files beside the page.
+    file_format
+        Format name in the JSON file.
+    window_s
+        Length of a window in s.
+    remainders
+        Figures of the torque in each joint that the nominal model lacks.
+    """
+
+    kind: str
+    title: str
+    nominal: str
+    stem: str
+    file_format: str
+    window_s: float
+    remainders: Sequence[Picture] = ()
+
+    @property
+    def json_file(self) -> str:
+        """The name of the JSON file beside the page."""
+        return f"{self.stem}.json"
+
+
+def pendulum_report(campaign: PendulumCampaign, model_file: str | None) -> MotionsReport:
+    """Texts of the page of a pendulum; `model_file` is the file of the nominal values where it is not the campaign's own."""
+    return MotionsReport(
+        kind="swings of a pendulum",
+        title=campaign.title,
+        nominal=f"the model file {model_file}" if model_file else "pendulum.toml",
+        stem="pendulum",
+        file_format=PENDULUM_FIT,
+        window_s=WINDOW_S,
+    )
+
+
+def mechanism_report(experiment: Experiment, comparison: MechanismComparison) -> MotionsReport:
+    """Texts of the page of a mechanism."""
+    return MotionsReport(
+        kind="motions of a mechanism",
+        title=experiment.title,
+        nominal=f"the model file {experiment.model.name}",
+        stem="mechanism",
+        file_format=MECHANISM_FIT,
+        window_s=experiment.window_s,
+        remainders=draw_joint_remainders(comparison.joints),
+    )
+
+
+def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Origin) -> None:
+    """Writes report.html and its tables as CSV, LaTeX and JSON.
+
+    Parameters
+    ----------
+    report
+        Texts and names of the page.
+    fit
+        Measured and simulated signals in windows, nominal and fitted.
+    out
+        Folder of the report.
+    origin
+        Command, recordings and version for the foot of the page.
+
+    Raises
+    ------
+    RigError
+        Where a file cannot be written.
+    """
+    tables = (_error_table(report, fit), *((_shift_table(report, fit),) if fit.shifts else ()))
+    overlays, recordings = list(_worst_recordings(fit)), len({one.condition for one in fit.overlays})
+    shown = len({one.condition for one in overlays})
+    contents = {
+        report.json_file: json.dumps({"title": report.title, **fit.plain(report.file_format)}, indent=1) + "\n",
+        **table_files(tables),
+        f"{report.stem}-signals.csv": as_csv(_signal_table(report, fit)),
+    }
+    page = template("motions.html").render(
+        sheets=("motions.css",),
+        origin=origin,
+        files=tuple(contents),
+        report=report,
+        is_fitted=bool(fit.shifts),
+        tables=tables,
+        correlated=[describe_pair(pair).replace(" -", f" {MINUS}") for pair in fit.correlated],
+        drawn=f"Of {recordings} recordings the {shown} are drawn that the model misses most." if shown < recordings else "",
+        pictures=pictures_of(overlays, min(ACROSS, shown)),
+        residuals=draw_signal_residuals(fit.overlays, with_fit=bool(fit.shifts)),
+    )
+    write_all(out, {PAGE: page, **contents})
+
+
+def _error_table(report: MotionsReport, fit: WindowFit) -> Table:
+    caption = f"Rms of measured less simulated. Each window of {report.window_s:g} s is simulated from the measured state at its start. "
+    if fit.shifts:
+        caption += "Held-out: each condition of about four windows is predicted with values fitted to all others."
+    columns = (*ALWAYS, *OF_FIT) if fit.shifts else ALWAYS
+    feet = tuple(Foot(f"All recordings: {', '.join(filter(None, words_and_unit(e.signal)))}", _errors(e), digits=5) for e in fit.totals)
+    # For a single recording the totals would repeat its own errors.
+    is_one = len({error.run for error in fit.errors}) == 1
+    return Table(f"{report.stem}-errors", caption, columns, tuple(map(_error_row, fit.errors)), () if is_one else feet)
+
+
+def _errors(error: SignalError) -> dict[str, float | None]:
+    return {"noise": error.noise, "nominal": error.nominal, "fitted": error.fitted, "held_out": error.held_out}
+
+
+def _error_row(error: SignalError) -> TableRow:
+    words, unit = words_and_unit(error.signal)
+    return TableRow({"run": error.run, "signal": words, "unit": unit, **_errors(error)}, digits=5)
+
+
+def _shift_table(report: MotionsReport, fit: WindowFit) -> Table:
+    caption = "Shift of each nominal value that fits all recordings best, ± one standard deviation; its unit is the end of its name."
+    strained = [abs(shift.value) > STRAINED * shift.prior_std for shift in fit.shifts]
+    if any(strained):
+        caption += f" Bold: more than {STRAINED:g} prior standard deviations, so that the model probably lacks an effect."
+    rows = tuple(TableRow(dict(shift.__dict__), marked=is_far) for shift, is_far in zip(fit.shifts, strained, strict=True))
+    return Table(f"{report.stem}-values", caption, SHIFTS, rows)
+
+
+def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
+    """All signals that are drawn, as means over bins."""
+    rows = [
+        TableRow(dict(zip(("run", "signal", "t_s", "measured", "nominal", "fitted"), (one.condition, one.signal, *values), strict=True)))
+        for one in fit.overlays
+        for values in zip(*(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True)
+    ]
+    return Table(f"{report.stem}-signals", "", SIGNALS, tuple(rows))
+
+
+def _worst_recordings(fit: WindowFit) -> Iterator[SignalOverlay]:
+    """Signals of the recordings with the largest errors, in their order. Without a fit, NaN takes the place of the fitted signal."""
+    # Errors of different signals have different units: each is divided by that signal's error over all recordings.
+    usual = {total.signal: total.fitted for total in fit.totals}
+    misses: dict[str, float] = {}
+    for error in fit.errors:
+        misses[error.run] = misses.get(error.run, 0.0) + error.fitted / max(usual[error.signal], 1e-300)
+    worst = sorted(misses, key=lambda run: -misses[run])[:MOST_SHOWN]
+    chosen = (one for one in fit.overlays if one.condition in worst)
+    return chosen if fit.shifts else (replace(one, after=np.full(len(one.after), np.nan)) for one in chosen)

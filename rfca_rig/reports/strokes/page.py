@@ -1,0 +1,280 @@
+"""report.html: one self-contained page with Table II, the forces at the peak, and every stroke over the model."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from rfca_rig.analysis.compare import PAPER_AVERAGE_ERROR_PCT, ComparedCondition, Table2, Table2Row, compare_condition, make_table2_row
+from rfca_rig.analysis.matched_simulation import Shaft
+from rfca_rig.analysis.peak_force import PeakForceRow, make_peak_row
+from rfca_rig.analysis.repeats import group_by_condition
+from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.model.parameters import LawTable, RigModel
+from rfca_rig.model.tabulated_law import kind_of
+from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
+from rfca_rig.recording.model import Recording
+from rfca_rig.reports.provenance import PageContext
+from rfca_rig.reports.strokes import overlay
+from rfca_rig.reports.strokes.tables import as_table, stage_tables
+from rfca_rig.reports.table import Table, TableColumn, TableRow
+from rfca_rig.reports.templates import template
+from rfca_rig.reports.text import (
+    DEFINITION,
+    REGIONS_DEFINITION,
+    SHAFT_WORDS,
+    count_noun,
+    keep_units_together,
+    number,
+    regions_sentence,
+    repeats_sentence,
+    rms_sentence,
+    scales_sentence,
+    shaft_sentence,
+)
+
+# Ending of the name: unit shown, factor. The first match counts, so longer endings come before their parts ("_Nm_per_rad", "_rad").
+UNITS = {
+    "_Nm_s_per_rad": ("N m s/rad", 1.0),
+    "_Nm_per_rad": ("N m/rad", 1.0),
+    "_N_per_m1p5": ("N/m^1.5", 1.0),
+    "_N_s_per_m": ("N s/m", 1.0),
+    "_N_per_m": ("N/m", 1.0),
+    "_s_per_m": ("s/m", 1.0),
+    "_per_rad2": ("1/rad²", 1.0),
+    "_rad": ("rad", 1.0),
+    "_kg": ("g", 1e3),
+    "_m": ("mm", 1e3),
+    "_s": ("s", 1.0),
+}
+
+SECTIONS = ("leg", "ground", "sensor", "drive")
+
+COLUMNS = (
+    TableColumn("part", role="group"),
+    TableColumn("parameter", "Parameter"),
+    TableColumn("value", "Value"),
+    TableColumn("unit", "Unit"),
+)
+
+
+@dataclass(frozen=True)
+class GivenModel:
+    """A model that all recordings of a report are compared with, and the name of its file."""
+
+    file: str
+    rig: RigModel
+
+
+@dataclass(frozen=True)
+class ComparedSource:
+    """One recording compared with a model condition by condition; `rows` and `peaks` correspond to `compared` one to one.
+
+    `rig` is None where the recording has no nominal model and no stroke to compare.
+    """
+
+    name: str
+    recording: Recording
+    rig: RigModel | None
+    compared: tuple[ComparedCondition, ...]
+
+    @property
+    def rows(self) -> tuple[Table2Row, ...]:
+        return tuple(make_table2_row(compared, self.name) for compared in self.compared)
+
+    @property
+    def peaks(self) -> tuple[PeakForceRow, ...]:
+        return tuple(make_peak_row(compared, self.name) for compared in self.compared)
+
+
+def compare_sources(
+    recordings: Sequence[Recording], shaft: Shaft, given: GivenModel | None = None, watcher: ProgressCount = ignore_progress
+) -> tuple[ComparedSource, ...]:
+    """Compares each recording with the `given` model, or with its own nominal model where none is given.
+
+    Parameters
+    ----------
+    recordings
+        Recordings to compare.
+    shaft
+        How the simulated shaft turns, see `analysis.matched_simulation`.
+    given
+        A model for all recordings; None for each recording's own.
+    watcher
+        Progress callback: number of conditions done, number of conditions.
+
+    Raises
+    ------
+    BadInput
+        Where nominal values do not make a model.
+    SimulationFailed
+        Where a stroke cannot be simulated.
+    """
+    names = _number_equal_titles([recording.title for recording in recordings])
+    conditions = [len(group_by_condition(recording.strokes)) for recording in recordings]
+    return tuple(
+        _compare(name, recording, shaft, given, _offset_watcher(watcher, sum(conditions[:number]), sum(conditions)))
+        for number, (name, recording) in enumerate(zip(names, recordings, strict=True))
+    )
+
+
+def _offset_watcher(watcher: ProgressCount, before: int, of: int) -> ProgressCount:
+    """A watcher for one recording that reports to the one for all conditions; `before` is the number done before."""
+    return lambda done, _: watcher(before + done, of)
+
+
+def _compare(name: str, recording: Recording, shaft: Shaft, given: GivenModel | None, watcher: ProgressCount) -> ComparedSource:
+    if given is None and not recording.strokes and not recording.nominal:
+        return ComparedSource(name, recording, None, ())
+    rig = nominal_model(recording.nominal) if given is None else given.rig
+    conditions = iterate_with_progress(group_by_condition(recording.strokes), watcher)
+    return ComparedSource(name, recording, rig, tuple(compare_condition(rig, condition, shaft) for condition in conditions))
+
+
+def _number_equal_titles(titles: Sequence[str]) -> list[str]:
+    """Equal titles are numbered in their order."""
+    return [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]
+
+
+@dataclass(frozen=True)
+class ParameterLine:
+    """One line of a table of parameters."""
+
+    section: str
+    name: str
+    value: str
+    unit: str
+
+
+def parameter_lines(rig: RigModel) -> list[ParameterLine]:
+    """Every parameter of the model that has a value and is not switched off, section by section.
+
+    It goes through the fields of the dataclasses, so that new parameters appear without a change here.
+    """
+    sections = [
+        _quantity(section, parameter.name, value)
+        for section in SECTIONS
+        for parameter in fields(getattr(rig, section))
+        if (value := getattr(getattr(rig, section), parameter.name)) is not None and value is not False and value != ()
+    ]
+    effects = [_quantity("effect", f"{present.id} {name}", value) for present in rig.effects for name, value in present.values]
+    tables = [_of_table(present.table) for present in rig.effects if present.table is not None]
+    return sections + effects + tables
+
+
+def _of_table(table: LawTable) -> ParameterLine:
+    values = f"{len(table.values)} values, {min(table.values):.4g} to {max(table.values):.4g}"
+    return ParameterLine("effect", f"tabulated_law of {table.argument} at {table.place}", values, kind_of(table.place, table.argument).unit)
+
+
+def _quantity(section: str, name: str, value: Any) -> ParameterLine:
+    ending = next((ending for ending in UNITS if name.endswith(ending)), "")
+    unit, factor = UNITS.get(ending, ("", 1.0))
+    return ParameterLine(section, name.removesuffix(ending).replace("_", " "), _number(value, factor), unit)
+
+
+def _number(value: Any, factor: float) -> str:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(_number(each, factor) for each in value)
+    return f"{factor * value:.6g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
+def model_table(rig: RigModel) -> Table:
+    """Parameters of a model by section, in the units of a lab."""
+    rows = [{"part": q.section, "parameter": q.name, "value": q.value, "unit": q.unit} for q in parameter_lines(rig)]
+    return Table("model", "", COLUMNS, tuple(TableRow(row) for row in rows))
+
+
+def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: Shaft, context: PageContext) -> str:
+    """The page as HTML.
+
+    Parameters
+    ----------
+    sources
+        Recordings compared with their models.
+    table
+        Table II of all of them.
+    peaks
+        Table of the forces at the peak.
+    shaft
+        How the simulated shaft turned.
+    told
+        Origin of the page, links to others, and the given model.
+    """
+    return template("table2.html").render(
+        sheets=(),
+        origin=context.origin,
+        files=tuple(f"{stem}.{kind}" for stem in ("table2", peaks.name) for kind in ("csv", "tex", "json")),
+        links=context.links,
+        title=" · ".join(dict.fromkeys(source.recording.title for source in sources)) or "Nothing recorded",
+        standfirst=_standfirst(table),
+        sources=[_source(source) for source in sources],
+        table=as_table(table, SHAFT_WORDS[shaft]),
+        peaks=peaks,
+        figures=_figures(sources, shaft),
+        static_tables=[table for source in sources for table in stage_tables(source.name, source.recording.static)],
+        models=_models(sources, context.model_file),
+        definition=DEFINITION,
+        regions_definition=REGIONS_DEFINITION,
+    )
+
+
+def _standfirst(table: Table2) -> str:
+    time, force = table.average_time_error_pct, table.average_force_error_pct
+    if time is None or force is None:
+        return "No valley could be compared." if table.rows else "Static stages; no strokes were recorded."
+    paper_time, paper_force = PAPER_AVERAGE_ERROR_PCT
+    return (
+        f"The model meets the valley of fz to {number(time, 2)} % in time and {number(force, 2)} % in force on average; "
+        f"the model of the paper met its rig to {paper_time} % and {paper_force} %."
+    )
+
+
+def _source(source: ComparedSource) -> dict[str, Any]:
+    recording = source.recording
+    contents = []
+    if recording.strokes:
+        contents.append(f"{count_noun(len(recording.strokes), 'stroke')} at {count_noun(len(source.compared), 'condition')}")
+    if recording.static:
+        contents.append(count_noun(len(recording.static), "static stage"))
+    return {"name": source.name, "mark": recording.source, "holds": " and ".join(contents) or "nothing recorded"}
+
+
+def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, Any]]:
+    several = sum(bool(source.compared) for source in sources) > 1
+    all_compared = [(source, compared) for source in sources for compared in source.compared]
+    figures = []
+    for place, (source, compared) in enumerate(all_compared, start=1):
+        drawn = overlay.draw_overlay(compared, salt=f"figure {place}")
+        figures.append(
+            {
+                "number": place,
+                "label": compared.condition.label,
+                "source": source.name if several else "",
+                "svg": drawn.svg,
+                "caption": keep_units_together(
+                    f"{repeats_sentence(compared)} {shaft_sentence(compared, shaft)} {regions_sentence(compared, drawn)} "
+                    f"{rms_sentence(compared)} {scales_sentence(drawn)}"
+                ),
+            }
+        )
+    return figures
+
+
+def _models(sources: Sequence[ComparedSource], model_file: str | None) -> list[dict[str, Any]]:
+    """One table for each distinct model, with the sources that share it."""
+    distinct = list(dict.fromkeys(source.rig for source in sources if source.rig is not None))
+    tables = []
+    for rig in distinct:
+        sharing = [source for source in sources if source.rig == rig]
+        tables.append({"says": _model_says(sharing, model_file, len(distinct) > 1), "table": model_table(rig)})
+    return tables
+
+
+def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
+    what = f"The model in {model_file}, given for this report" if model_file else "The model as it was believed before the recordings"
+    of_whom = f", of {', '.join(source.name for source in sharing)}" if several else ""
+    known_to = sharing[0].recording.known_to
+    if model_file or not known_to:
+        return f"{what}{of_whom}."
+    stated = ", ".join(f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float))
+    return f"{what}{of_whom}. One standard deviation of what was believed: {stated}; what is not listed counts as exact."

@@ -1,0 +1,242 @@
+"""Writes the summary of a sweep: sweep.html, one self-contained page, and sweep.json, beside sweep.h5 and sweep.csv."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rfca_rig import __version__
+from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.reports.provenance import Origin, version_text
+from rfca_rig.reports.sweep.pictures import draw_points, draw_view
+from rfca_rig.reports.sweep.views import (
+    MOST_GROUPS,
+    OutputSensitivity,
+    SampleGroup,
+    View,
+    compute_sensitivities,
+    formula,
+    name_and_unit,
+    sample_groups,
+    sensitivities_table,
+    value_text,
+    views,
+    with_unit,
+)
+from rfca_rig.reports.table import Table, TableColumn, TableRow
+from rfca_rig.reports.templates import template
+from rfca_rig.reports.text import count_noun, number
+from rfca_rig.sweep.outputs import RequestedOutput
+from rfca_rig.sweep.quantities import find_quantity
+from rfca_rig.sweep.result import CSV, H5, SweepResult
+from rfca_rig.sweep.samples import points
+
+FILES = [CSV, H5, "sweep.json"]
+DEFINITIONS = (
+    "Over a stroke, from the commanded start to the end of the shaft's turn; t* is the moment of the greatest load while the leg presses: "
+    "it touches, and touchdown, the first 30 ms of contact, is over."
+)
+
+FORMAT = "rfca-sweep-summary/1"
+HTML, JSON = "sweep.html", "sweep.json"
+
+
+def page(result: SweepResult, found: list[OutputSensitivity], command: str) -> str:
+    """The page as HTML.
+
+    Parameters
+    ----------
+    result
+        The sweep.
+    found
+        Sensitivities of outputs to sampled quantities; empty for a grid.
+    command
+        The command line, for the foot of the page.
+    """
+    plan = result.plan
+    figures, left_out = _figures(result, found)
+    without = [_title(asked) for asked in plan.outputs if asked not in _with_values(result)]
+    return template("sweep.html").render(
+        sheets=[],
+        origin=Origin(command, (), version_text()),
+        files=FILES,
+        title=plan.title,
+        standfirst=_standfirst(result),
+        figures=figures,
+        left_out=left_out,
+        without=without,
+        sensitivities=sensitivities_table(found) if found else None,
+        varied=_quantities_table(result),
+        outputs=_outputs_table(result),
+        reasons=result.reasons(),
+        failed=result.failed,
+    )
+
+
+def _standfirst(result: SweepResult) -> str:
+    plan = result.plan
+    sides = [f"{count_noun(len(axis.values), 'value')} of {name_and_unit(axis.name)[0]}" for axis in plan.axes]
+    if plan.samples:
+        drawn = f"{plan.samples.n} points ({plan.samples.method}, seed {plan.samples.seed})"
+        sides.append(f"{drawn} in {count_noun(len(plan.samples.names), 'range')}")
+    text = f"{count_noun(plan.count, 'case')}: {' times '.join(sides)}."
+    if result.failed:
+        text += f" {count_noun(result.failed, 'case')} failed."
+    return text + (f" {count_noun(result.incomplete, 'case')} without some output." if result.incomplete else "")
+
+
+def _figures(result: SweepResult, found: list[OutputSensitivity]) -> tuple[list[dict[str, Any]], int]:
+    """Figures of a grid or of samples, and the number of combinations that are not drawn."""
+    if result.plan.samples is not None:
+        groups = list(sample_groups(result.plan))
+        shown_groups = groups[:MOST_GROUPS]
+        drawn = [_points_figure(result, asked, group, found) for group in shown_groups for asked in _with_values(result)]
+        return drawn, len(groups) - len(shown_groups)
+    shown_views, there_are = views(result.plan)
+    return [_grid_figure(result, asked, view) for view in shown_views for asked in _with_values(result)], there_are - len(shown_views)
+
+
+def _with_values(result: SweepResult) -> list[RequestedOutput]:
+    """Outputs with a value for at least one case."""
+    return [asked for asked in result.plan.outputs if not np.isnan(result.output(asked.header)).all()]
+
+
+def _grid_figure(result: SweepResult, asked: RequestedOutput, view: View) -> dict[str, Any]:
+    values = view.values(result, asked.header)
+    crosses = " Crosses: no value." if view.is_map and np.isnan(values).any() else ""
+    return {
+        "title": _title(asked),
+        "of": ", ".join(with_unit(*fixed_value) for fixed_value in view.facet),
+        "svg": draw_view(view, values, asked.header),
+        "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}.{crosses}",
+        "wide": False,
+    }
+
+
+def _points_figure(result: SweepResult, asked: RequestedOutput, group: SampleGroup, found: list[OutputSensitivity]) -> dict[str, Any]:
+    samples = result.plan.samples
+    assert samples is not None
+    indices = [each.found for each in found if each.output == asked.header and each.at == group.at]
+    titles = ["" if index is None else f"explains {number(index.index, 2)} ± {index.std:.2f}" for index in indices]
+    return {
+        "title": _title(asked),
+        "of": ", ".join(with_unit(*fixed_value) for fixed_value in group.at),
+        "svg": draw_points(samples.ranges, points(samples), result.output(asked.header)[group.cases], titles, asked.header),
+        "caption": f"{formula(asked.output.equation)}. Column {asked.header} of {CSV}; above each panel the first-order share of variance.",
+        "wide": len(samples.ranges) > 2,
+    }
+
+
+def _title(asked: RequestedOutput) -> str:
+    return asked.words[:1].upper() + asked.words[1:]
+
+
+def _quantities_table(result: SweepResult) -> Table:
+    plan = result.plan
+    rows = []
+    for axis in plan.axes:
+        # Up to eight values are listed, of more only the ends.
+        some = axis.values if len(axis.values) <= 8 else (axis.values[0], axis.values[-1])
+        words = (", " if len(axis.values) <= 8 else " to ").join(map(value_text, some))
+        rows.append(_row(axis.name, words, "equal ratios" if axis.log else "", f"{len(axis.values)}"))
+    for each in plan.samples.ranges if plan.samples else ():
+        rows.append(
+            _row(each.name, f"{value_text(each.low)} to {value_text(each.high)}", "evenly in the logarithm" if each.log else "", "drawn")
+        )
+    rows += [_row(name, value_text(value), "", "fixed") for name, value in plan.fixed]
+    columns = (TableColumn("what"), TableColumn("values"), TableColumn("how_many", "number"), TableColumn("column", "column"))
+    return Table("varied", "All else is as the model believes it.", columns, tuple(rows))
+
+
+def _row(name: str, values: str, spacing: str, number: str) -> TableRow:
+    words, unit = find_quantity(name).words, name_and_unit(name)[1]
+    text = ", ".join(filter(None, (f"{values} {unit}" if unit else values, spacing)))
+    return TableRow({"what": f"{words[:1].upper()}{words[1:]}", "values": text, "how_many": number, "column": name})
+
+
+def _outputs_table(result: SweepResult) -> Table:
+    rows = tuple(
+        TableRow({"what": _title(asked), "equation": formula(asked.output.equation), "source": asked.output.source, "column": asked.header})
+        for asked in result.plan.outputs
+    )
+    columns = (TableColumn("what"), TableColumn("equation", "definition"), TableColumn("source"), TableColumn("column"))
+    return Table("outputs", DEFINITIONS, columns, rows)
+
+
+def write_summary(result: SweepResult, folder: Path, command: str) -> None:
+    """Writes sweep.html and sweep.json into `folder`.
+
+    The same result and command give the same bytes. Raises RigError where a file cannot be written.
+    """
+    sensitivities = compute_sensitivities(result)
+    write_atomically(
+        folder / JSON, (json.dumps(summary(result, sensitivities), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    )
+    write_atomically(folder / HTML, page(result, sensitivities, command).encode())
+
+
+def summary(result: SweepResult, found: list[OutputSensitivity]) -> dict[str, Any]:
+    """Content of sweep.json: varied and fixed quantities, outputs with their extremes and where those are, failures, sensitivities."""
+    plan = result.plan
+    return {
+        "format": FORMAT,
+        "version": __version__,
+        "title": plan.title,
+        "cases": plan.count,
+        "failed": result.failed,
+        "incomplete": result.incomplete,
+        "reasons": [{"reason": reason, "cases": count} for reason, count in result.reasons()],
+        "varied": list(plan.varied),
+        "fixed": dict(plan.fixed),
+        "outputs": [_output(result, place) for place in range(len(plan.outputs))],
+        "sensitivities": [_sensitivity(each) for each in found],
+    }
+
+
+def _output(result: SweepResult, place: int) -> dict[str, Any]:
+    asked, values = result.plan.outputs[place], result.values[:, place]
+    description = {"name": asked.header, "words": asked.words, "equation": asked.output.equation, "source": asked.output.source}
+    # nanargmin raises an error where all values are NaN.
+    if np.isnan(values).all():
+        return {**description, "lowest": None, "highest": None}
+    return {
+        **description,
+        "lowest": _end(result, values, int(np.nanargmin(values))),
+        "highest": _end(result, values, int(np.nanargmax(values))),
+    }
+
+
+def _end(result: SweepResult, values: np.ndarray[Any, Any], case: int) -> dict[str, Any]:
+    plan = result.plan
+    return {"value": float(values[case]), "case": case, "at": dict(zip(plan.varied, plan.point(case), strict=True))}
+
+
+def _sensitivity(each: OutputSensitivity) -> dict[str, Any]:
+    found = {"index": each.found.index, "std": each.found.std} if each.found else {"index": None, "std": None}
+    return {"at": dict(each.at), "output": each.output, "of": each.name, **found}
+
+
+def lines(result: SweepResult) -> list[str]:
+    """Summary for a terminal: the extremes of each output, and where they are."""
+    content = summary(result, [])
+    text = [f"{result.plan.title}: {count_noun(result.plan.count, 'case')}{_failures(result)}"]
+    for output in content["outputs"]:
+        low, high = output["lowest"], output["highest"]
+        text.append(
+            f"{output['name']}: none" if low is None else f"{output['name']}: {_end_line(result, low)} to {_end_line(result, high)}"
+        )
+    return text + [f"  {reason['cases']} times: {reason['reason']}" for reason in content["reasons"]]
+
+
+def _end_line(result: SweepResult, end: dict[str, Any]) -> str:
+    """An extreme with its point on the grid. Sampled values are left out: they are in sweep.csv."""
+    place = [
+        with_unit(name, value) for name, value in end["at"].items() if result.plan.samples is None or name not in result.plan.samples.names
+    ]
+    return f"{value_text(end['value'])} ({', '.join(place)})" if place else value_text(end["value"])
+
+
+def _failures(result: SweepResult) -> str:
+    parts = [(result.failed, "failed"), (result.incomplete, "without some output"), (result.mistakes, "met a mistake of rfca-rig")]
+    return "".join(f", {count} {words}" for count, words in parts if count)

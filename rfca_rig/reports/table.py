@@ -1,0 +1,360 @@
+"""Tables independent of their format: CSV for programs, LaTeX for a paper, HTML for a page, plain text for a terminal."""
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import groupby
+from math import isfinite
+from pathlib import Path
+from typing import Literal
+
+from rfca_rig.errors import RigError
+from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.reports.text import words_and_unit
+
+Value = float | int | str | bool | None
+Role = Literal["value", "kept", "group", "note"]
+
+UNKNOWN_TEX = "--"
+
+# Characters that LaTeX reads as commands, and characters beyond ASCII that the reports use.
+SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': "''",
+    **{character: f"\\{character}" for character in "&%$#_{}"},
+    "\u00a0": "~",
+    "\u2212": "$-$",
+    "\u2013": "--",
+    "\u2019": "'",
+    "\u201c": "``",
+    "\u201d": "''",
+    "\u2026": r"\ldots{}",
+    "\u2192": r"$\to$",
+    "±": r"$\pm$",
+    "°": r"$^\circ$",
+    "²": "$^2$",
+    "³": "$^3$",
+    "₀": "$_0$",
+    "₂": "$_2$",
+    "φ": r"$\varphi$",
+    "\u03c3": r"$\sigma$",
+    "χ": r"$\chi$",
+    "·": r"$\cdot$",
+}
+
+# The paper's symbols for quantities of the reports.
+SYMBOLS = {"|F|": "$|F|$", "fx": "$F_x$", "fy": "$F_y$", "fz": "$F_z$", "tx": "$T_x$", "k0": "$k_0$", "k2": "$k_2$"}
+
+
+@dataclass(frozen=True)
+class TableColumn:
+    """One column of a table.
+
+    Parameters
+    ----------
+    key
+        Name in CSV, which ends in the unit.
+    head
+        Heading for a reader; by default the key in words.
+    digits
+        Decimals of numbers; by default as many as show two digits of the uncertainty.
+    half
+        Key of the column with the uncertainty: one standard deviation or half an interval, as the table's caption states.
+    over
+        Heading above this one, common to neighbouring columns.
+    role
+        A "kept" column is in CSV only, a "group" divides the rows, a "note" is shown below its row.
+    set_value
+        The values were chosen, not measured, and are shown as they were typed.
+    upright
+        The heading is rotated by 90 degrees in LaTeX, for tables with many columns.
+    """
+
+    key: str
+    head: str = ""
+    digits: int | None = None
+    half: str = ""
+    over: str = ""
+    role: Role = "value"
+    set_value: bool = False
+    upright: bool = False
+
+    @property
+    def title(self) -> str:
+        """Heading for a reader."""
+        return self.head or words_and_unit(self.key)[0]
+
+    @property
+    def unit(self) -> str:
+        """Unit from the key, "" for none."""
+        return words_and_unit(self.key)[1]
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """Values by the keys of the columns; missing ones and None are unknown. `digits` overrides that of the columns.
+
+    A `marked` row needs attention, and is highlighted.
+    """
+
+    values: Mapping[str, Value]
+    digits: int | None = None
+    marked: bool = False
+
+
+@dataclass(frozen=True)
+class Foot:
+    """A line below the rows: words across the first columns, then values by their keys."""
+
+    words: str
+    values: Mapping[str, Value] = field(default_factory=dict)
+    digits: int | None = None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; `name` is that of its files. The `caption` states what is shown, over how many repeats, and the meaning of ±."""
+
+    name: str
+    caption: str
+    columns: tuple[TableColumn, ...]
+    rows: tuple[TableRow, ...]
+    foot: tuple[Foot, ...] = ()
+
+    @property
+    def shown(self) -> tuple[TableColumn, ...]:
+        """Columns that a reader sees; CSV has all."""
+        return tuple(column for column in self.columns if column.role == "value")
+
+    @cached_property
+    def numeric(self) -> frozenset[str]:
+        """Keys of the columns that hold numbers, which are aligned right."""
+        return frozenset(column.key for column in self.columns if any(_is_number(row.values.get(column.key)) for row in self.rows))
+
+    def groups(self) -> list[tuple[str, tuple[TableRow, ...]]]:
+        """The rows by their group; without a name where there is only one."""
+        # groupby joins neighbours only, so that rows keep their order.
+        key = next((column.key for column in self.columns if column.role == "group"), "")
+        groups = [(str(name), tuple(rows)) for name, rows in groupby(self.rows, lambda row: row.values.get(key) or "")]
+        return groups if len(groups) > 1 else [("", self.rows)]
+
+    def notes(self, row: TableRow) -> list[str]:
+        """Notes below a row, a line each."""
+        texts = (row.values.get(column.key) for column in self.columns if column.role == "note")
+        return [str(text) for text in texts if text]
+
+    def overs(self) -> list[tuple[str, int]]:
+        """Headings above the columns with the number of columns each spans, "" where there is none; empty without any heading."""
+        spans = [(over, len(list(columns))) for over, columns in groupby(self.shown, lambda column: column.over)]
+        return spans if any(over for over, _ in spans) else []
+
+
+@dataclass(frozen=True)
+class TableCell:
+    """A value as text with an ASCII minus sign; `half` is the uncertainty after ±, "" for none. Both are "" for an unknown value."""
+
+    text: str
+    half: str = ""
+    is_number: bool = False
+
+
+def cell(column: TableColumn, row: TableRow) -> TableCell:
+    """The value of a column in a row as text, with its uncertainty where there is one."""
+    value, half = row.values.get(column.key), row.values.get(column.half) if column.half else None
+    if value is None or (isinstance(value, float) and not isfinite(value)):
+        return TableCell("")
+    if isinstance(value, bool | str):
+        return TableCell(value if isinstance(value, str) else ("yes" if value else "no"))
+    if column.set_value:
+        return TableCell(f"{value:.6g}", is_number=True)
+    known = float(half) if isinstance(half, int | float) and isfinite(half) and half > 0 else None
+    digits = _digits(value, known, column.digits if row.digits is None else row.digits)
+    return TableCell(format_rounded(value, digits), "" if known is None else format_rounded(known, digits), is_number=True)
+
+
+def foot_cell(column: TableColumn, foot: Foot) -> TableCell:
+    """The value of a column in a foot as text."""
+    return cell(column, TableRow(foot.values, foot.digits))
+
+
+def head_span(table: Table, foot: Foot) -> int:
+    """Number of shown columns before the first value of a foot, which its words may span."""
+    return next((place for place, column in enumerate(table.shown) if column.key in foot.values), len(table.shown))
+
+
+def format_rounded(value: float, digits: int) -> str:
+    """A value with `digits` decimals, negative ones for tens and hundreds; no minus where all digits shown are zero."""
+    # Adding 0.0 turns the -0.0 that rounding leaves into 0.0.
+    return f"{round(value, digits) + 0.0:.{max(digits, 0)}f}"
+
+
+def _digits(value: float, half: float | None, asked: int | None) -> int:
+    if asked is not None:
+        return asked
+    if isinstance(value, int):
+        return 0
+    return places(half, 2) if half is not None else places(value, 4)
+
+
+def places(size: float, digits: int) -> int:
+    """Decimals that show `size` with so many digits; negative where it is rounded to tens or hundreds."""
+    # The exponent of the formatted text, which is rounded to seven digits first: 999.99999999 counts as 1000.
+    return digits - 1 - (int(f"{abs(size):e}".partition("e")[2]) if size and isfinite(size) else 0)
+
+
+def _is_number(value: Value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def with_common_decimals(column: TableColumn, rows: Sequence[TableRow]) -> TableColumn:
+    """The column with the same decimals in all rows, as many as show two digits of the median uncertainty."""
+    halves = [row.values.get(column.half) for row in rows]
+    known = sorted(float(half) for half in halves if isinstance(half, int | float) and isfinite(half) and half > 0)
+    return replace(column, digits=max(places(known[len(known) // 2], 2), 0)) if known else column
+
+
+def tex_head(text: str) -> str:
+    """Heading of a column in LaTeX, with the paper's symbols for its quantities."""
+    return " ".join(SYMBOLS.get(word, tex_text(word)) for word in text.split(" "))
+
+
+def tex_text(text: str) -> str:
+    """Any text with LaTeX's special characters escaped; letters with accents are left to the document's encoding."""
+    return "".join(SPECIAL.get(character, character) for character in text)
+
+
+def tex_unit(unit: str) -> str:
+    """A unit in LaTeX: N m/rad with thin spaces, N/m^1.5 with an exponent."""
+    base, _, power = unit.partition("^")
+    text = tex_text(base).replace(" ", r"\,")
+    return f"{text}$^{{{power}}}$" if power else text
+
+
+def tex_number(text: str, half: str = "") -> str:
+    r"""A number in math mode, which sets a proper minus sign; with $\pm$ where there is an uncertainty."""
+    return rf"${text} \pm {half}$" if half else f"${text}$"
+
+
+def as_csv(table: Table) -> str:
+    """The table as CSV: every column under its key, numbers with up to twelve digits, unknown values empty."""
+    # The same line ends on every system, so that files have the same bytes.
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([column.key for column in table.columns])
+    writer.writerows([_plain(row.values.get(column.key)) for column in table.columns] for row in table.rows)
+    return out.getvalue()
+
+
+def _plain(value: Value) -> Value:
+    """Numbers with twelve digits: more than any measurement has, and few enough that rounding errors of machines do not show."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return (float(f"{value:.12g}") + 0.0 if isfinite(value) else "") if isinstance(value, float) else value
+
+
+def as_tex(table: Table) -> str:
+    """The table as a LaTeX tabular for a document that loads booktabs; the caption is in a comment above it."""
+    alignment = "".join("r" if column.key in table.numeric else "l" for column in table.shown)
+    packages = "booktabs,graphicx" if any(column.upright for column in table.shown) else "booktabs"
+    lines = [rf"% needs \usepackage{{{packages}}}; {' '.join(table.caption.split())}", rf"\begin{{tabular}}{{{alignment}}}", r"\toprule"]
+    lines += _tex_heads(table)
+    for name, rows in table.groups():
+        lines.append(r"\midrule")
+        lines += [rf"\multicolumn{{{len(alignment)}}}{{l}}{{{tex_text(name)}}} \\"] if name else []
+        for row in rows:
+            lines.append(_tex_line([_tex_cell(column, cell(column, row), column.key in table.numeric) for column in table.shown]))
+            lines += [rf"\multicolumn{{{len(alignment)}}}{{l}}{{\quad {tex_text(note)}}} \\" for note in table.notes(row)]
+    lines += [r"\midrule", *(_tex_foot(table, foot) for foot in table.foot)] if table.foot else []
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def _tex_heads(table: Table) -> list[str]:
+    heads = _tex_line([_tex_head(column, column.key in table.numeric) for column in table.shown])
+    overs = table.overs()
+    if not overs:
+        return [heads]
+    above = [rf"\multicolumn{{{span}}}{{c}}{{{tex_text(over)}}}" if over else " & ".join([""] * span) for over, span in overs]
+    rules, at = [], 1
+    for over, span in overs:
+        rules += [rf"\cmidrule(lr){{{at}-{at + span - 1}}}"] if over else []
+        at += span
+    return [_tex_line(above), "".join(rules), heads]
+
+
+def _tex_head(column: TableColumn, is_number: bool) -> str:
+    unit = f" ({tex_unit(column.unit)})" if column.unit else ""
+    text = f"{tex_head(column.title)}{unit}"
+    if column.upright:
+        return rf"\rotatebox{{90}}{{{text}~}}"
+    return rf"\multicolumn{{1}}{{r}}{{{text}}}" if is_number else text
+
+
+def _tex_foot(table: Table, foot: Foot) -> str:
+    span = head_span(table, foot)
+    cells = [_tex_cell(column, foot_cell(column, foot), column.key in table.numeric) for column in table.shown[span:]]
+    return _tex_line([rf"\multicolumn{{{span}}}{{l}}{{{tex_text(foot.words)}}}", *cells])
+
+
+def _tex_line(cells: Sequence[str]) -> str:
+    return " & ".join(cells) + r" \\"
+
+
+def _tex_cell(column: TableColumn, found: TableCell, is_number: bool) -> str:
+    if not found.text:
+        # An upright table is a matrix of counts, where an empty cell means none.
+        return UNKNOWN_TEX if is_number and not column.upright else ""
+    if column.key == "unit":
+        return tex_unit(found.text)
+    return tex_number(found.text, found.half) if found.is_number else tex_head(found.text)
+
+
+def as_text(table: Table) -> str:
+    """The table as aligned columns of ASCII for a terminal, without feet and notes."""
+    lines = [[_head_text(column) for column in table.shown], *(row_texts(table, row) for row in table.rows)]
+    widths = [max(len(line[place]) for line in lines) for place in range(len(table.shown))]
+    return "".join(f"{_align(table, line, widths)}\n" for line in lines)
+
+
+def row_texts(table: Table, row: TableRow) -> list[str]:
+    """The shown cells of a row as ASCII text."""
+    return [_text(cell(column, row)) for column in table.shown]
+
+
+def _align(table: Table, line: Sequence[str], widths: Sequence[int]) -> str:
+    placed = zip(line, widths, table.shown, strict=True)
+    return "  ".join(text.rjust(width) if column.key in table.numeric else text.ljust(width) for text, width, column in placed).rstrip()
+
+
+def _head_text(column: TableColumn) -> str:
+    over = f"{column.over}: " if column.over else ""
+    return f"{over}{column.title} ({column.unit})" if column.unit else f"{over}{column.title}"
+
+
+def _text(found: TableCell) -> str:
+    return f"{found.text} +- {found.half}" if found.half else found.text
+
+
+def write_all(out: Path, contents: Mapping[str, str]) -> None:
+    """Writes texts by their file names; `out` is made where it does not exist. Raises RigError where a file cannot be written."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RigError(f"{out}: the folder for the report cannot be made: {error.strerror}; give another with --out") from None
+    for name, text in contents.items():
+        write_atomically(out / name, text.encode("utf-8"))
+
+
+def table_files(tables: Iterable[Table]) -> dict[str, str]:
+    """CSV and LaTeX of each table, by file name.
+
+    A table without rows is written too: otherwise the file of an earlier report would remain beside the page.
+    """
+    each = (((f"{table.name}.csv", as_csv(table)), (f"{table.name}.tex", as_tex(table))) for table in tables)
+    return {name: text for pair in each for name, text in pair}

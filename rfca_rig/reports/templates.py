@@ -1,0 +1,117 @@
+"""Loads the templates and style sheets of the pages, which are in this package."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
+
+from rfca_rig import __version__
+from rfca_rig.reports.style import colours
+from rfca_rig.reports.table import Foot, Table, TableCell, TableColumn, TableRow, cell, foot_cell, head_span
+from rfca_rig.reports.text import MARK_MEANINGS, MINUS, NO_BREAK, NOTHING, in_thousands
+
+
+@dataclass(frozen=True)
+class ShownCell:
+    """Text of a cell; `right` aligns a column of numbers."""
+
+    text: str
+    right: bool
+
+
+@dataclass(frozen=True)
+class ShownRow:
+    """One row with the notes below it."""
+
+    cells: tuple[ShownCell, ...]
+    marked: bool
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ShownFoot:
+    """A foot: `words` across `span` columns, then the other cells."""
+
+    words: str
+    span: int
+    cells: tuple[ShownCell, ...]
+
+
+@dataclass(frozen=True)
+class ShownTable:
+    """Content for the macro `table` in parts.html."""
+
+    heads: tuple[ShownCell, ...]
+    units: tuple[str, ...]
+    overs: tuple[tuple[str, int], ...]
+    groups: tuple[tuple[str, tuple[ShownRow, ...]], ...]
+    foot: tuple[ShownFoot, ...]
+
+
+def cells_as_text(table: Table) -> ShownTable:
+    """The table with every cell as text."""
+    return ShownTable(
+        heads=tuple(ShownCell(column.title, column.key in table.numeric) for column in table.shown),
+        units=tuple(column.unit.replace(" ", NO_BREAK) for column in table.shown),
+        overs=tuple(table.overs()),
+        groups=tuple((name, tuple(_row(table, row) for row in rows)) for name, rows in table.groups()),
+        foot=tuple(_foot(table, foot) for foot in table.foot),
+    )
+
+
+def _row(table: Table, row: TableRow) -> ShownRow:
+    cells = tuple(_to_cell(table, column, cell(column, row)) for column in table.shown)
+    return ShownRow(cells, row.marked, tuple(table.notes(row)))
+
+
+def _foot(table: Table, foot: Foot) -> ShownFoot:
+    span = head_span(table, foot)
+    cells = tuple(_to_cell(table, column, foot_cell(column, foot)) for column in table.shown[span:])
+    return ShownFoot(foot.words, span, cells)
+
+
+def _to_cell(table: Table, column: TableColumn, found: TableCell) -> ShownCell:
+    text = in_thousands(found.text).replace("-", MINUS) if found.is_number else found.text
+    if found.half:
+        text += f"{NO_BREAK}±{NO_BREAK}{found.half}"
+    return ShownCell(text or (NOTHING if column.key in table.numeric else ""), column.key in table.numeric)
+
+
+def template(name: str) -> Template:
+    """A template that escapes the values it is given, and fails on a missing one."""
+    return _environment().get_template(name)
+
+
+@cache
+def _environment() -> Environment:
+    """Environment of all templates, with colours, meanings of the marks, version and the filters `words` and `by_stem`."""
+    # StrictUndefined: a misspelt name fails in tests instead of leaving a gap in a page.
+    environment = Environment(
+        loader=FunctionLoader(beside), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["words"] = lambda id_: id_.replace("_", " ")
+    environment.filters["by_stem"] = by_stem
+    environment.globals |= {
+        "beside": beside,
+        "colours": colours(),
+        "mark_meanings": MARK_MEANINGS,
+        "shown_cells": cells_as_text,
+        "version": __version__,
+    }
+    return environment
+
+
+def by_stem(files: Iterable[str]) -> list[str]:
+    """File names joined by stem, as in "values.csv/.tex", "static.json"."""
+    stems: dict[str, list[str]] = {}
+    for file in files:
+        stem, dot, ending = file.rpartition(".")
+        stems.setdefault(stem, []).append(dot + ending)
+    return [stem + "/".join(endings) for stem, endings in stems.items()]
+
+
+def beside(name: str) -> str:
+    """Text of a template or style sheet of this package."""
+    return resources.files("rfca_rig.reports").joinpath(name).read_text("utf-8")
