@@ -1,4 +1,4 @@
-"""What the README says is so: its commands run, its snippet runs, its figures are the model's."""
+"""What README, commands, model and library pages say is so: commands run, snippets run, figures are the model's."""
 
 import json
 import re
@@ -13,10 +13,15 @@ from tests.cli.typed import typed
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
+COMMANDS, MODEL, LIBRARY = ((ROOT / "docs" / name).read_text() for name in ("commands.md", "model.md", "library.md"))
 
 
-def block(mark: str) -> str:
-    return re.search(rf"<!-- {mark} -->\n```sh\n(.*?)```", README, re.DOTALL)[1]
+def block(mark: str, text: str = README) -> str:
+    return re.search(rf"<!-- {mark} -->\n```sh\n(.*?)```", text, re.DOTALL)[1]
+
+
+def snippet(text: str) -> str:
+    return re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
 
 
 @pytest.fixture
@@ -29,7 +34,7 @@ def clone(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_commands_run_as_written(clone, monkeypatch, capsys):
-    for line in block("commands").splitlines():
+    for line in block("commands", COMMANDS).splitlines():
         program, *words = shlex.split(line)
         assert program == "rfca-rig"
         assert typed(monkeypatch, capsys, *words).exit_code == 0, line
@@ -68,10 +73,29 @@ def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(clon
         found = effect["parameters"][name]
         assert found["value"] == pytest.approx(true, rel=0.06)
         assert abs(found["value"] - true) < 1.645 * found["std"] < 0.1 * true
-    snippet = re.search(r"```python\n(.*?)```", README, re.DOTALL)[1]
     names: dict[str, object] = {}
-    exec(snippet, names)
-    assert len(names["t_s"]) == len(names["fz_N"]) > 10_000
+    exec(snippet(README), names)
+    assert len(names["fz"]) > 10_000 and len(names["predicted"]["fz_N"]) > 1000
+
+
+@pytest.mark.slow
+def test_the_snippet_of_the_library_runs(clone):
+    names: dict[str, object] = {}
+    exec(snippet(LIBRARY), names)
+    assert len(names["measured"]) > 1000 and len(names["table"]) == 1 and (clone / "report" / "report.html").is_file()
+
+
+def test_the_readme_is_short_and_its_sentences_are_too():
+    text = re.sub(r"```.*?```|\]\([^)]*\)|<!--.*?-->", "", README, flags=re.DOTALL)
+    assert len(text.split()) <= 950
+    sentences = re.split(r"(?<=[.!?:;])\s+|\n\n|\n- |\n\|", text)
+    assert max(len(sentence.split()) for sentence in sentences) <= 25
+
+
+def test_every_link_of_the_readme_leads_somewhere():
+    links = re.findall(r"\]\(([^)#]+)", README)
+    assert len(links) > 20
+    assert [link for link in links if not (ROOT / link).exists()] == []
 
 
 def test_both_set_up_commands_start_from_nothing_but_python():
@@ -80,7 +104,7 @@ def test_both_set_up_commands_start_from_nothing_but_python():
 
 
 def test_the_model_s_column_of_table_2_is_what_the_model_says():
-    rows = re.findall(r"\| (\d+) mm, ([\d.]+) rad/s \|.*\| ([\d.]+) s, (-[\d.]+) N \|", README)
+    rows = re.findall(r"\| (\d+) mm, ([\d.]+) rad/s \|.*\| ([\d.]+) s, (-[\d.]+) N \|", MODEL)
     assert len(rows) == 4
     model = read_rig(ROOT / "calibration" / "twin.toml").model()
     for height_mm, speed, time_s, fz_N in rows:
