@@ -7,16 +7,16 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 640,
-    "lines": 88_000,
-    "lines of code": 55_900,
+    "lines": 88_600,
+    "lines of code": 56_400,
     "modules with one user, in their package": 70,
-    "functions": 5_980,
+    "functions": 6_060,
     "private functions with one use": 960,
     "public class names defined more than once": 0,
     "functions named by a past participle": 96,
     "import circles": 0,
     "modules of the largest folder": 40,
-    "words of our own dialect": 280,
+    "words of our own dialect": 265,
 }
 AT_LEAST = {
     "full-line comments": 2_450,
