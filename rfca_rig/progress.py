@@ -9,7 +9,7 @@ T = TypeVar("T")
 ProgressCount = Callable[[int, int], None]
 # Called with the name of the work, the number of items done, and their total.
 ProgressReport = Callable[[str, int, int], None]
-"""Is told what is being done, how many of it are done, and of how many."""
+"""Called with what is being done, how many of it are done, and of how many."""
 
 
 def ignore_named_progress(what: str, done: int, of: int) -> None:

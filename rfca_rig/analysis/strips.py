@@ -147,7 +147,7 @@ def compare_strips(rig: RigModel, height_m: float, speed_rad_s: float, report_pr
         Rig whose k0 is taken to be that of the 0.8 mm CFSP.
     height_m, speed_rad_s
         Condition of the stroke.
-    told
+    report_progress
         Progress callback.
 
     Raises

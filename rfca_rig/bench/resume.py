@@ -49,7 +49,7 @@ FIXED = (*(f"{section}." for section in NOMINAL_SECTIONS), "rig.kind")
 class InterruptedRun:
     """A run that may be continued: `header` as it began, the whole `plan`, and `static` with the stages so far and their photos' angles.
 
-    `why` is the last reason to stop. `last_seen` has both clocks of the last event that states them. `ending` is what its end said,
+    `why` is the last reason to stop. `last_seen` has both clocks of the last event that states them. `ending` is what its end states,
     `resumed` how often it was continued before.
     """
 
@@ -130,7 +130,7 @@ def _why(events: list[dict[str, Any]]) -> str:
 
 
 def _ending_texts(ending: Ending | None) -> dict[str, str]:
-    """What the end said of the part before, without its photos, which are listed again."""
+    """What the end states of the part before, without its photos, which are listed again."""
     return {} if ending is None else {name: text for name, text in ending.provenance.items() if name in CARRIED_ENDING_KEYS}
 
 

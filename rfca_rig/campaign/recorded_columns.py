@@ -62,11 +62,11 @@ class RecordedColumns:
     values: Mapping[str, Floats]
     first_line: int | None = None
 
-    def fault(self, row: int, said: str) -> BadInput:
+    def fault(self, row: int, problem: str) -> BadInput:
         """The error for sample `row`, from 0."""
         # Text files are named by line, others by sample: a user looks there.
         place = f" sample {row + 1}" if self.first_line is None else f"{row + self.first_line}"
-        return BadInput(f"{self.path}:{place}: {said}")
+        return BadInput(f"{self.path}:{place}: {problem}")
 
 
 @dataclass(frozen=True)

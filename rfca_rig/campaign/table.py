@@ -36,9 +36,9 @@ class CsvTable:
     names: tuple[str, ...]
     lines: tuple[str, ...]
 
-    def fault(self, row: int, said: str) -> BadInput:
+    def fault(self, row: int, problem: str) -> BadInput:
         """The error for data line `row`, from 0."""
-        return BadInput(f"{self.path}:{row + 2}: {said}")
+        return BadInput(f"{self.path}:{row + 2}: {problem}")
 
 
 def read_table(path: Path) -> CsvTable:
@@ -147,7 +147,7 @@ class HasSamples(Protocol):
     @property
     def path(self) -> Path: ...
 
-    def fault(self, row: int, said: str) -> BadInput: ...
+    def fault(self, row: int, problem: str) -> BadInput: ...
 
 
 def select_samples(recording: HasSamples, t_s: Floats, from_s: float | None, to_s: float | None) -> NDArray[np.bool_]:

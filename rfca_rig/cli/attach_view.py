@@ -55,7 +55,7 @@ class ViewSession:
             self._say(line)
 
     def begin(self, keeper: RunBackend, say: Say) -> Say:
-        """Connects the recorder. Lines said through the returned function are also shown on the page."""
+        """Connects the recorder. Lines printed through the returned function are also shown on the page."""
         self._keeper, self._say = keeper, self._aloud(say)
         return self._say
 

@@ -37,7 +37,7 @@ def open_executor(
         Processes of this computer; None for one per core.
     cluster : str or None
         Address of a Dask scheduler, or slurm:FILE.
-    told : callable
+    report_progress : callable
         Called with the progress.
     results : Path, optional
         Where the work leaves files; None where it leaves none.

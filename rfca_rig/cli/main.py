@@ -153,7 +153,7 @@ def run() -> None:
             sys.stdout.close()
         where = f" ({error.filename})" if error.filename else ""
         _leave(f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where", 1)
-    # Users see one line. The traceback is for whoever sets the variable.
+    # Users see one line. The traceback is for developers, who set the variable.
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise

@@ -55,7 +55,7 @@ def _check_on_rougher_floor(config: RunConfig) -> None:
         return
     friction = rig.ground.friction_coefficient + ROUGHER_STDS * known_to.friction_coefficient
     rougher = replace(rig, ground=replace(rig.ground, friction_coefficient=friction))
-    supposing = f" with a friction of {friction:.2f}, which is {ROUGHER_STDS:g} standard deviations above the believed"
+    supposing = f" with a friction of {friction:.2f}, which is {ROUGHER_STDS:g} standard deviations above the nominal one"
     check_plan(config.plan, predict_loads(config.plan, rougher), supposing)
 
 

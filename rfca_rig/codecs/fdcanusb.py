@@ -57,14 +57,14 @@ def split(received: bytes) -> tuple[list[bytes], bytes]:
     return [one for one in whole if one], rest
 
 
-def parse_line(said: bytes) -> tuple[str, bool]:
+def parse_line(line: bytes) -> tuple[str, bool]:
     """The text of a line, and whether it carried a checksum. Raises MalformedFrame for a wrong checksum."""
-    guarded, star, digits = said.rpartition(b"*")
+    guarded, star, digits = line.rpartition(b"*")
     # Two hexadecimal digits after the star; any other star is part of the text.
     has_checksum = bool(star) and len(digits) == 2 and _all_hex(digits.decode("latin1"))
     if has_checksum and int(digits, 16) != crc8(guarded):
         raise MalformedFrame(f"checksum mismatch, {digits.decode('ascii')} where {crc8(guarded):02X} was due")
-    return (guarded if has_checksum else said).decode("latin1").strip(" \t"), has_checksum
+    return (guarded if has_checksum else line).decode("latin1").strip(" \t"), has_checksum
 
 
 def encode_send(frame: FdFrame) -> bytes:

@@ -52,7 +52,7 @@ def judge_own_motor(motor: ShaftMotor, clock: Clock) -> Finding:
     status = motor.status()
     # Silence is not an error: some drives report only when they are energised.
     if not reports:
-        fix = "check its power and the wiring; a drive that reports only once it is told to is told when the motor is energised"
+        fix = "check its power and the wiring; a drive that reports only on request is asked when the motor is enabled"
         return yellow(DRIVE, f"no report of the shaft within {LISTEN_S:g} s", fix)
     summary = f"{reports / (clock.now_s() - began_s):.0f} reports/s, shaft at {np.degrees(last_rad):.1f} deg, {status.state}"
     if status.fault is not None:

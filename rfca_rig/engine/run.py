@@ -45,7 +45,7 @@ class RampUp:
         if predicted.force_N > self._limits.force_N or predicted.torque_Nm > self._limits.torque_Nm:
             raise Tripped(
                 Trip.FULL_SPEED_TOO_MUCH,
-                f"{stage.label} brought {peak.force_N:.0f} N and {peak.torque_Nm:.1f} N m, which foretells {predicted.force_N:.0f} N and "
+                f"{stage.label} brought {peak.force_N:.0f} N and {peak.torque_Nm:.1f} N m, which predicts {predicted.force_N:.0f} N and "
                 f"{predicted.torque_Nm:.1f} N m at full speed; limits {self._limits.force_N:g} N and {self._limits.torque_Nm:g} N m; "
                 "raise the rack or go slower",
             )

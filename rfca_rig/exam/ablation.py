@@ -80,7 +80,7 @@ class AblationResult:
         wrong, unexplained = self.confident_wrong, self.unexplained
         return (
             f"each entry taken out of the catalogue: {wrong.hits} of {wrong.of} given a wrong name at {100.0 * CONFIDENT:g} % or more, "
-            f"{unexplained.hits} told as unexplained, {self.silent.hits} as nothing missing"
+            f"{unexplained.hits} reported as unexplained, {self.silent.hits} as nothing missing"
         )
 
 

@@ -121,7 +121,8 @@ def _read_held_out(fit: Mapping[str, Any]) -> tuple[float, float, float] | None:
 """right: names exactly what is there, or nothing where nothing is, or says that it cannot explain what no name fits.
 class: every true effect lies in the class of a claim. partial: some of the true effects, nothing false.
 extra: all of them and something false. wrong: something false, and not all that is true.
-silent: nothing said, or "nothing missing", though something is. cautious: "unexplained" where a name was to be had, or nothing is missing.
+silent: nothing stated, or "nothing missing", though something is.
+cautious: "unexplained" where a cause could be named, or nothing is missing.
 """
 
 
@@ -187,22 +188,22 @@ def _least(of_each: Mapping[str, float]) -> float:
     return min(of_each.values(), default=float("inf"))
 
 
-def false_claims(truth: Truth, said: ParsedDiagnosis) -> tuple[Claim, ...]:
+def false_claims(truth: Truth, answer: ParsedDiagnosis) -> tuple[Claim, ...]:
     """Named effects whose indistinguishable set holds no true effect."""
     true = frozenset(truth.effects) | truth.accepted
-    return tuple(claim for claim in said.named if not claim.members & true)
+    return tuple(claim for claim in answer.named if not claim.members & true)
 
 
-def outcome(truth: Truth, said: ParsedDiagnosis) -> str:
+def outcome(truth: Truth, answer: ParsedDiagnosis) -> str:
     """The outcome of a case, one of OUTCOMES."""
-    if said.named:
-        return _of_names(truth, said)
+    if answer.named:
+        return _of_names(truth, answer)
     if truth.nameless:
-        return SILENT if said.verdict == NOTHING and not truth.silence_is_right else RIGHT
-    if said.verdict == NOTHING:
+        return SILENT if answer.verdict == NOTHING and not truth.silence_is_right else RIGHT
+    if answer.verdict == NOTHING:
         return SILENT if truth.effects else RIGHT
     # What remains is no statement: that is right only where the data do not allow one, or where no effect describes the deviation.
-    if said.verdict in (NOT_ENOUGH, REFUSED):
+    if answer.verdict in (NOT_ENOUGH, REFUSED):
         return RIGHT if truth.poor else CAUTIOUS
     return RIGHT if truth.lawless or (truth.model_error and not truth.effects) else CAUTIOUS
 

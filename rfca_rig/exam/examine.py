@@ -49,7 +49,7 @@ def examine(
         Does the work; this process by default.
     clocks : callable, optional
         Makes a clock in each process, to time the diagnoses.
-    told : callable
+    report_progress : callable
         Called with the progress.
 
     Returns

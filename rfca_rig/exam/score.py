@@ -271,14 +271,14 @@ def _class_size(named: Judged) -> float:
     return float(np.mean(sizes)) if sizes else np.nan
 
 
-def gap_closed(said: ParsedDiagnosis) -> float | None:
+def gap_closed(answer: ParsedDiagnosis) -> float | None:
     """Share of the closable gap in fz, between model and held-out recordings, that a diagnosis closes; None where it is not stated.
 
     The gap that can be closed is the one above the noise floor.
     """
-    if said.held_out_fz_N is None:
+    if answer.held_out_fz_N is None:
         return None
-    before, after, floor = said.held_out_fz_N
+    before, after, floor = answer.held_out_fz_N
     return (before - after) / (before - floor) if before > floor else None
 
 

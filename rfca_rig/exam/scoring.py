@@ -49,7 +49,7 @@ def bars(marks: ExamScores) -> Sequence[ScoreGoal]:
         _most("false names where nothing is missing", marks.null_false_claims, 0.0),
         _most("wrong among all names", marks.false_discoveries, 0.05),
         _most("strangers given a wrong name at 90 % or more", marks.stranger_confident_wrong, 0.05),
-        _least("strangers told as unexplained", marks.stranger_unexplained, 0.8),
+        _least("strangers reported as unexplained", marks.stranger_unexplained, 0.8),
         _least("one effect that can be seen: right, or in its class", marks.single_in_class_detectable, 0.95),
         _least("the same: effect or family stated at any grade", Share(*statements.singles), 0.95),
         _least("one effect above a model error of 1 %: the same", marks.single_in_class_above, 0.9),

@@ -106,12 +106,12 @@ def score_statements(judged: Judged) -> StatementScores:
     )
 
 
-def statements(truth: Truth, said: ParsedDiagnosis) -> Iterator[tuple[float, bool]]:
+def statements(truth: Truth, answer: ParsedDiagnosis) -> Iterator[tuple[float, bool]]:
     """Stated probability of each statement of a case, and whether the statement is true."""
-    for claim in said.stated:
+    for claim in answer.stated:
         yield claim.probability, is_true("effect", claim.members, truth)
-    if not said.stated and _family_alone(said):
-        yield said.probability, is_true("family", {said.family}, truth)
+    if not answer.stated and _family_alone(answer):
+        yield answer.probability, is_true("family", {answer.family}, truth)
 
 
 def _family_alone(answer: ParsedDiagnosis) -> bool:
@@ -130,12 +130,12 @@ def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
     return any(members_of(name) & there or name in of_strangers for name in names)
 
 
-def has_right_family(truth: Truth, said: ParsedDiagnosis) -> bool:
+def has_right_family(truth: Truth, answer: ParsedDiagnosis) -> bool:
     """Whether an effect or a family is stated, and all statements belong to families of true effects."""
     right = {family.id for effect in truth.effects for family in families_of(effect)}
-    stated = [{family.id for member in claim.members for family in families_of(member)} for claim in said.stated]
-    if not stated and _family_alone(said):
-        stated = [{said.family}]
+    stated = [{family.id for member in claim.members for family in families_of(member)} for claim in answer.stated]
+    if not stated and _family_alone(answer):
+        stated = [{answer.family}]
     return bool(stated) and all(each & right for each in stated)
 
 

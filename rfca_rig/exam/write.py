@@ -44,7 +44,7 @@ def run_jobs(
         The function and its arguments.
     name_of : callable
         Name of a job, the key of its result.
-    what, told : str, callable
+    what, report_progress : str, callable
         `report_progress` is called with `what`, the number done and the total.
     before : int
         Jobs that were done earlier; they count in the progress.

@@ -41,7 +41,7 @@ def export_csv(run: Path, out: Path, report_progress: ProgressCount) -> Exported
         A run's folder, a recording file or a campaign.
     out
         The folder to make; it must not exist.
-    told
+    report_progress
         Progress callback: number of stages done, number of stages.
 
     Raises

@@ -61,7 +61,7 @@ def export_mcap(run: Path, out: Path, report_progress: ProgressCount) -> Exporte
         A run's folder, a recording file or a campaign.
     out
         The file to write; an existing one is replaced.
-    told
+    report_progress
         Progress callback: number of stages done, number of stages.
 
     Raises

@@ -71,8 +71,8 @@ class Entry:
         return replace(self, verdict=verdict)
 
 
-def entry_of(said: Mapping[str, Any]) -> Entry:
+def entry_of(content: Mapping[str, Any]) -> Entry:
     """The entry from the data of `plain`, without a verdict. Raises TypeError or LookupError for anything else."""
-    conditions = tuple(LoggedCondition(**one) for one in said["conditions"])
-    named = tuple(said["named_conditions"])
-    return Entry(**{**said, "conditions": conditions, "named_conditions": named, "verdict": None})
+    conditions = tuple(LoggedCondition(**one) for one in content["conditions"])
+    named = tuple(content["named_conditions"])
+    return Entry(**{**content, "conditions": conditions, "named_conditions": named, "verdict": None})

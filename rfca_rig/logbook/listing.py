@@ -110,10 +110,10 @@ def _stamp(file: "os.DirEntry[str]") -> str:
 
 @dataclass(frozen=True)
 class IndexRow:
-    """What was read from a file or folder when it had that stamp; `said` is plain data."""
+    """What was read from a file or folder when it had that stamp; `content` is plain data."""
 
     stamp: str
-    said: Mapping[str, Any]
+    content: Mapping[str, Any]
 
 
 def read_index(runs: Path) -> dict[str, IndexRow]:
@@ -138,7 +138,7 @@ def write_index(runs: Path, rows: Mapping[str, IndexRow]) -> bool:
         with suppress(FileNotFoundError):
             new_file.unlink()
         with closing(sqlite3.connect(new_file)) as base:
-            _fill(base, ((path, row.stamp, json.dumps(row.said)) for path, row in rows.items()))
+            _fill(base, ((path, row.stamp, json.dumps(row.content)) for path, row in rows.items()))
         new_file.replace(runs / NAME)
     # A name that is no UTF-8 is no text of SQLite.
     except (sqlite3.Error, OSError, UnicodeError):
@@ -227,7 +227,7 @@ def list_runs(
     ----------
     runs : Path
         The folder of all runs.
-    told : callable
+    report_progress : callable
         Called with the number of runs read so far that were not in the index, and their total.
     measure_s : callable
         Returns how long the recordings in a folder with experiment.toml last, None where they cannot be read.
@@ -270,7 +270,7 @@ def _verdicts(runs: Path, found: list[FoundRun], known: dict[str, IndexRow]) -> 
         stamp, path = stamp_of(stat), f"{OF_DIAGNOSIS}{file}"
         row = known[path] if path in known and known[path].stamp == stamp else IndexRow(stamp, read_verdict(file))
         rows[path] = row
-        verdicts_of_files.append((_display_path(file), stat.st_mtime, row.said))
+        verdicts_of_files.append((_display_path(file), stat.st_mtime, row.content))
     return verdicts_by_identity(verdicts_of_files), rows
 
 
@@ -280,5 +280,5 @@ def _display_path(file: Path) -> str:
 
 
 def _entry(row: IndexRow, verdicts: dict[str, Verdict]) -> Entry:
-    entry = entry_of(row.said)
+    entry = entry_of(row.content)
     return entry.with_verdict(verdicts.get(entry.identity))

@@ -61,10 +61,10 @@ class End:
         return End(stroke, static_stage_of(content["static"]) if content["static"] else None, str(content["cut_short"]))
 
 
-def static_stage_of(said: Mapping[str, Any]) -> StaticStage:
+def static_stage_of(fields: Mapping[str, Any]) -> StaticStage:
     """The stage from plain data, as `dataclasses.asdict` and JSON leave it."""
     # JSON has no tuples; the dataclass compares equal only with them.
-    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in said.items()}
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
     return StaticStage(**values)
 
 

@@ -279,7 +279,7 @@ def _title(folder: Path, texts: Recording | None) -> str:
     if texts is not None:
         for name in ("title", "source", "nominal", "known_to"):
             _compare(folder / HEADER, name, getattr(header, name), getattr(texts, name))
-        # What the end says takes the place of what the header said, such as the devices' counters.
+        # What the end says takes the place of what the header states, such as the devices' counters.
         said_later = _provenance_of_ending(folder)
         first = {name: text for name, text in header.provenance.items() if name not in said_later}
         _compare(folder / HEADER, "provenance", first, {name: texts.provenance.get(name) for name in first})

@@ -164,7 +164,7 @@ def run_sweep(
         Computes the cases.
     clocks
         Makes a clock for each measurement of time.
-    told
+    report_progress
         Progress callback.
 
     Raises

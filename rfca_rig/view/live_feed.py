@@ -63,8 +63,8 @@ class LiveFeed:
         self._level = level_for(self._span_s)
         self._sent: int | None = None
 
-    def hear(self, said: Mapping[str, Any]) -> None:
-        span_s = number_in(said, "span_s") if said.get("kind") == "span" else None
+    def hear(self, message: Mapping[str, Any]) -> None:
+        span_s = number_in(message, "span_s") if message.get("kind") == "span" else None
         if span_s is not None:
             self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
             self._begin()

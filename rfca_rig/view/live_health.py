@@ -38,9 +38,9 @@ class LiveHealth:
         while self._counted[0][0] < ticks.now_s[-1] - RATE_OVER_S:
             self._counted.popleft()
 
-    def vitals(self, said: Mapping[str, Any]) -> None:
+    def vitals(self, message: Mapping[str, Any]) -> None:
         """Takes in the state of sensor and recorder."""
-        self._vitals = said
+        self._vitals = message
 
     def delay(self, wall_s: float, oldest_s: float) -> None:
         """The queue was read at `wall_s`; its oldest tick was put there at `oldest_s`, infinity where it was empty."""

@@ -61,7 +61,7 @@ class LiveView:
             Receives the stop that the operator requests on the page.
         vitals
             Returns the state of the sensor's stream, and the bytes that the recorder is behind.
-        told
+        announce
             Called with a line of text when the page requests a stop.
         port
             TCP port; 0 for any free one.

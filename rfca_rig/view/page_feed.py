@@ -18,7 +18,7 @@ class Feed(Protocol):
         """Messages that the page has not had yet."""
         ...
 
-    def hear(self, said: Mapping[str, Any]) -> None:
+    def hear(self, message: Mapping[str, Any]) -> None:
         """Takes in a message from the page; one that makes no sense is ignored."""
         ...
 
@@ -37,8 +37,8 @@ class FeedSource(Protocol):
         ...
 
 
-def number_in(said: Mapping[str, Any], name: str) -> float | None:
+def number_in(message: Mapping[str, Any], name: str) -> float | None:
     """A number from a page's message, None where it is missing or not a number."""
-    value = said.get(name)
+    value = message.get(name)
     # bool is a subclass of int in Python. The bound keeps infinity and NaN out, which Python's JSON parser accepts.
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9 else None

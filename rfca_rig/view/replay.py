@@ -104,17 +104,17 @@ class ReplayFeed:
         self._sent: int | None = None
         self._beats = 0
 
-    def hear(self, said: Mapping[str, Any]) -> None:
+    def hear(self, message: Mapping[str, Any]) -> None:
         # The time until now was played at the old speed.
         self._play()
-        match said.get("kind"):
-            case "seek" if (at_s := number_in(said, "at_s")) is not None:
+        match message.get("kind"):
+            case "seek" if (at_s := number_in(message, "at_s")) is not None:
                 self._at_s = min(max(at_s, 0.0), self._player.duration_s)
                 self._show(self._span_s)
-            case "play" if (speed := number_in(said, "speed")) is not None:
+            case "play" if (speed := number_in(message, "speed")) is not None:
                 self._speed = min(max(speed, 0.0), FASTEST)
                 self._beats = 0
-            case "span" if (span_s := number_in(said, "span_s")) is not None:
+            case "span" if (span_s := number_in(message, "span_s")) is not None:
                 self._show(span_s)
 
     def _play(self) -> None:

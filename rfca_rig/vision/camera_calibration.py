@@ -97,7 +97,7 @@ def _check_tilts(photos: Sequence[BoardPhoto]) -> None:
     if spread < MIN_TILT_SPREAD:
         raise BadInput(
             f"all {len(photos)} photos show the board from about the same side, within {np.degrees(np.arctan(spread)):.1f} degrees: "
-            "focal length and distance cannot be told apart; tilt it 20 to 40 degrees left, right, up and down"
+            "focal length and distance cannot be distinguished; tilt it 20 to 40 degrees left, right, up and down"
         )
 
 

@@ -224,7 +224,7 @@ def test_a_side_where_the_model_has_no_answer_is_done_without():
     space = make_prior(("friction",), BELIEF, {"friction_coefficient": 0.05})
     result = fit(one_row(lambda s: np.array([(mu_of(s) - 0.5) / 1e-3]) if mu_of(s) <= 0.4505 else None), space)
     assert 0.45 <= result.parameters[0].value <= 0.4505
-    with pytest.raises(SimulationFailed, match="as believed"):
+    with pytest.raises(SimulationFailed, match="with its nominal values"):
         fit(one_row(lambda _: None), space)
 
 

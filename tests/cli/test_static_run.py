@@ -166,7 +166,7 @@ def test_a_leg_that_wedges_only_on_a_slightly_rougher_floor_is_refused_too(here,
     said = static_run(here, monkeypatch, capsys, (135.0, "loading"), (60.0, "unloading"), head=head)
     assert said.exit_code == 2
     assert "hold 2 at 60.0 deg, 215 mm, unloading: the model expects 44" in said.err
-    assert "with a friction of 0.51, which is 2 standard deviations above the believed" in said.err
+    assert "with a friction of 0.51, which is 2 standard deviations above the nominal one" in said.err
     assert static_run(here, monkeypatch, capsys, (135.0, "loading"), (133.0, "unloading"), head=head, words=("--dry-run",)).exit_code == 0
 
 

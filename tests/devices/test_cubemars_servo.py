@@ -71,7 +71,7 @@ def orders_heard(bus: can.BusABC) -> list[cubemars_servo.Message]:
 @pytest.mark.parametrize("angle_rad", [60.0, -200.0])
 def test_a_drive_that_counts_more_turns_than_it_shows_is_let_go_before_it_has_moved_far(angle_rad: float) -> None:
     with rig(Rotor(angle_rad=angle_rad)) as r:
-        with pytest.raises(DeviceError, match=r"moved by -?0\.\d\d rad when told to stay; the drive counts its turns otherwise"):
+        with pytest.raises(DeviceError, match=r"moved by -?0\.\d\d rad when commanded to stay; the drive counts its turns otherwise"):
             r.motor.enable()
         r.tick()
         assert r.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0

@@ -68,7 +68,7 @@ def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
     assert decision.verdict == "nothing missing"
     body = replace(body_of(drive.dataset.parts, leg, drive.dataset.parts), as_commanded=False)
     (said,) = _describe_delay(body, verdicts_of(leg, nothing_missing(leg), drive, decision))
-    assert said.startswith("the drive does what it is told 3.0 ms late")
+    assert said.startswith("the drive follows its commands 3.0 ms late")
 
 
 def test_a_shaft_that_is_only_late_is_no_case_for_the_drive():

@@ -46,7 +46,7 @@ def test_a_drive_that_is_late_is_no_cause(tmp_path):
     recording = campaign(tmp_path, {})
     diagnosis = told(replace(recording, strokes=tuple(late(stroke, 2e-3) for stroke in recording.strokes)))
     assert diagnosis.verdict == "nothing missing"
-    assert "but for being 2.0 ms late the drive does what it is told" in diagnosis.remarks
+    assert "but for being 2.0 ms late the drive follows its commands" in diagnosis.remarks
     assert diagnosis.fit["rms_fz_N"].after < diagnosis.fit["rms_fz_N"].noise_floor
 
 

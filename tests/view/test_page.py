@@ -144,7 +144,7 @@ class TestLeg:
         expect(shown.page.locator("#leg-picture .force")).to_have_attribute("d", "")
 
     def test_without_a_believed_leg_none_is_drawn(self, show):
-        expect(show(messages.hello(leg=None)).page.locator("#leg-key")).to_have_text("No leg is believed, so none is drawn.")
+        expect(show(messages.hello(leg=None)).page.locator("#leg-key")).to_have_text("No leg is described, so none is drawn.")
 
 
 class TestState:

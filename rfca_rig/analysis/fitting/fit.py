@@ -216,7 +216,7 @@ def fit(problem: Problem, space: Prior[ModelPoint], search: Search | None = None
     search, scatter = search or Search(), dict(scatter or {})
     residuals = Residuals(problem, space, search.progress)
     if residuals.at([np.zeros(len(space.std))])[0] is None:
-        raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in the leg or the ground")
+        raise SimulationFailed("the model cannot be computed with its nominal values; is a decimal point of leg or ground misplaced?")
     # Whitening needs a point to linearise at. All starts share it, so that their costs can be compared.
     first = _first_point(space, search)
     _whiten(residuals, first, scatter)

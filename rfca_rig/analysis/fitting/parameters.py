@@ -138,7 +138,7 @@ def make_prior(names: Sequence[str], centre: ModelPoint, known_to: Mapping[str, 
     for parameter in chosen:
         # Relative parameters are multiplied by exp(std x), which cannot leave 0.
         if parameter.relative and parameter.read(centre) == 0.0:
-            raise BadInput(f"{parameter.name} is believed to be 0 {parameter.unit} and can only be scaled; believe a small value instead")
+            raise BadInput(f"{parameter.name} is nominally 0 {parameter.unit} and can only be scaled; state a small value instead")
     stated = [known_to.get(p.known_to or "") for p in chosen]
     std = [s or p.spread for s, p in zip(stated, chosen, strict=True)]
     return Prior(chosen, centre, np.array(std), np.array([bool(s) for s in stated]))

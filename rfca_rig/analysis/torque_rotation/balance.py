@@ -28,7 +28,7 @@ FLOOR_FLAT_M = 5e-5
 HERTZ_MISFIT_SHARE = 0.01
 # Deviation of the friction of one of several ends from its share, as a share of mu N.
 SHARE_STD = 0.5
-# Force below which it cannot be said whether an end presses.
+# Force below which it is not known whether an end presses.
 NEGLIGIBLE_N = 0.1
 
 

@@ -114,14 +114,14 @@ def _rests(result: StaticResult) -> list[str]:
     clearest = max(checks, key=lambda check: abs(check.rest_rad) / check.std_rad)
     which = "All hinges look as if they rest" if clearest.hinge is None else f"Hinge {clearest.hinge} looks as if it rests"
     return [
-        f"{which} at {np.degrees(clearest.rest_rad):+.2f} +- {np.degrees(clearest.std_rad):.2f} degrees from what was believed; with "
+        f"{which} at {np.degrees(clearest.rest_rad):+.2f} +- {np.degrees(clearest.std_rad):.2f} degrees from the nominal value; with "
         "rest_angle_deg in [known_to] the rest angles are found together with the curve."
     ]
 
 
 def _implausible_values(result: StaticResult) -> list[str]:
     return [
-        f"The {found.says} would be {found.value:+.3g} {found.unit} from what was believed, which was said to be known to "
+        f"The {found.says} would be {found.value:+.3g} {found.unit} from the nominal value, whose standard uncertainty is "
         f"{found.prior_std:.2g} {found.unit}. Measure it again."
         for found in result.systematic_errors
         if found.is_implausible

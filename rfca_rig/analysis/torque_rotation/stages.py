@@ -117,7 +117,7 @@ def _arrays(
     std_deg = np.array([stage.hinge_std_deg for stage in stages])
     if hinge_std_deg is not None:
         std_deg = np.where(np.isnan(std_deg), hinge_std_deg, std_deg)
-    # NaN means that the error was not stated, infinity that the angle is missing; both cases are told apart later.
+    # NaN means that the error was not stated, infinity that the angle is missing; both cases are distinguished later.
     std_deg = np.where(np.isnan(hinge_deg), np.inf, std_deg)
     others = np.array([(stage.shaft_angle_rad, stage.fy_N, stage.fz_N, stage.tx_Nm) for stage in stages])
     # Heights within 0.01 mm are one height, with one common error.

@@ -53,7 +53,7 @@ def runs(
     paths: Annotated[bool, typer.Option("--paths", help="Print only the paths, one a line, as other commands take them.")] = False,
     as_json: Json = False,
 ) -> None:
-    """What has been recorded, newest first: every run below a folder, how it ended, and what its diagnosis said.
+    """What has been recorded, newest first: every run below a folder, how it ended, and the verdict of its diagnosis.
 
     Folders with experiment.toml or pendulum.toml are among them.
 

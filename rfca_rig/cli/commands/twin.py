@@ -62,7 +62,7 @@ def serve(
     described = read_rig(find_rig(rig))
     # There is no password, so opening the server to the network needs a warning.
     if not is_loopback(listen):
-        say(f"WARNING open to the network: whoever reaches {listen} can command this twin and read it; there is no password")
+        say(f"WARNING open to the network: anybody who reaches {listen} can command this twin and read it; there is no password")
     if not is_warm():
         say(COMPILE_NOTICE)
     twin_seed = seed if seed is not None else described.twin.seed if described.twin else 0

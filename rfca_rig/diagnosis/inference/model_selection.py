@@ -196,7 +196,7 @@ def _fit_nominal(dataset: Dataset, coordinates: Parameterization, config: Search
     start = without_scatter(dataset)
     nominal = start.at(coordinates, np.zeros(coordinates.size))
     if nominal is None:
-        raise SimulationFailed("the model cannot be computed as believed; look for a slipped decimal point in its parameters")
+        raise SimulationFailed("the model cannot be computed with its nominal values; look for a slipped decimal point in its parameters")
     nothing = start.refine(nominal)
     scatter = estimate_scatter(dataset, coordinates.supposed(nothing.x))
     optimizer = GaussNewton(dataset, make_marginal_likelihood(dataset.rows, scatter.columns))

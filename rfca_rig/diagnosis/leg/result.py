@@ -109,11 +109,11 @@ def _describe_delay(body: PreparedData, verdicts: Findings) -> tuple[str, ...]:
         if all(turns_as_commanded(shaft) for shaft in body.shafts):
             return ()
         late_ms = 1e3 * float(np.mean([estimate_delay_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
-        return (f"but for being {late_ms:.1f} ms late the drive does what it is told",)
+        return (f"but for being {late_ms:.1f} ms late the drive follows its commands",)
     fitted_ms = nuisance_values(verdicts.drive_decision.explanation).get("command_delay")
     if fitted_ms is None:
         return ()
-    message = f"the drive does what it is told {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
+    message = f"the drive follows its commands {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"
     return (message,) if fitted_ms.value > SHOWS * fitted_ms.std else ()
 
 

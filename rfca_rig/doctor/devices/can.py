@@ -168,7 +168,7 @@ def _wrong_rate(seen: CanInterfaceObservation, bitrate: int, data_bitrate: int |
         return red(CAN_INTERFACE_SUBJECT, problem, "correct the one that is wrong:", *restart)
     if seen.bitrate is None:
         fix = f"it must be {bitrate} bit/s: slcand has it in its option -s, else ip shows it (package iproute2):"
-        return yellow(CAN_INTERFACE_SUBJECT, f"{name} is up, its bit rate is not told", fix, _show(name))
+        return yellow(CAN_INTERFACE_SUBJECT, f"{name} is up, its bit rate is not reported", fix, _show(name))
     return None
 
 

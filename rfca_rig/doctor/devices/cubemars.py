@@ -67,7 +67,7 @@ def _mit_silent(seen: MitSeen, drive_id: int) -> Finding:
 
 def _mit_error(reply: MitReply) -> Finding:
     if reply.error is None:
-        return yellow(MIT_ERROR, "its firmware does not tell errors", "update the firmware with CubeMarsTool to have them told")
+        return yellow(MIT_ERROR, "its firmware does not report errors", "update the firmware with CubeMarsTool to have them reported")
     if reply.error:
         return red(MIT_ERROR, error_text(reply.error), "remove the cause, then switch the drive's power off and on")
     return green(MIT_ERROR, "none")

@@ -231,7 +231,7 @@ class CubemarsServoMotor:
         if abs(moved_rad) > MAX_MOTION_RAD:
             self.disable()
             raise DeviceError(
-                f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when told to stay; the drive counts its turns otherwise "
+                f"drive not enabled: the shaft moved by {moved_rad:.2f} rad when commanded to stay; the drive counts its turns otherwise "
                 "than it shows: switch it off and on near its zero, or set its origin"
             )
 

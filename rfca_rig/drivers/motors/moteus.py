@@ -155,7 +155,7 @@ class MoteusMotor:
                 self.disable()
                 raise DeviceError(
                     f"drive's watchdog let it run through {limit_s:g} s of silence, mode {mode_text(self._state().mode)}; "
-                    f"it was told to time out after {self._settings.watchdog_s:g} s (register 0x027), check its firmware"
+                    f"it was set to time out after {self._settings.watchdog_s:g} s (register 0x027), check its firmware"
                 )
             self._ask()
             self._wait_and_drain()

@@ -143,7 +143,7 @@ class OdriveMotor:
         """Text of the drive's error word and of its parts' error words, as far as they are known."""
         errors = self._reports.part_errors
         parts = [
-            odrive_older_meanings.part_error_text(part, errors[part]) if part in errors else f"{part} error, not told which"
+            odrive_older_meanings.part_error_text(part, errors[part]) if part in errors else f"{part} error, which one is not reported"
             for part in beat.failed
         ]
         return "; ".join([ERROR_TEXT[self._settings.dialect](beat.error), *parts])

@@ -88,7 +88,7 @@ class TemperatureTelemetry:
         """Set if temperatures that were reported have stopped: a limit on them would no longer protect the motor."""
         if self.warmest_C is None or now_s - self._told_s <= MAX_SILENCE_S:
             return None
-        return f"no temperature for {now_s - self._told_s:.0f} s, though the drive told it before; check its temperature_msg_rate_ms"
+        return f"no temperature for {now_s - self._told_s:.0f} s, though the drive reported it before; check its temperature_msg_rate_ms"
 
 
 class OdriveReports:

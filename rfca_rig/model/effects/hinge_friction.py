@@ -104,7 +104,7 @@ def apply_hinge_viscous_damping(setup: Setup, values: Values) -> Setup:
 HINGE_VISCOUS_DAMPING = Effect(
     id="hinge_viscous_damping",
     where="hinges",
-    left_out="more damping than believed",
+    left_out="more damping than the nominal value",
     law="T = c phi', on top of the nominal damping",
     source="Kelvin-Voigt element",
     parameters=(Parameter("coefficient_Nm_s_per_rad", 0.005, 0.5),),

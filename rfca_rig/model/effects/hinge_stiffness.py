@@ -174,7 +174,7 @@ def apply_stiffness_hardening(setup: Setup, values: Values) -> Setup:
 STIFFNESS_HARDENING = Effect(
     id="stiffness_hardening",
     where="hinges",
-    left_out="torque curve harder or softer than believed at large angles",
+    left_out="torque curve harder or softer than nominal at large angles",
     law="T = k0 phi (1 + k2 phi^2) with this k2 in place of the nominal one",
     source="cubic hardening",
     parameters=(Parameter("k2_per_rad2", 0.0, 15.0),),

@@ -152,7 +152,7 @@ TORQUE_DELAY = Effect(
     where="pendulum-like rigs",
     left_out="joint torques act later than recorded (a negative delay: they were recorded late)",
     law="tau(t) = tau_recorded(t - delay)",
-    source="dead time of a drive that is told a torque; the other way round, of the current sensor and its bus",
+    source="dead time of a drive that is commanded by torque; the other way round, of the current sensor and its bus",
     parameters=(Parameter("delay_s", -0.04, 0.04, below=0.1),),
     apply=apply_torque_delay,
 )

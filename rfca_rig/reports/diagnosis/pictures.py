@@ -85,7 +85,7 @@ def _draw_panels(signal: str, overlays: Sequence[SignalOverlay], across: int) ->
             _draw(axes, overlay, COLUMNS // across)
         words, unit = words_and_unit(signal)
         mark_axes(panels, across, "time (s)", f"{words} ({unit})" if unit else words)
-        label = f"{words_and_unit(signal)[0]} over time at {len(overlays)} conditions: measured, model as believed, model accepted"
+        label = f"{words_and_unit(signal)[0]} over time at {len(overlays)} conditions: measured, nominal model, model accepted"
         return inline_svg(figure, f"before and after {signal}", escape(label, quote=True))
 
 

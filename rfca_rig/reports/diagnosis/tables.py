@@ -195,7 +195,7 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         TableColumn("noise_floor", "Noise floor"),
     )
     caption = (
-        "Measured less simulated, means over the repeats of each condition, rms over all of them. Before: the model as it was believed; "
+        "Measured less simulated, means over the repeats of each condition, rms over all of them. Before: the nominal model; "
         "after: the model that this diagnosis arrives at."
     )
     note = " Predicted: each condition left out in turn and computed from a fit to the others."

@@ -135,7 +135,7 @@ def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: 
         The run.
     tables
         Stages, conditions and stiffness checks, from `tables_of`.
-    told
+    context
         Origin of the page and links to others.
     files
         Names of the files beside the page, which it links.
@@ -221,7 +221,7 @@ def _sentence(story: RunStory) -> str:
     known = story.recording.provenance
     ended, interrupted = known.get("ended", ""), known.get("interrupted", "")
     if story.recording.source == "IMPORT":
-        return "Recorded elsewhere: what was not imported is not told here."
+        return "Recorded elsewhere: what was not imported is not shown here."
     if ended == DONE:
         return "The whole plan was carried out."
     if not ended:
@@ -263,7 +263,7 @@ def _loads_sentence(story: RunStory) -> str:
 
 def _traces_caption(shown: int, of: int) -> str:
     strokes = _of(shown, of, "stroke")
-    return f"{strokes}, each measured once, on one scale. Expected: the model as it was believed, with the shaft as commanded."
+    return f"{strokes}, each measured once, on one scale. Expected: the nominal model, with the shaft as commanded."
 
 
 def _of(shown: int, of: int, what: str) -> str:

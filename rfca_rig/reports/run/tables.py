@@ -143,7 +143,7 @@ def loads_sentence(story: RunStory) -> str:
     limits = story.limits
     text = (
         "Peak: the largest single sample of all axes together, as the limits see it. Expected: force in the plane of motion and moment "
-        "about the shaft, by the model as it was believed"
+        "about the shaft, by the nominal model"
     )
     if "force_N" not in limits:
         return f"{text}. No limits are recorded."

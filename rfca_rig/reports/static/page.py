@@ -84,8 +84,8 @@ def page(
         Recordings in the order of `result.data.recording`.
     elastica
         Curves that the elastica predicts for the paper's strip.
-    told
-        Origin of the page; `told.model_file` names the model that replaced the recordings' nominal one.
+    context
+        Origin of the page; `context.model_file` names the model that replaced the recordings' nominal one.
     files
         Names of the files beside the page, which it links.
     """
@@ -119,7 +119,7 @@ def page(
         strips=[{"name": name, "pictures": [_photo(picture) for picture in strip]} for name, strip in photos_by_source(sources)],
         stages=_stages(result, sources),
         several=len(sources) > 1,
-        model=f"the model in {context.model_file}" if context.model_file else "the model as it was believed",
+        model=f"the model in {context.model_file}" if context.model_file else "the nominal model",
         has_model="model.toml" in files,
         has_curve="model-curve.toml" in files,
         rest_sentence_of_hinges=_rest_angles(result),

@@ -131,7 +131,7 @@ def systematic_errors_table(result: StaticResult) -> Table:
         for d in result.systematic_errors
     )
     columns = (
-        TableColumn("what", "Off what was believed"),
+        TableColumn("what", "Off the nominal value"),
         TableColumn("off", "Found", half="off_std"),
         TableColumn("off_std", role="kept"),
         TableColumn("known_to", "Known to before", set_value=True),

@@ -197,7 +197,7 @@ def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: 
         Table of the forces at the peak.
     shaft
         How the simulated shaft turned.
-    told
+    context
         Origin of the page, links to others, and the given model.
     """
     return template("table2.html").render(
@@ -271,10 +271,10 @@ def _models(sources: Sequence[ComparedSource], model_file: str | None) -> list[d
 
 
 def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
-    what = f"The model in {model_file}, given for this report" if model_file else "The model as it was believed before the recordings"
+    what = f"The model in {model_file}, given for this report" if model_file else "The nominal model"
     of_whom = f", of {', '.join(source.name for source in sharing)}" if several else ""
     known_to = sharing[0].recording.known_to
     if model_file or not known_to:
         return f"{what}{of_whom}."
     stated = ", ".join(f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float))
-    return f"{what}{of_whom}. One standard deviation of what was believed: {stated}; what is not listed counts as exact."
+    return f"{what}{of_whom}. One standard deviation of each nominal value: {stated}; what is not listed counts as exact."

@@ -27,7 +27,7 @@ MOST_POINTS = 1024
 # Contours of a map, about.
 LEVELS = 9
 SHADES = LinearSegmentedColormap.from_list("shades", ["#f3f0ea", PALE, ALIKE, MEASURED])
-# Colour, dashes and marker differ, so that lines can be told apart without colour.
+# Colour, dashes and marker differ, so that lines can be distinguished without colour.
 LINES = (
     (MEASURED, "-", "o"),
     (SIMULATED, "-", "s"),

@@ -22,7 +22,7 @@ from rfca_rig.sweep.samples import FirstOrder, first_order, shares
 
 Floats = NDArray[np.float64]
 
-# Lines of one figure that can still be told apart; more become a map.
+# Lines of one figure that can still be distinguished; more become a map.
 MOST_LINES = 6
 # Values along the shorter side from which on a grid is drawn as a map.
 FEWEST_OF_A_MAP = 5

@@ -28,7 +28,7 @@ export class LegPicture {
 
   begin(hello) {
     element("leg").classList.toggle("unknown", !hello.leg);
-    if (!hello.leg) this.key.replaceChildren("No leg is believed, so none is drawn.");
+    if (!hello.leg) this.key.replaceChildren("No leg is described, so none is drawn.");
     if (!hello.leg) return;
     this.lengthMm = 1e3 * hello.leg.link_lengths_m.reduce((sum, length) => sum + length, 0);
     this.thicknessMm = Math.max(1e3 * hello.leg.link_thickness_m, 0.012 * this.lengthMm);

@@ -79,7 +79,7 @@ def test_a_common_rest_angle_and_the_stiffness_at_rest_stand_in_for_each_other_i
 )
 def test_rest_angles_that_nobody_stated_are_noticed(rest_deg, said):
     found = remarks(found_in(noisy(stages_with(rest_deg), np.random.default_rng(0)), KNOWN_TO))
-    assert sum("from what was believed; with rest_angle_deg in [known_to]" in each for each in found) == 1
+    assert sum("from the nominal value; with rest_angle_deg in [known_to]" in each for each in found) == 1
     assert any(each.startswith(said) for each in found)
 
 
