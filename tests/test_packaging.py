@@ -92,8 +92,8 @@ def test_the_wheel_is_typed_and_brings_protocols_rigs_sweeps_and_trip_pages(buil
 def test_the_wheel_works_in_an_empty_environment(built, tmp_path, python, versions):
     run(built.uv, "venv", "--python", python, "empty", where=tmp_path)
     bin_folder = tmp_path / "empty" / ("Scripts" if os.name == "nt" else "bin")
-    install = (built.uv, "pip", "install", "--python", bin_folder / "python", "--only-binary", ":all:", "--cache-dir", built.uv.parent / "cache")
-    run(*install, *VERSIONS[versions], built.wheel, where=tmp_path)
+    install = (built.uv, "pip", "install", "--python", bin_folder / "python", "--only-binary", ":all:")
+    run(*install, "--cache-dir", built.uv.parent / "cache", *VERSIONS[versions], built.wheel, where=tmp_path)
     command = bin_folder / "rfca-rig"
     ask = "from importlib.metadata import version; print(version('rfca-rig'))"
     assert run(bin_folder / "python", "-c", ask, where=tmp_path).strip() == __version__

@@ -34,6 +34,7 @@ from rfca_rig.cli.commands import (
     report,
     resume,
     runs,
+    schema,
     static,
     strip,
     sweep,
@@ -96,6 +97,7 @@ app.command("doctor")(doctor.doctor)
 app.command("view")(view.view)
 app.command("contract")(contract.contract)
 app.command("trip")(trip.trip)
+app.command("schema")(schema.schema)
 
 
 def _print_version(wanted: bool) -> None:
