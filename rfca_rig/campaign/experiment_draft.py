@@ -90,7 +90,7 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
         *(
             ()
             if mechanism.is_slide.all()
-            else (f"zero_offset_rad = {PLACEHOLDER}  # of the encoders, 0.005 for joints that were set by hand",)
+            else (f"zero_offset_deg = {PLACEHOLDER}  # of the encoders, 0.3 for joints that were set by hand",)
         ),
         f"torque_error_relative = {PLACEHOLDER}  # usual error of the torques: 0.01 from a torque sensor, 0.03 from a motor current",
     ]

@@ -71,11 +71,11 @@ def _verdicts(_begun: str) -> Iterable[str]:
 
 _BY_METAVAR: dict[str, Offer] = {
     "RUN": names.list_recorded_folders,
-    "PATH...": names.list_recorded_folders,
+    "PATH": names.list_recorded_folders,
     "FOLDER": names.list_recorded_folders,
     "RIG": lambda _begun: names.rig_names(),
     "PROTOCOL": lambda _begun: names.file_names("protocols"),
-    "[CODE]": _each_of(names.TRIP_CODES),
+    "CODE": _each_of(names.TRIP_CODES),
 }
 _BY_OPTION: dict[str, Offer] = {
     "--rig": lambda _begun: names.rig_names(),
@@ -89,5 +89,7 @@ _BY_COMMAND: dict[tuple[str, str], Offer] = {
     ("runs", "--source"): _each_of(names.SOURCES),
     ("runs", "--ended"): _each_of((*names.RUN_ENDINGS, *names.TRIP_CODES)),
     ("runs", "--verdict"): _verdicts,
-    ("sweep", "[FILE]"): lambda _begun: names.file_names("sweeps"),
+    ("prove", "--kind"): _each_of(names.CASE_KINDS),
+    ("schema", "KIND"): _each_of(names.FILE_KINDS),
+    ("sweep", "SWEEP"): lambda _begun: names.file_names("sweeps"),
 }

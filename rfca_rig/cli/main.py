@@ -7,10 +7,9 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from typer.core import TyperGroup
 from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
@@ -34,6 +33,7 @@ from rfca_rig.cli.commands import (
     report,
     resume,
     runs,
+    schema,
     static,
     strip,
     sweep,
@@ -43,6 +43,7 @@ from rfca_rig.cli.commands import (
 )
 from rfca_rig.cli.completion import add_completions
 from rfca_rig.cli.encoding import open_null, use_ascii_fallback
+from rfca_rig.cli.help import Command, CommandGroup, ProgramGroup
 from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
 from rfca_rig.suggestions import in_one_line
 
@@ -51,23 +52,15 @@ DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 UNUSABLE_PATHS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EISDIR)
 
 
-class CommandGroup(TyperGroup):
-    """A group whose help shows the whole summary of each command, where plain help would cut it after half a line."""
-
-    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        rows = [(name, command.get_short_help_str(limit=1000)) for name, command in self.commands.items() if not command.hidden]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
-
-
 app = typer.Typer(
     name="rfca-rig",
-    cls=CommandGroup,
+    cls=ProgramGroup,
     help="Run the static and flapping experiments of a flexible leg, on the real rig or on its twin, and compare them with the model.",
     epilog="First time here? Try: rfca-rig dynamic run --height 215 --speed 2.433",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    # Plain help: the framed one imports rich with a highlighter and a Markdown parser, two fifths of the time of --help.
+    # Plain help: the framed one imports rich with a highlighter and a Markdown parser, two fifths of the time of --help; it also takes
+    # [mcap] for markup and leaves it out.
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -77,25 +70,26 @@ app.add_typer(fatigue.app, name="fatigue", cls=CommandGroup)
 app.add_typer(twin.app, name="twin", cls=CommandGroup)
 app.add_typer(calibrate.app, name="calibrate", cls=CommandGroup)
 app.add_typer(export.app, name="export", cls=CommandGroup)
-app.command("init")(init.init)
-app.command("import")(import_folder.import_folder)
-app.command("resume")(resume.resume)
-app.command("recover")(recover.recover)
-app.command("check")(check.check)
-app.command("runs")(runs.runs)
-app.command("plan")(plan.plan)
-app.command("predict")(predict.predict)
-app.command("report")(report.report)
-app.command("fit")(fit.fit)
-app.command("diagnose")(diagnose.diagnose)
-app.command("prove")(prove.prove)
-app.command("crosscheck")(crosscheck.crosscheck)
-app.command("strip")(strip.strip)
-app.command("sweep")(sweep.sweep)
-app.command("doctor")(doctor.doctor)
-app.command("view")(view.view)
-app.command("contract")(contract.contract)
-app.command("trip")(trip.trip)
+app.command("init", cls=Command)(init.init)
+app.command("import", cls=Command)(import_folder.import_folder)
+app.command("resume", cls=Command)(resume.resume)
+app.command("recover", cls=Command)(recover.recover)
+app.command("check", cls=Command)(check.check)
+app.command("runs", cls=Command)(runs.runs)
+app.command("plan", cls=Command)(plan.plan)
+app.command("predict", cls=Command)(predict.predict)
+app.command("report", cls=Command)(report.report)
+app.command("fit", cls=Command)(fit.fit)
+app.command("diagnose", cls=Command)(diagnose.diagnose)
+app.command("prove", cls=Command)(prove.prove)
+app.command("crosscheck", cls=Command)(crosscheck.crosscheck)
+app.command("strip", cls=Command)(strip.strip)
+app.command("sweep", cls=Command)(sweep.sweep)
+app.command("doctor", cls=Command)(doctor.doctor)
+app.command("view", cls=Command)(view.view)
+app.command("contract", cls=Command)(contract.contract)
+app.command("trip", cls=Command)(trip.trip)
+app.command("schema", cls=Command)(schema.schema)
 
 
 def _print_version(wanted: bool) -> None:

@@ -77,7 +77,24 @@ MECHANISM_EFFECTS = (
     "added_mass",
     "centre_of_mass",
 )
+CASE_KINDS = (
+    "nothing missing",
+    "nothing missing, model error",
+    "one effect",
+    "two effects",
+    "stranger",
+    "right family, wrong law",
+    "poor data",
+    "wrong metadata",
+    "approximate law",
+    "three effects",
+    "pendulum, nothing missing",
+    "pendulum, one effect",
+    "pendulum, two effects",
+    "pendulum, stranger",
+)
 PHASES = ("rest", "free", "touchdown", "loading", "release", "rebound")
+FILE_KINDS = ("rig", "protocol", "experiment", "campaign", "sweep")
 RUN_KINDS, SOURCES = entry.KINDS, entry.SOURCES
 RUN_ENDINGS = tuple(word.replace(" ", "-") for word in entry.ENDINGS)
 VERDICTS = tuple(word.replace(" ", "-") for word in ANY_VERDICT)

@@ -7,9 +7,12 @@ import typer
 
 from rfca_rig.cli.writable import out_folder
 
-Rig = Annotated[str, typer.Option("--rig", metavar="NAME|FILE", help="The rig: a name in calibration/, or a .toml file.")]
+Rig = Annotated[str, typer.Option("--rig", metavar="NAME|FILE", help="The rig: a name in calibration/ (plan --list), or a .toml file.")]
+Protocol = Annotated[
+    str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/ (plan --list), or a .toml file.")
+]
 Runs = Annotated[Path, typer.Option("--runs", metavar="DIR", callback=out_folder, help="Folder that receives the new run folder.")]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the twin's noise; the rig file's own if not given.")]
+Seed = Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Seed of the twin's noise; the rig file's own if not given.")]
 Model = Annotated[
     Path | None,
     typer.Option("--model", metavar="FILE", help="A model file, as fit --out writes it, in place of the nominal model."),
@@ -19,7 +22,9 @@ Sample = Annotated[str, typer.Option("--sample", metavar="NAME", help="Which spe
 Fault = Annotated[
     list[str] | None,
     typer.Option(
-        "--fault", metavar="NAME@SECONDS", help="Let a twin's device fail then, or NAME@FROM-TO, to see what the run does; may be repeated."
+        "--fault",
+        metavar="NAME@SECONDS",
+        help="Let a twin's device fail then, or NAME@FROM-TO; may be repeated. twin serve --list prints the names.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")]

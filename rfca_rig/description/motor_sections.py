@@ -82,7 +82,8 @@ class OdriveSection(MotorSection):
 
 
 class CubemarsMitSection(MotorSection):
-    """A CubeMars / T-Motor AK drive in MIT mode. `model` determines the scale of every value; `zero_rad` is read with the leg horizontal.
+    """A CubeMars / T-Motor AK drive in MIT mode. `model` determines the scale of every value; `zero_rad`, or `zero_deg`, is read with
+    the leg horizontal.
 
     The drive's position covers 12.5 rad either way and starts again when it wraps. Switch it on with the leg less than two turns from where
     its zero was set. `speed_gain_Nm_s_per_rad` (kd) is sent to the drive, `angle_gain_per_s` is the driver's.

@@ -7,8 +7,10 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler, field_validator, model_validator
+from pydantic_core import CoreSchema
 
+from rfca_rig.description.toml import degrees_keys
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import resolve_effect
 from rfca_rig.model.hinge_springs import knots_from
@@ -43,9 +45,44 @@ Rows = Annotated[tuple[Numbers, ...], Field(strict=False, min_length=1)]
 
 
 class Section(BaseModel):
-    """A table in a file: no unknown keys, no text where a number is expected, no NaN."""
+    """A table in a file: no unknown keys, no text where a number is expected, no NaN.
+
+    An angle whose key ends in `_rad` may be written in degrees, under the same key with `_deg`; recordings hold radians.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _convert_degrees(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping):
+            return data
+        converted = dict(data)
+        for key, in_degrees in degrees_keys(cls).items():
+            if in_degrees not in data:
+                continue
+            if key in data:
+                raise ValueError(f"{key} and {in_degrees} both state one angle; leave one of them out")
+            value = converted.pop(in_degrees)
+            # Anything else is refused under its own key as no number.
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            converted[key] = math.radians(value) if is_number else value
+        return converted
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The schema for editors, with the keys in degrees beside those in radians."""
+        schema = handler(core_schema)
+        table = handler.resolve_ref_schema(schema)
+        for key, in_degrees in degrees_keys(cls).items():
+            either = [{"required": [key]}, {"required": [in_degrees]}]
+            is_required = key in table.get("required", ())
+            rule = {"oneOf": either} if is_required else {"not": {"required": [key, in_degrees]}}
+            table["allOf"] = [*table.get("allOf", ()), rule]
+            table["properties"][in_degrees] = {"type": "number", "description": f"{key} in degrees"}
+            if is_required:
+                table["required"] = [other for other in table["required"] if other != key]
+        return schema
 
     @field_validator("*")
     @classmethod
@@ -129,8 +166,8 @@ class LegSection(Section):
     `hinge_torque_Nm` states the law of the springs, so that a file written for another law is refused. It, k0 and k2 are omitted where
     `torque_rotation` holds a measured curve. A negative k2 means softening; the torque must grow up to 90 degrees.
 
-    `start_angle_rad` is where a stroke begins, measured from the horizontal, positive downwards. `rest_angles_deg` are the angles of hinges
-    2, 3 .. without load, from which phi counts; without the key the leg is straight.
+    `start_angle_rad`, or `start_angle_deg`, is where a stroke begins, measured from the horizontal, positive downwards. `rest_angles_deg`
+    are the angles of hinges 2, 3 .. without load, from which phi counts; without the key the leg is straight.
     """
 
     link_lengths_mm: PositiveList
@@ -155,6 +192,15 @@ class LegSection(Section):
             raise ValueError(f"torque_rotation takes the place of {', '.join(LAW_KEYS)}; leave out {given[0]}")
         # The keys have no defaults, so that a leg without a curve must state them; None satisfies the check.
         return {**data, **dict.fromkeys(LAW_KEYS)}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The schema for editors: the three keys of the law, or a curve."""
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
+        table = handler.resolve_ref_schema(schema)
+        table["required"] = [key for key in table["required"] if key not in LAW_KEYS]
+        table["allOf"] = [*table.get("allOf", ()), {"oneOf": [{"required": [*LAW_KEYS]}, {"required": ["torque_rotation"]}]}]
+        return schema
 
     @field_validator("hinge_torque_Nm")
     @classmethod

@@ -1,6 +1,7 @@
 """Reads a TOML file into a pydantic model, and turns any fault into a message of one line."""
 
 import difflib
+import math
 import re
 import tomllib
 import typing
@@ -19,6 +20,26 @@ Model = TypeVar("Model", bound=BaseModel)
 
 # Of a file that people write. The largest one in use, a laboratory's own effect with tables, has some 100 kB.
 MOST_BYTES = 16_000_000
+
+
+def degrees_key(key: str) -> str | None:
+    """The key in which the same angle may be written in degrees: start_angle_deg for start_angle_rad. None for other keys."""
+    stem = key.removesuffix("_rad")
+    # N m/rad and the like are no angles.
+    return None if stem == key or stem.endswith("_per") else f"{stem}_deg"
+
+
+def degrees_keys(model: type[BaseModel]) -> dict[str, str]:
+    """Each key of `model` that holds an angle in radians, with its key in degrees, unless that has a meaning of its own."""
+    pairs = {key: degrees_key(key) for key, field in model.model_fields.items() if _is_number(field.annotation)}
+    return {key: twin for key, twin in pairs.items() if twin is not None and twin not in model.model_fields}
+
+
+def _is_number(annotation: Any) -> bool:
+    """Whether a field holds one number, which may be absent; the name of a column, as angle1_rad, is none."""
+    if typing.get_origin(annotation) is tuple:
+        return False
+    return annotation is float or any(_is_number(each) for each in typing.get_args(annotation))
 
 
 def read_toml(path: Path, model: type[Model]) -> Model:
@@ -115,7 +136,8 @@ class _Fault:
         self.kind = error["type"]
         self.key = _key_in_file(error, data)
         self.likely: str | None = None
-        message = _plain(error)
+        in_degrees = bool(self.key) and self.key[-1] == degrees_key(str(error["loc"][-1]))
+        message = _plain(_to_degrees(error) if in_degrees else error)
         if self.kind == "extra_forbidden":
             known = _keys_at(self.key[:-1], model, {str(part) for part in error["loc"]})
             self.likely = _likely_key(self.key, known)
@@ -153,8 +175,11 @@ def _first_fault(error: ValidationError, model: type[BaseModel], data: Any) -> t
 def _key_in_file(error: ErrorDetails, data: Any) -> Key:
     """Pydantic's location without the names of union members, which do not appear in the file."""
     key: Key = ()
-    for place, part in enumerate(error["loc"]):
+    for place, name in enumerate(error["loc"]):
+        part = name
         last = place == len(error["loc"]) - 1
+        if isinstance(data, dict) and part not in data and degrees_key(str(part)) in data:
+            part = str(degrees_key(str(part)))
         if isinstance(data, dict) and part in data:
             data = data[str(part)]
         elif isinstance(data, list | tuple) and isinstance(part, int) and part < len(data):
@@ -181,6 +206,17 @@ def _plain(error: ErrorDetails) -> str:
     return f"{message}, not {error['input']!r}" if isinstance(error["input"], str | int | float) else message
 
 
+def _to_degrees(error: ErrorDetails) -> ErrorDetails:
+    """The error of an angle that was written in degrees and checked in radians, with its limits and the value as in the file."""
+    limits = {name: f"{math.degrees(limit):.4g}" for name, limit in error.get("ctx", {}).items() if isinstance(limit, int | float)}
+    if not limits:
+        return error
+    message = error["msg"]
+    for name, in_degrees in limits.items():
+        message = message.replace(f"{error['ctx'][name]:g}", in_degrees)
+    return {**error, "msg": message, "input": float(f"{math.degrees(error['input']):.12g}")}
+
+
 def _lower(text: str) -> str:
     return text[:1].lower() + text[1:]
 
@@ -198,7 +234,8 @@ def _keys_at(table: Key, model: type[BaseModel], tags: set[str]) -> list[str]:
             inner = [inner for outer in here if part in outer.model_fields for inner in _models_in(outer.model_fields[part].annotation)]
             # Of a union such as [motor], only the keys of the chosen device are suggested.
             here = [member for member in inner if tags & _tags_of(member)] or inner
-    return list(dict.fromkeys(field.alias or name for found in here for name, field in found.model_fields.items()))
+    keys = (field.alias or name for found in here for name, field in found.model_fields.items())
+    return list(dict.fromkeys((*keys, *(key for found in here for key in degrees_keys(found).values()))))
 
 
 def _tags_of(model: type[BaseModel]) -> set[str]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rfca_rig.cli.help import Command
 from rfca_rig.cli.options import Json
 
 if TYPE_CHECKING:
@@ -36,13 +37,13 @@ def _group() -> None:
     """Keeps `camera` a command of its own."""
 
 
-@app.command()
+@app.command(cls=Command)
 def camera(
     photos: Annotated[
         list[Path] | None, typer.Argument(metavar="PHOTOS", help="Photos of the board, or folders of them: 15, tilted all ways.")
     ] = None,
     board: Annotated[
-        str, typer.Option("--board", metavar="CxR,MM,MM", help="Columns x rows of squares, their width, the markers' width, in mm.")
+        str, typer.Option("--board", metavar="CxR,MM,MM", help="Columns x rows of squares, width of a square, width of a marker.")
     ] = BOARD,
     make_board: Annotated[
         Path | None, typer.Option("--make-board", metavar="FILE", help="Write the board to be printed, .pdf or .png, and leave.")
@@ -51,10 +52,12 @@ def camera(
         Path | None, typer.Option("--plane", metavar="PHOTO", help="A photo of the board held in the plane of the marks.")
     ] = None,
     board_at: Annotated[
-        str | None, typer.Option("--board-at", metavar="Y,Z", help="There: its upper left corner from the shaft axis, in mm, Z up.")
+        str | None,
+        typer.Option("--board-at", metavar="MM,MM", help="There: its upper left corner from the shaft axis, to the right and up."),
     ] = None,
     shaft_px: Annotated[
-        str | None, typer.Option("--shaft-px", metavar="U,V", help="Instead: where the shaft axis is in that photo, in pixels.")
+        str | None,
+        typer.Option("--shaft-px", metavar="PX,PX", help="Instead: where the shaft axis is in that photo, to the right and down."),
     ] = None,
     turned: Annotated[
         float, typer.Option("--turned", metavar="DEG", min=-180, max=180, help="There: its upper edge from the horizontal, clockwise.")
@@ -62,13 +65,15 @@ def camera(
     nearer: Annotated[
         float, typer.Option("--nearer", metavar="MM", min=-500, max=500, help="There: how much nearer to the camera than the marks.")
     ] = 0.0,
-    reach: Annotated[Reach, typer.Option("--reach", help="The side of the picture to which the leg reaches out.")] = Reach.RIGHT,
+    reach: Annotated[
+        Reach, typer.Option("--reach", metavar="SIDE", help="The side of the picture to which the leg reaches out: right, left.")
+    ] = Reach.RIGHT,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The camera file to write.")] = Path("calibration/camera.toml"),
     as_json: Json = False,
 ) -> None:
     """Camera matrix, lens distortion and the place of the plane of motion, from photos of a ChArUco board.
 
-    Example: rfca-rig calibrate camera board-photos/ --plane board-in-plane.jpg --board-at 20,15
+    Example: rfca-rig calibrate camera board/ --plane plane.jpg --board-at 20,15
     """
     from rfca_rig.cli.terminal import make_marked_say
     from rfca_rig.cli.writable import out_file

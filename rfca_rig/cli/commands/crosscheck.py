@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 def crosscheck(
     rig: Rig = "twin",
     protocol: Annotated[
-        str, typer.Option("--protocol", metavar="NAME|FILE", help="A flapping protocol, for its heights and speeds.")
+        str,
+        typer.Option(
+            "--protocol", metavar="NAME|FILE", help="A dynamic protocol, for its heights and speeds: a name (plan --list) or a .toml file."
+        ),
     ] = "table2",
     picture: Annotated[
         Path | None,
@@ -26,7 +29,7 @@ def crosscheck(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Hold the model against MuJoCo, another group's multibody code, as the paper holds its model against RecurDyn.
+    """Compare the model with MuJoCo, another group's multibody code, as the paper compares its model with RecurDyn.
 
     Example: rfca-rig crosscheck --picture crosscheck.svg
     """

@@ -23,10 +23,23 @@ if TYPE_CHECKING:
     from rfca_rig.recording.model import Recording
 
 
+def _list_effects(wanted: bool) -> None:
+    """The catalogue of the leg and of pendulums with what each is; names alone of mechanisms, whose effects depend on the model."""
+    if not wanted:
+        return
+    from rfca_rig.cli.lines import print_lines
+    from rfca_rig.cli.names import MECHANISM_EFFECTS
+    from rfca_rig.model.catalogue import catalogue
+
+    print_lines((f"{name:<30}{effect.left_out}" for name, effect in sorted(catalogue().items())), indent=" " * 30)
+    print_lines([f"of a mechanism: {', '.join(MECHANISM_EFFECTS)}"])
+    raise typer.Exit
+
+
 def diagnose(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
+        typer.Argument(metavar="PATH", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
     ],
     out: Annotated[
         Path,
@@ -41,28 +54,31 @@ def diagnose(
         bool, typer.Option("--each", help="A diagnosis of each PATH by itself, in a folder of its name; those that are there stay.")
     ] = False,
     without: Annotated[
-        list[str] | None, typer.Option("--without", metavar="EFFECT", help="An effect that you know is none; may be given again.")
+        list[str] | None, typer.Option("--without", metavar="EFFECT", help="An effect (--list) that you know is none; may be given again.")
     ] = None,
+    lists: Annotated[  # noqa: ARG001
+        bool, typer.Option("--list", callback=_list_effects, is_eager=True, help="Print all effects that are looked for, and leave.")
+    ] = False,
     law: Annotated[
         str,
         typer.Option(
             "--law",
             metavar="PLACE",
-            help="Also measure the law there: hinges, floor_friction, floor_normal, fy_N, ..., joints; of a mechanism a JOINT, "
-            "JOINT.speed or JOINT.position.",
+            help="Also measure the law there: hinges, floor_friction, floor_normal, fy_N, fz_N, tx_Nm; joints, joint1, joint2 of a "
+            "pendulum; of a mechanism a JOINT, JOINT.speed or JOINT.position.",
         ),
     ] = "",
     workers: Workers = None,
     cluster: Cluster = None,
     rig: Rig = "twin",
-    rounds: Annotated[int, typer.Option("--rounds", min=1, help="How many experiments --close-the-loop may run.")] = 3,
+    rounds: Annotated[int, typer.Option("--rounds", metavar="N", min=1, help="How many experiments --close-the-loop may run.")] = 3,
     runs: Runs = Path("runs"),
     seed: Seed = None,
     as_is: AsIs = False,
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """Say where model and recordings part, which physics was left out, and how sure that is.
+    """Find where model and recordings differ, which physics the model omits, and how sure that is.
 
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """

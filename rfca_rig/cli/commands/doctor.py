@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.encoding import takes_colours
-from rfca_rig.cli.options import Json, Runs
+from rfca_rig.cli.options import Json
+from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
     from rfca_rig.description.rig_file import RigFile
@@ -21,16 +22,23 @@ COLOUR_WIDTH, SUBJECT_WIDTH = 8, 18
 INDENT = " " * (COLOUR_WIDTH + SUBJECT_WIDTH)
 COMMAND_INDENT = " " * 4
 
-RigToCheck = Annotated[
-    str | None, typer.Option("--rig", metavar="NAME|FILE", help="The rig to check: a name in calibration/, or a .toml file; else a scan.")
+RunsToCheck = Annotated[
+    Path, typer.Option("--runs", metavar="DIR", callback=out_folder, help="Folder of the runs, whose disk is measured: space and speed.")
 ]
 
+HELP_RIG = "The rig to check: a name in calibration/ (plan --list), or a .toml file; else a scan."
+HELP_RUNS = "Folder of the runs, whose disk is measured: space and speed."
+RigToCheck = Annotated[str | None, typer.Option("--rig", metavar="NAME|FILE", help=HELP_RIG)]
+RunsToCheck = Annotated[Path, typer.Option("--runs", metavar="DIR", callback=out_folder, help=HELP_RUNS)]
 
-def doctor(rig: RigToCheck = None, runs: Runs = Path("runs"), as_json: Json = False) -> None:
+
+def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Json = False) -> None:
     """Check what a rig file names, or without one find what there is: buses, drives, sensors, this computer.
 
     Nothing is sent that could turn the shaft; not to be used while a run is going on, for it takes over the sensor's stream.
     Exit code 1 where something is red.
+
+    Example: rfca-rig doctor --rig my-rig.toml
     """
     from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.clock import WallClock

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Rig, Runs, Sample, Seed, View, ViewPort
+from rfca_rig.cli.help import Command
+from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort
 from rfca_rig.cli.writable import out_folder
 
 if TYPE_CHECKING:
@@ -25,14 +26,12 @@ def _group() -> None:
     """Keeps `run` a command of its own."""
 
 
-@app.command()
+@app.command(cls=Command)
 def run(
-    height: Annotated[float | None, typer.Option("--height", metavar="MM", help="Height of the shaft above the ground, in mm.")] = None,
-    speed: Annotated[float | None, typer.Option("--speed", metavar="RAD/S", help="Speed of the shaft, in rad/s.")] = None,
-    repeats: Annotated[int | None, typer.Option("--repeats", min=1, help="Strokes per condition.")] = None,
-    protocol: Annotated[
-        str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/, or a .toml file.")
-    ] = "flapping",
+    height: Annotated[float | None, typer.Option("--height", metavar="MM", help="Height of the shaft above the ground.")] = None,
+    speed: Annotated[float | None, typer.Option("--speed", metavar="RAD/S", help="Speed of the shaft.")] = None,
+    repeats: Annotated[int | None, typer.Option("--repeats", metavar="N", min=1, help="Strokes per condition.")] = None,
+    protocol: Protocol = "flapping",
     rig: Rig = "twin",
     model: Model = None,
     report: Annotated[

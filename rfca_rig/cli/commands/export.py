@@ -5,13 +5,14 @@ from typing import Annotated
 
 import typer
 
+from rfca_rig.cli.help import Command
 from rfca_rig.cli.options import Json
 
 app = typer.Typer(help="Recordings for other programs: MCAP for Foxglove and PlotJuggler, CSV for the rest.", no_args_is_help=True)
 Recorded = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")]
 
 
-@app.command("mcap")
+@app.command("mcap", cls=Command)
 def export_mcap(
     run: Recorded,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The .mcap file to write.")],
@@ -48,7 +49,7 @@ def export_mcap(
     )
 
 
-@app.command("csv")
+@app.command("csv", cls=Command)
 def export_csv(
     run: Recorded,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The folder to make.")],
@@ -71,7 +72,7 @@ def export_csv(
     typer.echo(f"{exported.records} records in {exported.files} files; {out / 'stages.csv'} lists them", err=True)
 
 
-@app.command("mjcf")
+@app.command("mjcf", cls=Command)
 def export_mjcf(
     run: Recorded,
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The folder to make.")],

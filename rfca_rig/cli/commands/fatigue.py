@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import Dry, Json, Model, Operator, Pace, Rig, Runs, Sample, Seed, View, ViewPort
+from rfca_rig.cli.help import Command
+from rfca_rig.cli.options import Dry, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.stiffness_drift import StiffnessDrift
@@ -28,11 +29,9 @@ def _group() -> None:
     """Keeps `run` a command of its own."""
 
 
-@app.command()
+@app.command(cls=Command)
 def run(
-    protocol: Annotated[
-        str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/, or a .toml file.")
-    ] = "fatigue",
+    protocol: Protocol = "fatigue",
     cycles: Annotated[int | None, typer.Option("--cycles", min=1, metavar="N", help="Cycles, in place of the protocol's number.")] = None,
     rig: Rig = "twin",
     model: Model = None,
@@ -48,7 +47,9 @@ def run(
 ) -> None:
     """Turn the shaft on and on, count every cycle on disk, check the stiffness now and then, and stop where it drifts too far.
 
-    A run that was stopped goes on with `rfca-rig resume RUN`. Example: rfca-rig fatigue run --cycles 1000
+    A run that was stopped goes on with rfca-rig resume RUN.
+
+    Example: rfca-rig fatigue run --cycles 1000
     """
     from rfca_rig.cli.attach_view import parse_viewing
     from rfca_rig.cli.run_experiment import run_and_record

@@ -10,6 +10,7 @@ import typer
 from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.executors import Cluster, open_executor
 from rfca_rig.cli.lines import print_lines
+from rfca_rig.cli.names import FIT_PARAMETERS
 from rfca_rig.cli.options import AsIs, Json
 from rfca_rig.cli.writable import out_file
 from rfca_rig.progress import ProgressReport
@@ -20,43 +21,45 @@ if TYPE_CHECKING:
     from rfca_rig.executors.mapping import TaskExecutor
 
 
+HELP_PARAMETERS = f"""What to fit, out of {", ".join(FIT_PARAMETERS)}; of a pendulum or a mechanism names of its own. All that the section
+known_to lists if not given."""
+HELP_EFFECTS = "Effects to put into the model of a mechanism, as joint_friction; diagnose --list prints all."
+HELP_SHAFT = "Motion of the shaft to simulate with: recorded, average (the mean measured speed), commanded."
+
+
 def fit(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
+        typer.Argument(metavar="PATH", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
     ],
-    parameters: Annotated[
-        str, typer.Option("--parameters", metavar="NAME,...", help="What to fit; all that the section known_to lists if not given.")
-    ] = "",
-    effects: Annotated[
-        str, typer.Option("--effects", metavar="NAME,...", help="Effects to put into the model of a mechanism, as joint_friction.")
-    ] = "",
+    parameters: Annotated[str, typer.Option("--parameters", metavar="NAME,...", help=HELP_PARAMETERS)] = "",
+    effects: Annotated[str, typer.Option("--effects", metavar="NAME,...", help=HELP_EFFECTS)] = "",
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", callback=out_file, help="Write the fitted model: .toml; of a mechanism MJCF, .xml."),
     ] = None,
-    shaft: Annotated[
-        ShaftOption, typer.Option("--shaft", help="Simulate along the recorded turn, at the average measured speed, or as commanded.")
-    ] = ShaftOption.recorded,
+    shaft: Annotated[ShaftOption, typer.Option("--shaft", metavar="HOW", help=HELP_SHAFT)] = ShaftOption.recorded,
     phases: Annotated[
         str, typer.Option("--phases", metavar="NAME,...", help="Phases to fit: free, touchdown, loading, release, rebound.")
     ] = "loading",
     after_touchdown: Annotated[
-        float, typer.Option("--after-touchdown", metavar="MS", min=0, max=5000, help="How many ms of the first contact to leave out.")
+        float, typer.Option("--after-touchdown", metavar="MS", min=0, max=5000, help="How much of the first contact to leave out.")
     ] = 200.0,
-    starts: Annotated[int, typer.Option("--starts", min=1, max=64, help="Begin from this many places, and tell how many agree.")] = 1,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the places to begin from.")] = 0,
+    starts: Annotated[
+        int, typer.Option("--starts", metavar="N", min=1, max=64, help="Begin from this many places, and tell how many agree.")
+    ] = 1,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of the places to begin from.")] = 0,
     cluster: Cluster = None,
     as_is: AsIs = False,
     as_json: Json = False,
 ) -> None:
-    """Fit what the model believes of the rig to recordings: values, standard errors, and what the recordings cannot tell apart.
+    """Fit values of the model to recordings: values, standard errors, and what the recordings cannot tell apart.
 
     By default from 200 ms after touchdown to the valley, where the model meets a leg that lacks nothing to the noise.
 
     Of a pendulum or a mechanism: the values that known_to lists, with errors on held-out conditions.
 
-    Example: rfca-rig fit runs/SIM-table-ii-001 --parameters k0,friction --out model.toml
+    Example: rfca-rig fit runs/SIM-table-ii-001 --parameters k0,friction
     """
     import numpy as np
 

@@ -1,7 +1,7 @@
 """rfca-rig plan"""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,16 +20,31 @@ MOST_LINES = 60
 LABEL_AT = 35
 
 
+# Column at which the title begins in the list of names.
+TITLE_AT = 28
+
+
+def _list_names(wanted: bool) -> None:
+    if wanted:
+        print_lines(_names(), indent=" " * TITLE_AT)
+        raise typer.Exit
+
+
 def plan(
-    protocol: Annotated[str, typer.Argument(metavar="PROTOCOL", help="A name in protocols/, or a .toml file.")],
+    protocol: Annotated[str, typer.Argument(metavar="PROTOCOL", help="A name in protocols/ (--list), or a .toml file.")],
     rig: Rig = "twin",
     model: Model = None,
+    lists: Annotated[  # noqa: ARG001
+        bool, typer.Option("--list", callback=_list_names, is_eager=True, help="Print the names of protocols and rigs, and leave.")
+    ] = False,
     every: Annotated[bool, typer.Option("--all", help=f"Print every stage, also of a plan of more than {MOST_LINES}.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Print every stage of a plan with its time, size and expected load, and hold it against the rig's limits. Nothing moves.
+    """Print every stage of a plan with its time, size and expected load, and check it against the rig's limits. Nothing moves.
 
-    It is the very list that a run walks. Example: rfca-rig plan table2 --rig calibration/my-rig.toml
+    It is the very list that a run walks.
+
+    Example: rfca-rig plan table2 --rig calibration/my-rig.toml
     """
     from rfca_rig.cli.preflight import check_before_run
     from rfca_rig.cli.run_options import RunOptions, make_run_config
@@ -43,6 +58,30 @@ def plan(
         return
     lines = _lines(config, expected, None if every else MOST_LINES)
     print_lines((f"{config.mark} {line}" for line in lines), indent=f"{config.mark} " + " " * LABEL_AT)
+
+
+def _names() -> Iterator[str]:
+    """Names in protocols/ and calibration/, each with its kind and title."""
+    from rfca_rig.cli.names import file_names, rig_names
+
+    for heading, kind, known in (("protocols", "protocols", file_names("protocols")), ("rigs", "calibration", rig_names())):
+        yield f"{heading}:"
+        for name in known:
+            yield f"  {name:<18}{_kind_and_title(kind, name)}"
+
+
+def _kind_and_title(folder: str, name: str) -> str:
+    from rfca_rig.cli.paths import find_file
+    from rfca_rig.description.toml import read_data
+    from rfca_rig.errors import BadInput
+
+    try:
+        data = read_data(find_file(folder, name))
+    # One broken file must not hide the others.
+    except BadInput as error:
+        return str(error)
+    head = data.get("rig", data)
+    return f"{head.get('experiment', head.get('kind', '')):<8}{head.get('title', '')}"
 
 
 def _lines(config: "RunConfig", expected: "Mapping[Stage, Load]", most: int | None) -> list[str]:

@@ -11,11 +11,11 @@ from rfca_rig.cli.writable import out_file
 
 
 def predict(
-    height: Annotated[float, typer.Option("--height", metavar="MM", min=1, max=1000, help="Height of the shaft above the ground, in mm.")],
-    speed: Annotated[float, typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft, in rad/s.")],
+    height: Annotated[float, typer.Option("--height", metavar="MM", min=1, max=1000, help="Height of the shaft above the ground.")],
+    speed: Annotated[float, typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft.")],
     rig: Rig = "twin",
     model: Model = None,
-    sweep: Annotated[float, typer.Option("--sweep", metavar="DEG", min=1, max=330, help="How far the shaft turns, in degrees.")] = 200.0,
+    sweep: Annotated[float, typer.Option("--sweep", metavar="DEG", min=1, max=330, help="How far the shaft turns.")] = 200.0,
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", callback=out_file, help="Write the stroke, sample by sample, to this CSV file.")
     ] = None,

@@ -10,6 +10,7 @@ import typer
 from rfca_rig.cli.commands import diagnose
 from rfca_rig.cli.executors import Cluster, Workers, open_executor
 from rfca_rig.cli.lines import print_lines
+from rfca_rig.cli.names import CASE_KINDS
 from rfca_rig.cli.options import Json, Pdf
 
 if TYPE_CHECKING:
@@ -18,15 +19,15 @@ if TYPE_CHECKING:
 
 def prove(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="A new folder, or that of an exam that was stopped.")],
-    seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed, the same cases.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="The same seed, the same cases.")] = 1,
     cases: Annotated[
         int | None, typer.Option("--cases", metavar="N", min=1, max=1_000_000, help="How many; the usual number of each kind if not given.")
     ] = None,
-    kind: Annotated[str | None, typer.Option("--kind", metavar="KIND", help='Cases of one kind only, as in --kind "two effects".')] = None,
+    kind: Annotated[str | None, typer.Option("--kind", metavar="KIND", help=f"Cases of one kind only: {'; '.join(CASE_KINDS)}.")] = None,
     workers: Workers = None,
     cluster: Cluster = None,
     follows: Annotated[
-        bool, typer.Option("--follow-up", help="Then do what is proposed in the open cases, and beside it experiments drawn by lot.")
+        bool, typer.Option("--follow-up", help="Then do what is proposed in the open cases, and beside it experiments drawn at random.")
     ] = False,
     takes_out: Annotated[
         bool, typer.Option("--take-out-each", help="Then diagnose each effect that shows once more without it in the catalogue.")
@@ -37,7 +38,7 @@ def prove(
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """Examine the diagnosis: campaigns of another simulator, the truth under seal until all are diagnosed, then marks.
+    """A blind benchmark of the diagnosis: campaigns of another simulator, their ground truth hidden until all are diagnosed, then scores.
 
     A stopped exam goes on where it stood when the same command is typed again.
 

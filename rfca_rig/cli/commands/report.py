@@ -29,14 +29,18 @@ class ShaftOption(StrEnum):
 def report(
     paths: Annotated[
         list[Path],
-        typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
+        typer.Argument(metavar="PATH", help="Campaign folders, imported or run folders, .h5 files; or one with experiment.toml."),
     ],
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", callback=out_folder, help="Folder for report.html, run.html, their tables.")
     ] = Path("report"),
     shaft: Annotated[
         ShaftOption,
-        typer.Option("--shaft", help="Simulate at the average measured speed (as the paper does), as commanded, or as recorded."),
+        typer.Option(
+            "--shaft",
+            metavar="HOW",
+            help="Motion of the shaft to simulate with: average (the mean measured speed, as in the paper), commanded, recorded.",
+        ),
     ] = ShaftOption.average,
     model: Model = None,
     as_is: AsIs = False,

@@ -21,7 +21,7 @@ Ended = Annotated[
     typer.Option(
         "--ended",
         metavar="HOW",
-        help="done, stopped, tripped, worn-out, failed, interrupted, unfinished, damaged; or the code of a trip, such as F-02.",
+        help="done, stopped, tripped, worn-out, failed, interrupted, unfinished, damaged; or the code of a trip (rfca-rig trip).",
     ),
 ]
 Verdict = Annotated[
@@ -29,13 +29,14 @@ Verdict = Annotated[
     typer.Option(
         "--verdict",
         metavar="WHAT",
-        help="Of its diagnosis: named, mostly, family, unexplained, nothing-missing, not-enough-data, none; or an effect.",
+        help="Of its diagnosis: named, mostly, family, unexplained, nothing-missing, not-enough-data, none; or an effect "
+        "(diagnose --list).",
     ),
 ]
 
 
 def runs(
-    words: Annotated[list[str] | None, typer.Argument(metavar="[WORD]...", help="Words of the title, or of the folder's name.")] = None,
+    words: Annotated[list[str] | None, typer.Argument(metavar="WORD", help="Words of the title, or of the folder's name.")] = None,
     folder: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The folder that runs and experiments lie below.")] = Path("runs"),
     height: Annotated[str, typer.Option("--height", metavar="MM", help="Recorded at that height: 215, 210..220, ..220, 230..")] = "",
     speed: Annotated[str, typer.Option("--speed", metavar="RAD/S", help="Recorded at that speed: 2.4 is what rounds to it; 2.4..2.5")] = "",
@@ -57,7 +58,7 @@ def runs(
 
     Folders with experiment.toml or pendulum.toml are among them.
 
-    Example: rfca-rig diagnose $(rfca-rig runs --paths --height 215 --kind dynamic --ended done)
+    Example: rfca-rig runs --paths --height 215 --kind dynamic --ended done
     """
     import json
 

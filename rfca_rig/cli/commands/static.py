@@ -2,12 +2,13 @@
 
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from rfca_rig.cli.commands import static_loads, static_photos, static_report
-from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Rig, Runs, Sample, Seed, View, ViewPort
+from rfca_rig.cli.help import Command
+from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort
 
 if TYPE_CHECKING:
     from rfca_rig.bench.recorder import Recorder
@@ -18,17 +19,15 @@ if TYPE_CHECKING:
 app = typer.Typer(help="The static experiment: turn the shaft in stages, let the leg settle, measure.", no_args_is_help=True)
 
 
-app.command("report")(static_report.report)
-app.command("photos")(static_photos.photos)
-app.command("load")(static_loads.load)
-app.command("force")(static_loads.force)
+app.command("report", cls=Command)(static_report.report)
+app.command("photos", cls=Command)(static_photos.photos)
+app.command("load", cls=Command)(static_loads.load)
+app.command("force", cls=Command)(static_loads.force)
 
 
-@app.command()
+@app.command(cls=Command)
 def run(
-    protocol: Annotated[
-        str, typer.Option("--protocol", metavar="NAME|FILE", help="The protocol: a name in protocols/, or a .toml file.")
-    ] = "static-angle",
+    protocol: Protocol = "static-angle",
     rig: Rig = "twin",
     model: Model = None,
     runs: Runs = Path("runs"),
@@ -44,7 +43,7 @@ def run(
 ) -> None:
     """Go through the stages of a protocol at each of its heights; record force, shaft and hinge angles once they have settled.
 
-    Example: rfca-rig static run
+    Example: rfca-rig static run --protocol bending
     """
     from rfca_rig.cli.attach_view import parse_viewing
     from rfca_rig.cli.run_experiment import run_and_record

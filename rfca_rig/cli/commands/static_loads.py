@@ -55,7 +55,7 @@ def load(
 
 
 def force(
-    run: Annotated[Path | None, typer.Argument(metavar="[RUN]", help="A run or campaign folder with photographed static stages.")] = None,
+    run: Annotated[Path | None, typer.Argument(metavar="RUN", help="A run or campaign folder with photographed static stages.")] = None,
     angles: Angles = None,
     angle_std: Annotated[
         float, typer.Option("--angle-std", metavar="DEG", min=1e-4, max=10, help="One standard deviation of an angle that says none.")

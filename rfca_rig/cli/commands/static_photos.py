@@ -20,13 +20,14 @@ def photos(
         Path, typer.Option("--camera", metavar="FILE", help="The camera they were taken with, as calibrate camera wrote it.")
     ] = Path("calibration/camera.toml"),
     mark_diameter: Annotated[
-        float | None, typer.Option("--mark-diameter", metavar="MM", min=1, max=100, help="Of the red marks, where the run does not say.")
+        float | None,
+        typer.Option("--mark-diameter", metavar="MM", min=1, max=100, help="Diameter of the red marks, where the run does not say."),
     ] = None,
     runs: Runs = Path("runs"),
 ) -> None:
     """Read hinge angles off photos taken by hand, or again with a better calibration; the recording with them goes into a new folder.
 
-    Example: rfca-rig static photos runs/REAL-static-001 camera-card/ --camera calibration/camera.toml
+    Example: rfca-rig static photos runs/REAL-static-001 card/ --camera lab.toml
     """
     from dataclasses import replace
     from shutil import rmtree

@@ -13,15 +13,21 @@ if TYPE_CHECKING:
     from rfca_rig.analysis.torque_rotation.static_result import StaticResult
     from rfca_rig.recording.model import Recording
 
-HINGE_STD = typer.Option("--hinge-std-deg", min=1e-4, max=10, help="One standard deviation of a hinge angle, where the stages do not say.")
-MARKS = typer.Option("--marks-deg", min=0, max=5, help="How far a hinge's zero may be off because a mark sits beside its axis.")
+HINGE_STD = typer.Option(
+    "--hinge-std-deg", metavar="DEG", min=1e-4, max=10, help="One standard deviation of a hinge angle, where the stages do not say."
+)
+MARKS = typer.Option(
+    "--marks-deg", metavar="DEG", min=0, max=5, help="How far a hinge's zero may be off because a mark sits beside its axis."
+)
 # Defaults of options, which the command in the report's footer leaves out.
 USUAL = {"--marks-deg": 0.1, "--force-gain-pct": 0.0}
-GAIN = typer.Option("--force-gain-pct", min=0, max=20, help="One standard deviation of the force sensor's gain, in %; 0 counts as exact.")
+GAIN = typer.Option(
+    "--force-gain-pct", metavar="PERCENT", min=0, max=20, help="One standard deviation of the force sensor's gain; 0 counts as exact."
+)
 
 
 def report(
-    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Campaign folders, imported or run folders, or .h5 files.")],
+    paths: Annotated[list[Path], typer.Argument(metavar="PATH", help="Campaign folders, imported or run folders, or .h5 files.")],
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", callback=out_folder, help="Folder for static.html, the tables and model.toml.")
     ] = Path("static-report"),
@@ -35,7 +41,7 @@ def report(
 ) -> None:
     """The hinges' torque over rotation from photographed static stages: curve, stiffness, errors, checks, and a model file with them.
 
-    Example: rfca-rig static report runs/SIM-static-stages-of-the-shaft-angle-001 --out static-report
+    Example: rfca-rig static report runs/REAL-static-001 --out static-report
     """
     import json
 

@@ -9,14 +9,14 @@ from rfca_rig.cli.options import Json, Rig
 
 
 def strip(
-    height: Annotated[float, typer.Option("--height", metavar="MM", min=1, max=1000, help="Height of the shaft, in mm.")] = 215.0,
-    speed: Annotated[float, typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft, in rad/s.")] = 2.433,
+    height: Annotated[float, typer.Option("--height", metavar="MM", min=1, max=1000, help="Height of the shaft above the ground.")] = 215.0,
+    speed: Annotated[float, typer.Option("--speed", metavar="RAD/S", min=0.01, max=100, help="Speed of the shaft.")] = 2.433,
     rig: Rig = "twin",
     as_json: Json = False,
 ) -> None:
     """Spring pieces of other materials and thicknesses: stiffness per hinge, valley of a stroke, strength used.
 
-    Example: rfca-rig strip
+    Example: rfca-rig strip --height 235 --speed 3.276
     """
     import json
 

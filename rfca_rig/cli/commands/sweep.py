@@ -19,7 +19,7 @@ HELP_VARY = "A grid, NAME=FROM:TO:STEPS[:log] or NAME=A,B,C; with --samples a ra
 
 
 def sweep(
-    file: Annotated[str | None, typer.Argument(metavar="[FILE]", help="A sweep: a name in sweeps/, or a .toml file.")] = None,
+    file: Annotated[str | None, typer.Argument(metavar="SWEEP", help="A sweep: a name in sweeps/ (--list), or a .toml file.")] = None,
     vary: Annotated[list[str] | None, typer.Option("--vary", metavar="NAME=...", help=HELP_VARY)] = None,
     fixed: Annotated[
         list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A value for all cases. May be given several times.")
@@ -27,21 +27,23 @@ def sweep(
     outputs: Annotated[str, typer.Option("--outputs", metavar="NAME,...", help="What to put out; --list prints all there are.")] = "",
     samples: Annotated[int | None, typer.Option("--samples", metavar="N", min=2, help="So many points spread over the ranges.")] = None,
     method: Annotated[str, typer.Option("--method", metavar="KIND", help="How they are spread: sobol or latin.")] = "sobol",
-    seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed, the same points.")] = 0,
-    rig: Annotated[str | None, typer.Option("--rig", metavar="NAME|FILE", help="The rig: a name in calibration/, or a .toml file.")] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="The same seed, the same points.")] = 0,
+    rig: Annotated[
+        str | None, typer.Option("--rig", metavar="NAME|FILE", help="The rig: a name in calibration/ (plan --list), or a .toml file.")
+    ] = None,
     model: Model = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="A new folder, or that of a sweep that was stopped.")] = None,
     workers: Workers = None,
     cluster: Cluster = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="How many cases, how long, how many bytes; computes a few only.")] = False,
-    lists: Annotated[bool, typer.Option("--list", help="Print what can be varied and what can be put out.")] = False,
+    lists: Annotated[bool, typer.Option("--list", help="Print the sweeps in sweeps/, what can be varied and what can be put out.")] = False,
     as_json: Json = False,
 ) -> None:
     """Design questions: any parameters of the model over grids or samples, any outputs, to CSV, HDF5 and a page of figures.
 
     A stopped sweep goes on where it stood when the same command is typed again.
 
-    Example: rfca-rig sweep --vary height_mm=195:255:13 --outputs valley_fz_N,energy_J --out sweep
+    Example: rfca-rig sweep --vary height_mm=195:255:13 --outputs energy_J
     """
     from rfca_rig.clock import WallClock
     from rfca_rig.errors import Stopped
@@ -176,9 +178,11 @@ def _duration(seconds: float) -> str:
 
 
 def _print_lists() -> None:
+    from rfca_rig.cli.names import file_names
     from rfca_rig.sweep.outputs import ANGLE_SEPARATOR, OUTPUTS
     from rfca_rig.sweep.quantities import list_quantities
 
+    typer.echo(f"sweeps: {', '.join(file_names('sweeps'))}")
     typer.echo("what can be varied, also under its name in fit or in a model file:")
     for each in list_quantities().values():
         typer.echo(f"  {each.name}: {each.words}{'; ' if each.choices else ''}{', '.join(each.choices)}")

@@ -9,7 +9,7 @@ import typer
 WIDTH = 80
 
 
-def trip(code: Annotated[str, typer.Argument(metavar="[CODE]", help="Such as F-02; without it, all codes.")] = "") -> None:
+def trip(code: Annotated[str, typer.Argument(metavar="CODE", help="Such as F-02; without it, all codes are listed.")] = "") -> None:
     """Say what a code that stopped a run means: likely causes, how to tell them apart, what to change and what not, how to go on.
 
     Example: rfca-rig trip F-02

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from rfca_rig.cli.help import Command
+from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Rig, Seed
 from rfca_rig.errors import BadInput, DeviceError, Stopped
 
@@ -16,37 +18,48 @@ ANSWER_WITHIN_S = 5.0
 app = typer.Typer(name="twin", help="The twin rig as a server in real time, for clients of the same wires.", no_args_is_help=True)
 
 
-@app.command("serve")
+@app.command("serve", cls=Command)
 def serve(
     rig: Rig = "twin",
     seed: Seed = None,
     listen: Annotated[str, typer.Option("--listen", metavar="ADDRESS", help="Address to listen on; this machine only if not given.")] = (
         "127.0.0.1"
     ),
-    rdt_port: Annotated[int, typer.Option("--rdt-port", min=0, max=65535, help="UDP port of the force sensor; 0 is any.")] = RDT_PORT,
+    rdt_port: Annotated[
+        int, typer.Option("--rdt-port", metavar="PORT", min=0, max=65535, help="UDP port of the force sensor; 0 is any.")
+    ] = RDT_PORT,
     http_port: Annotated[
-        int, typer.Option("--http-port", min=0, max=65535, help="TCP port of the sensor's web page; 0 is any.")
+        int, typer.Option("--http-port", metavar="PORT", min=0, max=65535, help="TCP port of the sensor's web page; 0 is any.")
     ] = HTTP_PORT,
     command_port: Annotated[
-        int, typer.Option("--command-port", min=0, max=65535, help="TCP port of its commands; 0 is any.")
+        int, typer.Option("--command-port", metavar="PORT", min=0, max=65535, help="TCP port of its commands; 0 is any.")
     ] = COMMAND_PORT,
-    can_port: Annotated[int, typer.Option("--can-port", min=0, max=65535, help="TCP port of CAN as socketcand; 0 is any.")] = CAN_PORT,
-    control_port: Annotated[int, typer.Option("--control-port", min=0, max=65535, help="TCP port of the control lines; 0 is any.")] = (
-        CONTROL_PORT
-    ),
+    can_port: Annotated[
+        int, typer.Option("--can-port", metavar="PORT", min=0, max=65535, help="TCP port of CAN as socketcand; 0 is any.")
+    ] = CAN_PORT,
+    control_port: Annotated[
+        int, typer.Option("--control-port", metavar="PORT", min=0, max=65535, help="TCP port of the control lines; 0 is any.")
+    ] = (CONTROL_PORT),
     slcan: Annotated[bool, typer.Option("--slcan", help="Also offer CAN as a serial adapter on a pseudo terminal.")] = False,
-    height: Annotated[float, typer.Option("--height", min=1.0, max=999.0, help="Height of the shaft above the ground, mm.")] = 250.0,
+    height: Annotated[
+        float, typer.Option("--height", metavar="MM", min=1.0, max=999.0, help="Height of the shaft above the ground.")
+    ] = 250.0,
     fault: Annotated[
-        list[str] | None, typer.Option("--fault", metavar="NAME@SECONDS", help="Switch a fault on then, or NAME@FROM-TO; may be repeated.")
+        list[str] | None,
+        typer.Option("--fault", metavar="NAME@SECONDS", help="Switch a fault (--list) on then, or NAME@FROM-TO; may be repeated."),
     ] = None,
-    seconds: Annotated[float, typer.Option("--seconds", min=0.0, help="End after that long; 0 goes on until ^C.")] = 0.0,
+    seconds: Annotated[float, typer.Option("--seconds", metavar="S", min=0.0, help="End after that long; 0 goes on until ^C.")] = 0.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON with the ports on standard output.")] = False,
+    lists: Annotated[bool, typer.Option("--list", help="Print the faults that the devices of --rig can have.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing.")] = False,
 ) -> None:
     """Let strangers' clients talk to the twins: force sensor on UDP, motor on CAN over TCP; faults can be switched meanwhile.
 
     ^C ends it.
+
+    Example: rfca-rig twin serve --fault force-lost@2-4
     """
+    from rfca_rig.bench.fault_injection import faults_of_served_rig
     from rfca_rig.bench.served import Openings, open_served
     from rfca_rig.cli.first_compile import COMPILE_NOTICE
     from rfca_rig.cli.terminal import make_marked_say
@@ -60,6 +73,9 @@ def serve(
     say = make_marked_say("SIM", quiet)
     orders = parse_fault_events(fault or [])
     described = read_rig(find_rig(rig))
+    if lists:
+        print_lines((f"{one.name:<22}{one.meaning}" for one in faults_of_served_rig(described)), indent=" " * 22)
+        return
     # There is no password, so opening the server to the network needs a warning.
     if not is_loopback(listen):
         say(f"WARNING open to the network: anybody who reaches {listen} can command this twin and read it; there is no password")
@@ -79,12 +95,17 @@ def serve(
         say(served.status())
 
 
-@app.command("tell")
+@app.command("tell", cls=Command)
 def tell(
-    words: Annotated[list[str], typer.Argument(help="on NAME, off NAME, off all, faults, status, or height MM.")],
-    control_port: Annotated[int, typer.Option("--control-port", min=1, max=65535, help="Where the server listens.")] = CONTROL_PORT,
+    words: Annotated[list[str], typer.Argument(metavar="WORD", help="on NAME, off NAME, off all, faults, status, or height MM.")],
+    control_port: Annotated[
+        int, typer.Option("--control-port", metavar="PORT", min=1, max=65535, help="Where the server listens.")
+    ] = CONTROL_PORT,
 ) -> None:
-    """Switch faults of a running server, or ask how it is."""
+    """Switch faults of a running server, or ask how it is.
+
+    Example: rfca-rig twin tell on force-silent
+    """
     answer = _send_command(" ".join(words), control_port)
     if answer[-1].startswith("error "):
         raise BadInput(answer[-1].removeprefix("error "))

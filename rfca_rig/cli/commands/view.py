@@ -13,7 +13,9 @@ def view(
 ) -> None:
     """Play a recording in the browser, on the page on which --view shows a run; ^C ends it.
 
-    Only this computer can open the address that is printed. Example: rfca-rig view runs/SIM-table-ii-001
+    Only this computer can open the address that is printed.
+
+    Example: rfca-rig view runs/SIM-table-ii-001
     """
     from rfca_rig.view.live_view import check_view_is_installed
 
