@@ -22,7 +22,8 @@ SMALLEST, LARGEST = 0.002, 0.8
 class PlaceLaw:
     """A law with one size per joint (or actuator): `low` and `high` (k,) are its plausible range, `change` puts it into a plant.
 
-    `groups` are names and places, within `places`, of those that share a size; each has its own where there are none.
+    `groups` are names and places, within `places`, of those that share a size; each has its own where there are none. `starts` are values
+    from which the search of a law with one size begins.
     """
 
     id: str
@@ -39,6 +40,7 @@ class PlaceLaw:
     noun: str = "joint"
     variant_of: str = ""
     groups: tuple[tuple[str, tuple[int, ...]], ...] = ()
+    starts: tuple[float, ...] = ()
 
 
 def joint_units(mechanism: Mechanism, of_hinge: str, of_slide: str) -> tuple[str, ...]:
@@ -74,7 +76,10 @@ def expand_law(law: PlaceLaw) -> Iterator[Effect]:
         return plant
 
     ranges = [(float(law.low[list(members)].min()), float(law.high[list(members)].max())) for _, members in groups]
-    parameters = tuple(Parameter(name, low, high, may_be_zero=False) for name, (low, high) in zip(names, ranges, strict=True))
+    starts = law.starts if len(groups) == 1 else ()
+    parameters = tuple(
+        Parameter(name, low, high, may_be_zero=False, starts=starts) for name, (low, high) in zip(names, ranges, strict=True)
+    )
     yield Effect(law.id, JOINTS, law.left_out, law.law, law.source, parameters, in_all, variant_of=law.variant_of)
     if many:
         size = join_name(law.quantity, law.units[0] if len(set(law.units)) == 1 else "SI")
