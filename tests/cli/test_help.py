@@ -111,6 +111,10 @@ def test_a_broken_protocol_hides_no_other_in_the_list(monkeypatch, capsys, tmp_p
     assert "table2" in said.out
 
 
-def test_the_module_is_the_command():
-    said = subprocess.run([sys.executable, "-m", "rfca_rig", "--version"], capture_output=True, text=True, check=True)
-    assert said.stdout == f"rfca-rig {__version__}\n"
+def test_the_module_is_the_command_and_calls_itself_by_its_name():
+    version, usage = (
+        subprocess.run([sys.executable, "-m", "rfca_rig", option], capture_output=True, text=True, check=True).stdout
+        for option in ("--version", "--help")
+    )
+    assert version == f"rfca-rig {__version__}\n"
+    assert usage.startswith("Usage: rfca-rig [OPTIONS] COMMAND")

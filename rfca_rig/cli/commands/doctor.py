@@ -22,10 +22,6 @@ COLOUR_WIDTH, SUBJECT_WIDTH = 8, 18
 INDENT = " " * (COLOUR_WIDTH + SUBJECT_WIDTH)
 COMMAND_INDENT = " " * 4
 
-RunsToCheck = Annotated[
-    Path, typer.Option("--runs", metavar="DIR", callback=out_folder, help="Folder of the runs, whose disk is measured: space and speed.")
-]
-
 HELP_RIG = "The rig to check: a name in calibration/ (plan --list), or a .toml file; else a scan."
 HELP_RUNS = "Folder of the runs, whose disk is measured: space and speed."
 RigToCheck = Annotated[str | None, typer.Option("--rig", metavar="NAME|FILE", help=HELP_RIG)]

@@ -1,6 +1,6 @@
 """rfca-rig schema"""
 
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 
@@ -25,7 +25,7 @@ def schema(kind: Annotated[FileKind, typer.Argument(metavar="KIND", help=f"The f
     from rfca_rig.description.rig_file import RigFile
     from rfca_rig.sweep.sweep_file import SweepFile
 
-    models = {
+    models: dict[FileKind, Any] = {
         "rig": RigFile,
         "protocol": DynamicFile | StaticFile | FatigueFile,
         "experiment": ExperimentFile,
