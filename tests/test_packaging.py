@@ -10,6 +10,7 @@ import sys
 import tarfile
 import zipfile
 from dataclasses import dataclass
+from email.parser import Parser
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,7 @@ COMMANDS = (
     ("--help",),
     ("plan", "table2"),
     ("trip", "F-02"),
+    ("schema", "rig"),
     # A run and its pages need every dependency: the camera of the static stages takes OpenCV, the report Matplotlib and Jinja2.
     ("dynamic", "run", *STROKE, "--repeats", "1", "--report", "report"),
     ("static", "run"),
@@ -56,6 +58,14 @@ def run(*words: str | Path, where: Path, codes: tuple[int, ...] = (0,)) -> str:
     finished = subprocess.run([*map(str, words)], cwd=where, env=clean, capture_output=True, text=True, check=False)
     assert finished.returncode in codes, f"{' '.join(map(str, words))}\n{finished.stdout[-2000:]}\n{finished.stderr[-4000:]}"
     return finished.stdout
+
+
+def requirements(wheel: Path) -> list[str]:
+    """The wheel's dependencies, without its extras: named beside the wheel they are direct ones, of which the lowest can be had."""
+    with zipfile.ZipFile(wheel) as archive:
+        (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        head = Parser().parsestr(archive.read(metadata).decode("utf-8"), headersonly=True)
+    return [line for line in head.get_all("Requires-Dist", ()) if "extra ==" not in line]
 
 
 @pytest.fixture(scope="session")
@@ -93,7 +103,12 @@ def test_the_wheel_works_in_an_empty_environment(built, tmp_path, python, versio
     run(built.uv, "venv", "--python", python, "empty", where=tmp_path)
     bin_folder = tmp_path / "empty" / ("Scripts" if os.name == "nt" else "bin")
     install = (built.uv, "pip", "install", "--python", bin_folder / "python", "--only-binary", ":all:")
-    run(*install, "--cache-dir", built.uv.parent / "cache", *VERSIONS[versions], built.wheel, where=tmp_path)
+    run(*install, "--cache-dir", built.uv.parent / "cache", *VERSIONS[versions], built.wheel, *requirements(built.wheel), where=tmp_path)
+    if versions == "lowest":
+        # Without compiled parts, its lowest version exists for every interpreter.
+        (packaging,) = (line for line in requirements(built.wheel) if line.startswith("packaging"))
+        frozen = run(built.uv, "pip", "freeze", "--python", bin_folder / "python", where=tmp_path)
+        assert packaging.replace(">=", "==") in frozen.splitlines()
     command = bin_folder / "rfca-rig"
     ask = "from importlib.metadata import version; print(version('rfca-rig'))"
     assert run(bin_folder / "python", "-c", ask, where=tmp_path).strip() == __version__

@@ -117,7 +117,8 @@ def run() -> None:
     # python-can warns of every frame that came in two pieces.
     logging.getLogger("can").setLevel(logging.ERROR)
     try:
-        exit_code = _command()(standalone_mode=False) or 0
+        # The name by which help, messages and the shell's completion call it, also as python -m rfca_rig.
+        exit_code = _command()(prog_name="rfca-rig", standalone_mode=False) or 0
         # Here, where a full disk or a closed pipe can still be reported.
         sys.stdout.flush()
         _drop_broken_error_stream()

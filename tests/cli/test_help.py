@@ -105,12 +105,19 @@ def test_a_broken_protocol_hides_no_other_in_the_list(monkeypatch, capsys, tmp_p
     monkeypatch.chdir(tmp_path)
     (tmp_path / "protocols").mkdir()
     (tmp_path / "protocols" / "broken.toml").write_text("= 3")
+    (tmp_path / "protocols" / "odd.toml").write_text('rig = "x"\nexperiment = [1]\ntitle = "a\\u001b[31mred\\nline"')
     said = typed(monkeypatch, capsys, "plan", "--list")
     assert said.exit_code == 0
     assert "protocols/broken.toml:1: not TOML" in said.out
-    assert "table2" in said.out
+    assert re.search("^  table2 .*Table II$", said.out, re.MULTILINE)
+    (odd,) = (line for line in said.out.splitlines() if line.startswith("  odd "))
+    assert odd.endswith("line") and odd.isprintable()
 
 
-def test_the_module_is_the_command():
-    said = subprocess.run([sys.executable, "-m", "rfca_rig", "--version"], capture_output=True, text=True, check=True)
-    assert said.stdout == f"rfca-rig {__version__}\n"
+def test_the_module_is_the_command_and_calls_itself_by_its_name():
+    version, usage = (
+        subprocess.run([sys.executable, "-m", "rfca_rig", option], capture_output=True, text=True, check=True).stdout
+        for option in ("--version", "--help")
+    )
+    assert version == f"rfca-rig {__version__}\n"
+    assert usage.startswith("Usage: rfca-rig [OPTIONS] COMMAND")

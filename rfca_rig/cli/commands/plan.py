@@ -74,14 +74,16 @@ def _kind_and_title(folder: str, name: str) -> str:
     from rfca_rig.cli.paths import find_file
     from rfca_rig.description.toml import read_data
     from rfca_rig.errors import BadInput
+    from rfca_rig.suggestions import in_one_line
 
     try:
         data = read_data(find_file(folder, name))
     # One broken file must not hide the others.
     except BadInput as error:
-        return str(error)
-    head = data.get("rig", data)
-    return f"{head.get('experiment', head.get('kind', '')):<8}{head.get('title', '')}"
+        return in_one_line(str(error))
+    head = data["rig"] if isinstance(data.get("rig"), dict) else data
+    kind, title = (str(head.get(key, "")) for key in ("kind" if folder == "calibration" else "experiment", "title"))
+    return f"{in_one_line(kind):<8}{in_one_line(title)}"
 
 
 def _lines(config: "RunConfig", expected: "Mapping[Stage, Load]", most: int | None) -> list[str]:

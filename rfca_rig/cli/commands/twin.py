@@ -39,7 +39,7 @@ def serve(
     ] = CAN_PORT,
     control_port: Annotated[
         int, typer.Option("--control-port", metavar="PORT", min=0, max=65535, help="TCP port of the control lines; 0 is any.")
-    ] = (CONTROL_PORT),
+    ] = CONTROL_PORT,
     slcan: Annotated[bool, typer.Option("--slcan", help="Also offer CAN as a serial adapter on a pseudo terminal.")] = False,
     height: Annotated[
         float, typer.Option("--height", metavar="MM", min=1.0, max=999.0, help="Height of the shaft above the ground.")

@@ -1,0 +1,59 @@
+"""Files beside the package: they agree with each other, and their links lead somewhere."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from rfca_rig import __version__
+from tests.cli.test_eighty_columns import every_command
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PAGES = [
+    *(ROOT / f"{name}.md" for name in ("CHANGELOG", "CODE_OF_CONDUCT", "CONTRIBUTING", "SECURITY")),
+    *(ROOT / "docs/decisions").glob("*.md"),
+]
+LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
+COMMAND = re.compile(r"`(?:rfca-rig )?([a-z]+(?: [a-z]+)?) --list`")
+
+
+def test_one_version_for_the_package_its_metadata_and_its_citation():
+    assert "version" in PROJECT["project"]["dynamic"]
+    assert PROJECT["tool"]["hatch"]["version"]["path"] == "rfca_rig/__init__.py"
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_every_python_that_is_allowed_is_classified_and_tested():
+    classified = re.findall(r"Python :: (3\.\d+)", "\n".join(PROJECT["project"]["classifiers"]))
+    assert PROJECT["project"]["requires-python"] == f">={classified[0]}"
+    workflow = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
+    assert str(classified).replace("'", '"') in workflow
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_of_the_pages_lead_somewhere(page):
+    links = [link for link in LINK.findall(page.read_text(encoding="utf-8")) if not link.startswith("https://")]
+    assert [link for link in links if not (page.parent / link).exists()] == []
+
+
+def test_every_decision_is_in_the_list_and_has_its_three_parts():
+    records = sorted((ROOT / "docs/decisions").glob("0*.md"))
+    assert len(records) >= 10
+    listed = LINK.findall((ROOT / "docs/decisions/README.md").read_text(encoding="utf-8"))
+    assert listed == [record.name for record in records]
+    for record in records:
+        text = record.read_text(encoding="utf-8")
+        assert re.findall(r"^\*\*(\w+)\.\*\*", text, re.MULTILINE) == ["Context", "Decision", "Consequences"]
+
+
+def test_the_change_log_names_commands_that_exist():
+    named = COMMAND.findall((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
+    assert named
+    assert {tuple(name.split()) for name in named} <= set(every_command())
+
+
+def test_files_that_the_sdist_names_exist():
+    included = PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
+    assert [name for name in included if not (ROOT / name.lstrip("/")).exists()] == []
