@@ -18,7 +18,7 @@ watchdog of 0.1 s, {plant}.
 Each begins in the middle of a stroke at 5 rad/s unless it says otherwise. Times and angles are the simulated shaft's own, from the
 moment at which the cause begins: until the motor gives no torque any more, and until the shaft stands (a shaft without torque coasts,
 and the leg swings on it as on a hinge; a dash: not within {watched:g} s after the run). Limits are those of `calibration/twin.toml`;
-`docs/trips.md` explains the codes.
+[Trips](trips.md) explains the codes.
 
 "Energised after" is what the motor did after the run had ended; where the drive could not be told any more, its own watchdog took the
 torque away, and the last line on the screen asks for the emergency stop. "Frames" are motion commands sent after the first order to let
