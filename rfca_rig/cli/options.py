@@ -12,7 +12,7 @@ Runs = Annotated[Path, typer.Option("--runs", metavar="DIR", callback=out_folder
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the twin's noise; the rig file's own if not given.")]
 Model = Annotated[
     Path | None,
-    typer.Option("--model", metavar="FILE", help="A model file, as fit --out writes it, in place of the model that was believed."),
+    typer.Option("--model", metavar="FILE", help="A model file, as fit --out writes it, in place of the nominal model."),
 ]
 Operator = Annotated[str, typer.Option("--operator", metavar="NAME", help="Who runs the rig; the login name if not given.")]
 Sample = Annotated[str, typer.Option("--sample", metavar="NAME", help="Which specimen is on the rig, as it is labelled.")]

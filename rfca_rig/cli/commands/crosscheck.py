@@ -26,7 +26,7 @@ def crosscheck(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Hold the model against MuJoCo, another group's multibody code, as the paper holds its model against RecurDyn.
+    """Compare the model with MuJoCo, another group's multibody code, as the paper compares its model with RecurDyn.
 
     Example: rfca-rig crosscheck --picture crosscheck.svg
     """

@@ -62,7 +62,7 @@ def diagnose(
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """Say where model and recordings part, which physics was left out, and how sure that is.
+    """Show where model and recordings differ, which physics the model is missing, and how certain that is.
 
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """

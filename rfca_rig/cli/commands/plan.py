@@ -27,7 +27,7 @@ def plan(
     every: Annotated[bool, typer.Option("--all", help=f"Print every stage, also of a plan of more than {MOST_LINES}.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Print every stage of a plan with its time, size and expected load, and hold it against the rig's limits. Nothing moves.
+    """Print every stage of a plan with its time, size and expected load, and check it against the rig's limits. Nothing moves.
 
     It is the very list that a run walks. Example: rfca-rig plan table2 --rig calibration/my-rig.toml
     """

@@ -37,7 +37,7 @@ def prove(
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """Examine the diagnosis: campaigns of another simulator, the truth under seal until all are diagnosed, then marks.
+    """Blind benchmark of the diagnosis: campaigns of another simulator, with hidden ground truth until all are diagnosed, then scores.
 
     A stopped exam goes on where it stood when the same command is typed again.
 

@@ -43,7 +43,7 @@ def serve(
     as_json: Annotated[bool, typer.Option("--json", help="Print one line of JSON with the ports on standard output.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing.")] = False,
 ) -> None:
-    """Let strangers' clients talk to the twins: force sensor on UDP, motor on CAN over TCP; faults can be switched meanwhile.
+    """Let third-party clients talk to the twins: force sensor on UDP, motor on CAN over TCP; faults can be switched meanwhile.
 
     ^C ends it.
     """
