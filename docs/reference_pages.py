@@ -51,6 +51,8 @@ FILES: dict[str, type[BaseModel]] = {
     "camera-file": CameraFile,
 }
 MARK = re.compile(r"<!-- (commands|effects|file ([a-z-]+)) -->")
+# What Typer appends to a name, in words; the type of an argument says nothing.
+TYPES = {"<int range>": "INTEGER", "<float range>": "NUMBER", "<list[Path]>": "", "<list[str]>": "", "<path>": "", "<str>": ""}
 Schema = Mapping[str, Any]
 
 
@@ -118,7 +120,7 @@ def _walk(command: Any, context: Any) -> Iterator[tuple[str, str, list[str]]]:
             text, _, notes = record[1].partition("  [")
             names, _, value = record[0].partition(" ")
             # Typer appends type and requirement to arguments, and range and default to options.
-            rows.append((f"`{_code(names)} {_code(value.split(' <')[0])}`".replace(" `", "`"), _prose(text), _prose(notes.rstrip("]"))))
+            rows.append((_code(f"{names} {TYPES.get(value, value)}"), _prose(text), _prose(notes.rstrip("]"))))
     yield context.command_path, _prose(summary), [*lines, *_table(("argument or option", "what it does", "default, range"), rows)]
 
 
@@ -152,7 +154,8 @@ def _describe_object(header: str, schema: Schema, known: Mapping[str, Schema]) -
         yield ""
     if "description" in schema:
         # The heading names the table already.
-        yield _prose(re.sub(r"^\[[^:]*\]+: ", "", schema["description"]))
+        text = re.sub(r"^\[[^:]*\]+: ", "", schema["description"])
+        yield _prose(text[0].upper() + text[1:])
         yield ""
     if rows:
         yield from _table(("key", "type", "unit", "limits", "default", "meaning"), rows)
@@ -181,7 +184,7 @@ def _type_of(value: Schema) -> str:
             types.append("one of")
         elif choice.get("type") == "array":
             inner = choice.get("items") or {"anyOf": [{"type": "number"}]}
-            types.append(f"list: {_type_of(inner)}")
+            types.append(f"list of {_type_of(inner)}")
         else:
             types.append(words[choice["type"]])
     return " or ".join(dict.fromkeys(types))
@@ -206,7 +209,7 @@ def _default(value: Schema, required: bool) -> str:
     default = value.get("default")
     if default == sys.executable:
         return "the Python that runs rfca-rig"
-    return "" if default is None else f"`{json.dumps(default)}`"
+    return "optional" if default is None else f"`{json.dumps(default)}`"
 
 
 def write_schemas(app: Sphinx, failure: Exception | None) -> None:
@@ -282,7 +285,8 @@ def _prose(text: str) -> str:
 
 
 def _code(text: str) -> str:
-    return text.replace("|", "\\|")
+    """Code in a table."""
+    return f"`{text.strip()}`".replace("|", "\\|")
 
 
 def _anchor(heading: str) -> str:
