@@ -46,8 +46,8 @@ def _one_of(unit: str, known: dict[str, float]) -> str:
 class TimeSection(Section):
     """[time]: the column of the time in every file, and its unit."""
 
-    column: Text
-    unit: str
+    column: Text = Field(description="column of the time")
+    unit: str = Field(description="s, ms, us or ns")
 
     @field_validator("unit")
     @classmethod
@@ -62,14 +62,14 @@ class SignalSection(Section):
     where the column counts in the direction opposite to the model.
     """
 
-    joint: Text | None = None
-    quantity: Literal["position", "speed"] | None = None
-    sensor: Text | None = None
-    column: Text
-    unit: str
-    sign: Literal[1, -1] = 1
-    counts_per_turn: Positive | None = None
-    noise_std: Positive | None = None
+    joint: Text | None = Field(default=None, description="joint of the model")
+    quantity: Literal["position", "speed"] | None = Field(default=None, description="what is measured of the joint")
+    sensor: Text | None = Field(default=None, description="sensor of the model, in place of a joint")
+    column: Text = Field(description="column of the recordings")
+    unit: str = Field(description="unit of the column")
+    sign: Literal[1, -1] = Field(default=1, description="-1 where the column counts in the opposite direction")
+    counts_per_turn: Positive | None = Field(default=None, description="for the unit count")
+    noise_std: Positive | None = Field(default=None, description="in the unit of the column; estimated if not given")
 
     @model_validator(mode="after")
     def _unit_suits(self) -> Self:
@@ -108,13 +108,13 @@ class PrescribedSection(Section):
     `scatter_std` is the deviation of the joint's position from repeat to repeat that the column does not show, in the column's unit.
     """
 
-    joint: Text
-    column: Text
-    unit: str
-    sign: Literal[1, -1] = 1
-    counts_per_turn: Positive | None = None
-    smoothed_s: NotNegative = 0.02
-    scatter_std: Positive | None = None
+    joint: Text = Field(description="joint of the model")
+    column: Text = Field(description="column of the position")
+    unit: str = Field(description="unit of the column")
+    sign: Literal[1, -1] = Field(default=1, description="-1 where the column counts in the opposite direction")
+    counts_per_turn: Positive | None = Field(default=None, description="for the unit count")
+    smoothed_s: NotNegative = Field(default=0.02, description="distance of the knots of the smoothing spline; 0 for none")
+    scatter_std: Positive | None = Field(default=None, description="deviation from repeat to repeat, in the unit of the column")
 
     @model_validator(mode="after")
     def _is_position(self) -> Self:
@@ -144,13 +144,13 @@ class ContactSection(Section):
     The normal force is stiffness depth^1.5 (1 + damping depth'). Friction sticks, yields by `presliding_mm` at mu N, and then slides.
     """
 
-    spheres: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)]
-    plane: Text
-    stiffness_N_per_m1p5: Positive
-    damping_s_per_m: NotNegative = 0.0
-    friction: NotNegative = 0.0
-    presliding_mm: Positive = 0.1
-    drag_N_s_per_m: NotNegative = 0.0
+    spheres: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)] = Field(description="geoms of the model")
+    plane: Text = Field(description="geom of the model")
+    stiffness_N_per_m1p5: Positive = Field(description="normal force over depth^1.5")
+    damping_s_per_m: NotNegative = Field(default=0.0, description="share of the normal force per approach speed")
+    friction: NotNegative = Field(default=0.0, description="Coulomb friction coefficient")
+    presliding_mm: Positive = Field(default=0.1, description="elastic deflection of a sticking point before it slides")
+    drag_N_s_per_m: NotNegative = Field(default=0.0, description="force over sliding speed, beside friction")
 
 
 class StartSection(Section):
@@ -160,7 +160,7 @@ class StartSection(Section):
     is compared.
     """
 
-    state: Literal["estimated", "at rest"] = "estimated"
+    state: Literal["estimated", "at rest"] = Field(default="estimated", description="state at the start of a window")
 
 
 class CommandSection(Section):
@@ -170,11 +170,11 @@ class CommandSection(Section):
     from its row to the next. Others are linear between rows, as measured values are.
     """
 
-    actuator: Text
-    column: Text
-    unit: str
-    sign: Literal[1, -1] = 1
-    held: bool = False
+    actuator: Text = Field(description="actuator of the model")
+    column: Text = Field(description="column of the recordings")
+    unit: str = Field(description="unit of the column")
+    sign: Literal[1, -1] = Field(default=1, description="-1 where the column counts in the opposite direction")
+    held: bool = Field(default=False, description="a command acts until the next row")
 
     @field_validator("unit")
     @classmethod
@@ -193,32 +193,36 @@ class KnownToMechanism(Section):
     Values without a key count as exact. `torque_error_relative` is the usual error of the torques.
     """
 
-    mass_relative: Positive | None = None
-    inertia_relative: Positive | None = None
-    centre_of_mass_m: Positive | None = None
-    joint_stiffness_relative: Positive | None = None
-    joint_damping_Nm_s_per_rad: Positive | None = None
-    joint_damping_N_s_per_m: Positive | None = None
-    joint_friction_Nm: Positive | None = None
-    joint_friction_N: Positive | None = None
-    rotor_inertia_kg_m2: Positive | None = None
-    rotor_inertia_kg: Positive | None = None
-    torque_offset_Nm: Positive | None = None
-    force_offset_N: Positive | None = None
-    zero_offset_rad: Positive | None = None
-    zero_offset_m: Positive | None = None
-    command_gain_relative: Positive | None = None
-    command_delay_s: Annotated[float, Field(gt=0.0, le=0.025)] | None = None
-    sensor_offset_N: Positive | None = None
-    sensor_offset_Nm: Positive | None = None
-    contact_stiffness_relative: Positive | None = None
-    contact_damping_relative: Positive | None = None
-    contact_friction_relative: Positive | None = None
-    contact_presliding_relative: Positive | None = None
-    contact_drag_relative: Positive | None = None
-    start_swing_relative: Positive | None = None
-    start_swing_rate_per_s: Positive | None = None
-    torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
+    mass_relative: Positive | None = Field(default=None, description="mass of a body; its inertia changes with it")
+    inertia_relative: Positive | None = Field(default=None, description="inertia of a body about its centre of mass")
+    centre_of_mass_m: Positive | None = Field(default=None, description="distance of the centre of mass from the body's frame")
+    joint_stiffness_relative: Positive | None = Field(default=None, description="spring of a joint")
+    joint_damping_Nm_s_per_rad: Positive | None = Field(default=None, description="viscous damping of a hinge; never below 0")
+    joint_damping_N_s_per_m: Positive | None = Field(default=None, description="viscous damping of a slide; never below 0")
+    joint_friction_Nm: Positive | None = Field(default=None, description="dry friction of a hinge; never below 0")
+    joint_friction_N: Positive | None = Field(default=None, description="dry friction of a slide; never below 0")
+    rotor_inertia_kg_m2: Positive | None = Field(default=None, description="rotor inertia behind the gear of a hinge; never below 0")
+    rotor_inertia_kg: Positive | None = Field(default=None, description="rotor inertia behind the gear of a slide; never below 0")
+    torque_offset_Nm: Positive | None = Field(default=None, description="steady torque in hinges with an actuator")
+    force_offset_N: Positive | None = Field(default=None, description="steady force in slides with an actuator")
+    zero_offset_rad: Positive | None = Field(default=None, description="offset of a hinge's reading")
+    zero_offset_m: Positive | None = Field(default=None, description="offset of a slide's reading")
+    command_gain_relative: Positive | None = Field(default=None, description="torque constant of an actuator")
+    command_delay_s: Annotated[float, Field(gt=0.0, le=0.025)] | None = Field(
+        default=None, description="delay of all commands behind the recording"
+    )
+    sensor_offset_N: Positive | None = Field(default=None, description="offset of a force sensor")
+    sensor_offset_Nm: Positive | None = Field(default=None, description="offset of a torque sensor")
+    contact_stiffness_relative: Positive | None = Field(default=None, description="stiffness of all contacts")
+    contact_damping_relative: Positive | None = Field(default=None, description="damping of all contacts")
+    contact_friction_relative: Positive | None = Field(default=None, description="friction of all contacts")
+    contact_presliding_relative: Positive | None = Field(default=None, description="presliding of all [[contacts]]")
+    contact_drag_relative: Positive | None = Field(default=None, description="drag of all [[contacts]]")
+    start_swing_relative: Positive | None = Field(default=None, description="of motions from rest: distance of the start from equilibrium")
+    start_swing_rate_per_s: Positive | None = Field(default=None, description="of motions from rest: rate of that distance")
+    torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = Field(
+        default=None, description="usual error of the torques; 0.01 if not given"
+    )
 
 
 class WindowsSection(Section):
@@ -228,10 +232,10 @@ class WindowsSection(Section):
     their gain.
     """
 
-    length_s: Positive = 0.5
-    bin_s: Positive = 0.05
+    length_s: Positive = Field(default=0.5, description="length of a window")
+    bin_s: Positive = Field(default=0.05, description="length of a bin, whose mean is compared")
     # Number of windows over all recordings.
-    at_most: Annotated[int, Field(ge=3)] = 48
+    at_most: Annotated[int, Field(ge=3)] = Field(default=48, description="number of windows over all recordings")
 
     @model_validator(mode="after")
     def _holds_bins(self) -> Self:
@@ -243,7 +247,7 @@ class WindowsSection(Section):
 class RecordingSection(RunSection):
     """[[recordings]]: with `driven` false the actuators were off, and the file needs no columns for them."""
 
-    driven: bool = True
+    driven: bool = Field(default=True, description="false where the actuators were off")
 
 
 class ExperimentFile(Section):
@@ -252,15 +256,17 @@ class ExperimentFile(Section):
     """
 
     format: Literal["rfca-experiment/1"]
-    title: Annotated[str, Field(max_length=1000)]
-    model: Text
+    title: Annotated[str, Field(max_length=1000)] = Field(description="name of the experiment")
+    model: Text = Field(description="MJCF or URDF file, relative to this folder")
     time: TimeSection
     signals: Annotated[tuple[SignalSection, ...], Field(strict=False, min_length=1)]
     commands: Annotated[tuple[CommandSection, ...], Field(strict=False)] = ()
     prescribed: Annotated[tuple[PrescribedSection, ...], Field(strict=False)] = ()
     contacts: Annotated[tuple[ContactSection, ...], Field(strict=False)] = ()
     start: StartSection = StartSection()
-    alike: dict[Text, Annotated[tuple[Text, ...], Field(strict=False, min_length=2)]] = Field(default_factory=dict)
+    alike: dict[Text, Annotated[tuple[Text, ...], Field(strict=False, min_length=2)]] = Field(
+        default_factory=dict, description="names of joints, bodies or actuators that share values"
+    )
     known_to: KnownToMechanism = KnownToMechanism()
     windows: WindowsSection = WindowsSection()
     recordings: Annotated[tuple[RecordingSection, ...], Field(strict=False, min_length=1)]

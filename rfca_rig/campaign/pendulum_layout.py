@@ -20,17 +20,19 @@ Text = Annotated[str, Field(min_length=1)]
 class LinkSection(Section):
     """[link1], [link2]: nominal values of one link and the joint that carries it; see `model.pendulum.PendulumLink`."""
 
-    length_m: Positive
-    mass_kg: Positive
-    centre_of_mass_m: NotNegative
-    inertia_kg_m2: Positive
-    joint_damping_Nm_s_per_rad: NotNegative = 0.0
-    joint_friction_Nm: NotNegative = 0.0
-    torque_offset_Nm: float = 0.0
-    driven: bool = True
-    zero_offset_rad: float = 0.0
-    torque_delay_s: Annotated[float, Field(ge=-LONGEST_DELAY_S, le=LONGEST_DELAY_S)] = 0.0
-    rotor_inertia_kg_m2: NotNegative = 0.0
+    length_m: Positive = Field(description="from joint to joint")
+    mass_kg: Positive = Field(description="mass")
+    centre_of_mass_m: NotNegative = Field(description="distance of the centre of mass from the joint")
+    inertia_kg_m2: Positive = Field(description="inertia about the joint")
+    joint_damping_Nm_s_per_rad: NotNegative = Field(default=0.0, description="viscous damping of the joint")
+    joint_friction_Nm: NotNegative = Field(default=0.0, description="dry friction of the joint")
+    torque_offset_Nm: float = Field(default=0.0, description="added to the recorded torque")
+    driven: bool = Field(default=True, description="whether the joint has a motor")
+    zero_offset_rad: float = Field(default=0.0, description="offset of the recorded angle")
+    torque_delay_s: Annotated[float, Field(ge=-LONGEST_DELAY_S, le=LONGEST_DELAY_S)] = Field(
+        default=0.0, description="delay of the torque behind the recording"
+    )
+    rotor_inertia_kg_m2: NotNegative = Field(default=0.0, description="rotor inertia times the gear ratio squared")
 
     @model_validator(mode="after")
     def _turns_heavily_enough(self) -> Self:
@@ -44,16 +46,20 @@ class LinkSection(Section):
 class KnownToPendulum(Section):
     """[known_to]: the standard uncertainty of each nominal value, for each link independently. Values without a key count as exact."""
 
-    mass_relative: Positive | None = None
-    centre_of_mass_m: Positive | None = None
-    inertia_relative: Positive | None = None
-    joint_damping_Nm_s_per_rad: Positive | None = None
-    joint_friction_Nm: Positive | None = None
-    torque_offset_Nm: Positive | None = None
-    zero_offset_rad: Positive | None = None
-    torque_delay_s: Annotated[float, Field(gt=0.0, le=LONGEST_DELAY_S / 2)] | None = None
-    rotor_inertia_kg_m2: Positive | None = None
-    torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = None
+    mass_relative: Positive | None = Field(default=None, description="mass of a link; its inertia changes with it")
+    centre_of_mass_m: Positive | None = Field(default=None, description="distance of the centre of mass from the joint")
+    inertia_relative: Positive | None = Field(default=None, description="inertia about the joint")
+    joint_damping_Nm_s_per_rad: Positive | None = Field(default=None, description="viscous damping; never below 0")
+    joint_friction_Nm: Positive | None = Field(default=None, description="dry friction; never below 0")
+    torque_offset_Nm: Positive | None = Field(default=None, description="added to the recorded torque")
+    zero_offset_rad: Positive | None = Field(default=None, description="offset of the recorded angle")
+    torque_delay_s: Annotated[float, Field(gt=0.0, le=LONGEST_DELAY_S / 2)] | None = Field(
+        default=None, description="delay of the torque behind the recording"
+    )
+    rotor_inertia_kg_m2: Positive | None = Field(default=None, description="rotor inertia times the gear ratio squared; never below 0")
+    torque_error_relative: Annotated[float, Field(ge=0.001, le=0.2)] | None = Field(
+        default=None, description="usual error of the torques; 0.01 if not given"
+    )
 
 
 class ColumnsSection(Section):
@@ -83,11 +89,11 @@ class NoiseSection(Section):
 class RunSection(Section):
     """One recording: its file, its condition in words, its repeat, and the part of it that counts."""
 
-    file: Text
-    condition: Text
-    repeat: Annotated[int, Field(ge=1)] = 1
-    from_s: float | None = None
-    to_s: float | None = None
+    file: Text = Field(description="recording, relative to this folder")
+    condition: Text = Field(description="recordings of one condition are repeats")
+    repeat: Annotated[int, Field(ge=1)] = Field(default=1, description="number of the repeat")
+    from_s: float | None = Field(default=None, description="start of the part that counts")
+    to_s: float | None = Field(default=None, description="end of the part that counts")
 
     @field_validator("file")
     @classmethod

@@ -19,10 +19,10 @@ Reversal = Annotated[float, Field(ge=0, le=20)]
 class SettleSection(Section):
     """Settled when 50 ms means of force and angle stay within these bands, peak to peak, for `for_s`. The wait ends after `limit_s`."""
 
-    force_band_N: Positive
-    angle_band_deg: Positive
-    for_s: Annotated[float, Field(ge=0.1, le=60)]
-    limit_s: Annotated[float, Field(gt=0, le=3600)]
+    force_band_N: Positive = Field(description="largest change of force, peak to peak")
+    angle_band_deg: Positive = Field(description="largest change of angle, peak to peak")
+    for_s: Annotated[float, Field(ge=0.1, le=60)] = Field(description="how long both stay within their bands")
+    limit_s: Annotated[float, Field(gt=0, le=3600)] = Field(description="longest wait")
 
     def criterion(self) -> SettleCriterion:
         return SettleCriterion(self.force_band_N, float(np.radians(self.angle_band_deg)), self.for_s, self.limit_s)
@@ -31,18 +31,18 @@ class SettleSection(Section):
 class ConditionSection(Section):
     """One height of the shaft above the ground and one speed."""
 
-    height_mm: HeightMm
-    speed_rad_s: SpeedRadS
+    height_mm: HeightMm = Field(description="height of the shaft above the ground")
+    speed_rad_s: SpeedRadS = Field(description="speed of the shaft")
 
 
 class DynamicFile(Section):
     """The dynamic experiment: strokes against the ground."""
 
     experiment: Literal["dynamic"]
-    title: str
-    repeats: Annotated[int, Field(ge=1, le=1_000_000)]
-    sweep_deg: Annotated[float, Field(gt=0, le=330)]
-    return_speed_rad_s: SpeedRadS
+    title: str = Field(description="name of the protocol")
+    repeats: Annotated[int, Field(ge=1, le=1_000_000)] = Field(description="strokes per condition")
+    sweep_deg: Annotated[float, Field(gt=0, le=330)] = Field(description="angle that the shaft turns in a stroke")
+    return_speed_rad_s: SpeedRadS = Field(description="speed of the way back")
     settle: SettleSection
     conditions: Annotated[tuple[ConditionSection, ...], Field(min_length=1, strict=False)]
 
@@ -61,9 +61,9 @@ class DynamicFile(Section):
 class StageSection(Section):
     """One shaft angle, and whether the leg is loaded or unloaded there; `reversal_deg` for this stage alone."""
 
-    angle_deg: Annotated[float, Field(ge=0, le=180)]
-    direction: Literal["loading", "unloading"] = "loading"
-    reversal_deg: Reversal | None = None
+    angle_deg: Annotated[float, Field(ge=0, le=180)] = Field(description="shaft angle")
+    direction: Literal["loading", "unloading"] = Field(default="loading", description="loading or unloading")
+    reversal_deg: Reversal | None = Field(default=None, description="turn back after this stage")
 
 
 class StaticFile(Section):
@@ -74,13 +74,15 @@ class StaticFile(Section):
     """
 
     experiment: Literal["static"]
-    title: str
-    heights_mm: Annotated[tuple[HeightMm, ...], Field(min_length=1, strict=False)]
-    move_speed_rad_s: SpeedRadS
-    average_s: Annotated[float, Field(ge=0.05, le=600)]
-    dwell_s: Annotated[float, Field(ge=0, le=600)] = 0.0
-    photo: bool = True
-    reversal_deg: Reversal = 0.0
+    title: str = Field(description="name of the protocol")
+    heights_mm: Annotated[tuple[HeightMm, ...], Field(min_length=1, strict=False)] = Field(
+        description="heights of the shaft above the ground"
+    )
+    move_speed_rad_s: SpeedRadS = Field(description="speed between stages")
+    average_s: Annotated[float, Field(ge=0.05, le=600)] = Field(description="duration of the average")
+    dwell_s: Annotated[float, Field(ge=0, le=600)] = Field(default=0.0, description="wait after settling")
+    photo: bool = Field(default=True, description="take a photo of each stage")
+    reversal_deg: Reversal = Field(default=0.0, description="turn back after each stage")
     settle: SettleSection
     stages: Annotated[tuple[StageSection, ...], Field(min_length=1, strict=False)]
 
@@ -113,12 +115,14 @@ class StaticFile(Section):
 class CheckSection(Section):
     """[check]: after every `every` cycles the shaft is held at `angles_deg`. The run ends where the forces there have drifted too far."""
 
-    every: Annotated[int, Field(ge=1)]
-    angles_deg: Annotated[tuple[Annotated[float, Field(ge=0, le=180)], ...], Field(min_length=1, strict=False)]
-    move_speed_rad_s: SpeedRadS
-    average_s: Annotated[float, Field(ge=0.05, le=600)]
-    dwell_s: Annotated[float, Field(ge=0, le=600)] = 0.0
-    drift_percent: Annotated[float, Field(gt=0, le=100)]
+    every: Annotated[int, Field(ge=1)] = Field(description="cycles between two checks")
+    angles_deg: Annotated[tuple[Annotated[float, Field(ge=0, le=180)], ...], Field(min_length=1, strict=False)] = Field(
+        description="shaft angles of a check"
+    )
+    move_speed_rad_s: SpeedRadS = Field(description="speed between them")
+    average_s: Annotated[float, Field(ge=0.05, le=600)] = Field(description="duration of the average")
+    dwell_s: Annotated[float, Field(ge=0, le=600)] = Field(default=0.0, description="wait before it")
+    drift_percent: Annotated[float, Field(gt=0, le=100)] = Field(description="change of force that ends the run")
 
     def check(self) -> CheckSettings:
         angles_rad = tuple(float(np.radians(angle_deg)) for angle_deg in self.angles_deg)
@@ -129,13 +133,13 @@ class FatigueFile(Section):
     """Bending cycles at one height. Each cycle gives a row of numbers, and every `full_every`-th a stroke with all its samples."""
 
     experiment: Literal["fatigue"]
-    title: str
-    height_mm: HeightMm
-    speed_rad_s: SpeedRadS
-    cycles: Annotated[int, Field(ge=1, le=1_000_000_000)]
-    full_every: Annotated[int, Field(ge=1)]
-    sweep_deg: Annotated[float, Field(gt=0, le=330)]
-    return_speed_rad_s: SpeedRadS
+    title: str = Field(description="name of the protocol")
+    height_mm: HeightMm = Field(description="height of the shaft above the ground")
+    speed_rad_s: SpeedRadS = Field(description="speed of the shaft")
+    cycles: Annotated[int, Field(ge=1, le=1_000_000_000)] = Field(description="number of cycles")
+    full_every: Annotated[int, Field(ge=1)] = Field(description="record all samples of every n-th cycle")
+    sweep_deg: Annotated[float, Field(gt=0, le=330)] = Field(description="angle that the shaft turns in a cycle")
+    return_speed_rad_s: SpeedRadS = Field(description="speed of the way back")
     settle: SettleSection
     check: CheckSection
 

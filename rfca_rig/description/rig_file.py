@@ -36,9 +36,11 @@ from rfca_rig.vision.leg_photo import PhotoSetup
 class RigSection(Section):
     """`kind` determines whether the devices are twins; every line of output says SIM or REAL accordingly."""
 
-    title: str
-    kind: Literal["twin", "real"]
-    parked_angle_deg: Annotated[float, Field(ge=-90, le=90)]
+    title: str = Field(description="name of the rig, printed on reports")
+    kind: Literal["twin", "real"] = Field(description="'twin' simulates the devices")
+    parked_angle_deg: Annotated[float, Field(ge=-90, le=90)] = Field(
+        description="shaft angle at which a run ends, from the horizontal, positive downwards"
+    )
 
 
 Share = Annotated[float, Field(gt=0, lt=1)]
@@ -53,44 +55,46 @@ class LimitsSection(Section):
     is applied. Without the key, a real rig runs them at 0.5 and 0.75, a twin none.
     """
 
-    force_N: Positive
-    torque_Nm: Positive
-    speed_rad_s: Positive
-    following_error_deg: Positive
-    following_error_deg_s_per_rad: NotNegative
-    sensor_silent_ms: Positive
-    drive_silent_ms: Positive
-    sensor_frozen_ms: Positive
-    above_expected: Annotated[float, Field(ge=1)]
-    above_expected_ms: Positive
-    temperature_degC: Positive
-    late_ms: Positive
-    first_strokes: Annotated[tuple[Share, ...], Field(strict=False)] | None = None
+    force_N: Positive = Field(description="largest force on the sensor")
+    torque_Nm: Positive = Field(description="largest moment on the sensor")
+    speed_rad_s: Positive = Field(description="largest speed of the shaft")
+    following_error_deg: Positive = Field(description="largest difference between commanded and measured shaft angle")
+    following_error_deg_s_per_rad: NotNegative = Field(description="added to that limit per commanded speed")
+    sensor_silent_ms: Positive = Field(description="longest time without a record of the force sensor")
+    drive_silent_ms: Positive = Field(description="longest time without a report of the drive")
+    sensor_frozen_ms: Positive = Field(description="longest time with unchanged values of the force sensor")
+    above_expected: Annotated[float, Field(ge=1)] = Field(description="largest ratio of the load to the model's prediction")
+    above_expected_ms: Positive = Field(description="longest time above that ratio")
+    temperature_degC: Positive = Field(description="highest temperature of drive and motor")
+    late_ms: Positive = Field(description="largest delay of a cycle of the control loop")
+    first_strokes: Annotated[tuple[Share, ...], Field(strict=False)] | None = Field(
+        default=None, description="shares of the speed for the first strokes of a condition"
+    )
 
 
 class TwinDriveSection(Section):
     """The twin's drive, at the shaft: a PI speed loop on a rotor. With low gains the speed sags and surges under load."""
 
-    rotor_inertia_kg_m2: Positive
-    speed_gain_Nm_s_per_rad: Positive
-    integral_gain_Nm_per_rad: NotNegative
-    angle_gain_per_s: Positive
-    torque_limit_Nm: Positive
+    rotor_inertia_kg_m2: Positive = Field(description="inertia of the rotor at the shaft")
+    speed_gain_Nm_s_per_rad: Positive = Field(description="proportional gain of the speed loop")
+    integral_gain_Nm_per_rad: NotNegative = Field(description="integral gain of the speed loop")
+    angle_gain_per_s: Positive = Field(description="converts an angle error into a speed")
+    torque_limit_Nm: Positive = Field(description="largest torque at the shaft")
 
 
 class TwinScatterSection(Section):
     """One standard deviation of values that differ from repeat to repeat."""
 
-    friction: NotNegative = 0.0
-    height_mm: NotNegative = 0.0
+    friction: NotNegative = Field(default=0.0, description="of the friction coefficient")
+    height_mm: NotNegative = Field(default=0.0, description="of the height")
 
 
 class TwinSection(Section):
     """True properties of the twin where they differ from the nominal model."""
 
-    seed: Annotated[int, Field(ge=0)]
-    noise_N: NotNegative
-    noise_Nm: NotNegative
+    seed: Annotated[int, Field(ge=0)] = Field(description="seed of all random numbers")
+    noise_N: NotNegative = Field(description="standard deviation of a force sample")
+    noise_Nm: NotNegative = Field(description="standard deviation of a moment sample")
     drive: TwinDriveSection
     scatter: TwinScatterSection = TwinScatterSection()
     camera: TwinCameraSection = TwinCameraSection()

@@ -170,15 +170,19 @@ class LegSection(Section):
     are the angles of hinges 2, 3 .. without load, from which phi counts; without the key the leg is straight.
     """
 
-    link_lengths_mm: PositiveList
-    link_masses_g: PositiveList
-    link_radius_mm: Positive
-    hinge_torque_Nm: str | None
-    k0_Nm_per_rad: Positive | None
-    k2_per_rad2: float | None
-    hinge_damping_Nm_s_per_rad: NotNegative
-    start_angle_rad: Annotated[float, Field(ge=-3.1416, le=3.1416)]
-    rest_angles_deg: Annotated[tuple[Annotated[float, Field(ge=-45, le=45)], ...], Field(strict=False)] | None = None
+    link_lengths_mm: PositiveList = Field(description="length of each link, from the shaft outwards")
+    link_masses_g: PositiveList = Field(description="mass of each link")
+    link_radius_mm: Positive = Field(description="radius of a link's end, which touches the ground")
+    hinge_torque_Nm: str | None = Field(description="law of the springs")
+    k0_Nm_per_rad: Positive | None = Field(description="stiffness of a hinge at rest")
+    k2_per_rad2: float | None = Field(description="hardening of a hinge; negative for softening")
+    hinge_damping_Nm_s_per_rad: NotNegative = Field(description="viscous damping of a hinge")
+    start_angle_rad: Annotated[float, Field(ge=-3.1416, le=3.1416)] = Field(
+        description="where a stroke begins, from the horizontal, positive downwards"
+    )
+    rest_angles_deg: Annotated[tuple[Annotated[float, Field(ge=-45, le=45)], ...], Field(strict=False)] | None = Field(
+        default=None, description="angle of each hinge without load"
+    )
     torque_rotation: TorqueRotationSection | None = None
 
     @model_validator(mode="before")
@@ -254,14 +258,16 @@ class GroundSection(Section):
     stages (50 N, 2e5 N/m). No fixed stiffness does both.
     """
 
-    contact_stiffness_N_per_m1p5: Positive
-    contact_damping_s_per_m: NotNegative
-    friction_coefficient: Annotated[float, Field(ge=0, le=5)]
-    presliding_mm: Positive = 0.1
-    tangential_damping_N_s_per_m: NotNegative = 0.0
-    friction_lever_mm: float | None = None
-    friction_rise_share: float = 0.0
-    leaving_damping_share: float = 1.0
+    contact_stiffness_N_per_m1p5: Positive = Field(description="normal force over depth^1.5")
+    contact_damping_s_per_m: NotNegative = Field(description="share of the normal force per approach speed")
+    friction_coefficient: Annotated[float, Field(ge=0, le=5)] = Field(description="Coulomb friction")
+    presliding_mm: Positive = Field(default=0.1, description="elastic deflection of a sticking point before it slides")
+    tangential_damping_N_s_per_m: NotNegative = Field(default=0.0, description="force over sliding speed, beside friction")
+    friction_lever_mm: float | None = Field(
+        default=None, description="moment arm of friction about a link's end; the link's radius if not given"
+    )
+    friction_rise_share: float = Field(default=0.0, description="friction acts this share of the depth above the lowest point")
+    leaving_damping_share: float = Field(default=1.0, description="share of the damping that acts during lift-off")
 
 
 class NoiseStd(Section):
@@ -278,9 +284,9 @@ class NoiseStd(Section):
 class SensorSection(Section):
     """[sensor]: tx_Nm = shaft torque + below_shaft * fy_N. `tared` describes in words the load on the sensor when it was zeroed."""
 
-    below_shaft_mm: float
+    below_shaft_mm: float = Field(description="from the shaft axis down to the origin of the sensor")
     noise_std: NoiseStd | None = None
-    tared: str | None = None
+    tared: str | None = Field(default=None, description="load on the sensor when it was zeroed, in words")
 
 
 class DriveSection(Section):
@@ -289,9 +295,9 @@ class DriveSection(Section):
     `holds_start`: where the drive sags under load, its integrator carries the leg at the start.
     """
 
-    ramp_s: Positive
-    holds_start: bool = False
-    mode: Literal["speed"]
+    ramp_s: Positive = Field(description="time in which the commanded speed rises from 0")
+    holds_start: bool = Field(default=False, description="the integrator carries the leg's weight at the start")
+    mode: Literal["speed"] = Field(description="what is commanded")
 
 
 class KnownToSection(Section):
@@ -302,22 +308,24 @@ class KnownToSection(Section):
     is given here; 0 makes them exact.
     """
 
-    height_mm: Positive | None = None
-    start_angle_deg: Positive | None = None
-    friction_coefficient: Positive | None = None
-    k0_relative: Positive | None = None
-    k2_relative: Positive | None = None
-    rest_angle_deg: Positive | None = None
-    mass_relative: Positive | None = None
-    hinge_damping_relative: Positive | None = None
-    contact_stiffness_relative: Positive | None = None
-    presliding_relative: NotNegative | None = None
-    tangential_damping_N_s_per_m: NotNegative | None = None
-    friction_rise_share: NotNegative | None = None
-    leaving_damping_share: NotNegative | None = None
-    swing_sags: NotNegative | None = None
-    swing_sags_per_s: NotNegative | None = None
-    command_delay_ms: NotNegative | None = None
+    height_mm: Positive | None = Field(default=None, description="height of the shaft above the ground")
+    start_angle_deg: Positive | None = Field(default=None, description="angle at which a stroke begins")
+    friction_coefficient: Positive | None = Field(default=None, description="friction of the ground")
+    k0_relative: Positive | None = Field(default=None, description="stiffness of the hinges")
+    k2_relative: Positive | None = Field(default=None, description="hardening of the hinges")
+    rest_angle_deg: Positive | None = Field(default=None, description="rest angle of the hinges")
+    mass_relative: Positive | None = Field(default=None, description="mass of the links")
+    hinge_damping_relative: Positive | None = Field(default=None, description="damping of the hinges")
+    contact_stiffness_relative: Positive | None = Field(default=None, description="stiffness of the ground")
+    presliding_relative: NotNegative | None = Field(default=None, description="presliding of the ground")
+    tangential_damping_N_s_per_m: NotNegative | None = Field(default=None, description="tangential damping of the ground")
+    friction_rise_share: NotNegative | None = Field(default=None, description="rise of the point where friction acts")
+    leaving_damping_share: NotNegative | None = Field(default=None, description="damping during lift-off")
+    swing_sags: NotNegative | None = Field(
+        default=None, description="distance of the tip hinge from equilibrium at the start, in static sags"
+    )
+    swing_sags_per_s: NotNegative | None = Field(default=None, description="rate of that distance")
+    command_delay_ms: NotNegative | None = Field(default=None, description="delay of the drive behind the command")
 
 
 class EffectSection(Section):
@@ -329,12 +337,12 @@ class EffectSection(Section):
     between `values` at `knots`, as a function of the `argument` at the `place`.
     """
 
-    id: str
-    parameters: dict[str, float] = {}
-    place: str | None = None
-    argument: str | None = None
-    knots: Numbers | None = None
-    values: Numbers | None = None
+    id: str = Field(description="id in the catalogue")
+    parameters: dict[str, float] = Field(default={}, description="a number for each parameter")
+    place: str | None = Field(default=None, description="of a tabulated law: where the force acts")
+    argument: str | None = Field(default=None, description="of a tabulated law: what the force depends on")
+    knots: Numbers | None = Field(default=None, description="of a tabulated law: values of the argument")
+    values: Numbers | None = Field(default=None, description="of a tabulated law: force at each knot")
 
     @model_validator(mode="before")
     @classmethod

@@ -30,12 +30,12 @@ RANGE_SYNTAX = "NAME=FROM:TO or NAME=FROM:TO:log"
 class VarySection(Section):
     """[[vary]]: one quantity over `values`, or over `steps` values between `from` and `to`, both included; `log` for equal ratios."""
 
-    name: str
-    values: Annotated[tuple[float | str, ...], Field(min_length=1, strict=False)] | None = None
+    name: str = Field(description="quantity, as in `rfca-rig sweep --help`")
+    values: Annotated[tuple[float | str, ...], Field(min_length=1, strict=False)] | None = Field(default=None, description="list of values")
     from_: Annotated[float | None, Field(alias="from")] = None
-    to: float | None = None
-    steps: Steps | None = None
-    log: bool = False
+    to: float | None = Field(default=None, description="last value")
+    steps: Steps | None = Field(default=None, description="number of values")
+    log: bool = Field(default=False, description="equal ratios instead of equal steps")
 
     @model_validator(mode="after")
     def _one_way(self) -> "VarySection":
@@ -61,10 +61,10 @@ class VarySection(Section):
 class RangeSection(Section):
     """[[samples.vary]]: one quantity between `from` and `to`, evenly, or with `log` evenly in its logarithm."""
 
-    name: str
+    name: str = Field(description="quantity")
     from_: Annotated[float, Field(alias="from")]
-    to: float
-    log: bool = False
+    to: float = Field(description="largest value")
+    log: bool = Field(default=False, description="even in the logarithm")
 
     @model_validator(mode="after")
     def _ascending(self) -> "RangeSection":
@@ -81,9 +81,9 @@ class RangeSection(Section):
 class SamplesSection(Section):
     """[samples]: `n` points of a Latin hypercube or of a Sobol sequence in all the ranges at once, drawn from `seed`."""
 
-    method: Method = "sobol"
-    n: Annotated[int, Field(ge=2, le=MOST_SAMPLES)]
-    seed: Annotated[int, Field(ge=0)]
+    method: Method = Field(default="sobol", description="Sobol sequence or Latin hypercube")
+    n: Annotated[int, Field(ge=2, le=MOST_SAMPLES)] = Field(description="number of samples")
+    seed: Annotated[int, Field(ge=0)] = Field(description="seed of the random numbers")
     vary: Annotated[tuple[RangeSection, ...], Field(min_length=1, strict=False)]
 
     @model_validator(mode="after")
@@ -99,10 +99,12 @@ class SweepFile(Section):
     `rig` is a name in calibration/ or a rig file, `model` a model file; their paths count from this file's folder.
     """
 
-    title: str
-    rig: str | None = None
-    model: str | None = None
-    outputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = DEFAULT_OUTPUTS
+    title: str = Field(description="name of the sweep")
+    rig: str | None = Field(default=None, description="name or rig file")
+    model: str | None = Field(default=None, description="model file, in place of the rig")
+    outputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = Field(
+        default=DEFAULT_OUTPUTS, description="quantities to compute"
+    )
     fixed: Annotated[Fixed, Field(default_factory=dict)]
     vary: Annotated[tuple[VarySection, ...], Field(strict=False)] = ()
     samples: SamplesSection | None = None

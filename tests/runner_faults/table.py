@@ -11,24 +11,24 @@ from tests.runner_faults.endings import ENDINGS
 from tests.runner_faults.outcome import Outcome, caused
 from tests.runner_faults.rig import Fidelity
 
-HEAD = """# What can go wrong, and what the runner does then
+HEAD = """# Fault table: what can go wrong, and what the runner does then
 
 Made by `python -m tests.runner_faults docs/fault-table.md` from the causes in `tests/runner_faults`, on the twin of an ODrive with a
 watchdog of 0.1 s, {plant}.
 Each begins in the middle of a stroke at 5 rad/s unless it says otherwise. Times and angles are the simulated shaft's own, from the
 moment at which the cause begins: until the motor gives no torque any more, and until the shaft stands (a shaft without torque coasts,
 and the leg swings on it as on a hinge; a dash: not within {watched:g} s after the run). Limits are those of `calibration/twin.toml`;
-`docs/trips.md` explains the codes.
+[Trips](trips.md) explains the codes.
 
-"Energised after" is what the motor did after the run had ended; where the drive could not be told any more, its own watchdog took the
-torque away, and the last line on the screen asks for the emergency stop. "Frames" are motion commands sent after the first order to let
-go. "Lost" are stages that had been acknowledged as safe and cannot be read back.
+"Energised after" is what the motor did after the run had ended; where no command reached the drive any more, its own watchdog took the
+torque away, and the last line on the screen asks for the emergency stop. "Frames" are motion commands sent after the first order to
+disable it. "Lost" are stages that had been acknowledged as safe and cannot be read back.
 
 | cause | what happens | ends as | torque gone after | stands after | energised after | frames | lost |
 |---|---|---|---|---|---|---|---|"""
 
 FOOT = """
-# When the process of the run is told, stopped or killed
+## When the process of the run gets a signal, is stopped or killed
 
 Each line has a test in `tests/runner_faults/test_signals.py`, with real processes. A drive without a watchdog of its own has a guardian
 process in the place of one.

@@ -8,7 +8,7 @@ import typer
 def contract(
     rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig file with a motor or a force sensor of your own.")],
 ) -> None:
-    """Try your own driver on its twin with everything that every driver must do: energise without a jerk, obey, report, tell what is wrong.
+    """Try your own driver on its twin with everything that every driver must do: energise without a jerk, obey, report, name each fault.
 
     Nothing real is touched. Exit code 1 where something is not as it must be; the names of the tests say what.
 

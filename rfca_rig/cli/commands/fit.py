@@ -53,7 +53,7 @@ def fit(
     as_is: AsIs = False,
     as_json: Json = False,
 ) -> None:
-    """Fit values of the model to recordings: values, standard errors, and what the recordings cannot tell apart.
+    """Fit values of the nominal model to recordings: values, standard errors, and values that the recordings cannot distinguish.
 
     By default from 200 ms after touchdown to the valley, where the model meets a leg that lacks nothing to the noise.
 

@@ -38,7 +38,7 @@ def prove(
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """A blind benchmark of the diagnosis: campaigns of another simulator, their ground truth hidden until all are diagnosed, then scores.
+    """Blind benchmark of the diagnosis: campaigns of another simulator, with hidden ground truth until all are diagnosed, then scores.
 
     A stopped exam goes on where it stood when the same command is typed again.
 

@@ -47,7 +47,7 @@ def report(
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """Compare recordings with the model: Table II and overlays of measured and simulated force; and tell how each run went, in run.html.
+    """Compare recordings with the model: Table II and overlays of measured and simulated force; and how each run went, in run.html.
 
     Of a pendulum or a mechanism: the signals of each recording, with nominal, fitted and held-out errors.
 

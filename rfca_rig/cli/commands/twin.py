@@ -53,7 +53,7 @@ def serve(
     lists: Annotated[bool, typer.Option("--list", help="Print the faults that the devices of --rig can have.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing.")] = False,
 ) -> None:
-    """Let strangers' clients talk to the twins: force sensor on UDP, motor on CAN over TCP; faults can be switched meanwhile.
+    """Let third-party clients talk to the twins: force sensor on UDP, motor on CAN over TCP; faults can be switched meanwhile.
 
     ^C ends it.
 

@@ -1,0 +1,51 @@
+"""Sphinx configuration of the documentation site.
+
+`python -m sphinx -W --keep-going docs OUT` builds it, with the extra `docs` and without network. The pages are Markdown; those of the
+reference are filled from the code by `reference_pages`.
+"""
+
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+import rfca_rig
+
+sys.path.insert(0, str(Path(__file__).parent))  # for reference_pages
+
+project = "rfca-rig"
+version = release = rfca_rig.__version__
+extensions = ["myst_parser", "reference_pages"]
+exclude_patterns = ["examples"]
+
+# Links to headings, as in mechanisms.md#files.
+myst_heading_anchors = 4
+# --view stays two hyphens.
+smartquotes = False
+
+html_theme = "furo"
+html_title = f"rfca-rig {release}"
+html_static_path = ["_static"]
+html_css_files = ["wide-tables.css"]
+# The sources are in the repository; without them the site is half as large.
+html_copy_source = html_show_sourcelink = False
+html_show_copyright = False
+
+
+def setup(app: Sphinx) -> None:
+    app.connect("build-finished", complete_html)
+
+
+def complete_html(app: Sphinx, failure: Exception | None) -> None:
+    """Adds what assistive software needs and Sphinx leaves out: the level of captions, and keyboard access to what scrolls."""
+    missing = {
+        'role="heading">': 'role="heading" aria-level="2">',
+        "<pre>": '<pre tabindex="0">',
+        '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
+    }
+    if failure is None and app.builder.format == "html":
+        for page in Path(app.outdir).rglob("*.html"):
+            text = page.read_text(encoding="utf-8")
+            for found, complete in missing.items():
+                text = text.replace(found, complete)
+            page.write_text(text, encoding="utf-8")
