@@ -34,7 +34,7 @@ def clone(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_commands_run_as_written(clone, monkeypatch, capsys):
-    for line in block("commands", COMMANDS).splitlines():
+    for line in block("run", COMMANDS).splitlines():
         program, *words = shlex.split(line)
         assert program == "rfca-rig"
         assert typed(monkeypatch, capsys, *words).exit_code == 0, line
