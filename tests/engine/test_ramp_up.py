@@ -49,7 +49,7 @@ def test_full_speed_is_not_run_where_it_would_pass_the_limit(limit_N, goes_on):
     if goes_on:
         approaches.take(MORE, energy(3.0, 120.0))
         return
-    with pytest.raises(Tripped, match=r"brought 210 N and 1\.0 N m, which foretells 280 N") as found:
+    with pytest.raises(Tripped, match=r"brought 210 N and 1\.0 N m, which predicts 280 N") as found:
         approaches.take(MORE, energy(3.0, 120.0))
     assert found.value.code == Trip.FULL_SPEED_TOO_MUCH
 
