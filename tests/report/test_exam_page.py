@@ -128,7 +128,10 @@ def test_effects_that_were_taken_out_are_told_with_what_they_were_called(exam, s
     called = WronglyNamed("case-0007", "tip_mass", ("height_offset",), 0.95)
     asked = replace(exam, taken_out=AblationResult(Share(1, 20), Share(17, 20), Share(2, 20), (called,)))
     text = " ".join(Outline(page(asked)).text.replace("\u00a0", " ").split())
-    assert "Each entry taken out of the catalogue: 1 of 20 given a wrong name at 90 % or more, 17 reported as unexplained, 2 as nothing" in text
+    assert (
+        "Each entry taken out of the catalogue: 1 of 20 given a wrong name at 90 % or more, 17 reported as unexplained, 2 as nothing"
+        in text
+    )
     assert "tip mass" in text and "height offset" in text and "--take-out-each" in text
     none = replace(exam, taken_out=AblationResult(Share(0, 20), Share(18, 20), Share(2, 20), ()))
     assert "0 of 20 given a wrong name" in Outline(page(none)).text
