@@ -63,6 +63,19 @@ def stroke_valley(stroke: Stroke) -> Valley | Undetermined:
     return Undetermined("fz was not recorded") if trace is None else find_valley(*trace)
 
 
+def describe_stroke(stroke: Stroke) -> dict[str, float | None]:
+    """A row of numbers: the condition, and time and force of the valley, None where there is none."""
+    valley = stroke_valley(stroke)
+    found = valley if isinstance(valley, Valley) else None
+    return {
+        "height_mm": round(1e3 * stroke.height_m, 6),
+        "speed_rad_s": stroke.speed_rad_s,
+        "repeat": stroke.repeat,
+        "valley_time_s": None if found is None else found.time_s,
+        "valley_fz_N": None if found is None else found.fz_N,
+    }
+
+
 def valley_and_phases(t_s: Floats, fz_N: Floats) -> tuple[Valley | Undetermined, StrokePhases]:
     """The valley and the phases that it separates, from times and forces (m,); a phase that was not reached begins at infinity."""
     recorded_s = float(t_s[-1] - t_s[0]) if len(t_s) else 0.0

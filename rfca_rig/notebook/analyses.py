@@ -67,7 +67,16 @@ class DiagnosisResult:
 
     def rivals(self) -> "pandas.DataFrame":
         """A row per set of effects that was compared, most probable first."""
-        return make_frame([{"effects": ", ".join(one.ids) or "none", **_numbers(one)} for one in self.diagnosis.rivals])
+        rows = (
+            {
+                "effects": ", ".join(one.ids) or "none",
+                "probability": one.probability,
+                "log_evidence": one.log_evidence,
+                "model_error": one.model_error,
+            }
+            for one in self.diagnosis.rivals
+        )
+        return make_frame(list(rows))
 
     def errors(self) -> "pandas.DataFrame":
         """A row per signal: rms error of the nominal and of the amended model, and on held-out conditions."""
@@ -108,10 +117,15 @@ class DiagnosisResult:
         rows: list[Row] = []
         for name, one in self.diagnosis.fit.items():
             held_out = self.diagnosis.held_out.get(f"held_out_{name}")
-            ends = (None, None) if held_out is None else (held_out.before, held_out.after)
             rows.append(
-                {"signal": name, "before": one.before, "after": one.after, "held_out_before": ends[0], "held_out_after": ends[1]}
-                | {"noise": one.noise_floor}
+                {
+                    "signal": name,
+                    "before": one.before,
+                    "after": one.after,
+                    "held_out_before": None if held_out is None else held_out.before,
+                    "held_out_after": None if held_out is None else held_out.after,
+                    "noise": one.noise_floor,
+                }
             )
         return rows
 
@@ -121,10 +135,6 @@ class DiagnosisResult:
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), self._effect_rows()) + html_table("rms error", self._error_rows())
-
-
-def _numbers(rival: object) -> Row:
-    return {name: getattr(rival, name) for name in ("probability", "log_evidence", "model_error")}
 
 
 @dataclass(frozen=True)
@@ -210,7 +220,7 @@ def diagnose(*sources: Source, without: Sequence[str] = (), law_at: str = "", pr
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    one = _alone(sources)
+    one = _with_own_model(sources)
     with show_progress("diagnosis", progress) as move:
         if isinstance(one, Experiment):
             return DiagnosisResult(diagnose_mechanism(one, move, without, law_at).diagnosis)
@@ -238,7 +248,7 @@ def fit(*sources: Source, parameters: Sequence[str] = (), effects: Sequence[str]
     BadInput
         Where the recordings cannot be used, or a name is not known.
     """
-    one = _alone(sources)
+    one = _with_own_model(sources)
     if effects and not isinstance(one, Experiment):
         raise BadInput("effects: are for recordings of a mechanism (experiment.toml); leave them out here")
     with show_progress("fit", progress) as move:
@@ -291,16 +301,14 @@ def effects() -> "pandas.DataFrame":
     return make_frame(list(rows))
 
 
-def _alone(sources: Sequence[Source]) -> Recording | PendulumCampaign | Experiment | None:
-    """What the only source holds; None of several. Raises BadInput where one of several has a model of its own."""
+def _with_own_model(sources: Sequence[Source]) -> PendulumCampaign | Experiment | None:
+    """The only source, where it has a model of its own; None for recordings of a leg. Raises BadInput where it is one of several."""
     paths = _paths(sources)
-    # Both refuse a folder with a model of its own beside other folders.
-    experiment_among(paths)
-    pendulum_among(paths)
-    if len(sources) > 1:
+    # Both refuse such a folder beside others.
+    if experiment_among(paths) is None and pendulum_among(paths) is None:
         return None
-    source = sources[0]
-    return source.content if isinstance(source, OpenedRecordings) else open_path(source).content
+    content = (sources[0] if isinstance(sources[0], OpenedRecordings) else open_path(sources[0])).content
+    return None if isinstance(content, Recording) else content
 
 
 def _recordings(sources: Sequence[Source]) -> list[Recording]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rfca_rig.analysis.valley import Valley, stroke_valley
+from rfca_rig.analysis.valley import describe_stroke
 from rfca_rig.campaign.experiment import Experiment, MechanismRun, read_experiment
 from rfca_rig.campaign.opening import experiment_among, open_recordings, pendulum_among
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
@@ -98,7 +98,7 @@ class OpenedRecordings:
         return self.strokes[number]
 
     def _rows(self) -> list[Row]:
-        return [_stroke_row(one) if isinstance(one, Stroke) else _run_row(one) for one in self.strokes]
+        return [describe_stroke(one) if isinstance(one, Stroke) else _run_row(one) for one in self.strokes]
 
     def _columns(self, run: PendulumRun | MechanismRun) -> list[tuple[str, Any, str]]:
         if isinstance(run, PendulumRun):
@@ -122,18 +122,6 @@ def _stroke_data(stroke: Stroke) -> tuple[dict[str, Any], dict[str, Any], dict[s
             name if name not in data else f"{device}_{name}": (along, c.values, {"units": c.unit}) for name, c in stream.columns.items()
         }
     return data, times, {"height_mm": 1e3 * stroke.height_m, "speed_rad_s": stroke.speed_rad_s, "repeat": stroke.repeat}
-
-
-def _stroke_row(stroke: Stroke) -> Row:
-    valley = stroke_valley(stroke)
-    found = valley if isinstance(valley, Valley) else None
-    return {
-        "height_mm": round(1e3 * stroke.height_m, 6),
-        "speed_rad_s": stroke.speed_rad_s,
-        "repeat": stroke.repeat,
-        "valley_time_s": None if found is None else found.time_s,
-        "valley_fz_N": None if found is None else found.fz_N,
-    }
 
 
 def _run_row(run: PendulumRun | MechanismRun) -> Row:

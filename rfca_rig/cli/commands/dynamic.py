@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.protocol_file import DynamicFile
     from rfca_rig.protocol.plan import Stage
-    from rfca_rig.recording.model import Stroke
 
 app = typer.Typer(help="The dynamic experiment: flap against the ground, record force and shaft over time.", no_args_is_help=True)
 
@@ -104,10 +103,11 @@ class Valleys:
 
     def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
         """Called after each stage."""
+        from rfca_rig.analysis.valley import describe_stroke
         from rfca_rig.protocol.plan import Flap
 
         if isinstance(stage, Flap):
-            self.rows.append(_row(recorder.strokes[-1]))
+            self.rows.append(describe_stroke(recorder.strokes[-1]))
             say_valley(stage, recorder, say)
 
 
@@ -131,17 +131,3 @@ def _close(mark: str, folder: Path, rows: list[dict[str, float | None]], report:
         return
     following = f"open {report / 'report.html'}" if report else f"next: rfca-rig report {folder} --out report"
     typer.echo(f"{mark} recorded {len(rows)} strokes in {folder}; {following}", err=True)
-
-
-def _row(stroke: "Stroke") -> dict[str, float | None]:
-    from rfca_rig.analysis.valley import Valley, stroke_valley
-
-    valley = stroke_valley(stroke)
-    found = valley if isinstance(valley, Valley) else None
-    return {
-        "height_mm": round(1e3 * stroke.height_m, 6),
-        "speed_rad_s": stroke.speed_rad_s,
-        "repeat": stroke.repeat,
-        "valley_time_s": None if found is None else found.time_s,
-        "valley_fz_N": None if found is None else found.fz_N,
-    }

@@ -112,10 +112,11 @@ class ScaledHypothesis:
         linear = fitted.linear(rows.measured)
         posterior = laplace_posterior(linear, self.whitening)
         gain = (posterior.covariance @ self.whitening.apply_precision(linear.jacobian).T)[: x.size]
-        variance = sum(propagate_smooth_error(rows, LAW_ERROR * signature, gain) for signature in self.signatures)
+        variance = propagate_smooth_error(rows, [LAW_ERROR * signature for signature in self.signatures], gain)
         # The optimiser stops at MAX_COORDINATE, the linear fit does not.
-        beyond = np.where(np.abs(x) < MAX_COORDINATE, x, posterior.mean[: x.size])
-        return np.asarray(np.where(np.abs(beyond) > np.abs(x), beyond, x) / np.sqrt(1.0 + variance))
+        mean = posterior.mean[: x.size]
+        goes_on = (np.abs(x) >= MAX_COORDINATE) & (np.abs(mean) > np.abs(x))
+        return np.asarray(np.where(goes_on, mean, x) / np.sqrt(1.0 + variance))
 
     @property
     def max_nuisance_shift(self) -> float:

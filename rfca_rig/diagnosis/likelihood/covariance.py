@@ -10,6 +10,7 @@ K couples only rows of one signal. So each block of rows has a basis in which D 
 one. B has low rank, a few columns per condition, and is added by Woodbury's identity.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -246,12 +247,14 @@ def _correlation_within(rows: Observations, of: Integers) -> Floats:
     return np.asarray(np.exp(-0.5 * apart**2) * together)
 
 
-def propagate_smooth_error(rows: Observations, size: Floats, gain: Floats) -> Floats:
-    """Variances (p,) of `gain` (p, m) times an error of the rows that is as smooth as the discrepancy, with deviations `size` (m,)."""
+def propagate_smooth_error(rows: Observations, sizes: Sequence[Floats], gain: Floats) -> Floats:
+    """Variances (p,) of `gain` (p, m) times independent errors, as smooth as the discrepancy, with deviations `sizes` (m,) each."""
     variance = np.zeros(len(gain))
     for of in _alike(rows):
-        scaled = gain[:, of] * size[of]
-        variance += np.einsum("ij,ij->i", scaled @ _correlation_within(rows, of), scaled)
+        correlation = _correlation_within(rows, of)
+        for size in sizes:
+            scaled = gain[:, of] * size[of]
+            variance += np.einsum("ij,ij->i", scaled @ correlation, scaled)
     return variance
 
 
