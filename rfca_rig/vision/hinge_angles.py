@@ -29,9 +29,9 @@ WEAK_LENGTH_STD_M = 2.0e-3
 ANGLE_PRIOR_STD_RAD = float(np.radians(60.0))
 # Angles with a larger standard deviation are reported as None.
 MAX_REPORTED_STD_RAD = float(np.radians(0.3))
-# Standard deviations of the marks' distances from the plane of motion, and their prior probabilities: glued well, badly, on spacers.
+# Standard deviations of the marks' distances from the plane of motion: glued well, badly, on spacers. They are equally probable a priori:
+# six photos of a leg often cannot tell 0.1 mm from 1 mm, and a prior for 0.1 mm would then decide (errors of 0.9 degrees stated as 0.2).
 OFFSET_STD_M = (1.0e-4, 1.0e-3, 3.0e-3)
-OFFSET_PROBABILITY = (0.90, 0.07, 0.03)
 # Largest distance of a mark from the plane that is corrected, and largest misfit of the distances between marks.
 MAX_OFFSET_M, MAX_MISFIT_M = 5.0e-3, 0.5e-3
 # An angle from lengths may be outside the range of the other photos by so much, and its reflection must be farther outside.
@@ -258,7 +258,7 @@ def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solu
 
 def _mix(solutions: Sequence[_Solution]) -> _Solution:
     """Mean and covariance over the possible deviations of the offsets, weighted by how well each explains the marks."""
-    logs = np.array([one.log_evidence for one in solutions]) + np.log(OFFSET_PROBABILITY[: len(solutions)])
+    logs = np.array([one.log_evidence for one in solutions])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     values = sum((weight * one.values for weight, one in zip(weights, solutions, strict=True)), np.zeros(1))
