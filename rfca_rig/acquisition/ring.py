@@ -1,9 +1,10 @@
 """Lock-free ring buffer of records in shared memory: one writer, any number of readers, none of which waits.
 
-Attaching to shared memory by name, without the attaching process removing it at its end.
+Shared memory is created with all its pages, and attached by name without the attaching process removing it at its end.
 """
 
 import multiprocessing
+import os
 import sys
 from dataclasses import dataclass
 from multiprocessing import resource_tracker
@@ -22,6 +23,28 @@ MARK = 0x52464341_52494E47
 # Room for 16 words of 64 bits, of which seven are used.
 HEADER_BYTES = 128
 _MARK, _CAPACITY, _RECORD_BYTES, _CLAIMED, _PUBLISHED, _REFUSED, _REFUSED_BYTES = range(7)
+
+
+def create_shared_memory(size_bytes: int) -> SharedMemory:
+    """New shared memory with all its pages reserved; the creator unlinks it. Raises DeviceError where the system has no room for it."""
+    try:
+        memory = SharedMemory(create=True, size=size_bytes)
+    except OSError as error:
+        raise DeviceError(_describe_no_room(size_bytes, error)) from error
+    try:
+        # Without it a full file system of shared memory kills the process at the first write, with the motor on.
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(memory._fd, 0, size_bytes)  # type: ignore[attr-defined]
+    except OSError as error:
+        memory.close()
+        memory.unlink()
+        raise DeviceError(_describe_no_room(size_bytes, error)) from error
+    return memory
+
+
+def _describe_no_room(size_bytes: int, error: OSError) -> str:
+    needed = f"rfca-rig needs {max(size_bytes / 1e6, 0.1):.1f} MB of shared memory (/dev/shm)"
+    return f"{needed}, which the system refuses: {error.strerror}; in a container start it with --shm-size=256m"
 
 
 def attach_shared_memory(name: str) -> SharedMemory:
@@ -79,8 +102,8 @@ class Ring:
 
     @staticmethod
     def create(capacity: int, record_bytes: int) -> "Ring":
-        """Creates an empty ring; the creator calls `remove` in the end."""
-        memory = SharedMemory(create=True, size=HEADER_BYTES + capacity * (8 + record_bytes))
+        """Creates an empty ring; the creator calls `remove` in the end. Raises DeviceError where the system has no room for it."""
+        memory = create_shared_memory(HEADER_BYTES + capacity * (8 + record_bytes))
         header = _everything(memory)[:HEADER_BYTES].cast("Q")
         # The mark is written last: a process that sees it also sees the sizes.
         header[_CAPACITY], header[_RECORD_BYTES], header[_MARK] = capacity, record_bytes, MARK

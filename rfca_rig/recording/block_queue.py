@@ -2,7 +2,7 @@
 
 from multiprocessing.shared_memory import SharedMemory
 
-from rfca_rig.acquisition.ring import attach_shared_memory
+from rfca_rig.acquisition.ring import attach_shared_memory, create_shared_memory
 from rfca_rig.errors import RigError
 
 # "RFCAQUEU" in ASCII: marks the memory as a queue of blocks.
@@ -32,8 +32,8 @@ class BlockQueue:
 
     @staticmethod
     def create(size: int) -> "BlockQueue":
-        """A new, empty queue of `size` bytes; its maker calls `remove` in the end."""
-        memory = SharedMemory(create=True, size=HEADER_BYTES + size)
+        """A new, empty queue of `size` bytes; its maker calls `remove` in the end. Raises DeviceError where the system has no room for it."""
+        memory = create_shared_memory(HEADER_BYTES + size)
         if memory.buf is not None:
             with memory.buf[:HEADER_BYTES].cast("Q") as header:
                 # The mark last: a process that attaches earlier sees no queue, and not one without a size.

@@ -1,8 +1,11 @@
 """The ring of records: what is written is read, in order, once, and an overrun shows."""
 
+import errno
+import os
 import subprocess
 import sys
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from hypothesis import strategies as st
 
 from rfca_rig.acquisition.ring import Ring, RingReader
 from rfca_rig.errors import DeviceError
+from rfca_rig.recording.block_queue import BlockQueue
 
 BYTES = 8
 
@@ -20,6 +24,22 @@ def ring():
     made = Ring.create(16, BYTES)
     yield made
     made.remove()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("create", [lambda: Ring.create(16, BYTES), lambda: BlockQueue.create(4096)])
+def test_memory_that_the_system_has_no_room_for_is_refused_at_once(monkeypatch, create):
+    """Not at the first write, which would kill the process with the motor on."""
+    files = []
+
+    def refuse(descriptor, *_):
+        files.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")))
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", refuse)
+    with pytest.raises(DeviceError, match=r"0\.1 MB of shared memory .* No space left on device; .* --shm-size"):
+        create()
+    assert files and not files[0].exists()
 
 
 def numbered(first: int, count: int) -> np.ndarray:

@@ -201,6 +201,16 @@ def test_an_extra_that_is_missing_is_named(monkeypatch, capsys, tmp_path, packag
     assert "Traceback" not in said.err
 
 
+def test_a_library_that_cannot_be_loaded_is_no_mistake_of_the_program(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    monkeypatch.delitem(sys.modules, "rfca_rig.vision.board_sheet", raising=False)
+    said = typed(monkeypatch, capsys, "calibrate", "camera", "--make-board", tmp_path / "board.pdf")
+    assert said.exit_code == 1
+    assert "a library cannot be loaded" in said.err
+    assert "mistake" not in said.err
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_user_without_a_home_has_a_cache_that_is_their_own(monkeypatch):
     def nowhere() -> Path:
         raise RuntimeError("Could not determine home directory.")
