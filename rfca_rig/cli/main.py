@@ -152,11 +152,15 @@ def run() -> None:
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise
-        # A damaged environment, for example a system library that OpenCV needs; a name that is missing here is a mistake of ours.
-        if isinstance(error, ImportError) and not (error.name or "").startswith("rfca_rig"):
-            _leave(f"a library cannot be loaded: {' '.join(str(error).split())}; install rfca-rig again in a new environment", 1)
-        text = " ".join(f"{type(error).__name__}: {error}".split())
-        _leave(f"this is a mistake in rfca-rig, not yours: {text}; {DEBUG_VARIABLE}=1 shows where", 1)
+        _leave(_describe_unexpected(error), 1)
+
+
+def _describe_unexpected(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    # A damaged environment, for example a system library that OpenCV needs; a name that is missing here is a mistake of ours.
+    if isinstance(error, ImportError) and not (error.name or "").startswith("rfca_rig"):
+        return f"a library cannot be loaded: {text}; install rfca-rig again in a new environment"
+    return f"this is a mistake in rfca-rig, not yours: {type(error).__name__}: {text}; {DEBUG_VARIABLE}=1 shows where"
 
 
 def _command() -> Callable[..., int | None]:

@@ -32,7 +32,7 @@ class BlockQueue:
 
     @staticmethod
     def create(size: int) -> "BlockQueue":
-        """A new, empty queue of `size` bytes; its maker calls `remove` in the end. Raises DeviceError where the system has no room for it."""
+        """A new, empty queue of `size` bytes; its maker calls `remove` in the end. Raises DeviceError where there is no room."""
         memory = create_shared_memory(HEADER_BYTES + size)
         if memory.buf is not None:
             with memory.buf[:HEADER_BYTES].cast("Q") as header:

@@ -33,7 +33,7 @@ def test_memory_that_the_system_has_no_room_for_is_refused_at_once(monkeypatch, 
     files = []
 
     def refuse(descriptor, *_):
-        files.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")))
+        files.append(Path(f"/proc/self/fd/{descriptor}").readlink())
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "posix_fallocate", refuse)
