@@ -93,14 +93,18 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     events = sums.finding(EVENTS, partial(_events, folder, texts))
     yield events
     stages = _Stages(folder)
-    yield from stages.check(sums, events_of(folder) if events.is_sound else [])
+    happened = events_of(folder) if events.is_sound else []
+    yield from stages.check(sums, happened)
     yield from (_check_journal(folder, journal) for journal in journals(folder))
     has_ending, has_recording, ending = (folder / ENDING).is_file(), (folder / RECORDING).is_file(), _read_whole_ending(folder)
     closed = _is_closed(ending)
     if has_ending or ENDING in sums or _has_ended(folder, texts):
         yield sums.finding_of_end(ending, partial(_ending, folder, texts))
     elif not has_recording and not journals(folder):
-        yield FileFinding(ENDING, f"is not there: the run goes on, or was not finished; then type rfca-rig recover {folder}")
+        missing = "is not there: the run goes on, or was not finished; then"
+        if any(event.get("event") == "run ends" for event in happened):
+            missing = f"is not there, though the run ended: it was cut off while it was closed, or {ENDING} was removed;"
+        yield FileFinding(ENDING, f"{missing} type rfca-rig recover {folder}")
     if has_recording or RECORDING in sums or closed:
         yield sums.finding(RECORDING, partial(recorded.like, stages))
     elif has_ending:

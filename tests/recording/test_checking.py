@@ -67,6 +67,16 @@ def test_a_file_that_is_gone_is_missed(whole: Path, name: str):
     assert found[name] == "is missing"
 
 
+def test_a_run_that_ended_without_its_end_is_no_run_that_goes_on(whole: Path, tmp_path: Path):
+    folder = tmp_path / "run"
+    shutil.copytree(whole, folder)
+    for name in ("end.json", "run.h5", "SHA256SUMS"):
+        (folder / name).unlink()
+    found = {finding.file: finding.words for finding in check_run(folder)}
+    assert "though the run ended: it was cut off while it was closed, or end.json was removed" in found["end.json"]
+    assert f"rfca-rig recover {folder}" in found["end.json"]
+
+
 def test_damage_to_the_hashes_is_told(whole: Path):
     sums = whole / "SHA256SUMS"
     before = sums.read_bytes()
