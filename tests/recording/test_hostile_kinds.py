@@ -93,6 +93,7 @@ def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[
         "check": ["check", folder],
         "runs": ["runs", "--runs", folder.parent],
         "report": ["report", folder, "--out", out / "report"],
+        "diagnose": ["diagnose", folder, "--out", out / "diagnosis"],
         "csv": ["export", "csv", folder, "--out", out / "csv"],
         "mcap": ["export", "mcap", folder, "--out", out.parent / "out.mcap"],
         "static report": ["static", "report", folder, "--out", out / "static"],
@@ -104,6 +105,9 @@ def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[
     signal.setitimer(signal.ITIMER_PROF, MOST_WORK_S)
     try:
         for name, line in lines.items():
+            # A recording that can be read would be diagnosed for minutes; one that cannot is refused at once.
+            if name == "diagnose" and codes["report"] == 0:
+                continue
             said = typed(monkeypatch, capsys, *line)
             codes[name] = said.exit_code
             assert said.exit_code in (0, 2), f"{name}: {said.err}"
