@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns, find_rising
 from rfca_rig.campaign.table import FEWEST_SAMPLES
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.plain_hdf5 import open_plain
+from rfca_rig.recording.hdf5_file import open_plain
 from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]

@@ -15,7 +15,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.layout import refuse_links
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.older_partial import partial_of, read_partial
+from rfca_rig.recording.run_folder import partial_of, read_partial
 from rfca_rig.recording.store import read_recording
 from rfca_rig.suggestions import not_there
 

@@ -14,11 +14,9 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.cycle_table import CYCLES
 from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, Source, StaticStage
-from rfca_rig.recording.raw_stages import GROUP as RAW
 from rfca_rig.recording.static_table import read_static
 from rfca_rig.recording.store import open_sealed, texts_of
-from rfca_rig.recording.strokes import GROUP as STROKES
-from rfca_rig.recording.strokes import height_mm, read_condition, read_height_mm
+from rfca_rig.recording.strokes import RAW, STROKES, height_mm, read_condition, read_height_mm
 
 
 @dataclass(frozen=True)

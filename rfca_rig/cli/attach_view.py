@@ -12,7 +12,7 @@ from rfca_rig.clock import TwinClock, WatchedTwinClock
 from rfca_rig.drivers.roles import StreamHealth
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest
 from rfca_rig.errors import RigError, Tripped
-from rfca_rig.recording.keeper import RunBackend
+from rfca_rig.recording.backend import RunBackend
 from rfca_rig.view.live_view import LiveView
 from rfca_rig.view.run_facts import run_facts
 

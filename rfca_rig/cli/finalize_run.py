@@ -18,8 +18,8 @@ from rfca_rig.errors import DiskFull, RigError, Tripped
 from rfca_rig.model.catalogue import lab_texts
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.backend import RunBackend
 from rfca_rig.recording.cycle_table import CYCLES
-from rfca_rig.recording.keeper import RunBackend
 from rfca_rig.recording.layout import RECORDING
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import write_ending

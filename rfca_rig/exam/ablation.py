@@ -19,7 +19,7 @@ from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.write import CAMPAIGNS, run_jobs
 from rfca_rig.executors.mapping import TaskExecutor
 from rfca_rig.progress import ProgressReport, ignore_named_progress
-from rfca_rig.recording.atomic_dir import refresh_nfs_cache, remove_leftovers
+from rfca_rig.recording.atomic import refresh_nfs_cache, remove_leftovers
 
 FOLDER = "taken-out"
 

@@ -132,7 +132,7 @@ def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
 
 def _of_recording(path: Path, folder: str) -> Entry:
     """A run that is only a run.h5: imported, made of photos taken by hand, or of an older version."""
-    from rfca_rig.recording.outline import outline_of  # noqa: PLC0415  (takes longer to load than a thousand runs to list)
+    from rfca_rig.recording.summary import outline_of  # noqa: PLC0415  (takes longer to load than a thousand runs to list)
 
     outline = outline_of(path / RECORDING)
     known = outline.provenance

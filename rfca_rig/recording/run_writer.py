@@ -6,14 +6,12 @@ from pathlib import Path
 
 from rfca_rig.errors import DiskFull
 from rfca_rig.recording.atomic import AppendOnlyFile, remove, sync_folder
-from rfca_rig.recording.blocks import End, event_block
-from rfca_rig.recording.cooperative import Steps
 from rfca_rig.recording.disk_reserve import DiskReserve
-from rfca_rig.recording.journal import BlockKind, JournalBlock, frame_block
+from rfca_rig.recording.hdf5_file import Steps
+from rfca_rig.recording.journal import BlockKind, End, JournalBlock, event_block, frame_block
 from rfca_rig.recording.layout import EVENTS, STAGES, journal_path, next_number, stage_path
-from rfca_rig.recording.picture import Picture, write_picture
-from rfca_rig.recording.run_lock import lock
-from rfca_rig.recording.run_text import complete_lines_length, read_header
+from rfca_rig.recording.photos import Picture, write_picture
+from rfca_rig.recording.run_text import complete_lines_length, lock, read_header
 from rfca_rig.recording.stage_file import StageOnDisk, write_stage
 
 

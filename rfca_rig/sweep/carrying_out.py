@@ -18,8 +18,8 @@ from rfca_rig.errors import BadInput
 from rfca_rig.executors.mapping import TaskExecutor, TaskFailure, map_unordered
 from rfca_rig.progress import ProgressReport
 from rfca_rig.recording.atomic import AppendOnlyFile, remove, translate_os_errors, write_atomically
-from rfca_rig.recording.plain_hdf5 import open_plain
-from rfca_rig.recording.run_lock import lock
+from rfca_rig.recording.hdf5_file import open_plain
+from rfca_rig.recording.run_text import lock
 from rfca_rig.sweep.cases import LONGEST_REMARK, CaseRange, CaseRows, case_row, compute, make_failed_rows
 from rfca_rig.sweep.identity import claim_folder
 from rfca_rig.sweep.plan import SweepPlan

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.recording.cooperative import run_to_completion
-from rfca_rig.recording.hdf5_file import new_hdf5_file
-from rfca_rig.recording.plain_hdf5 import open_plain
+from rfca_rig.recording.hdf5_file import new_hdf5_file, open_plain, run_to_completion
 from rfca_rig.sweep.cases import INTERNAL_ERROR
 from rfca_rig.sweep.identity import FORMAT, as_text, digest
 from rfca_rig.sweep.plan import SweepPlan

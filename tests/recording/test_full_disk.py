@@ -11,11 +11,10 @@ import pytest
 from rfca_rig.errors import BadInput, DiskFull, RigError
 from rfca_rig.recording import disk_reserve, run_folder
 from rfca_rig.recording.atomic import ErrorDeferringFile
-from rfca_rig.recording.blocks import event_block
+from rfca_rig.recording.backend import InProcessRecorder, RecorderClient
 from rfca_rig.recording.disk_reserve import DiskReserve, check_room
-from rfca_rig.recording.keeper import InProcessRecorder
+from rfca_rig.recording.journal import event_block
 from rfca_rig.recording.layout import journals
-from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.recording.run_text import events_of
 from tests.recording.dying import BrokenStageFile, FullDisk, instead
 from tests.recording.growing import begun, grown, header, run_blocks, stroke_blocks, wait_until_acknowledged

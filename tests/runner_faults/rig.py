@@ -20,7 +20,7 @@ from rfca_rig.engine.interfaces import Bench, StopRequest
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, MoveShaft, Plan, Rates, Rest, SetHeight, SettleCriterion, Stage
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.keeper import InProcessRecorder
+from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.model import Recording
 from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
 from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events

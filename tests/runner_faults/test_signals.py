@@ -23,8 +23,7 @@ from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand,
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.run_lock import check_not_running
-from rfca_rig.recording.run_text import events_of
+from rfca_rig.recording.run_text import check_not_running, events_of
 from tests.twin_server.server import Server, serving
 
 PATIENCE_S = 240.0

@@ -18,7 +18,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.executors.local import process_executor
 from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, WorkerLost
 from rfca_rig.progress import ignore_named_progress
-from rfca_rig.recording.seal import read_seal
+from rfca_rig.recording.hdf5_file import read_seal
 from rfca_rig.sweep import outputs
 from rfca_rig.sweep.carrying_out import Pace, Shards, find_gaps, measure_pace, run_sweep, split_gaps
 from rfca_rig.sweep.cases import CaseRange, compute

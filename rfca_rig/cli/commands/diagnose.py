@@ -131,7 +131,7 @@ def diagnose(
 def diagnose_quietly(without: tuple[str, ...], as_is: bool, job: tuple[Path, Path]) -> str | None:
     """One diagnosis without output; returns the reason where the recordings cannot be used."""
     from rfca_rig.errors import RigError
-    from rfca_rig.recording.atomic_dir import atomic_directory
+    from rfca_rig.recording.atomic import atomic_directory
 
     recordings, folder = job
     try:

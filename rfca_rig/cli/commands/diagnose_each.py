@@ -25,7 +25,7 @@ def diagnose_each(paths: Sequence[Path], out: Path, job: Job, workers: int | Non
     """
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import RigError, Stopped
-    from rfca_rig.recording.atomic_dir import refresh_nfs_cache, remove_leftovers
+    from rfca_rig.recording.atomic import refresh_nfs_cache, remove_leftovers
 
     folders = _folders(paths, out)
     out.mkdir(parents=True, exist_ok=True)
