@@ -9,9 +9,9 @@ from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.bench.resume import ending_of, reopen_run
 from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
-from rfca_rig.cli.progress import progress
+from rfca_rig.cli.progress import make_marked_say, progress
 from rfca_rig.cli.run_config import RunConfig
-from rfca_rig.cli.terminal import Say, make_marked_say
+from rfca_rig.cli.terminal import Say
 from rfca_rig.description.own_devices import texts_of
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.errors import DiskFull, RigError, Tripped

@@ -41,9 +41,9 @@ from rfca_rig.cli.commands import (
     twin,
     view,
 )
-from rfca_rig.cli.completion import add_completions
-from rfca_rig.cli.encoding import open_null, use_ascii_fallback
 from rfca_rig.cli.help import Command, CommandGroup, ProgramGroup
+from rfca_rig.cli.names import add_completions
+from rfca_rig.cli.terminal import open_null, use_ascii_fallback
 from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
 from rfca_rig.suggestions import in_one_line
 

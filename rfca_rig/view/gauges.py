@@ -11,7 +11,7 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.trip_codes import Trip
 from rfca_rig.view.decimation import Floats
-from rfca_rig.view.tick_block import SeenTicks
+from rfca_rig.view.run_queue import SeenTicks
 
 
 @dataclass

@@ -11,7 +11,7 @@ import numpy as np
 
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.recorder import Recorder
-from rfca_rig.cli.signals import SignalHandler
+from rfca_rig.cli.run_experiment import SignalHandler
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings

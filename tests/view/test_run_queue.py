@@ -7,8 +7,7 @@ import pytest
 
 from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.recording.journal import block_size, frame_block
-from rfca_rig.view.run_queue import MAX_WAITING
-from rfca_rig.view.tick_block import Stamp, tick_block, ticks_of
+from rfca_rig.view.run_queue import MAX_WAITING, Stamp, tick_block, ticks_of
 from tests.engine.rigs import one_condition, twin_rig
 from tests.view.seen import counts_of, tick, watched
 

@@ -75,8 +75,8 @@ def camera(
 
     Example: rfca-rig calibrate camera board/ --plane plane.jpg --board-at 20,15
     """
-    from rfca_rig.cli.terminal import make_marked_say
-    from rfca_rig.cli.writable import out_file
+    from rfca_rig.cli.options import out_file
+    from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.description.camera_file import camera_file, write_camera_file
     from rfca_rig.errors import BadInput
     from rfca_rig.vision.board import parse_board
@@ -104,7 +104,7 @@ def camera(
 
 
 def _make_board(board: "Board", path: Path) -> None:
-    from rfca_rig.cli.writable import out_file
+    from rfca_rig.cli.options import out_file
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.atomic import write_atomically
     from rfca_rig.vision.board_sheet import board_pdf, board_png

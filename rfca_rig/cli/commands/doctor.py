@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.encoding import takes_colours
-from rfca_rig.cli.options import Json
-from rfca_rig.cli.writable import out_folder
+from rfca_rig.cli.options import Json, out_folder
+from rfca_rig.cli.terminal import takes_colours
 
 if TYPE_CHECKING:
     from rfca_rig.description.rig_file import RigFile

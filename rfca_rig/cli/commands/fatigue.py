@@ -76,7 +76,7 @@ def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
 def say_bending(config: "RunConfig") -> None:
     """Prints how far the model bends the leg in a cycle, before anything moves."""
     from rfca_rig.bench.expectation import predict_bending
-    from rfca_rig.cli.terminal import make_marked_say
+    from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.protocol.cycles import cycles_in
 
     for height_m, speed_rad_s in sorted({(stage.height_m, stage.speed_rad_s) for stage in cycles_in(config.plan)}):

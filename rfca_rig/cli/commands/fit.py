@@ -9,10 +9,9 @@ import typer
 
 from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.executors import Cluster, open_executor
-from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.names import FIT_PARAMETERS
-from rfca_rig.cli.options import AsIs, Json
-from rfca_rig.cli.writable import out_file
+from rfca_rig.cli.options import AsIs, Json, out_file
+from rfca_rig.cli.terminal import print_lines
 from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:

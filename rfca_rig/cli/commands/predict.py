@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.lines import print_lines
-from rfca_rig.cli.options import Json, Model, Rig
-from rfca_rig.cli.writable import out_file
+from rfca_rig.cli.options import Json, Model, Rig, out_file
+from rfca_rig.cli.terminal import print_lines
 
 
 def predict(
@@ -28,8 +27,7 @@ def predict(
     import json
 
     from rfca_rig.analysis.prediction import predict_stroke, write_csv
-    from rfca_rig.cli.first_compile import announce_first_compile
-    from rfca_rig.cli.progress import progress
+    from rfca_rig.cli.progress import announce_first_compile, progress
     from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig

@@ -44,8 +44,8 @@ def resume(
     from rfca_rig.bench.resume import read_interrupted_run
     from rfca_rig.cli.attach_view import parse_viewing
     from rfca_rig.cli.commands.fatigue import say_bending
+    from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.cli.run_experiment import run_and_record
-    from rfca_rig.cli.terminal import make_marked_say
 
     begun = read_interrupted_run(run.parent if run.suffix == ".h5" else run)
     config = replace(_order(begun, rig, as_json, dry_run), viewing=parse_viewing(view, view_port, pace), operator=operator)

@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Rig
+from rfca_rig.cli.terminal import print_lines
 
 
 def strip(
@@ -21,8 +21,7 @@ def strip(
     import json
 
     from rfca_rig.analysis.strips import compare_strips
-    from rfca_rig.cli.first_compile import announce_first_compile
-    from rfca_rig.cli.progress import progress
+    from rfca_rig.cli.progress import announce_first_compile, progress
     from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.rig_file import read_rig
 

@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from rfca_rig.cli.help import Command
-from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Rig, Seed
+from rfca_rig.cli.terminal import print_lines
 from rfca_rig.errors import BadInput, DeviceError, Stopped
 
 RDT_PORT, COMMAND_PORT, HTTP_PORT = 49152, 49151, 8080
@@ -61,8 +61,7 @@ def serve(
     """
     from rfca_rig.bench.fault_injection import faults_of_served_rig
     from rfca_rig.bench.served import Openings, open_served
-    from rfca_rig.cli.first_compile import COMPILE_NOTICE
-    from rfca_rig.cli.terminal import make_marked_say
+    from rfca_rig.cli.progress import COMPILE_NOTICE, make_marked_say
     from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
