@@ -24,7 +24,7 @@ from rfca_rig.recording.layout import RECORDING
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import write_ending
 from rfca_rig.recording.summary import summarize
-from rfca_rig.twin_server.fault_schedule import FaultEvent
+from rfca_rig.twin_server.faults import FaultEvent
 
 
 def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:

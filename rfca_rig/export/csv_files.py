@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rfca_rig.campaign.stored import StoredRecording, open_stored
-from rfca_rig.campaign.stored_streams import StoredStream
+from rfca_rig.campaign.stored import StoredRecording, StoredStream, open_stored
 from rfca_rig.errors import BadInput
 from rfca_rig.export.static_row import static_row
 from rfca_rig.progress import ProgressCount, iterate_with_progress

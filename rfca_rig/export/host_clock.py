@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.bench.resume import RESUMED
-from rfca_rig.campaign.stored import StoredStage
-from rfca_rig.campaign.stored_streams import StoredStream
+from rfca_rig.campaign.stored import StoredStage, StoredStream
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.rows import HOST_TIME
 from rfca_rig.recording.run_text import parse_events

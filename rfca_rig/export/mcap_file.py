@@ -20,8 +20,7 @@ from typing import IO, Any
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from rfca_rig.campaign.stored import StoredRecording, StoredStage, open_stored
-from rfca_rig.campaign.stored_streams import StoredStream
+from rfca_rig.campaign.stored import StoredRecording, StoredStage, StoredStream, open_stored
 from rfca_rig.channels import UNITS
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.export import foxglove_messages as foxglove

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from google.protobuf.descriptor_pb2 import DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 
-from rfca_rig.campaign.stored_streams import StoredStream
+from rfca_rig.campaign.stored import StoredStream
 
 PACKAGE = "rfca_rig"
 TIME = "t_s"

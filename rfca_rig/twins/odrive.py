@@ -7,8 +7,9 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs import cansimple, odrive_meanings, odrive_messages, odrive_older_meanings
+from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs.odrive_meanings import ESTOP_REQUESTED, MISSING_INPUT, MODULATION_IS_NAN, WATCHDOG_EXPIRED
 from rfca_rig.codecs.odrive_messages import (
     AxisState,
     ControlMode,
@@ -29,8 +30,6 @@ Floats = NDArray[np.float64]
 # Procedure result of a drive that was disarmed by an error.
 DISARMED = 3
 FIRMWARE = Version(firmware=(0, 6, 10), hardware=(4, 4, 58))
-WATCHDOG_EXPIRED = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
-ESTOP_REQUESTED = {OdriveFirmware.V0_5: odrive_older_meanings.ESTOP_REQUESTED, OdriveFirmware.V0_6: odrive_meanings.ESTOP_REQUESTED}
 
 
 @dataclass(frozen=True)
@@ -151,9 +150,9 @@ class OdriveTwin:
 
     def _fail_not_finite(self) -> None:
         if self._settings.dialect == OdriveFirmware.V0_5:
-            self.fail_part(OdrivePart.MOTOR, odrive_older_meanings.MODULATION_IS_NAN)
+            self.fail_part(OdrivePart.MOTOR, MODULATION_IS_NAN)
         else:
-            self.fail(odrive_meanings.MISSING_INPUT)
+            self.fail(MISSING_INPUT)
 
     def _request(self, state: int) -> None:
         if state == AxisState.IDLE:

@@ -11,10 +11,8 @@ import numpy as np
 
 from rfca_rig.clock import WallClock
 from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
 from rfca_rig.twin_server.real_time import RealTimeLoop
-from rfca_rig.twin_server.shared_wire import SharedWire
-from rfca_rig.twin_server.slcan_port import SlcanPort
-from rfca_rig.twin_server.socketcand_port import SocketcandPort
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings

@@ -22,9 +22,8 @@ from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, MoveShaft, Pl
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.model import Recording
+from rfca_rig.twin_server.drive_faults import OdriveDialect, TamperedBus, odrive_events
 from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
-from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
-from rfca_rig.twin_server.tampered_bus import TamperedBus
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings

@@ -101,8 +101,7 @@ def fit(
 
 def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: bool) -> None:
     """The same for a pendulum's recordings."""
-    from rfca_rig.campaign.pendulum import read_pendulum_campaign
-    from rfca_rig.campaign.pendulum_model import write_pendulum_model
+    from rfca_rig.campaign.pendulum import read_pendulum_campaign, write_pendulum_model
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT, fit_pendulum, update_known_to
 

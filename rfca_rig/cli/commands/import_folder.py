@@ -24,8 +24,7 @@ def import_folder(
     """
     import json
 
-    from rfca_rig.campaign.importing import import_campaign, import_pendulum
-    from rfca_rig.campaign.opening import experiment_among, pendulum_among
+    from rfca_rig.campaign.opening import experiment_among, import_campaign, import_pendulum, pendulum_among
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.store import read_recording

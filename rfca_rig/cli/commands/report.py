@@ -79,8 +79,7 @@ def refuse_leg_options(given: Mapping[str, bool]) -> None:
 
 def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:
     """The same for a pendulum's recordings."""
-    from rfca_rig.campaign.pendulum import read_pendulum_campaign
-    from rfca_rig.campaign.pendulum_model import with_model_file
+    from rfca_rig.campaign.pendulum import read_pendulum_campaign, with_model_file
     from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.fit import fit_pendulum

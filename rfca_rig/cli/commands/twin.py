@@ -66,8 +66,8 @@ def serve(
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.model.compiled import is_warm
-    from rfca_rig.twin_server.fault_schedule import parse_fault_events
-    from rfca_rig.twin_server.listening import is_loopback
+    from rfca_rig.twin_server.faults import parse_fault_events
+    from rfca_rig.twin_server.tcp import is_loopback
 
     say = make_marked_say("SIM", quiet)
     orders = parse_fault_events(fault or [])
