@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.description.camera_sections import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
+from rfca_rig.description.camera_file import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
 from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
 from rfca_rig.drivers.roles import Camera, Photo, Photographer
 from rfca_rig.twins.camera import CameraTwin, StandingLeg

@@ -15,8 +15,7 @@ from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.protocol.remaining import PlanProgress
-from rfca_rig.protocol.written_plan import parse_plan
+from rfca_rig.protocol.written_plan import PlanProgress, parse_plan
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, StaticStage

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.cli.paths import PACKAGE, folders_of
+from rfca_rig.errors import Trip
 from rfca_rig.logbook import entry
-from rfca_rig.logbook.query import VERDICTS as ANY_VERDICT
-from rfca_rig.trip_codes import Trip
+from rfca_rig.logbook.entry import VERDICTS as ANY_VERDICT
 
 # Copies of names that other packages define: importing those would take too long for a completion.
 FIT_PARAMETERS = (

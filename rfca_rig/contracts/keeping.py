@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.contracts import own_force_sensor, own_motor, plugin
+from rfca_rig.contracts import own_devices, plugin
 from rfca_rig.description.force_sensor_sections import ForceSensorKeys
 from rfca_rig.description.motor_sections import MotorKeys
 from rfca_rig.description.own_devices import twin_of
@@ -14,14 +14,17 @@ from rfca_rig.errors import BadInput
 
 
 def find_conformance_tests(rig: RigFile) -> list[str]:
-    """Test files for the plug-in devices of a rig. Raises BadInput for a rig without any, and for a device without a twin."""
-    pairs = ((rig.motor, MotorKeys, own_motor), (rig.force_sensor, ForceSensorKeys, own_force_sensor))
-    own = [(keys, module) for keys, kind, module in pairs if isinstance(keys, kind)]
+    """Test classes for the plug-in devices of a rig. Raises BadInput for a rig without any, and for a device without a twin."""
+    pairs = (
+        (rig.motor, MotorKeys, own_devices.TestOurMotor),
+        (rig.force_sensor, ForceSensorKeys, own_devices.TestOurForceSensor),
+    )
+    own = [(keys, tests) for keys, kind, tests in pairs if isinstance(keys, kind)]
     if not own:
         raise BadInput(f'{rig.rig.title}: names no device = "own"; for the others the package keeps the contracts with tests of its own')
     for keys, _ in own:
         twin_of(keys)
-    return [str(module.__file__) for _, module in own]
+    return [f"{own_devices.__file__}::{tests.__name__}" for _, tests in own]
 
 
 def run_conformance_tests(rig: RigFile, path: Path) -> bool:

@@ -11,8 +11,7 @@ from rfca_rig.bench.motors import make_motor, open_bus
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.cubemars_drives import mit_ranges
 from rfca_rig.codecs.odrive_messages import OdriveFirmware
-from rfca_rig.description.camera_file import read_camera_file
-from rfca_rig.description.camera_sections import PhotoFolderSection
+from rfca_rig.description.camera_file import PhotoFolderSection, read_camera_file
 from rfca_rig.description.force_sensor_sections import (
     AtiDaqSection,
     AtiSerialSection,

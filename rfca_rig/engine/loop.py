@@ -8,10 +8,9 @@ import numpy as np
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples, concatenate_blocks
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest, Tick
 from rfca_rig.engine.limit_monitor import LimitMonitor, Tracking
-from rfca_rig.errors import DeviceError, Tripped
+from rfca_rig.errors import DeviceError, Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.trip_codes import Trip
 
 # No report of the shaft within this time: the drive's cyclic encoder message is probably off.
 FIRST_REPORT_S = 1.0

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from rfca_rig.drivers.roles import Photo, Photographer
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.stopping import RecordedSamples, Sink
-from rfca_rig.errors import RigError, Tripped
+from rfca_rig.errors import RigError, Trip, Tripped
 from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, SettleCriterion, signed_turn
-from rfca_rig.trip_codes import Trip
 
 HOLD_PERIOD_S = 0.01
 # Averages 350 records at 7 kHz: sensor noise of 0.15 N becomes 0.01 N. Still short enough to see a leg that swings.

@@ -24,9 +24,21 @@ from rfca_rig.exam.answer import (
     outcome,
     parse_truth,
 )
-from rfca_rig.exam.claims import CONFIDENT, ClaimCalibration, Judged, ParameterAccuracy, calibration, parameter_errors, values
+from rfca_rig.exam.claims import (
+    CONFIDENT,
+    SURE_PROBABILITY,
+    ClaimCalibration,
+    Judged,
+    ParameterAccuracy,
+    StatementScores,
+    calibration,
+    has_right_family,
+    parameter_errors,
+    score_statements,
+    statements,
+    values,
+)
 from rfca_rig.exam.pendulums.cases import PENDULUM_KINDS, PENDULUM_NOTHING
-from rfca_rig.exam.statements import SURE_PROBABILITY, StatementScores, has_right_family, score_statements, statements
 
 LISTED = 20
 # Relative error of a parameter from which a right name counts among the worst.

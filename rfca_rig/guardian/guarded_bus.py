@@ -15,8 +15,7 @@ from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import GuardianTorqueOff, TorqueOffFrames, TorqueOffResult
 from rfca_rig.guardian.link import MAX_QUEUED_BYTES, GuardianLink, GuardianRecord, RecordKind, decode_result, from_frame, to_frame
-from rfca_rig.guardian.process import FAILED, READY, GuardianAssignment, run_guardian, signature
-from rfca_rig.guardian.torque_off import MIN_REPETITIONS, REPEAT_S
+from rfca_rig.guardian.process import FAILED, MIN_REPETITIONS, READY, REPEAT_S, GuardianAssignment, run_guardian, signature
 
 MODULE = "rfca_rig.guardian.guarded_bus"
 

@@ -21,8 +21,7 @@ from rfca_rig.recording.atomic import AppendOnlyFile, remove, translate_os_error
 from rfca_rig.recording.hdf5_file import open_plain
 from rfca_rig.recording.run_text import lock
 from rfca_rig.sweep.cases import LONGEST_REMARK, CaseRange, CaseRows, case_row, compute, make_failed_rows
-from rfca_rig.sweep.identity import claim_folder
-from rfca_rig.sweep.plan import SweepPlan
+from rfca_rig.sweep.plan import SweepPlan, claim_folder
 from rfca_rig.sweep.result import SweepResult, read_result, write_result
 
 FOLDER, LOCK = "shards", "lock"

@@ -13,8 +13,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.hdf5_file import new_hdf5_file, open_plain, run_to_completion
 from rfca_rig.sweep.cases import INTERNAL_ERROR
-from rfca_rig.sweep.identity import FORMAT, as_text, digest
-from rfca_rig.sweep.plan import SweepPlan
+from rfca_rig.sweep.plan import FORMAT, SweepPlan, as_text, digest
 from rfca_rig.sweep.quantities import find_quantity
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ import can
 from rfca_rig.codecs import fdcanusb, slcan, socketcand
 from rfca_rig.codecs.classic_can import ClassicFrame
 from rfca_rig.codecs.fdcanusb import FdFrame
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twin_server.tcp import TcpClient, accept_all, is_http, listening_tcp
 from rfca_rig.twins.wires import CanEnd
 

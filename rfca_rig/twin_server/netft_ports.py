@@ -4,9 +4,9 @@ import socket
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netft_configuration import COMMAND_BYTES
 from rfca_rig.codecs.rdt import RdtCommand, decode_request
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.tcp import TcpClient, accept_all, bound_udp, listening_tcp
 from rfca_rig.twins.netft import NetFtBoxTwin, Page

@@ -8,7 +8,7 @@ import can
 from rfca_rig.codecs import cubemars_mit
 from rfca_rig.codecs.cubemars_drives import mit_ranges
 from rfca_rig.codecs.cubemars_mit import POSITION_CODES, MitCommand, MitReply, Special
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.drive_parts import Encoder, MotorThermalModel, ThermalParameters
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 

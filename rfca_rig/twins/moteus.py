@@ -7,9 +7,9 @@ from math import inf, isinf, isnan, nan, tau
 import can
 
 from rfca_rig.codecs import moteus
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.moteus import Read, Refusal, Reply, Route, Subframe, Write
 from rfca_rig.codecs.moteus_registers import Mode, Register
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.drive_parts import Encoder, MotorThermalModel, ThermalParameters
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netft_configuration import (
     PATH,
     CalibrationInfo,
@@ -18,6 +17,7 @@ from rfca_rig.codecs.netft_configuration import (
     encode_reading,
 )
 from rfca_rig.codecs.rdt import MAX_RECORDS, RECORD_BYTES, SATURATED, RdtCommand, Records, Request, decode_request, encode_records
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.wires import DatagramLink, SampleGrid
 
 Floats = NDArray[np.float64]

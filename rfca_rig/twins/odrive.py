@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.codecs import cansimple, odrive_messages
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_meanings import ESTOP_REQUESTED, MISSING_INPUT, MODULATION_IS_NAN, WATCHDOG_EXPIRED
 from rfca_rig.codecs.odrive_messages import (
     AxisState,
@@ -21,6 +20,7 @@ from rfca_rig.codecs.odrive_messages import (
     PartError,
     Version,
 )
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.drive_parts import Encoder, LoopGains, MotorSetPoint, MotorThermalModel, SpeedLoop, ThermalParameters
 from rfca_rig.twins.wires import SampleGrid
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion

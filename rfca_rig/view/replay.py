@@ -10,9 +10,8 @@ from typing import Any
 
 from rfca_rig.campaign.stored import StoredRecording, open_stored
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, Trip
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.trip_codes import Trip
 from rfca_rig.view.gauges import Gauge
 from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_view import url_of

@@ -27,8 +27,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from rfca_rig.errors import BadInput
-from rfca_rig.trip_codes import Trip
+from rfca_rig.errors import BadInput, Trip
 from rfca_rig.view.admission import PROTOCOL, Admission
 from rfca_rig.view.live_view import HOST
 from rfca_rig.view.messages import BEATS_HZ, Feed, FeedSource, Message

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.assignment import Candidates, MarkAssignment, Tolerances, assignments_within
+from rfca_rig.vision.assignment import Candidates, ChainBounds, MarkAssignment, Tolerances, assignments_within, chain_bounds
 from rfca_rig.vision.camera_model import CameraModel
-from rfca_rig.vision.chain_bounds import ChainBounds, chain_bounds
 from rfca_rig.vision.leg_marks import MarkPlan
 from rfca_rig.vision.marks import Mark, RejectedPatch
 

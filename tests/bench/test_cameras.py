@@ -10,7 +10,7 @@ import pytest
 
 from rfca_rig.bench.cameras import DelayedCamera, make_camera
 from rfca_rig.clock import TwinClock, WallClock
-from rfca_rig.description.camera_sections import OpenCvCameraSection, PhotoFolderSection
+from rfca_rig.description.camera_file import OpenCvCameraSection, PhotoFolderSection
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import DeviceError

@@ -4,7 +4,7 @@ import can
 import pytest
 
 from rfca_rig.guardian.link import GuardianRecord, RecordKind, decode_result, encode, from_frame, split_records, to_frame
-from rfca_rig.guardian.torque_off import MAX_DURATION_S, MIN_REPETITIONS, REPEAT_S
+from rfca_rig.guardian.process import MAX_DURATION_S, MIN_REPETITIONS, REPEAT_S
 from rfca_rig.twins.wires import CanEnd
 from tests.guardian.inside import EXIT, LAST_WORD, LIMP, command, inside, reply
 

@@ -55,7 +55,7 @@ def run(
     from rfca_rig.cli.run_experiment import run_and_record
     from rfca_rig.cli.run_options import RunOptions, make_run_config
     from rfca_rig.description.protocol_file import read_fatigue
-    from rfca_rig.protocol.fatigue import fatigue_plan
+    from rfca_rig.protocol.experiments import fatigue_plan
 
     viewing = parse_viewing(view, view_port, pace)
     asked = RunOptions(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing)

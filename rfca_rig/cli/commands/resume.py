@@ -74,7 +74,7 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.trusted_code import check_trusted, find_rig
     from rfca_rig.errors import BadInput
-    from rfca_rig.protocol.remaining import make_remaining_plan
+    from rfca_rig.protocol.written_plan import make_remaining_plan
 
     stored, remaining_plan = begun.header.provenance, make_remaining_plan(begun.plan, begun.done)
     if not remaining_plan.stages:

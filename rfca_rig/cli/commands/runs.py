@@ -169,7 +169,7 @@ def runs(
     from rfca_rig.cli.names import effect_names
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
-    from rfca_rig.logbook import query as asked
+    from rfca_rig.logbook import entry as asked
     from rfca_rig.logbook.listing import list_runs
 
     if paths and as_json:

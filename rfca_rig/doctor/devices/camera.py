@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from rfca_rig.bench.cameras import make_camera
 from rfca_rig.clock import Clock
-from rfca_rig.description.camera_sections import OpenCvCameraSection
+from rfca_rig.description.camera_file import OpenCvCameraSection
 from rfca_rig.doctor.devices.can import shorten_error
 from rfca_rig.doctor.finding import Finding, green, red, yellow
 from rfca_rig.drivers.roles import Photo, Photographer

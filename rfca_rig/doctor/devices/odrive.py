@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import can
 
 from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED, error_text, part_error_text, state_text
 from rfca_rig.codecs.odrive_messages import (
     BROADCAST_NODE,
@@ -23,6 +22,7 @@ from rfca_rig.codecs.odrive_messages import (
 )
 from rfca_rig.doctor.devices.can import LISTEN_S, Listener, ReceivedFrame, mean_period_s
 from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
+from rfca_rig.errors import MalformedFrame
 
 DRIVE, ERROR, ENCODER, TORQUE = "drive", "drive error", "drive's encoder", "drive's torque"
 # Factors between measured and configured period: the driver refuses the first, the second gets a warning.

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netft_configuration import (
     CALIBRATION_BYTES,
     MAX_PAGE_BYTES,
@@ -33,7 +32,7 @@ from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_requ
 from rfca_rig.drivers.force_sensors.records import RecordSequence, StatusCounter
 from rfca_rig.drivers.ports import Datagrams
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth, concatenate_blocks
-from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.errors import BadInput, DeviceError, MalformedFrame
 
 TIMEOUT_S = 2.0
 # Relative tolerance: counts per unit are converted between units, which leaves rounding errors.

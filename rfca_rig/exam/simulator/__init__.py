@@ -2,5 +2,5 @@
 
 1. `world` holds everything that a hidden effect can change.
 2. `engine` integrates it, one `step` after the other, from `body` and `floor`; `compiled` compiles them.
-3. `sensor` makes recorded columns of the forces, with faults and noise.
+3. `experiment` makes recorded columns of the forces, with faults and noise.
 """
