@@ -52,7 +52,7 @@ class DelayedCamera:
     def begin(self) -> None:
         self._photo = self._camera.photo()
 
-    def taken(self) -> Photo | None:
+    def fetch_photo(self) -> Photo | None:
         if self._photo is None or self._clock.now_s() < self._photo.host_s + self._takes_s:
             return None
         photo, self._photo = self._photo, None

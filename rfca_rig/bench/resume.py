@@ -169,7 +169,7 @@ def ending_of(
 ) -> Ending:
     """The run's end with the static stages of all its parts; photos of earlier parts that were not read are read now."""
     earlier = () if begun is None else _with_photos_read(begun.static, folder, eye)
-    resumed_text = {} if begun is None else {"resumed": _resumed_text(folder)}
+    resumed_text = {} if begun is None else {"resumed": _list_continuations(folder)}
     return Ending({**known, **resumed_text, **photo_hashes(folder)}, (*earlier, *stages))
 
 
@@ -181,7 +181,7 @@ def _with_photos_read(stages: Sequence[StaticStage], folder: Path, eye: PhotoSet
     return tuple(stage if stage.overlay else next(read) for stage in stages)
 
 
-def _resumed_text(folder: Path) -> str:
+def _list_continuations(folder: Path) -> str:
     """Each continuation, from the run's events, as JSON."""
     return json.dumps([event for event in events_of(folder) if event["event"] == RESUMED], ensure_ascii=False)
 

@@ -154,7 +154,7 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
 
 
 def _open_can(wire: SharedWire, openings: Openings, clock: Clock, reached: OpenPorts, stack: ExitStack) -> None:
-    socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.started_at().timestamp())
+    socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.start_time().timestamp())
     stack.callback(socketcand.close)
     reached.add(socketcand, can_port=socketcand.port)
     if openings.slcan:

@@ -65,7 +65,7 @@ class Bag:
         The message type of each topic.
     unreadable
         Why messages of a topic cannot be decoded, by topic.
-    logged
+    read_messages
         Makes an iterator over the messages of some topics.
     """
 
@@ -79,11 +79,11 @@ class Bag:
         for topic in topics:
             if topic in self.unreadable:
                 raise BadInput(f"{self.path}: topic {topic}: {self.unreadable[topic]}")
-        logged = self.open_log(topics)
+        read_messages = self.open_log(topics)
         # Errors of the reader are translated, those of the caller that consumes the messages are not; a plain for loop would cover both.
         while True:
             with _refuse_damage(self.path):
-                found = next(logged, None)
+                found = next(read_messages, None)
             if found is None:
                 return
             yield found
@@ -154,11 +154,11 @@ def _open_mcap(path: Path) -> Iterator[Bag]:
             for schema, channel in _mcap_channels(reader):
                 topics.add(channel.id, channel.topic, schema.name if schema else "no schema", channel.message_encoding, _definition(schema))
 
-        def logged(wanted: Collection[str]) -> Iterator[LoggedMessage]:
+        def read_messages(wanted: Collection[str]) -> Iterator[LoggedMessage]:
             for _, channel, message in reader.iter_messages(wanted):
                 yield channel.topic, message.log_time, topics.decoders[channel.id](message.data)
 
-        yield Bag(path, topics.types, topics.unreadable, logged)
+        yield Bag(path, topics.types, topics.unreadable, read_messages)
 
 
 def _definition(schema: Schema | None) -> MessageDefinition:
@@ -186,12 +186,12 @@ def _open_rosbag(path: Path) -> Iterator[Bag]:
         for connection in reader.connections:
             topics.add(connection.id, connection.topic, connection.msgtype, _serialization(connection), connection.msgdef)
 
-        def logged(wanted: Collection[str]) -> Iterator[LoggedMessage]:
+        def read_messages(wanted: Collection[str]) -> Iterator[LoggedMessage]:
             connections = [connection for connection in reader.connections if connection.topic in wanted]
             for connection, ns, data in reader.messages(connections):
                 yield connection.topic, ns, topics.decoders[connection.id](data)
 
-        yield Bag(path, topics.types, topics.unreadable, logged)
+        yield Bag(path, topics.types, topics.unreadable, read_messages)
     finally:
         reader.close()
 

@@ -141,7 +141,7 @@ class StoredSamples(Protocol):
         """All samples, in memory."""
         ...
 
-    def opened(self) -> AbstractContextManager[tuple[StoredStream, ...]]:
+    def open_streams(self) -> AbstractContextManager[tuple[StoredStream, ...]]:
         """The samples, to be read in blocks."""
         ...
 
@@ -163,7 +163,7 @@ class SamplesInMemory:
     def whole(self) -> Streams:
         return self.streams
 
-    def opened(self) -> AbstractContextManager[tuple[StoredStream, ...]]:
+    def open_streams(self) -> AbstractContextManager[tuple[StoredStream, ...]]:
         return nullcontext(streams_in_memory(self.streams))
 
 
@@ -194,7 +194,7 @@ class SamplesInFile:
             return read_streams(file[self.group], file.attrs["source"])
 
     @contextmanager
-    def opened(self) -> Iterator[tuple[StoredStream, ...]]:
+    def open_streams(self) -> Iterator[tuple[StoredStream, ...]]:
         # Damage shows where a block is read. The caller's own errors, for instance of a full disk, are not the recording's.
         with h5py.File(self.path, "r") as file:
             yield streams_in_file(self.path, file[self.group], file.attrs["source"])

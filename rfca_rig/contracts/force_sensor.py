@@ -83,7 +83,7 @@ class ForceSensorRig:
             self.twin.take_requests()
             due_s = self.twin.due(end_s)
             # The reshape keeps the shape (0, 6) if no sample was due.
-            self.twin.measured(self.wrench(due_s).reshape(-1, 6))
+            self.twin.take_wrench(self.wrench(due_s).reshape(-1, 6))
         self.twin_s = to_s
 
     def run(self, seconds: float) -> ForceSamples:

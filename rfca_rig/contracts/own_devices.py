@@ -31,9 +31,9 @@ class TestOurForceSensor(ForceSensorContract):
     """Runs the tests without noise, under a prescribed wrench."""
 
     @pytest.fixture
-    def rig(self, described: RigFile) -> ForceSensorRig:
-        assert isinstance(described.force_sensor, ForceSensorKeys), "[force_sensor] is not of a file of its own"
-        keys, clock, (host, device) = described.force_sensor, TwinClock(), serial_line()
+    def rig(self, own_rig: RigFile) -> ForceSensorRig:
+        assert isinstance(own_rig.force_sensor, ForceSensorKeys), "[force_sensor] is not of a file of its own"
+        keys, clock, (host, device) = own_rig.force_sensor, TwinClock(), serial_line()
         port = NoisyPort(host)
         sensor, twin = keys.driver(port, clock), twin_of(keys)(device, keys, (0.0,) * 6, np.random.default_rng(1))
         # A driver that is no `RecordStream` has no fixed record length; 64 bytes stand for it.
@@ -61,9 +61,9 @@ class TestOurMotor(MotorContract):
     """Runs the tests. A twin may widen tolerances in `tolerances`, if its protocol is coarser than most."""
 
     @pytest.fixture(autouse=True)
-    def _of_the_rig_file(self, described: RigFile) -> None:
-        assert isinstance(described.motor, MotorKeys), "[motor] is not of a file of its own"
-        self.keys = described.motor
+    def _of_the_rig_file(self, own_rig: RigFile) -> None:
+        assert isinstance(own_rig.motor, MotorKeys), "[motor] is not of a file of its own"
+        self.keys = own_rig.motor
         twin_class = twin_of(self.keys)
         self.TELLS_TEMPERATURE = getattr(twin_class, "tells_temperature", False)
         for name, value in getattr(twin_class, "tolerances", {}).items():

@@ -13,6 +13,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.fixture(scope="session")
-def described(request: pytest.FixtureRequest) -> RigFile:
+def own_rig(request: pytest.FixtureRequest) -> RigFile:
     """The rig file named by the option --rig."""
     return read_rig(request.config.getoption("--rig"))

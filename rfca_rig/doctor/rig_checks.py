@@ -101,7 +101,7 @@ def check_drive(motor: Motor, listener: Listener) -> Iterator[Finding]:
     """Yields the findings on the bus and, unless it is red, on the drive."""
     # The drive is probed first: bus errors may show only once frames have passed.
     findings = _drive(motor, listener)
-    bus = _bus(motor, listener.seen())
+    bus = _bus(motor, listener.observe())
     yield bus
     if bus.colour is not Colour.RED:
         yield from findings

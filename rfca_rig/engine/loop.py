@@ -189,14 +189,14 @@ class Loop:
             self._wrench = np.add.reduce(force.counts, axis=0, dtype=np.float64) / len(force.counts) / self._counts_per_unit
 
     @contextmanager
-    def recorded(self, listener: Listener) -> Iterator[SampleCollector]:
+    def record(self, listener: Listener) -> Iterator[SampleCollector]:
         """Everything that the devices report inside the block goes into the collector, and through it to the listener."""
         collector = SampleCollector(listener)
-        with self.heard(collector.take):
+        with self.listen(collector.take):
             yield collector
 
     @contextmanager
-    def heard(self, listener: Listener) -> Iterator[None]:
+    def listen(self, listener: Listener) -> Iterator[None]:
         """Everything that the devices report inside the block goes to the listener; nothing of it is kept."""
         self._listeners.append(listener)
         try:

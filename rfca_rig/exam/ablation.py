@@ -84,7 +84,7 @@ class AblationResult:
         )
 
 
-def taken_out(folder: Path) -> AblationResult | None:
+def read_ablation(folder: Path) -> AblationResult | None:
     """Results of the ablation in an exam's folder; None where it was not done."""
     answers = folder / FOLDER
     if not answers.is_dir():
@@ -94,11 +94,11 @@ def taken_out(folder: Path) -> AblationResult | None:
         confident_wrong=_share([any(claim.probability >= CONFIDENT for claim in result.named) for _, result in judged]),
         unexplained=_share([not result.named and result.verdict != NOTHING for _, result in judged]),
         silent=_share([result.verdict == NOTHING for _, result in judged]),
-        named=tuple(_named_case(truth, result) for truth, result in judged if result.named),
+        named=tuple(_judge_named_case(truth, result) for truth, result in judged if result.named),
     )
 
 
-def _named_case(truth: Truth, result: ParsedDiagnosis) -> WronglyNamed:
+def _judge_named_case(truth: Truth, result: ParsedDiagnosis) -> WronglyNamed:
     # The cases are those of one effect, see `_visible`.
     (effect,) = truth.effects
     return WronglyNamed(truth.case, effect, tuple(claim.id for claim in result.named), min(claim.probability for claim in result.named))

@@ -82,7 +82,7 @@ def _write_folder(stored: StoredRecording, folder: Path, report_progress: Progre
 def _write_stages(stored: StoredRecording, folder: Path, report_progress: ProgressCount) -> Iterator[dict[str, Any]]:
     for number, stage in enumerate(iterate_with_progress((*stored.strokes, *stored.raw), report_progress), start=1):
         # A file per device: devices sample at different times, and joining them would need resampling.
-        with stage.samples.opened() as streams:
+        with stage.samples.open_streams() as streams:
             for stream in streams:
                 # A device's name may come from elsewhere: no path, and no longer than file systems allow.
                 device = re.sub(r"[^\w.-]", "_", stream.name)[:LONGEST_NAME]

@@ -164,7 +164,7 @@ class _McapFile:
         holds = match_static_stages(self._stored.static, [stage for _, stage in stages])
         ns = 0
         for zero_ns, stage in iterate_with_progress(stages, report_progress):
-            with stage.samples.opened() as streams:
+            with stage.samples.open_streams() as streams:
                 # Each device's messages ascend by themselves: a lazy merge orders them without holding the stage in memory.
                 for message in merge(*self._stage_messages(zero_ns, stage, streams, holds.get(id(stage))), key=itemgetter(0)):
                     ns = max(ns, message[0])

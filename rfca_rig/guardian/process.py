@@ -124,12 +124,12 @@ class CommandTimeout:
         self._since_s = max(self._since_s, given_s)
         return now_s - given_s <= self._limit_s
 
-    def lasted_s(self, now_s: float) -> float:
+    def silence_s(self, now_s: float) -> float:
         """Time in s since the last command."""
         return now_s - self._since_s
 
     def has_expired(self, now_s: float) -> bool:
-        return self.is_armed and self.lasted_s(now_s) > self._limit_s
+        return self.is_armed and self.silence_s(now_s) > self._limit_s
 
     def remaining_s(self, now_s: float) -> float:
         """Time in s until the timeout expires; infinite if it is not armed."""
@@ -226,7 +226,7 @@ class Guardian:
         self._obey(now_s)
         self._receive(now_s)
         if self._silence.has_expired(now_s):
-            self._let_go(now_s, f"after {1e3 * self._silence.lasted_s(now_s):.0f} ms of silence")
+            self._let_go(now_s, f"after {1e3 * self._silence.silence_s(now_s):.0f} ms of silence")
         self._continue_torque_off(now_s)
         self._show_life(now_s)
         self._link.flush()
@@ -329,7 +329,7 @@ class Guardian:
     # -- torque off ----------------------------------------------------------------------------------------------------------
 
     def _let_go(self, now_s: float, why: str) -> None:
-        silent_s = self._silence.lasted_s(now_s)
+        silent_s = self._silence.silence_s(now_s)
         self._silence.disarm()
         self._torque_off = TorqueOffSequence(self._bus, self._last_word, now_s, silent_s)
         self._continue_torque_off(now_s)

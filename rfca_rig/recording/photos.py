@@ -47,7 +47,7 @@ class AnnouncedPhoto:
     name: str
     shape: tuple[int, ...]
 
-    def received(self, parent: Connection) -> Picture:
+    def receive(self, parent: Connection) -> Picture:
         """The photo (rows, columns, 3). Raises EOFError, OSError where the sender dies meanwhile."""
         return np.frombuffer(parent.recv_bytes(), np.uint8).reshape(self.shape)
 

@@ -120,7 +120,7 @@ class DiskRecorder:
             if self._parent.poll(wait_s):
                 message = self._parent.recv()
                 if isinstance(message, AnnouncedPhoto):
-                    picture = message.received(self._parent)
+                    picture = message.receive(self._parent)
                     self._run_unless_failed(lambda: self._writer.keep_picture(message.name, picture))
                     self._pictures.add(message.name)
                 else:

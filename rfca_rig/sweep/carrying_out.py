@@ -47,7 +47,7 @@ class Shards:
         self.folder, self._digest = folder / FOLDER, digest
 
     @contextmanager
-    def held(self) -> Iterator[None]:
+    def lock(self) -> Iterator[None]:
         """Within the context no other process writes here. Raises BadInput where one already does."""
         with translate_os_errors(self.folder, "the folder cannot be made"):
             self.folder.mkdir(exist_ok=True)
@@ -178,7 +178,7 @@ def run_sweep(
     The files are bitwise the same however often the sweep was interrupted. Results received before an exception are on disk.
     """
     shards = Shards(folder, claim_folder(plan, folder))
-    with shards.held():
+    with shards.lock():
         # A finished sweep that stopped before its shards were removed only needs that.
         result = read_result(plan, folder)
         if result is None:

@@ -84,7 +84,7 @@ class DriveDialect(Protocol):
 
     def is_heartbeat(self, message: can.Message) -> bool: ...
 
-    def jumped(self, message: can.Message) -> can.Message:
+    def shift_encoder(self, message: can.Message) -> can.Message:
         """The frame with a displaced encoder position; other frames unchanged."""
         ...
 
@@ -95,7 +95,7 @@ class NoDialect:
     def is_heartbeat(self, message: can.Message) -> bool:  # noqa: ARG002 (none is)
         return False
 
-    def jumped(self, message: can.Message) -> can.Message:
+    def shift_encoder(self, message: can.Message) -> can.Message:
         return message
 
 
@@ -118,7 +118,7 @@ class TamperedBus(can.BusABC):
             if self._panel.is_on("heartbeat-silent") and self._dialect.is_heartbeat(msg):
                 return
             if self._panel.is_on("encoder-jump"):
-                msg = self._dialect.jumped(msg)
+                msg = self._dialect.shift_encoder(msg)
             if self._panel.is_on("can-short"):
                 msg = _shorten(msg)
             # The frame is sent here a first time.
@@ -165,7 +165,7 @@ class MoteusDialect:
     def is_heartbeat(self, message: can.Message) -> bool:  # noqa: ARG002 (a moteus has none)
         return False
 
-    def jumped(self, message: can.Message) -> can.Message:
+    def shift_encoder(self, message: can.Message) -> can.Message:
         """The frame with the reported position shifted by one turn."""
         return replace_data(message, moteus.encode([_shift_position(item) for item in moteus.decode(message.data)]))
 
@@ -191,7 +191,7 @@ class OdriveDialect:
     def is_heartbeat(self, message: can.Message) -> bool:
         return message.arbitration_id & 0x1F == OdriveCommand.HEARTBEAT
 
-    def jumped(self, message: can.Message) -> can.Message:
+    def shift_encoder(self, message: can.Message) -> can.Message:
         """The frame with the encoder estimate shifted by one motor turn."""
         estimates = cansimple.decode(message.arbitration_id, message.data)
         if not isinstance(estimates, EncoderEstimates):

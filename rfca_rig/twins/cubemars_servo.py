@@ -151,10 +151,10 @@ class CubemarsServoTwin:
         self._starts_pacing = False
         return self._loop.law(self._wanted, shaft)
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
         """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
-        self._loop.passed(self._wanted, elapsed_s, before, after)
-        self.warmth.passed(elapsed_s, after.torque_Nm)
+        self._loop.advance(self._wanted, elapsed_s, before, after)
+        self.warmth.advance(elapsed_s, after.torque_Nm)
         if self._goal_rad is not None:
             way_rad, most_rad = self._goal_rad - self._wanted.angle_rad, self._pace_rad_s * elapsed_s
             self._wanted.angle_rad += min(max(way_rad, -most_rad), most_rad)

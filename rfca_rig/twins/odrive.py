@@ -59,7 +59,7 @@ class OdriveTwinSettings:
 class OdriveTwin:
     """A `MotorTwin` that sends cyclic reports.
 
-    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `passed`.
+    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`.
 
     Set-points stay as last commanded when the loop closes. Some firmware sets them to the measured angle then; a driver that relies
     on it causes a jerk with the others.
@@ -190,11 +190,11 @@ class OdriveTwin:
             self._restarts, self._counted_from_rad = False, shaft.angle_rad + self._settings.zero_turns * self._rad_per_turn
         return self._loop.law(self._wanted, shaft) if self._state == AxisState.CLOSED_LOOP else ShaftDrive()
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
         """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
         if self._state == AxisState.CLOSED_LOOP:
-            self._loop.passed(self._wanted, elapsed_s, before, after)
-        self.warmth.passed(elapsed_s, after.torque_Nm)
+            self._loop.advance(self._wanted, elapsed_s, before, after)
+        self.warmth.advance(elapsed_s, after.torque_Nm)
         due_s = self._encoder_ticks.until(now_s).tolist()
         for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))

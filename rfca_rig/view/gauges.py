@@ -67,7 +67,7 @@ class Gauges:
         self._all = (*load, *motion, self._sensor, self._drive, self._warmth, self._late)
         self.stage(None)
 
-    def listed(self) -> list[dict[str, object]]:
+    def describe(self) -> list[dict[str, object]]:
         """Names, units, limits and trip codes of all gauges, for the first message to a page."""
         return [{"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)} for gauge in self._all]
 

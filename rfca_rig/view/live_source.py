@@ -94,7 +94,7 @@ class LiveSource:
 
     def hello(self) -> Message:
         facts = self._facts
-        return hello(facts.title, facts.mark, facts.stages, self._gauges.listed(), self._legs.description)
+        return hello(facts.title, facts.mark, facts.stages, self._gauges.describe(), self._legs.description)
 
     def stop(self, how: str) -> bool:
         """Requests a stop of the run; False where the run is over. Raises LookupError for an unknown kind of stop."""
@@ -277,7 +277,7 @@ class LiveFeed:
 
     def _trace(self) -> Message | None:
         pyramid = self._run.source.pyramid
-        end = pyramid.closed(self._level)
+        end = pyramid.count_closed(self._level)
         # A page that fell behind the oldest bucket kept cannot be continued without a gap: its window starts again.
         is_reset = self._sent is None or self._sent < pyramid.oldest(self._level)
         begin = max(end - ceil(self._span_s / width_s(self._level)), 0) if is_reset else self._sent

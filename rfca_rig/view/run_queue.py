@@ -172,7 +172,7 @@ class RunQueue:
         """A line of text of the run for its operator."""
         self._send_event({"about": "line", "text": text})
 
-    def ended(self, why: str, code: str) -> None:
+    def end(self, why: str, code: str) -> None:
         """The run is over and the motor is off. `code` is the trip code of the limit that was exceeded, "" for none."""
         self._send_event({"about": "end", "why": why, "code": code})
         self._send_waiting()

@@ -67,7 +67,7 @@ class Beats:
         struck, self._next = self._next, asyncio.Event()
         struck.set()
 
-    async def heard(self) -> None:
+    async def wait(self) -> None:
         """Returns at the next beat."""
         await self._next.wait()
 
@@ -105,7 +105,7 @@ class Pages:
             while not listener.done():
                 for message in feed.new_messages():
                     await socket.send_text(_text(message))
-                await self._beats.heard()
+                await self._beats.wait()
         finally:
             listener.cancel()
             with suppress(asyncio.CancelledError, WebSocketDisconnect):

@@ -35,7 +35,7 @@ class Burdened(Rotor):
 
 def main() -> None:
     clock, wire = WallClock(), SharedWire("far end")
-    port, serial = SocketcandPort(wire, "127.0.0.1", 0, clock.started_at().timestamp()), SlcanPort(wire)
+    port, serial = SocketcandPort(wire, "127.0.0.1", 0, clock.start_time().timestamp()), SlcanPort(wire)
     bus = wire.join()
     if sys.argv[1] == "mit":
         drive = CubemarsMitTwin(bus, MitTwinSettings(MIT.drive_id, MIT.model, MIT.direction, MIT.zero_rad))

@@ -34,7 +34,7 @@ def sensor_on(twins_rate_Hz):
 
     def carry(to_s):
         twin.take_requests()
-        twin.measured(np.zeros((len(twin.due(to_s)), 6)))
+        twin.take_wrench(np.zeros((len(twin.due(to_s)), 6)))
 
     clock.carry(carry)
     sensor = keys.driver(host, clock)

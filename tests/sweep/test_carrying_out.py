@@ -166,7 +166,7 @@ def test_another_sweep_in_the_folder_is_refused(unbroken, tmp_path, monkeypatch)
 @pytest.mark.skipif(os.name == "nt", reason="without locks")
 def test_two_at_once_in_one_folder_are_one_too_many(tmp_path):
     shards = Shards(tmp_path, "")
-    with shards.held(), pytest.raises(BadInput, match="still going on"), shards.held():
+    with shards.lock(), pytest.raises(BadInput, match="still going on"), shards.lock():
         pass
 
 

@@ -82,7 +82,7 @@ def test_a_run_is_seen_with_the_peaks_of_its_recording_and_its_end(tmp_path, wat
     ):
         expect(watched.page.locator("#mark b")).to_have_text("SIM")
         run_plan(plan, bench, recorder, lambda stage: view.run_queue.line(stage.label), supervision)
-        view.run_queue.ended("done", "")
+        view.run_queue.end("done", "")
         expect(watched.page.locator("#ended")).to_contain_text("The run has ended: done")
         stroke = kept.finish().strokes[0]
         for channel in ("fy_N", "fz_N", "tx_Nm"):  # the run was longer than the stroke, so there may be more

@@ -84,7 +84,7 @@ def test_a_wish_is_never_taken_back_and_an_end_is_no_longer_wished_for():
         assert both.run.stop("safe point")
         both.run_queue.energising()
         assert both.stop_request.level is StopLevel.TORQUE_OFF
-        both.run_queue.ended("done", "")
+        both.run_queue.end("done", "")
         both.run.beat()
         assert not both.run.stop("now")
 

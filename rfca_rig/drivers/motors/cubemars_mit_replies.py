@@ -62,7 +62,7 @@ class MitReplies:
         self.at_s = -np.inf
         self._told_errors = self._is_cut = False
 
-    def asked(self) -> None:
+    def note_query(self) -> None:
         """Notes a frame sent to the drive: each one is answered."""
         if not self._asked_s:
             self._whole_s = self._clock.now_s()
