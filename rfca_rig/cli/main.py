@@ -25,7 +25,6 @@ from rfca_rig.cli.commands import (
     fatigue,
     fit,
     import_folder,
-    init,
     plan,
     predict,
     prove,
@@ -35,7 +34,6 @@ from rfca_rig.cli.commands import (
     runs,
     schema,
     static,
-    strip,
     sweep,
     trip,
     twin,
@@ -70,7 +68,7 @@ app.add_typer(fatigue.app, name="fatigue", cls=CommandGroup)
 app.add_typer(twin.app, name="twin", cls=CommandGroup)
 app.add_typer(calibrate.app, name="calibrate", cls=CommandGroup)
 app.add_typer(export.app, name="export", cls=CommandGroup)
-app.command("init", cls=Command)(init.init)
+app.command("init", cls=Command)(schema.init)
 app.command("import", cls=Command)(import_folder.import_folder)
 app.command("resume", cls=Command)(resume.resume)
 app.command("recover", cls=Command)(recover.recover)
@@ -83,7 +81,7 @@ app.command("fit", cls=Command)(fit.fit)
 app.command("diagnose", cls=Command)(diagnose.diagnose)
 app.command("prove", cls=Command)(prove.prove)
 app.command("crosscheck", cls=Command)(crosscheck.crosscheck)
-app.command("strip", cls=Command)(strip.strip)
+app.command("strip", cls=Command)(predict.strip)
 app.command("sweep", cls=Command)(sweep.sweep)
 app.command("doctor", cls=Command)(doctor.doctor)
 app.command("view", cls=Command)(view.view)

@@ -16,7 +16,7 @@ from rfca_rig.cli.options import AsIs, Json, Pdf, Rig, Runs, Seed, out_folder
 from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
-    from rfca_rig.cli.commands.close_the_loop import ClosedLoop
+    from rfca_rig.cli.close_the_loop import ClosedLoop
     from rfca_rig.diagnosis.result import Diagnosis
     from rfca_rig.executors.mapping import TaskExecutor
     from rfca_rig.mechanism.plant import Plant
@@ -190,7 +190,7 @@ def diagnose(
     elif not close_the_loop:
         diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is), asked)
     else:
-        from rfca_rig.cli.commands.close_the_loop import ClosedLoop
+        from rfca_rig.cli.close_the_loop import ClosedLoop
         from rfca_rig.cli.trusted_code import find_rig
 
         # The command is stored with the result, without options at their defaults.
@@ -258,7 +258,7 @@ class DiagnoseOptions:
 def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
     """The last diagnosis, after the proposed experiments."""
     from rfca_rig.campaign.opening import open_with_nominal_model
-    from rfca_rig.cli.commands.close_the_loop import close_the_loop
+    from rfca_rig.cli.close_the_loop import close_the_loop
     from rfca_rig.description.rig_file import read_rig
 
     recordings = open_with_nominal_model(asked.paths, asked.as_is)

@@ -70,7 +70,7 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
     from dataclasses import replace
 
     from rfca_rig.bench.resume import read_compatible_rig
-    from rfca_rig.cli.commands.close_the_loop import nominal_model_of
+    from rfca_rig.cli.close_the_loop import nominal_model_of
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.trusted_code import check_trusted, find_rig
     from rfca_rig.errors import BadInput
