@@ -24,7 +24,6 @@ from rfca_rig.cli.commands import (
     export,
     fatigue,
     fit,
-    import_folder,
     plan,
     predict,
     prove,
@@ -69,7 +68,7 @@ app.add_typer(twin.app, name="twin", cls=CommandGroup)
 app.add_typer(calibrate.app, name="calibrate", cls=CommandGroup)
 app.add_typer(export.app, name="export", cls=CommandGroup)
 app.command("init", cls=Command)(schema.init)
-app.command("import", cls=Command)(import_folder.import_folder)
+app.command("import", cls=Command)(export.import_folder)
 app.command("resume", cls=Command)(resume.resume)
 app.command("recover", cls=Command)(recover.recover)
 app.command("check", cls=Command)(check.check)

@@ -29,7 +29,7 @@ from rfca_rig.engine.run import Supervision, prove_stop, run_plan
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.backend import InProcessRecorder, RecorderClient, RunBackend
-from rfca_rig.recording.disk_reserve import check_room
+from rfca_rig.recording.run_writer import check_room
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.view.live_view import check_live_view
 

@@ -39,7 +39,7 @@ Share = Annotated[float, Field(ge=0, le=1)]
 class LensSection(Section):
     """[camera]: pinhole and lens. `distortion` is k1, k2, p1, p2, k3 in OpenCV's order; standard deviations are one each.
 
-    `coverage_px` is left, top, right, bottom of the part of the image in which the board was seen.
+    `covered_px` is left, top, right, bottom of the part of the image in which the board was seen.
     """
 
     image_size_px: Size
@@ -48,7 +48,7 @@ class LensSection(Section):
     centre_px: Pair
     centre_std_px: NotNegativePair
     distortion: Coefficients
-    coverage_px: Box
+    covered_px: Box
     board: str
     reprojection_error_px: NotNegative
 
@@ -136,7 +136,7 @@ def read_camera_file(path: Path) -> CameraFile:
 def camera_file(calibration: CameraCalibration, board: str, plane: PlaneSection | None) -> CameraFile:
     """The content of a camera file from a calibration; `board` is the description that the user gave."""
     matrix = calibration.matrix
-    coverage_px = calibration.coverage_px().tolist()
+    covered_px = calibration.covered_px().tolist()
     lens = LensSection(
         image_size_px=calibration.size_px,
         focal_px=(float(matrix[0, 0]), float(matrix[1, 1])),
@@ -144,7 +144,7 @@ def camera_file(calibration: CameraCalibration, board: str, plane: PlaneSection 
         centre_px=(float(matrix[0, 2]), float(matrix[1, 2])),
         centre_std_px=_pair(calibration.centre_std_px.tolist()),
         distortion=tuple(calibration.distortion.tolist()),
-        coverage_px=(coverage_px[0], coverage_px[1], coverage_px[2], coverage_px[3]),
+        covered_px=(covered_px[0], covered_px[1], covered_px[2], covered_px[3]),
         board=board,
         reprojection_error_px=calibration.error_px,
     )

@@ -11,7 +11,6 @@ import h5py
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import AppendOnlyFile, remove, sync_folder, translate_os_errors
-from rfca_rig.recording.disk_reserve import DiskReserve
 from rfca_rig.recording.hdf5_file import NewHdf5File, Steps, new_hdf5_file, run_to_completion
 from rfca_rig.recording.identity import write_sums
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGE, STAGES, SUMS, WRITING, journals, stage_files
@@ -30,6 +29,7 @@ from rfca_rig.recording.run_text import (
     write_ending,
     write_header,
 )
+from rfca_rig.recording.run_writer import DiskReserve
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.store import mark_recording, open_sealed, read_recording, write_recording

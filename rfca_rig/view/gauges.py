@@ -73,7 +73,7 @@ class Gauges:
 
     def stage(self, expected: Load | None) -> None:
         """A stage begins with the load that the model expects; None where that is unknown."""
-        # The same ceilings as in `engine.monitors.load`, so that the page shows what the run is stopped by.
+        # The same ceilings as in `engine.limit_monitor`, so that the page shows what the run is stopped by.
         load, factor = expected or Load(np.inf, np.inf), self._limits.above_expected
         self._ceilings = (
             max(factor * load.force_N, MIN_CEILING_SHARE * self._limits.force_N),

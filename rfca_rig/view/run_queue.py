@@ -111,7 +111,7 @@ def ticks_of(blocks: Sequence[JournalBlock]) -> SeenTicks:
 
 
 class RunQueue:
-    """Implements `engine.observer.RunObserver`.
+    """Implements `engine.interfaces.RunObserver`.
 
     `lost` counts force records that the view did not get; the recording has them all. The queue's word for acknowledged stages, which a
     recorder uses, carries the operator's stop request here. `vitals` returns the state of the sensor's stream, and the bytes that the

@@ -42,7 +42,7 @@ class CameraCalibration:
     errors_px: Floats
     refused: tuple[RefusedPhoto, ...]
 
-    def coverage_px(self) -> Floats:
+    def covered_px(self) -> Floats:
         """Left, top, right, bottom (4,) px of the part of the picture in which corners were seen; the lens is extrapolated beyond."""
         px = np.vstack([photo.px for photo in self.photos])
         return np.concatenate([px.min(axis=0), px.max(axis=0)])

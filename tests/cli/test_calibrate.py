@@ -45,7 +45,7 @@ def test_from_photos_to_a_camera_before_the_plane(call, photos, tmp_path):
     assert [photo.name for photo in file.refused] == ["cut.png", "lens-cap.png"]
     assert len(file.photos) == 9
     assert "the board was seen in" not in said.err
-    left, top, right, bottom = file.camera.coverage_px
+    left, top, right, bottom = file.camera.covered_px
     assert 0.0 <= left < 0.15 * 640 < 0.85 * 640 < right <= 640.0
     assert 0.0 <= top < 0.15 * 480 < 0.85 * 480 < bottom <= 480.0
     assert all(0.0 < photo.reprojection_error_px < 0.2 for photo in file.photos)

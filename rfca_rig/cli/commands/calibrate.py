@@ -201,7 +201,7 @@ def _lines(file: "CameraFile", out: Path) -> list[str]:
         f"{len(file.photos)} photos used, {len(file.refused)} refused, reprojection error {lens.reprojection_error_px:.3f} px",
         f"focal length {lens.focal_px[0]:.1f} +- {lens.focal_std_px[0]:.1f} px, {lens.focal_px[1]:.1f} +- {lens.focal_std_px[1]:.1f} px",
     ]
-    left, top, right, bottom = lens.coverage_px
+    left, top, right, bottom = lens.covered_px
     across, down = (right - left) / lens.image_size_px[0], (bottom - top) / lens.image_size_px[1]
     if min(across, down) < WELL_COVERED:
         lines.append(
