@@ -251,7 +251,7 @@ def _describe_effect(effect: Effect) -> Iterator[str]:
     if effect.same_as:
         yield f"- Acts like an error of the nominal value `{effect.same_as}`."
     for limit in effect.equal_limits:
-        yield f"- Cannot be told from `{limit.other}` in a limit: {_prose(limit.words)}."
+        yield f"- Cannot be distinguished from `{limit.other}` in a limit: {_prose(limit.words)}."
     yield f"- Source: {_prose(effect.source)}."
     yield ""
     rows = [_describe_parameter(parameter, role) for parameters, role in (

@@ -34,7 +34,7 @@ class HandRack:
             input(f"REAL motor off. Set the rack to {1e3 * height_m:.1f} mm, clear the leg, then press Enter ")
         except EOFError:
             raise BadInput(
-                f"the input ended before the rack was said to stand at {1e3 * height_m:.1f} mm; run it from a terminal, "
+                f"the input ended before the rack was confirmed to stand at {1e3 * height_m:.1f} mm; run it from a terminal, "
                 "where a person can press Enter"
             ) from None
 

@@ -121,7 +121,7 @@ def prove_drive(config: RunConfig, bench: Bench) -> dict[str, str | float]:
     """Results of the arming for the run's events: the confirmation, and the drive's own stop."""
     watchdog_s = prove_stop(bench)
     is_guarded = bench.motor.identity().get("guardian", "none") != "none"
-    who = "the guardian lets go of the motor" if is_guarded else "the drive's watchdog stops the motor"
+    who = "the guardian disables the motor" if is_guarded else "the drive's watchdog stops the motor"
     make_marked_say(config.mark, config.quiet)(f"{who} after {watchdog_s:.2f} s of silence")
     return {"confirmed": CHECKLIST, "by_typing_N": config.plan.limits.force_N, "watchdog_s": round(watchdog_s, 3)}
 

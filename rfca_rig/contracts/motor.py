@@ -86,7 +86,7 @@ class MotorMoves(MotorHooks):
             rig.tick()
             assert rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
 
-    def test_a_drive_that_is_not_there_is_told_within_two_seconds(self) -> None:
+    def test_a_drive_that_is_not_there_is_reported_within_two_seconds(self) -> None:
         clock = TwinClock()
         with can_wire() as (here, _), pytest.raises(DeviceError, match="check"):
             self.driver(here, clock).enable()
@@ -253,7 +253,7 @@ class MotorStops(MotorHooks):
             assert rig.motor.status().silent_s > 0.8
             assert re.search(r"no .* for .* s, limit .*check", rig.motor.status().fault or "")
 
-    def test_an_error_of_the_drive_is_told_with_its_code_and_meaning(self) -> None:
+    def test_an_error_of_the_drive_is_reported_with_its_code_and_meaning(self) -> None:
         with self.rig() as rig:
             rig.motor.enable()
             rig.run(0.1, speed_rad_s=1.0)
@@ -286,21 +286,21 @@ class MotorStops(MotorHooks):
             rig.tick()
             assert rig.rotor.drives[-1][1].torque_Nm(1.0, 1.0) == 0.0
 
-    def test_the_temperature_is_told_where_the_drive_tells_it(self) -> None:
+    def test_the_temperature_is_reported_where_the_drive_reports_it(self) -> None:
         with self.rig() as rig:
             rig.motor.enable()
             rig.run(0.6, angle_rad=0.3)
-            told_C = rig.motor.status().temperature_C
+            reported_C = rig.motor.status().temperature_C
             # The twin's air has 30 or 31 degrees C; the motor has hardly warmed up.
-            assert told_C == pytest.approx(30.5, abs=1.0) if self.TELLS_TEMPERATURE else told_C is None
+            assert reported_C == pytest.approx(30.5, abs=1.0) if self.TELLS_TEMPERATURE else reported_C is None
 
-    def test_a_motor_that_warms_up_is_told(self) -> None:
+    def test_a_motor_that_warms_up_is_reported(self) -> None:
         with self.rig() as rig:
             rig.motor.enable()
             rig.twin.warmth.fever_K_s = 20.0
             rig.run(2.0, angle_rad=0.3)
-            told_C = rig.motor.status().temperature_C
-            assert told_C is None or told_C == pytest.approx(70.0, abs=12.0)
+            reported_C = rig.motor.status().temperature_C
+            assert reported_C is None or reported_C == pytest.approx(70.0, abs=12.0)
 
     def test_what_dammed_up_while_nobody_looked_and_has_holes_is_neither_a_leap_nor_handed_out(self) -> None:
         """The system's full buffer drops frames while the shaft is turned by hand, as at every change of the rack's height."""

@@ -209,17 +209,17 @@ class Guardian:
         self._is_off = False
         self._is_done = False
 
-    def run(self, told_to_end: Callable[[], str]) -> None:
-        """Runs until the parent closes or is gone, or `told_to_end` names a signal; then disables an armed drive and returns."""
+    def run(self, ending_signal: Callable[[], str]) -> None:
+        """Runs until the parent closes or is gone, or `ending_signal` names a signal; then disables an armed drive and returns."""
         try:
-            while not (self._is_done or self._link.is_cut or told_to_end()):
+            while not (self._is_done or self._link.is_cut or ending_signal()):
                 self._wait()
                 self.round(self._clock.now_s())
         # A bug in the guardian must not leave the motor running.
         except Exception as mistake:
             self._end(f"because of a mistake of its own ({mistake!r})")
             raise
-        self._end(f"because it was told to end by {told_to_end()}" if told_to_end() else "because the program that it guards ended")
+        self._end(f"because it was ended by {ending_signal()}" if ending_signal() else "because the program that it guards ended")
 
     def round(self, now_s: float) -> None:
         """One cycle. Arrived commands are handled first, so that a delayed guardian sees no silence that did not exist."""

@@ -70,7 +70,7 @@ class _Member:
 
     client: TcpClient
     end: CanEnd
-    told_from_s: float = NEVER
+    frames_from_s: float = NEVER
     is_open: bool = False
     rest: bytes = b""
 
@@ -127,7 +127,7 @@ class SocketcandPort:
             member.client.send(socketcand.OK)
         elif command in {"rawmode", "bcmmode"} and member.is_open:
             # Only raw mode receives frames; `bcmmode` switches them off again.
-            member.told_from_s = now_s + FRAME_DELAY_S if command == "rawmode" else NEVER
+            member.frames_from_s = now_s + FRAME_DELAY_S if command == "rawmode" else NEVER
             member.client.send(socketcand.OK)
         elif command == "echo":
             member.client.send(b"< echo >")
@@ -142,11 +142,11 @@ class SocketcandPort:
 
     def _send_frames(self, member: _Member, now_s: float) -> None:
         # Frames wait at the end of the bus until then.
-        if now_s < member.told_from_s < NEVER:
+        if now_s < member.frames_from_s < NEVER:
             return
         while (message := member.end.recv(timeout=0)) is not None:
             # The protocol carries neither remote frames nor CAN FD.
-            if member.told_from_s < NEVER and is_classic(message) and not message.is_remote_frame:
+            if member.frames_from_s < NEVER and is_classic(message) and not message.is_remote_frame:
                 member.client.send(socketcand.encode_frame(frame_of(message), self._epoch_s + now_s))
 
     def _remove_closed(self) -> None:

@@ -61,7 +61,7 @@ def test_starting_sets_the_form_and_asks_for_a_stream_without_a_bias() -> None:
 def test_a_controller_that_says_nothing_is_told_with_the_command() -> None:
     rig, port = made(RecordForm.ASCII)
     port.silent = True
-    with pytest.raises(DeviceError, match=r"COM3 gives no prompt to a carriage return within 0\.5 s, it said nothing; .*38400 bit/s"):
+    with pytest.raises(DeviceError, match=r"COM3 gives no prompt to a carriage return within 0\.5 s, and sent nothing; .*38400 bit/s"):
         rig.sensor.start()
 
 
@@ -89,7 +89,7 @@ def test_an_echo_that_comes_in_pieces_is_cut_off_whole(form: RecordForm) -> None
 def test_a_controller_at_another_speed_of_the_line_is_told_with_what_it_said() -> None:
     rig, port = made(RecordForm.ASCII)
     port.spoil = 10**9
-    with pytest.raises(DeviceError, match="it said b'"):
+    with pytest.raises(DeviceError, match="but sent b'"):
         rig.sensor.start()
 
 

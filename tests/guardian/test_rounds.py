@@ -298,7 +298,7 @@ def test_a_bus_that_cannot_be_read_is_told_again_and_again_and_is_still_sent_to(
 @pytest.mark.parametrize(
     ("signal", "close", "said"),
     [
-        ("SIGTERM", False, "because it was told to end by SIGTERM"),
+        ("SIGTERM", False, "because it was ended by SIGTERM"),
         ("", False, "because the program that it guards ended"),
         ("", True, "because the program that it guards ended"),
     ],
