@@ -23,8 +23,8 @@ from sphinx.util.typing import ExtensionMetadata
 
 from rfca_rig.campaign.experiment_layout import ExperimentFile
 from rfca_rig.campaign.layout import CampaignFile
+from rfca_rig.campaign.pendulum import PendulumModelFile
 from rfca_rig.campaign.pendulum_layout import PendulumFile
-from rfca_rig.campaign.pendulum_model import PendulumModelFile
 from rfca_rig.cli.main import app as command_line
 from rfca_rig.description.camera_file import CameraFile
 from rfca_rig.description.cluster_file import ClusterFile
@@ -251,7 +251,7 @@ def _describe_effect(effect: Effect) -> Iterator[str]:
     if effect.same_as:
         yield f"- Acts like an error of the nominal value `{effect.same_as}`."
     for limit in effect.equal_limits:
-        yield f"- Cannot be told from `{limit.other}` in a limit: {_prose(limit.words)}."
+        yield f"- Cannot be distinguished from `{limit.other}` in a limit: {_prose(limit.words)}."
     yield f"- Source: {_prose(effect.source)}."
     yield ""
     rows = [_describe_parameter(parameter, role) for parameters, role in (

@@ -13,7 +13,7 @@ class Clock(Protocol):
         """Seconds since the clock was created; never runs backwards."""
         ...
 
-    def started_at(self) -> datetime:
+    def start_time(self) -> datetime:
         """Date and time, with time zone, at which `now_s` was zero."""
         ...
 
@@ -37,7 +37,7 @@ class WallClock:
     def now_s(self) -> float:
         return time.monotonic() - self._zero_s
 
-    def started_at(self) -> datetime:
+    def start_time(self) -> datetime:
         return self._started_at
 
     def wall_time(self) -> datetime:
@@ -66,12 +66,12 @@ class TwinClock:
     def now_s(self) -> float:
         return self._now_s
 
-    def started_at(self) -> datetime:
+    def start_time(self) -> datetime:
         # A fixed date keeps simulated recordings reproducible.
         return datetime(2000, 1, 1, tzinfo=UTC)
 
     def wall_time(self) -> datetime:
-        return self.started_at() + timedelta(seconds=self._now_s)
+        return self.start_time() + timedelta(seconds=self._now_s)
 
     def wait_until(self, t_s: float) -> None:
         if t_s > self._now_s:

@@ -10,9 +10,39 @@ RigError                    exit code 1: the work could not be done
 └── Stopped                 exit code 130: the operator stopped the run
 """
 
-from rfca_rig.trip_codes import Trip
+from enum import StrEnum
 
 TRIP = "TRIP "  # what a trip's text begins with, by which it is known again in a recording
+
+
+class Trip(StrEnum):
+    """The codes of what stops the motion by itself; `docs/trips.md` has a paragraph for each.
+
+    The letter names the family: load, following, sensor, drive, bus, computer.
+    """
+
+    FORCE = "L-01"
+    MOMENT = "L-02"
+    FORCE_LASTS = "L-03"
+    MOMENT_LASTS = "L-04"
+    FULL_SPEED_TOO_MUCH = "L-05"
+    OVERSPEED = "F-01"
+    FOLLOWING = "F-02"
+    JAM = "F-03"
+    JUMP = "F-04"
+    SENSOR_SILENT = "S-01"
+    SENSOR_SATURATED = "S-02"
+    SENSOR_ERROR = "S-03"
+    SENSOR_FROZEN = "S-04"
+    SENSOR_BLIND = "S-05"
+    SENSOR_LOST = "S-06"
+    DRIVE_ERROR = "D-01"
+    DRIVE_SILENT = "D-02"
+    ENCODER_SILENT = "D-03"
+    DRIVE_HOT = "D-04"
+    BUS = "B-01"
+    LATE = "C-01"
+    RECORDER_BEHIND = "C-02"
 
 
 class RigError(Exception):
@@ -60,3 +90,11 @@ class Stopped(RigError):
     """The operator asked for a stop. The motor is off; what was recorded until then is kept."""
 
     exit_code = 130
+
+
+class MalformedFrame(DeviceError):
+    """Bytes that do not follow the protocol."""
+
+
+class NotEncodable(DeviceError):
+    """A value outside the range of its field in a frame."""

@@ -19,7 +19,7 @@ def printable(text: str) -> str:
 
 
 def in_one_line(text: str) -> str:
-    """The text as one printable line: what a file or an option holds, however long, does not hide what is said of it."""
+    """The text as one printable line: what a file or an option holds, however long, does not hide the message about it."""
     words = (word if len(word) <= LONGEST_WORD else f"{word[:80]}...{word[-40:]}" for word in printable(text).split())
     line = " ".join(words)
     return line if len(line) <= LONGEST_LINE else f"{line[: LONGEST_LINE - 3]}..."

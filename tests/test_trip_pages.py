@@ -6,14 +6,13 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.engine.run import RampUp
-from rfca_rig.errors import Tripped
+from rfca_rig.errors import Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach
-from rfca_rig.recording.blocks import event_block
+from rfca_rig.recording.backend import RecorderClient
+from rfca_rig.recording.journal import event_block
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.recording.run_folder import create
-from rfca_rig.trip_codes import Trip
 from tests.cli.typed import typed
 from tests.engine.rigs import twin_rig
 from tests.runner_faults.causes import CAUSES

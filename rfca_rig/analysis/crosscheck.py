@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.mujoco_stroke import MujocoStroke, stroke_in_mujoco, stroke_on_springs
+from rfca_rig.analysis.mujoco_leg import MujocoStroke, stroke_in_mujoco, stroke_on_springs
 from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, StrokePhases, Undetermined, phases_of_simulation
 from rfca_rig.analysis.prediction import SAMPLE_S
 from rfca_rig.analysis.valley import Valley, find_valley

@@ -107,7 +107,7 @@ class StripRow:
         """Whether the strip survives, as far as known."""
         return "strain not known" if self.strain is None else self.strain.verdict()
 
-    def said(self) -> str:
+    def describe(self) -> str:
         """The verdict, and why there is no valley."""
         return self.verdict() if self.stroke.no_valley is None else f"{self.verdict()}; no valley: {self.stroke.no_valley}"
 
@@ -134,7 +134,7 @@ class StripComparison:
             f"stroke of {1e3 * self.height_m:g} mm, {self.speed_rad_s:g} rad/s:",
             *_table(STROKE_COLUMNS, [_stroke_cells(row) for row in self.rows]),
             f"strength used: spread over {1e3 * self.pitch_m:.1f} mm at each hinge / over {1e3 * self.concentrated_m:.1f} mm / by torque",
-            *(f"{_name(row)}  {row.said()}" for row in self.rows),
+            *(f"{_name(row)}  {row.describe()}" for row in self.rows),
         ]
 
 

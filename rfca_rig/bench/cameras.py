@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.description.camera_sections import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
+from rfca_rig.description.camera_file import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
 from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
 from rfca_rig.drivers.roles import Camera, Photo, Photographer
 from rfca_rig.twins.camera import CameraTwin, StandingLeg
@@ -52,7 +52,7 @@ class DelayedCamera:
     def begin(self) -> None:
         self._photo = self._camera.photo()
 
-    def taken(self) -> Photo | None:
+    def fetch_photo(self) -> Photo | None:
         if self._photo is None or self._clock.now_s() < self._photo.host_s + self._takes_s:
             return None
         photo, self._photo = self._photo, None

@@ -16,7 +16,7 @@ from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import TURN_RAD, Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, signed_turn
+from rfca_rig.protocol.plan import TURN_RAD, Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, turn_to
 
 SAMPLE_S = 1e-3
 
@@ -132,7 +132,7 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Lo
     """Simulates moves at their speeds and short holds; returns the load of each hold, its way included, and of other moves."""
     angles, times = [rig.leg.start_angle_rad], [0.0]
     for stage in stages:
-        way_rad = signed_turn(stage.angle_rad, angles[-1], stage.forwards) if isinstance(stage, MoveShaft) else 0.0
+        way_rad = turn_to(stage.angle_rad, angles[-1], stage.forwards) if isinstance(stage, MoveShaft) else 0.0
         # A move of no length still takes one sample: a piece of zero duration has no speed.
         times.append(times[-1] + (max(abs(way_rad) / stage.speed_rad_s, SLOW_SAMPLE_S) if isinstance(stage, MoveShaft) else HOLD_S))
         angles.append(angles[-1] + way_rad)

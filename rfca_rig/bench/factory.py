@@ -16,7 +16,7 @@ from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twin_server.fault_schedule import FaultEvent
+from rfca_rig.twin_server.faults import FaultEvent
 from rfca_rig.twins.wires import can_wire
 from rfca_rig.twins.world import MotorTwin, SensorTwin, TwinPlant, TwinWorld
 from rfca_rig.vision.leg_photo import PhotoSetup
@@ -34,7 +34,7 @@ class HandRack:
             input(f"REAL motor off. Set the rack to {1e3 * height_m:.1f} mm, clear the leg, then press Enter ")
         except EOFError:
             raise BadInput(
-                f"the input ended before the rack was said to stand at {1e3 * height_m:.1f} mm; run it from a terminal, "
+                f"the input ended before the rack was confirmed to stand at {1e3 * height_m:.1f} mm; run it from a terminal, "
                 "where a person can press Enter"
             ) from None
 

@@ -7,12 +7,19 @@ import can
 from rfca_rig.description.force_sensor_sections import NetFtSection
 from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.twin_server.cubemars_faults import CUBEMARS_FAULTS, cubemars_events
-from rfca_rig.twin_server.fault_schedule import FaultEvent, FaultSchedule
-from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultPanel
-from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events
-from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
-from rfca_rig.twin_server.tampered_bus import DriveDialect, NoDialect, TamperedBus
+from rfca_rig.twin_server.drive_faults import (
+    CUBEMARS_FAULTS,
+    MOTEUS_FAULTS,
+    DriveDialect,
+    MoteusDialect,
+    NoDialect,
+    OdriveDialect,
+    TamperedBus,
+    cubemars_events,
+    moteus_events,
+    odrive_events,
+)
+from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultEvent, FaultPanel, FaultSchedule
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin

@@ -92,7 +92,7 @@ def software_and_host(bench: Bench) -> dict[str, str]:
         "hdf5_version": h5py.version.hdf5_version,
         "host": platform.node(),
         "operating_system": f"{platform.system()} {platform.release()} {platform.machine()}",
-        "started_at": bench.clock.started_at().isoformat(),
+        "started_at": bench.clock.start_time().isoformat(),
     }
 
 

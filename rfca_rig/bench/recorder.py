@@ -17,9 +17,9 @@ from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Approach, Flap, Hold
-from rfca_rig.recording.blocks import Begin, End, StrokeCondition, event_block, samples_block, start_block
+from rfca_rig.recording.backend import RunBackend
 from rfca_rig.recording.cycle_table import CYCLE_FORM, cycle_row
-from rfca_rig.recording.keeper import RunBackend
+from rfca_rig.recording.journal import Begin, End, StrokeCondition, event_block, samples_block, start_block
 from rfca_rig.recording.model import StaticStage, Stroke
 from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
 from rfca_rig.vision.leg_photo import PhotoSetup

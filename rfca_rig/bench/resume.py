@@ -15,13 +15,12 @@ from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.protocol.remaining import PlanProgress
-from rfca_rig.protocol.written_plan import parse_plan
+from rfca_rig.protocol.written_plan import PlanProgress, parse_plan
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, StaticStage
-from rfca_rig.recording.outline import outline_of
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
+from rfca_rig.recording.summary import outline_of
 from rfca_rig.suggestions import not_there
 from rfca_rig.vision.leg_photo import PhotoSetup
 
@@ -170,7 +169,7 @@ def ending_of(
 ) -> Ending:
     """The run's end with the static stages of all its parts; photos of earlier parts that were not read are read now."""
     earlier = () if begun is None else _with_photos_read(begun.static, folder, eye)
-    resumed_text = {} if begun is None else {"resumed": _resumed_text(folder)}
+    resumed_text = {} if begun is None else {"resumed": _list_continuations(folder)}
     return Ending({**known, **resumed_text, **photo_hashes(folder)}, (*earlier, *stages))
 
 
@@ -182,7 +181,7 @@ def _with_photos_read(stages: Sequence[StaticStage], folder: Path, eye: PhotoSet
     return tuple(stage if stage.overlay else next(read) for stage in stages)
 
 
-def _resumed_text(folder: Path) -> str:
+def _list_continuations(folder: Path) -> str:
     """Each continuation, from the run's events, as JSON."""
     return json.dumps([event for event in events_of(folder) if event["event"] == RESUMED], ensure_ascii=False)
 

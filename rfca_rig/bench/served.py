@@ -14,22 +14,14 @@ from rfca_rig.clock import Clock
 from rfca_rig.description.force_sensor_sections import AtiSerialSection, ForceSensorKeys, NetFtSection
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.errors import BadInput
-from rfca_rig.twin_server.command_port import CommandPort
+from rfca_rig.twin_server.can_ports import FdcanusbPort, PseudoTerminal, SharedWire, SlcanPort, SocketcandPort
 from rfca_rig.twin_server.control_port import ControlPort
-from rfca_rig.twin_server.fault_schedule import FaultEvent, FaultSchedule
-from rfca_rig.twin_server.faults import FaultPanel
-from rfca_rig.twin_server.fdcanusb_port import FdcanusbPort
-from rfca_rig.twin_server.http_port import HttpPort
-from rfca_rig.twin_server.listening import LOOPBACK
-from rfca_rig.twin_server.port import Port
-from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
-from rfca_rig.twin_server.real_time import RealTimeLoop
-from rfca_rig.twin_server.shared_wire import SharedWire
-from rfca_rig.twin_server.slcan_port import SlcanPort
-from rfca_rig.twin_server.socketcand_port import SocketcandPort
-from rfca_rig.twin_server.tampered_bus import TamperedBus
+from rfca_rig.twin_server.drive_faults import TamperedBus
+from rfca_rig.twin_server.faults import FaultEvent, FaultPanel, FaultSchedule
+from rfca_rig.twin_server.netft_ports import CommandPort, HttpPort, UdpLink
+from rfca_rig.twin_server.real_time import Port, RealTimeLoop
 from rfca_rig.twin_server.tampered_link import TamperedLink
-from rfca_rig.twin_server.udp_link import UdpLink
+from rfca_rig.twin_server.tcp import LOOPBACK
 from rfca_rig.twins.world import SensorTwin
 
 # The first step of the simulation, which may compile the model.
@@ -162,7 +154,7 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
 
 
 def _open_can(wire: SharedWire, openings: Openings, clock: Clock, reached: OpenPorts, stack: ExitStack) -> None:
-    socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.started_at().timestamp())
+    socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.start_time().timestamp())
     stack.callback(socketcand.close)
     reached.add(socketcand, can_port=socketcand.port)
     if openings.slcan:

@@ -8,22 +8,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rfca_rig.description.camera_file import CameraFile
-from rfca_rig.description.camera_sections import MarksSection
+from rfca_rig.description.camera_file import CameraFile, MarksSection
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.drivers.photo_files import read_picture
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.identity import sum_line
 from rfca_rig.recording.layout import OVERLAYS, PHOTOS
 from rfca_rig.recording.model import Recording, StaticStage
-from rfca_rig.recording.sums import sum_line
 from rfca_rig.vision.hinge_angles import MAX_REPORTED_STD_RAD, HingeAngles, LegFit, fit_leg
 from rfca_rig.vision.identify import IdentifiedMarks
 from rfca_rig.vision.leg_marks import MarkPlan
-from rfca_rig.vision.leg_photo import PhotoSetup, read_marks
-from rfca_rig.vision.overlay import draw_overlay
+from rfca_rig.vision.leg_photo import PhotoSetup, draw_overlay, read_marks
 from rfca_rig.vision.red_mask import Pixels
 
 OVERLAY_QUALITY = 90

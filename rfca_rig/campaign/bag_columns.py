@@ -12,18 +12,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.bags import Bag, open_bag
-from rfca_rig.campaign.experiment_layout import TIME_UNITS
-from rfca_rig.campaign.message_fields import (
+from rfca_rig.campaign.bags import (
     NS_PER_S,
+    Bag,
     JointNotNamed,
     MessageField,
     has_stamp,
     list_numbers,
+    open_bag,
     parse_field,
     read_number,
     read_time_ns,
 )
+from rfca_rig.campaign.experiment_layout import TIME_UNITS
 from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns
 from rfca_rig.campaign.table import FEWEST_SAMPLES
 from rfca_rig.errors import BadInput

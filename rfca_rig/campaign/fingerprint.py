@@ -7,9 +7,8 @@ from pathlib import Path
 from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
 from rfca_rig.campaign.layout import FILE_NAME
 from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
-from rfca_rig.recording.identity import list_described_files
+from rfca_rig.recording.identity import list_described_files, sha256_of, sum_line
 from rfca_rig.recording.layout import ENDING, HEADER, RECORDING, stage_files
-from rfca_rig.recording.sums import sha256_of, sum_line
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,29 @@
 """Reads any kind of recording, CSV, HDF5, MCAP or ROS 2 bag, into named columns on one time base."""
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
-from rfca_rig.campaign.hdf5_columns import list_hdf5_columns, read_hdf5_columns
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
 from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns, find_rising
-from rfca_rig.campaign.table import columns, numeric_columns, read_table
+from rfca_rig.campaign.table import FEWEST_SAMPLES, columns, numeric_columns, read_table
 from rfca_rig.errors import BadInput
+from rfca_rig.recording.hdf5_file import open_plain
+from rfca_rig.suggestions import suggestion
+
+Floats = NDArray[np.float64]
+
+# Columns of a 2-D dataset that a draft lists: a wider one is a picture or a map.
+MOST_COLUMNS = 64
+
+_OF_2D = re.compile(r"(.+)\[(\d+)\]")
+# Kinds of dtype: signed, unsigned, floating point.
+_NUMBERS = "iuf"
 
 CSV = ".csv"
 HDF5 = (".h5", ".hdf5")
@@ -15,6 +32,107 @@ BAG_SUFFIXES = (".mcap", ".db3")
 # In the folder of a ROS 2 bag, with the first key of that file.
 _METADATA = "metadata.yaml"
 _OF_A_BAG = "rosbag2_bagfile_information"
+
+
+def read_hdf5_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
+    """Read the requested columns.
+
+    Raises
+    ------
+    BadInput
+        Where the file cannot be read, a dataset is missing, holds no numbers or differs in length from the others, or a value is not
+        finite.
+    """
+    with _open(path) as file:
+        values = {name: _read_column(path, file, name, meaning) for name, meaning in request.with_time.items()}
+    samples = len(values[request.time.column])
+    for name, column in values.items():
+        if len(column) != samples:
+            raise BadInput(f"{path}: column {name} has {len(column)} samples and {request.time.column} has {samples}; they must be as many")
+        faulty = np.flatnonzero(~np.isfinite(column))
+        if faulty.size:
+            row = int(faulty[0])
+            raise BadInput(f"{path}: column {name}: sample {row + 1} is {column[row]:g}; every sample needs a finite number")
+    return RecordedColumns(path, request.time_of(values), values)
+
+
+def list_hdf5_columns(path: Path) -> ColumnList:
+    """List all columns of the file with enough samples for a recording. Raises BadInput where it cannot be read."""
+    values: dict[str, Floats | None] = {}
+    notes = []
+    with _open(path) as file:
+        for name, dataset in _datasets(file).items():
+            if dataset.ndim in (1, 2) and len(dataset) >= FEWEST_SAMPLES:
+                if dataset.ndim == 2 and dataset.shape[1] > MOST_COLUMNS:
+                    notes.append(f"{name}: {dataset.shape[1]} columns, which are too many to list")
+                else:
+                    values |= _list_dataset(name, dataset)
+    return ColumnList(values, find_rising(values), notes=tuple(notes))
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[h5py.File]:
+    """Opens the file. Anything that h5py cannot read in it, then or later, raises BadInput."""
+    try:
+        with open_plain(path) as file:
+            yield file
+    # h5py raises all of these for damaged files.
+    except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:
+        raise BadInput(f"{path}: cannot be read as HDF5: {' '.join(str(error).split())}") from None
+
+
+def _datasets(file: h5py.File) -> dict[str, h5py.Dataset]:
+    found: dict[str, h5py.Dataset] = {}
+
+    def visit(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item
+
+    file.visititems(visit)
+    return found
+
+
+def _read_column(path: Path, file: h5py.File, name: str, meaning: str) -> Floats:
+    # A dataset may itself be named `x[2]`, so the whole name is tried first.
+    of_2d = _OF_2D.fullmatch(name)
+    dataset = _dataset(file, name)
+    index = None
+    if dataset is None and of_2d:
+        dataset, index = _dataset(file, of_2d[1]), int(of_2d[2])
+    if dataset is None:
+        known = sorted(_datasets(file))
+        there = suggestion(of_2d[1] if of_2d else name, known) if known else "the file has no datasets"
+        raise BadInput(f"{path}: column {name}, which is to hold {meaning}, is missing; {there}")
+    if fault := _fault_in_column(dataset, index):
+        raise BadInput(f"{path}: column {name}, which is to hold {meaning}: {fault}")
+    return np.asarray(dataset[:] if index is None else dataset[:, index], dtype=np.float64)
+
+
+def _dataset(file: h5py.File, name: str) -> h5py.Dataset | None:
+    found = file.get(name)
+    return found if isinstance(found, h5py.Dataset) else None
+
+
+def _fault_in_column(dataset: h5py.Dataset, index: int | None) -> str | None:
+    name = dataset.name.lstrip("/")
+    if dataset.dtype.kind not in _NUMBERS:
+        return f"it holds {dataset.dtype}, no numbers"
+    if dataset.ndim == 1:
+        return None if index is None else f"{name} has one dimension; leave [{index}] out"
+    if dataset.ndim != 2:
+        return f"{name} has {dataset.ndim} dimensions; a column comes from one or two"
+    last = dataset.shape[1] - 1
+    if index is None:
+        return f"{name} has {last + 1} columns; write {name}[0] to {name}[{last}]"
+    return f"{name} has {last + 1} columns, so the last is {name}[{last}]" if index > last else None
+
+
+def _list_dataset(name: str, dataset: h5py.Dataset) -> dict[str, Floats | None]:
+    names = [name] if dataset.ndim == 1 else [f"{name}[{index}]" for index in range(dataset.shape[1])]
+    if dataset.dtype.kind not in _NUMBERS:
+        return dict.fromkeys(names)
+    columns = np.asarray(dataset[:], dtype=np.float64).reshape(len(dataset), len(names)).T
+    return {name: column if np.isfinite(column).all() else None for name, column in zip(names, columns, strict=True)}
 
 
 def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:

@@ -1,24 +1,207 @@
-"""Opens a recording stage by stage, so that hours of it need only the memory of the part in use."""
+"""Opens a recording stage by stage, so that hours of it need only the memory of the part in use.
 
-from collections.abc import Iterator, Mapping
+Samples of a stage are in memory or still in their file, from which they are read in blocks of some thousands.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
-from rfca_rig.campaign.stored_samples import SamplesInFile, SamplesInMemory, StoredSamples
 from rfca_rig.protocol.plan import flap_label
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
 from rfca_rig.recording.cycle_table import CYCLES
 from rfca_rig.recording.layout import refuse_links, stage_files
-from rfca_rig.recording.model import Recording, Source, StaticStage
-from rfca_rig.recording.raw_stages import GROUP as RAW
+from rfca_rig.recording.model import Recording, Source, StaticStage, Stream
 from rfca_rig.recording.static_table import read_static
-from rfca_rig.recording.store import open_sealed, texts_of
-from rfca_rig.recording.strokes import GROUP as STROKES
-from rfca_rig.recording.strokes import height_mm, read_condition, read_height_mm
+from rfca_rig.recording.store import open_sealed, report_damage, texts_of
+from rfca_rig.recording.strokes import RAW, STROKES, TIME, check_times, height_mm, read_condition, read_height_mm, read_streams, streams_in
+
+Rows = NDArray[Any]
+
+Streams = Mapping[str, Stream]
+
+
+class Sliceable(Protocol):
+    """One-dimensional numbers (m,), in memory or in a file of which a slice is read."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]: ...
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, rows: slice, /) -> Rows: ...
+
+
+@dataclass(frozen=True)
+class StoredColumn:
+    """A column (m,). Its value in `unit` is raw * conversion + offset."""
+
+    raw: Sliceable
+    unit: str
+    conversion: float
+    offset: float
+
+    @property
+    def is_count(self) -> bool:
+        """Whether it is a whole number without a scale, for instance a sequence number or a status word."""
+        return self.raw.dtype.kind in "iu" and self.conversion == 1.0 and self.offset == 0.0
+
+    def values(self, rows: slice) -> Rows:
+        """Values (k,) of these rows in the column's unit; a count stays a whole number."""
+        raw = self.raw[rows]
+        # A count as a float would lose digits and its meaning.
+        return raw.astype(np.int64) if self.is_count else raw.astype(np.float64) * self.conversion + self.offset
+
+
+@dataclass(frozen=True)
+class StoredStream:
+    """Columns that share a time base (m,), which counts from the stage's commanded start."""
+
+    name: str
+    t_s: Sliceable
+    columns: Mapping[str, StoredColumn]
+
+    def blocks(self) -> Iterator[slice]:
+        """All rows as consecutive slices."""
+        # One chunk of the file at a time: HDF5 reads and unpacks whole chunks.
+        for at in range(0, len(self.t_s), ROWS_PER_CHUNK):
+            yield slice(at, at + ROWS_PER_CHUNK)
+
+
+@dataclass(frozen=True)
+class DatasetInFile:
+    """Implements Sliceable for a dataset. Damage in what is read raises BadInput that names the file."""
+
+    path: Path
+    dataset: h5py.Dataset
+    is_time: bool = False
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        found: np.dtype[Any] = self.dataset.dtype
+        return found
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    def __getitem__(self, rows: slice, /) -> Rows:
+        """Values (k,) of these rows."""
+        with report_damage(self.path):
+            values = np.asarray(self.dataset[rows])
+            if self.is_time:
+                check_times(self.dataset.parent, values)
+            return values
+
+
+def streams_in_file(path: Path, stage: h5py.Group, source: Source) -> tuple[StoredStream, ...]:
+    """Streams of a stage's group, valid while the file at `path` is open. Raises BadInput where they are damaged."""
+    with report_damage(path):
+        return tuple(
+            StoredStream(
+                name,
+                DatasetInFile(path, group[TIME], is_time=True),
+                {column: _column_in(path, group[link_name(column)]) for column in read_names(group.attrs["order"])},
+            )
+            for name, group in streams_in(stage, source)
+        )
+
+
+def _column_in(path: Path, dataset: h5py.Dataset) -> StoredColumn:
+    return StoredColumn(DatasetInFile(path, dataset), *read_scale(dataset))
+
+
+def streams_in_memory(streams: Mapping[str, Stream]) -> tuple[StoredStream, ...]:
+    """The same for streams in memory."""
+    return tuple(
+        StoredStream(
+            name, stream.t_s, {key: StoredColumn(one.raw, one.unit, one.conversion, one.offset) for key, one in stream.columns.items()}
+        )
+        for name, stream in streams.items()
+    )
+
+
+class StoredSamples(Protocol):
+    """Access to a stage's samples. `names` are those of its streams, `span_s` its first and last time, both 0 without samples."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def span_s(self) -> tuple[float, float]: ...
+
+    def whole(self) -> Streams:
+        """All samples, in memory."""
+        ...
+
+    def open_streams(self) -> AbstractContextManager[tuple[StoredStream, ...]]:
+        """The samples, to be read in blocks."""
+        ...
+
+
+@dataclass(frozen=True)
+class SamplesInMemory:
+    """Implements StoredSamples for a stage that was read already."""
+
+    streams: Streams
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.streams)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        return _span([(float(stream.t_s.min()), float(stream.t_s.max())) for stream in self.streams.values() if len(stream.t_s)])
+
+    def whole(self) -> Streams:
+        return self.streams
+
+    def open_streams(self) -> AbstractContextManager[tuple[StoredStream, ...]]:
+        return nullcontext(streams_in_memory(self.streams))
+
+
+@dataclass(frozen=True)
+class SamplesInFile:
+    """Implements StoredSamples for a group of a file, whose seal was verified when the file was first opened."""
+
+    path: Path
+    group: str
+    names: tuple[str, ...]
+    span_s: tuple[float, float]
+
+    @classmethod
+    def of(cls, path: Path, file: h5py.File, group: str) -> "SamplesInFile":
+        """The samples of a group. Raises ValueError where one of its streams is not of the recording's source, or has no times."""
+        streams = dict(streams_in(file[group], file.attrs["source"]))
+        spans = []
+        for stream in streams.values():
+            if len(times := stream[TIME]):
+                # Only the first and last time are read, not the samples between them.
+                span = float(times[0]), float(times[-1])
+                check_times(stream, np.array(span))
+                spans.append(span)
+        return cls(path, group, tuple(streams), _span(spans))
+
+    def whole(self) -> Streams:
+        with report_damage(self.path), h5py.File(self.path, "r") as file:
+            return read_streams(file[self.group], file.attrs["source"])
+
+    @contextmanager
+    def open_streams(self) -> Iterator[tuple[StoredStream, ...]]:
+        # Damage shows where a block is read. The caller's own errors, for instance of a full disk, are not the recording's.
+        with h5py.File(self.path, "r") as file:
+            yield streams_in_file(self.path, file[self.group], file.attrs["source"])
+
+
+def _span(spans: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    return min((first_s for first_s, _ in spans), default=0.0), max((last_s for _, last_s in spans), default=0.0)
 
 
 @dataclass(frozen=True)

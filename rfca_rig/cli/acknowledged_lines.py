@@ -6,8 +6,7 @@ from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import Clock
 from rfca_rig.engine.interfaces import StopLevel, StopRequest
-from rfca_rig.recording.keeper import RunBackend
-from rfca_rig.recording.process_keeper import SILENT_S
+from rfca_rig.recording.backend import SILENT_S, RunBackend
 
 # Half of the time for which the queue takes everything that a 15 kHz sensor sends: what the stop takes still fits.
 STOP_S = 10.0

@@ -12,7 +12,7 @@ from rfca_rig.clock import TwinClock, WatchedTwinClock
 from rfca_rig.drivers.roles import StreamHealth
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest
 from rfca_rig.errors import RigError, Tripped
-from rfca_rig.recording.keeper import RunBackend
+from rfca_rig.recording.backend import RunBackend
 from rfca_rig.view.live_view import LiveView
 from rfca_rig.view.run_facts import run_facts
 
@@ -74,7 +74,7 @@ class ViewSession:
         """The motor is off, because of the error, or because the run is complete."""
         if self._view is None:
             return
-        self._view.run_queue.ended(Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else "")
+        self._view.run_queue.end(Outcome.of(error).why, str(error.code) if isinstance(error, Tripped) else "")
         # A view that failed must not fail the run; it is reported only now.
         if not self._view.is_alive:
             typer.echo(f"{self._mark} the view had ended by itself, which the run did not notice; RFCA_RIG_DEBUG=1 shows why", err=True)

@@ -70,17 +70,17 @@ def _slurm_executor(file: Path, report_progress: ProgressReport, results: Path |
     from rfca_rig.description.cluster_file import read_cluster_file
     from rfca_rig.executors.slurm import slurm_workers
 
-    shared = _shared_folder(results)
+    shared = _find_shared_folder(results)
     return slurm_workers(read_cluster_file(file), shared or Path(), shared, collect_facts, report_progress, _notice)
 
 
 def _dask_executor(address: str, report_progress: ProgressReport, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
     from rfca_rig.executors.cluster import connect_to_scheduler
 
-    return connect_to_scheduler(address, _shared_folder(results), collect_facts, report_progress, _notice)
+    return connect_to_scheduler(address, _find_shared_folder(results), collect_facts, report_progress, _notice)
 
 
-def _shared_folder(results: Path | None) -> Path | None:
+def _find_shared_folder(results: Path | None) -> Path | None:
     """An existing folder on the disk of the results: the results' own may still have to be made."""
     return None if results is None else next(folder for folder in results.resolve().parents if folder.is_dir())
 

@@ -24,8 +24,6 @@ from rfca_rig.cli.commands import (
     export,
     fatigue,
     fit,
-    import_folder,
-    init,
     plan,
     predict,
     prove,
@@ -35,15 +33,14 @@ from rfca_rig.cli.commands import (
     runs,
     schema,
     static,
-    strip,
     sweep,
     trip,
     twin,
     view,
 )
-from rfca_rig.cli.completion import add_completions
-from rfca_rig.cli.encoding import open_null, use_ascii_fallback
 from rfca_rig.cli.help import Command, CommandGroup, ProgramGroup
+from rfca_rig.cli.names import add_completions
+from rfca_rig.cli.terminal import open_null, use_ascii_fallback
 from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
 from rfca_rig.suggestions import in_one_line
 
@@ -70,8 +67,8 @@ app.add_typer(fatigue.app, name="fatigue", cls=CommandGroup)
 app.add_typer(twin.app, name="twin", cls=CommandGroup)
 app.add_typer(calibrate.app, name="calibrate", cls=CommandGroup)
 app.add_typer(export.app, name="export", cls=CommandGroup)
-app.command("init", cls=Command)(init.init)
-app.command("import", cls=Command)(import_folder.import_folder)
+app.command("init", cls=Command)(schema.init)
+app.command("import", cls=Command)(export.import_folder)
 app.command("resume", cls=Command)(resume.resume)
 app.command("recover", cls=Command)(recover.recover)
 app.command("check", cls=Command)(check.check)
@@ -83,7 +80,7 @@ app.command("fit", cls=Command)(fit.fit)
 app.command("diagnose", cls=Command)(diagnose.diagnose)
 app.command("prove", cls=Command)(prove.prove)
 app.command("crosscheck", cls=Command)(crosscheck.crosscheck)
-app.command("strip", cls=Command)(strip.strip)
+app.command("strip", cls=Command)(predict.strip)
 app.command("sweep", cls=Command)(sweep.sweep)
 app.command("doctor", cls=Command)(doctor.doctor)
 app.command("view", cls=Command)(view.view)

@@ -1,16 +1,21 @@
-"""Names that can be typed on the command line, found without loading anything heavy: for completion and suggestions."""
+"""Names that can be typed on the command line, found without loading anything heavy: for completion and suggestions.
+
+Shell completion offers names and folders for every command, by the names of its options and arguments.
+"""
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from rfca_rig.cli.paths import PACKAGE, folders_of
+from rfca_rig.errors import Trip
 from rfca_rig.logbook import entry
-from rfca_rig.logbook.query import VERDICTS as ANY_VERDICT
-from rfca_rig.trip_codes import Trip
+from rfca_rig.logbook.entry import VERDICTS as ANY_VERDICT
 
 # Copies of names that other packages define: importing those would take too long for a completion.
 FIT_PARAMETERS = (
@@ -103,6 +108,11 @@ RECORDED = ("run.json", "run.h5", "campaign.toml", "pendulum.toml", "experiment.
 MAX_FOLDERS = 50
 EFFECT_ID = re.compile(r'^ +id="(\w+)"', re.MULTILINE)
 
+# Set by the shell's completion script.
+VARIABLE = "_RFCA_RIG_COMPLETE"
+
+Offer = Callable[[str], Iterable[str]]
+
 
 def effect_names() -> list[str]:
     """Effects of the package, by their ids in its files, and of the lab's own folder, where an effect's file has its name."""
@@ -147,3 +157,85 @@ def _folders_in(place: str, begun: str) -> Iterator[tuple[float, str]]:
 
 def _stems(folders: Iterable[str | Path], pattern: str) -> list[str]:
     return sorted({file.stem for folder in folders for file in Path(folder).glob(pattern) if not file.stem.startswith("_")})
+
+
+@dataclass(frozen=True)
+class Offered:
+    """One of the words that the shell shows."""
+
+    value: str
+    type: str = "plain"
+    help: str | None = None
+
+
+def add_completions(command: Any) -> None:
+    """Adds completions to a command and its subcommands, only where the shell asks for them."""
+    # Ordinary commands start without the cost of walking through all parameters.
+    if VARIABLE in os.environ:
+        _add(command, command.name)
+
+
+def _add(command: Any, path: str) -> None:
+    for name, below in getattr(command, "commands", {}).items():
+        _add(below, f"{path} {name}")
+    for parameter in command.params:
+        offer = _offer(path.partition(" ")[2], parameter)
+        if offer is not None:
+            parameter.shell_complete = _answer(offer)
+
+
+def _answer(offer: Offer) -> Callable[[object, str], list[Offered]]:
+    """Where nothing matches, the shell offers files."""
+    return lambda _context, begun: [Offered(word) for word in offer(begun) if word.startswith(begun)]
+
+
+def _offer(command: str, parameter: Any) -> Offer | None:
+    """Completions of an option or argument; None where there are none."""
+    option = next((one for one in parameter.opts if one.startswith("--")), "")
+    # The more specific wins: by command, then by option, then by metavar.
+    offers = {**_BY_METAVAR, **_BY_OPTION, **{key: offer for (where, key), offer in _BY_COMMAND.items() if where == command}}
+    return offers.get(option) or offers.get(parameter.metavar or "")
+
+
+def _each_of(words: Iterable[str]) -> Offer:
+    return lambda _begun: words
+
+
+def _behind_commas(words: Iterable[str]) -> Offer:
+    """For lists, as k0,k2: the words already typed stay."""
+
+    def offer(begun: str) -> Iterable[str]:
+        before, comma, _ = begun.rpartition(",")
+        return (f"{before}{comma}{word}" for word in words if word not in before.split(","))
+
+    return offer
+
+
+def _verdicts(_begun: str) -> Iterable[str]:
+    return (*VERDICTS, *effect_names())
+
+
+_BY_METAVAR: dict[str, Offer] = {
+    "RUN": list_recorded_folders,
+    "PATH": list_recorded_folders,
+    "FOLDER": list_recorded_folders,
+    "RIG": lambda _begun: rig_names(),
+    "PROTOCOL": lambda _begun: file_names("protocols"),
+    "CODE": _each_of(TRIP_CODES),
+}
+_BY_OPTION: dict[str, Offer] = {
+    "--rig": lambda _begun: rig_names(),
+    "--protocol": lambda _begun: file_names("protocols"),
+    "--parameters": _behind_commas(FIT_PARAMETERS),
+    "--effects": _behind_commas(MECHANISM_EFFECTS),
+    "--phases": _behind_commas(PHASES),
+}
+_BY_COMMAND: dict[tuple[str, str], Offer] = {
+    ("runs", "--kind"): _each_of(RUN_KINDS),
+    ("runs", "--source"): _each_of(SOURCES),
+    ("runs", "--ended"): _each_of((*RUN_ENDINGS, *TRIP_CODES)),
+    ("runs", "--verdict"): _verdicts,
+    ("prove", "--kind"): _each_of(CASE_KINDS),
+    ("schema", "KIND"): _each_of(FILE_KINDS),
+    ("sweep", "SWEEP"): lambda _begun: file_names("sweeps"),
+}

@@ -5,8 +5,7 @@ from dataclasses import replace
 from math import degrees
 
 from rfca_rig.bench.expectation import predict_loads
-from rfca_rig.cli.first_compile import announce_first_compile
-from rfca_rig.cli.progress import progress
+from rfca_rig.cli.progress import announce_first_compile, progress
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say
 from rfca_rig.protocol.check import Load, check_plan

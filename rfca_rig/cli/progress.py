@@ -6,19 +6,71 @@ unknown, the line shows the elapsed time instead.
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
+from pathlib import Path
 
-from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from rfca_rig.cli.terminal import ErrorConsole
+from rfca_rig.cli.terminal import Say
 from rfca_rig.progress import ProgressCount
+from rfca_rig.suggestions import printable
 
 # Parts differ in length, so the remaining time is estimated from all of them and not from the last half minute.
 LONG_S = 1e4
 BAR_WIDTH = 20
 WIDEST = 34
+
+COMPILE_NOTICE = "compiling the model, once on this machine, ten seconds to a minute ..."
+
+
+class ErrorConsole(Console):
+    """A console whose reader may leave: it is silent from then on, where rich would end the process."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+
+
+@contextmanager
+def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Callable[[str, float], None], Say]]:
+    """Yields (advance, say): `advance(label, rig_s)` moves the bar by seconds of rig time, `say` prints a line above it.
+
+    The bar shows only on a terminal; `quiet` silences both.
+    """
+    console = ErrorConsole(file=sys.stderr, quiet=quiet, highlight=False)
+    columns = (
+        TextColumn(mark),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as progress:
+        task = progress.add_task("", total=total_s)
+
+        def advance(label: str, rig_s: float) -> None:
+            progress.update(task, advance=rig_s, description=label)
+
+        def say(line: str) -> None:
+            _print(progress.console, mark, line)
+
+        yield advance, say
+
+
+def make_marked_say(mark: str, quiet: bool) -> Say:
+    """A function that prints lines with the mark in front, on the error stream, because --json owns the output."""
+    console = ErrorConsole(file=sys.stderr, quiet=quiet, highlight=False)
+    return lambda line: _print(console, mark, line)
+
+
+def _print(console: Console, mark: str, line: str) -> None:
+    """A closed terminal must not keep a motor from stopping, nor a recording from being completed."""
+    with suppress(OSError):
+        # No markup: rich would take bracketed words of a message, for example [limits], for styles.
+        console.print(f"{mark} {printable(line)}", markup=False, soft_wrap=True)
 
 
 class _Done(ProgressColumn):
@@ -94,3 +146,13 @@ def progress(quiet: bool) -> Iterator[ProgressLines]:
 
 def _short(what: str) -> str:
     return what if len(what) <= WIDEST else what[: WIDEST - 2] + ".."
+
+
+def announce_first_compile(bars: ProgressLines, quiet: bool, say: Say = lambda line: typer.echo(line, err=True)) -> None:
+    """To be called before the first computation of a command; prints nothing where the model is compiled already."""
+    # numba takes half a second to import, which commands without a model need not wait for.
+    from rfca_rig.model.compiled import CACHE_FOLDER, is_warm
+
+    if not is_warm() and not quiet:
+        say(COMPILE_NOTICE)
+        bars.show_unbounded("compiling", lambda: f"{sum(1 for _ in Path(CACHE_FOLDER).rglob('*.nbi'))} functions")

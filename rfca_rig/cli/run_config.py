@@ -8,7 +8,7 @@ from rfca_rig.bench.resume import InterruptedRun
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.twin_server.fault_schedule import FaultEvent
+from rfca_rig.twin_server.faults import FaultEvent
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 

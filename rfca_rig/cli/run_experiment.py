@@ -1,10 +1,13 @@
 """The steps that all experiments share: plan checked and printed, rig armed, run, recording completed."""
 
-from collections.abc import Callable
-from contextlib import ExitStack
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import FrameType
 
 import typer
 
@@ -16,22 +19,94 @@ from rfca_rig.cli.attach_view import attach_view, twin_clock
 from rfca_rig.cli.finalize_run import FinishedRun, finish, finish_cut_short, note_end, open_folder
 from rfca_rig.cli.paths import find_file, make_run_folder
 from rfca_rig.cli.preflight import check_before_run, print_plan, recording_size
+from rfca_rig.cli.progress import make_marked_say, progress_bar
 from rfca_rig.cli.run_config import RunConfig
-from rfca_rig.cli.signals import handle_signals
-from rfca_rig.cli.terminal import Say, make_marked_say, progress_bar
+from rfca_rig.cli.terminal import Say
 from rfca_rig.cli.trusted_code import trust
 from rfca_rig.clock import WallClock
-from rfca_rig.engine.interfaces import Bench
+from rfca_rig.engine.interfaces import Bench, StopLevel, StopRequest
 from rfca_rig.engine.run import Supervision, prove_stop, run_plan
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.plan import Stage
-from rfca_rig.recording.disk_reserve import check_room
-from rfca_rig.recording.keeper import InProcessRecorder, RunBackend
-from rfca_rig.recording.process_keeper import RecorderClient
+from rfca_rig.recording.backend import InProcessRecorder, RecorderClient, RunBackend
+from rfca_rig.recording.run_writer import check_room
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.view.live_view import check_live_view
 
+OUTSIDE = {signal.SIGTERM: "ended by SIGTERM"}
+
 CHECKLIST = "Emergency stop tested today? Guard closed? Nobody near the leg?"
+
+
+if sys.platform != "win32":  # which has no SIGHUP
+    OUTSIDE[signal.SIGHUP] = "its terminal was closed (SIGHUP)"
+
+
+class SignalHandler:
+    """Turns a signal into a stop request.
+
+    Where the loop does not tick, the run waits for a person with its motor off; it is then interrupted at once.
+    """
+
+    def __init__(self, stop_request: StopRequest, say: Say) -> None:
+        self._stop_request = stop_request
+        self._say = say
+        self._presses = 0
+        self._is_closing = False
+
+    def begin_closing(self) -> None:
+        """The motor is off, and everything recorded is handed over."""
+        self._presses, self._is_closing = 0, True
+
+    def key(self, _number: int, _frame: FrameType | None) -> None:
+        """^C: once for the next safe point, twice for now, three times where a device hangs."""
+        if self._is_closing:
+            self._close_first()
+            return
+        # The stop is under way: an interruption now could skip the torque-off.
+        if self._stop_request.is_over:
+            return
+        self._presses += 1
+        if self._presses == 1 and self._stop_request.is_ticking:
+            self._stop_request.ask(StopLevel.SAFE_POINT, "stopped by the operator")
+            self._say("stopping at the next safe point; ^C again takes the torque away now")
+            return
+        self._stop_request.ask(StopLevel.TORQUE_OFF, "stopped at once by the operator")
+        if self._presses > 2 or not self._stop_request.is_ticking:
+            # The loop sees no request: it waits for a person, or hangs in a device. Only an exception gets through.
+            raise KeyboardInterrupt
+
+    def from_outside(self, number: int, _frame: FrameType | None) -> None:
+        """The system ends the process: the shaft is slowed down, then the motor is disabled."""
+        if self._is_closing:
+            self._say("the recording is being finished; then the run ends")
+            return
+        if self._stop_request.is_over:
+            return
+        self._stop_request.ask(StopLevel.RAMP_DOWN, OUTSIDE[signal.Signals(number)])
+        if not self._stop_request.is_ticking:
+            raise KeyboardInterrupt
+
+    def _close_first(self) -> None:
+        """The motor is off and everything is handed over: the second ^C leaves the rest to `rfca-rig recover`."""
+        self._presses += 1
+        if self._presses > 1:
+            raise KeyboardInterrupt
+        self._say("the recording is being finished; ^C again ends here and leaves the rest to rfca-rig recover")
+
+
+@contextmanager
+def handle_signals(stop_request: StopRequest, say: Say) -> Iterator[SignalHandler]:
+    """Within the block, signals become stop requests; afterwards the earlier handlers are restored."""
+    handler_of_run = SignalHandler(stop_request, say)
+    handlers = {signal.SIGINT: handler_of_run.key, **dict.fromkeys(OUTSIDE, handler_of_run.from_outside)}
+    # Installed only around the run: elsewhere ^C keeps its usual meaning.
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield handler_of_run
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def ask_operator(config: RunConfig) -> None:
@@ -46,7 +121,7 @@ def prove_drive(config: RunConfig, bench: Bench) -> dict[str, str | float]:
     """Results of the arming for the run's events: the confirmation, and the drive's own stop."""
     watchdog_s = prove_stop(bench)
     is_guarded = bench.motor.identity().get("guardian", "none") != "none"
-    who = "the guardian lets go of the motor" if is_guarded else "the drive's watchdog stops the motor"
+    who = "the guardian disables the motor" if is_guarded else "the drive's watchdog stops the motor"
     make_marked_say(config.mark, config.quiet)(f"{who} after {watchdog_s:.2f} s of silence")
     return {"confirmed": CHECKLIST, "by_typing_N": config.plan.limits.force_N, "watchdog_s": round(watchdog_s, 3)}
 

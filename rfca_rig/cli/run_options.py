@@ -14,7 +14,7 @@ from rfca_rig.description.toml import read_text
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Plan
-from rfca_rig.twin_server.fault_schedule import FaultEvent, parse_fault_events
+from rfca_rig.twin_server.faults import FaultEvent, parse_fault_events
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 

@@ -1,58 +1,87 @@
-"""Terminal output of a run: every line marked SIM or REAL, a progress bar on a terminal."""
+"""Terminal output: lines that fit it, in its encoding."""
 
+import codecs
+import io
+import os
+import shutil
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+import textwrap
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TextIO
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-from rfca_rig.suggestions import printable
+import typer
 
 Say = Callable[[str], None]
 
+WIDTH, WIDEST = 80, 120
 
-class ErrorConsole(Console):
-    """A console whose reader may leave: it is silent from then on, where rich would end the process."""
+NAME = "rfca-ascii"
+ASCII = {
+    "\u00a0": " ",
+    "\u00b0": " deg",
+    "\u00b1": "+-",
+    "\u00b2": "2",
+    "\u00b3": "3",
+    "\u00b5": "u",
+    "\u00b7": ".",
+    "\u00d7": "x",
+    "\u2013": "-",
+    "\u2026": "...",
+    "\u2192": "->",
+    "\u2212": "-",
+}
 
-    def on_broken_pipe(self) -> None:
-        self.quiet = True
 
+def print_lines(lines: Iterable[str], indent: str = "  ") -> None:
+    """Prints lines wrapped between words to the width of the terminal; 80 columns where there is none.
 
-@contextmanager
-def progress_bar(mark: str, total_s: float, quiet: bool) -> Iterator[tuple[Callable[[str, float], None], Say]]:
-    """Yields (advance, say): `advance(label, rig_s)` moves the bar by seconds of rig time, `say` prints a line above it.
-
-    The bar shows only on a terminal; `quiet` silences both.
+    Tables are made to fit 80 columns, so that only prose is ever wrapped.
     """
-    console = ErrorConsole(file=sys.stderr, quiet=quiet, highlight=False)
-    columns = (
-        TextColumn(mark),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=console, disable=quiet or not console.is_terminal, transient=True) as progress:
-        task = progress.add_task("", total=total_s)
-
-        def advance(label: str, rig_s: float) -> None:
-            progress.update(task, advance=rig_s, description=label)
-
-        def say(line: str) -> None:
-            _print(progress.console, mark, line)
-
-        yield advance, say
+    width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDEST)
+    for line in lines:
+        for piece in wrap_line(line, width, indent):
+            typer.echo(piece)
 
 
-def make_marked_say(mark: str, quiet: bool) -> Say:
-    """A function that prints lines with the mark in front, on the error stream, because --json owns the output."""
-    console = ErrorConsole(file=sys.stderr, quiet=quiet, highlight=False)
-    return lambda line: _print(console, mark, line)
+def wrap_line(line: str, width: int = WIDTH, indent: str = "  ") -> list[str]:
+    """The line in pieces of at most that many columns; a path or a command too long for one stays whole."""
+    if len(line) <= width:
+        return [line]
+    return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
-def _print(console: Console, mark: str, line: str) -> None:
-    """A closed terminal must not keep a motor from stopping, nor a recording from being completed."""
-    with suppress(OSError):
-        # No markup: rich would take bracketed words of a message, for example [limits], for styles.
-        console.print(f"{mark} {printable(line)}", markup=False, soft_wrap=True)
+def open_null() -> TextIO:
+    """A stream that takes everything, for the rest of the process."""
+    return Path(os.devnull).open("w", encoding="utf-8")
+
+
+def use_ascii_fallback() -> None:
+    """For standard output and the error stream of this process; streams of another kind, as in tests, stay unchanged."""
+    codecs.register_error(NAME, _in_ascii)
+    # Python has no streams where the shell closed them (>&-): what is printed goes nowhere then.
+    sys.stdout = sys.stdout or open_null()
+    sys.stderr = sys.stderr or open_null()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=NAME)
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    """ASCII text for characters that cannot be encoded. Where no sign is similar, JSON's escape, so that JSON stays JSON."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(_sign, error.object[error.start : error.end])), error.end
+
+
+def _sign(character: str) -> str:
+    if character in ASCII:
+        return ASCII[character]
+    # JSON escapes characters beyond the basic plane as two UTF-16 surrogates.
+    words = character.encode("utf-16-be", "surrogatepass")
+    return "".join(f"\\u{words[i]:02x}{words[i + 1]:02x}" for i in range(0, len(words), 2))
+
+
+def takes_colours() -> bool:
+    """Whether the user allows colours; whether there is a terminal is another question."""
+    return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

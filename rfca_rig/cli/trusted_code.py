@@ -29,7 +29,7 @@ def find_rig(name: str) -> Path:
 
 def check_trusted(rig_path: Path, remedy: str) -> None:
     """Raises BadInput, with what to type instead, where a rig file names code that is not trusted."""
-    trusted = _trusted_hashes()
+    trusted = _read_trusted_hashes()
     for file in _code_of(rig_path):
         if _hash(file) not in trusted:
             raise BadInput(f"{rig_path}: would execute {file}, which never drove a run on this computer; read it, then give {remedy}")
@@ -37,7 +37,7 @@ def check_trusted(rig_path: Path, remedy: str) -> None:
 
 def trust(rig_path: Path) -> None:
     """Adds the code of a rig file that drives a run. A folder that takes no file only means that `resume` asks for --rig."""
-    new = {_hash(file) for file in _code_of(rig_path)} - _trusted_hashes()
+    new = {_hash(file) for file in _code_of(rig_path)} - _read_trusted_hashes()
     if new:
         with suppress(OSError):
             _list_file().parent.mkdir(parents=True, exist_ok=True)
@@ -45,7 +45,7 @@ def trust(rig_path: Path) -> None:
                 file.writelines(f"{one}\n" for one in sorted(new))
 
 
-def _trusted_hashes() -> set[str]:
+def _read_trusted_hashes() -> set[str]:
     return set(_list_file().read_text(encoding="utf-8").split()) if _list_file().is_file() else set()
 
 

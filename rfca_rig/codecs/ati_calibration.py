@@ -11,8 +11,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.malformed import MalformedFrame
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, MalformedFrame
 
 _LBF_N = 0.45359237 * 9.80665
 _INCH_M = 0.0254

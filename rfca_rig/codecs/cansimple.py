@@ -14,7 +14,6 @@ documents of firmware 0.5.6 differ as follows:
 import struct
 from collections.abc import Callable
 
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.codecs.odrive_messages import (
     BROADCAST_NODE,
     PASSTHROUGH,
@@ -40,6 +39,7 @@ from rfca_rig.codecs.odrive_messages import (
     Torques,
     Version,
 )
+from rfca_rig.errors import MalformedFrame, NotEncodable
 
 Frame = tuple[int, bytes]
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import MalformedFrame
 
 STANDARD_IDS = 1 << 11
 EXTENDED_IDS = 1 << 29

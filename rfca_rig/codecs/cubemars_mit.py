@@ -15,7 +15,7 @@ from enum import Enum
 from math import floor
 
 from rfca_rig.codecs.cubemars_drives import GAIN_Nm_PER_RAD, GAIN_Nm_S_PER_RAD, MitRanges
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
+from rfca_rig.errors import MalformedFrame, NotEncodable
 
 POSITION_CODES = 1 << 16
 # Without temperature and error; with the supply voltage instead (Katz); with both.

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
+from rfca_rig.errors import MalformedFrame, NotEncodable
 
 Frame = tuple[int, bytes]
 

@@ -6,8 +6,8 @@ Sources: mjbots fdcanusb README, "Protocol"; moteus reference, "UART" (checksums
 
 from dataclasses import dataclass
 
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.moteus import FD_LENGTHS
+from rfca_rig.errors import MalformedFrame
 
 POLYNOMIAL = 0x97
 LONGEST_LINE = 256

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite, isnan, nan
 
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.codecs.moteus_registers import Width, name_of, units_per_count
+from rfca_rig.errors import MalformedFrame, NotEncodable
 
 FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 MAX_FRAME_BYTES = FD_LENGTHS[-1]

@@ -11,7 +11,7 @@ from math import isfinite
 from xml.etree import ElementTree as Xml
 
 from rfca_rig.codecs.ati_calibration import force_code, force_unit, newton_metres_per, newtons_per, torque_code, torque_unit
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
+from rfca_rig.errors import MalformedFrame, NotEncodable
 
 PATH = "/netftapi2.xml"
 # A larger page is not parsed.

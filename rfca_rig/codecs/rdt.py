@@ -10,7 +10,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
+from rfca_rig.errors import MalformedFrame, NotEncodable
 
 PORT = 49152
 RECORD_BYTES = 36

@@ -4,7 +4,7 @@ tIIILDD.. standard, TIIIIIIIILDD.. extended, r and R the same as remote frames; 
 """
 
 from rfca_rig.codecs.classic_can import ClassicFrame
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import MalformedFrame
 
 END = b"\r"
 REFUSED = b"\a"

@@ -5,7 +5,7 @@ of eight an extended one.
 """
 
 from rfca_rig.codecs.classic_can import ClassicFrame
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import MalformedFrame
 
 PORT = 29536
 GREETING = b"< hi >"

@@ -3,4 +3,4 @@
 import pytest
 
 # Assertions outside of test files show their values only if the modules are registered before their import.
-pytest.register_assert_rewrite(*(f"{__name__}.{module}" for module in ("force_sensor", "motor", "motor_moves", "motor_rig", "motor_stops")))
+pytest.register_assert_rewrite(*(f"{__name__}.{module}" for module in ("force_sensor", "motor", "motor_rig")))

@@ -83,7 +83,7 @@ class ForceSensorRig:
             self.twin.take_requests()
             due_s = self.twin.due(end_s)
             # The reshape keeps the shape (0, 6) if no sample was due.
-            self.twin.measured(self.wrench(due_s).reshape(-1, 6))
+            self.twin.take_wrench(self.wrench(due_s).reshape(-1, 6))
         self.twin_s = to_s
 
     def run(self, seconds: float) -> ForceSamples:
@@ -168,7 +168,7 @@ class ForceSensorContract:
             rig.sensor.stop()
         assert len(rig.run(0.2).sequence) == 0
 
-    def test_a_new_start_counts_anew_and_brings_nothing_old(self, rig: ForceSensorRig) -> None:
+    def test_a_new_start_counts_from_zero_and_brings_nothing_old(self, rig: ForceSensorRig) -> None:
         rig.sensor.start()
         rig.run(0.3)
         rig.wrench = constant(*KNOWN_WRENCH)
@@ -254,7 +254,7 @@ class ForceSensorContract:
         (note,) = rig.sensor.health().notes
         assert "for 0.4" in note or "for 0.5" in note
 
-    def test_who_measures_is_told_in_words(self, rig: ForceSensorRig) -> None:
+    def test_the_identity_is_given_in_words(self, rig: ForceSensorRig) -> None:
         identity = rig.sensor.identity()
         assert {"make", "serial_number", "counts_per_N", "counts_per_Nm", "rate_Hz"} <= set(identity)
         assert all(isinstance(value, str) for value in identity.values())

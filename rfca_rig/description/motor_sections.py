@@ -71,7 +71,7 @@ class OdriveSection(MotorSection):
     torque_constant_Nm_per_A: Positive | None = None
 
     @model_validator(mode="after")
-    def _torque_can_be_told(self) -> "OdriveSection":
+    def _check_torque_is_reported(self) -> "OdriveSection":
         if self.dialect == "0.5" and self.torque_constant_Nm_per_A is None:
             raise ValueError('dialect "0.5" needs torque_constant_Nm_per_A, as in the drive\'s motor.config.torque_constant')
         return self

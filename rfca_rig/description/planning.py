@@ -6,8 +6,7 @@ from pathlib import Path
 from rfca_rig.description.protocol_file import read_dynamic, read_fatigue, read_static
 from rfca_rig.description.toml import place_of, read_data
 from rfca_rig.errors import BadInput
-from rfca_rig.protocol.experiments import RigFacts, flapping_plan, static_plan
-from rfca_rig.protocol.fatigue import fatigue_plan
+from rfca_rig.protocol.experiments import RigFacts, fatigue_plan, flapping_plan, static_plan
 from rfca_rig.protocol.plan import Plan
 
 PLANS: Mapping[str, Callable[[Path, RigFacts], Plan]] = {

@@ -8,8 +8,7 @@ from pydantic import Field
 
 from rfca_rig.description.sections import Positive, Section, SpeedRadS
 from rfca_rig.description.toml import read_toml
-from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages
-from rfca_rig.protocol.fatigue import CheckSettings, Fatigue
+from rfca_rig.protocol.experiments import CheckSettings, Fatigue, Flapping, PlannedCondition, StaticStages
 from rfca_rig.protocol.plan import Direction, SettleCriterion
 
 HeightMm = Annotated[float, Field(gt=0, le=1000)]

@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from rfca_rig.description.camera_file import CameraFile
-from rfca_rig.description.camera_sections import CameraSection, PhotoFolderSection, TwinCameraSection
+from rfca_rig.description.camera_file import CameraFile, CameraSection, PhotoFolderSection, TwinCameraSection
 from rfca_rig.description.force_sensor_sections import AtiDaqSection, ForceSensor, OwnForceSensorSection
 from rfca_rig.description.motor_sections import Motor, OwnMotorSection
 from rfca_rig.description.nominal_model import nominal_model

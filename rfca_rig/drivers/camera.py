@@ -123,7 +123,7 @@ class CameraThread:
         self._is_pending = True
         self._asked.put(True)
 
-    def taken(self) -> Photo | None:
+    def fetch_photo(self) -> Photo | None:
         answer = self._answer()
         if isinstance(answer, Exception):
             raise answer
@@ -147,7 +147,7 @@ class CameraThread:
     def _photo(self) -> Photo | Exception:
         try:
             return self._camera.photo()
-        # Any exception is passed on, and raised on the control loop's thread by `taken`.
+        # Any exception is passed on, and raised on the control loop's thread by `fetch_photo`.
         except Exception as error:
             return error
 

@@ -107,7 +107,7 @@ class CounterClock:
         self._stamped_s = 0.0
         self.restarts = 0
 
-    def predicted(self, asked_s: float) -> float:
+    def predict_time_s(self, asked_s: float) -> float:
         """Predicted device time in s of an answer to a query sent at `asked_s`, before its counter is known."""
         return asked_s + self._offset_s
 
@@ -115,7 +115,7 @@ class CounterClock:
         """Time in s between the counter of an answer and the prediction for a query at `asked_s`; 0 before the first answer."""
         if self._counter is None:
             return 0.0
-        return abs((self._elapsed + _signed_difference(counter - self._counter)) * COUNT_S - self.predicted(asked_s))
+        return abs((self._elapsed + wrap_to_signed(counter - self._counter)) * COUNT_S - self.predict_time_s(asked_s))
 
     def stamp(self, counter: int, asked_s: float) -> float:
         """Device time in s of the answer with this counter to a query at host time `asked_s`. Never decreases."""
@@ -125,7 +125,7 @@ class CounterClock:
             self._elapsed += self._counts_since(counter, asked_s)
         self._counter = counter
         middle_s = self._elapsed * COUNT_S
-        free_s = self.predicted(asked_s)
+        free_s = self.predict_time_s(asked_s)
         # The prediction is clipped to the millisecond that the counter allows.
         stamp_s = min(max(free_s, middle_s - 0.5 * COUNT_S), middle_s + 0.5 * COUNT_S)
         # Follows slow clock drift; jitter of the host stays inside the count and leaves the offset alone.
@@ -135,15 +135,15 @@ class CounterClock:
 
     def _counts_since(self, counter: int, asked_s: float) -> int:
         """Counts since the last answer. A counter that ran backwards means a restart; the host clock then bridges the gap."""
-        counts = _signed_difference(counter - (self._counter or 0))
+        counts = wrap_to_signed(counter - (self._counter or 0))
         if counts >= 0:
             return counts
         self.restarts += 1
-        return max(0, round(self.predicted(asked_s) / COUNT_S) - self._elapsed)
+        return max(0, round(self.predict_time_s(asked_s) / COUNT_S) - self._elapsed)
 
 
-def _signed_difference(difference: int) -> int:
-    """Signed difference of two 32 bit counters."""
+def wrap_to_signed(difference: int) -> int:
+    """Difference of two 32 bit counters, of either sign."""
     return (difference + WRAP // 2) % WRAP - WRAP // 2
 
 

@@ -106,14 +106,12 @@ def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, a
     # Without a report there is no evidence either way, so a silent drive is never accepted as off.
     if silenced.reports == 0:
         raise DeviceError(
-            f"guardian not proven: it told the drive to let go after {1e3 * silenced.silent_s:.0f} ms, and the drive said nothing since; "
+            f"guardian not proven: it disabled the drive after {1e3 * silenced.silent_s:.0f} ms, and the drive has sent nothing since; "
             "check its power and the CAN wiring"
         )
     # A light load makes a quarter of it too small to be measured; the reports' resolution is then the limit.
     if abs(silenced.torque_Nm) > max(TORQUE_OFF_SHARE * abs(held_Nm), least_Nm):
-        raise DeviceError(
-            f"drive told to let go by the guardian, but it still shows {silenced.torque_Nm:.2f} N m; press the emergency stop"
-        )
+        raise DeviceError(f"the guardian disabled the drive, but it still shows {silenced.torque_Nm:.2f} N m; press the emergency stop")
     return GuardianProof(silenced.silent_s + silenced.took_s, _evidence(held_Nm, least_Nm, answers))
 
 

@@ -179,7 +179,7 @@ class Photographer(Protocol):
         """Requests a photo. Raises DeviceError while an earlier one is pending; one that arrived too late is discarded."""
         ...
 
-    def taken(self) -> Photo | None:
+    def fetch_photo(self) -> Photo | None:
         """The photo, handed out once; None until it has arrived. Raises the camera's exception if it failed."""
         ...
 

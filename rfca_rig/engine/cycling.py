@@ -41,7 +41,7 @@ def run_cycles(loop: Loop, stage: Cycles, sink: Sink, scale: SensorScale) -> Non
     tally, turning = CycleTally(scale), CycleProfile(loop.target_rad, stage)
     sink.begin(stage)
     sink.start(loop.now_s, 0.0)
-    with loop.heard(tally.take):
+    with loop.listen(tally.take):
         while not turning.is_over:
             loop.step_at_speed(turning.speed_rad_s(loop.target_rad), MOVE_TICK_S)
             if turning.count_if_complete(loop.target_rad):

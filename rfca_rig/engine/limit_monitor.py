@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.codecs.rdt import status_text
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
-from rfca_rig.errors import Tripped
+from rfca_rig.errors import Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.trip_codes import Trip
 
 # Status word of the NetBox, see `codecs.rdt`. Drivers of other sensors set the same bits 31 and 17. Bit 31:
 # summary of all errors.

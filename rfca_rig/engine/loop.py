@@ -8,10 +8,9 @@ import numpy as np
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples, concatenate_blocks
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest, Tick
 from rfca_rig.engine.limit_monitor import LimitMonitor, Tracking
-from rfca_rig.errors import DeviceError, Tripped
+from rfca_rig.errors import DeviceError, Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.trip_codes import Trip
 
 # No report of the shaft within this time: the drive's cyclic encoder message is probably off.
 FIRST_REPORT_S = 1.0
@@ -190,14 +189,14 @@ class Loop:
             self._wrench = np.add.reduce(force.counts, axis=0, dtype=np.float64) / len(force.counts) / self._counts_per_unit
 
     @contextmanager
-    def recorded(self, listener: Listener) -> Iterator[SampleCollector]:
+    def record(self, listener: Listener) -> Iterator[SampleCollector]:
         """Everything that the devices report inside the block goes into the collector, and through it to the listener."""
         collector = SampleCollector(listener)
-        with self.heard(collector.take):
+        with self.listen(collector.take):
             yield collector
 
     @contextmanager
-    def heard(self, listener: Listener) -> Iterator[None]:
+    def listen(self, listener: Listener) -> Iterator[None]:
         """Everything that the devices report inside the block goes to the listener; nothing of it is kept."""
         self._listeners.append(listener)
         try:

@@ -1,25 +1,48 @@
 """Runs a plan on a bench. Every run ends the same way: the motor without torque, the sensor stopped."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 from rfca_rig.engine.cycling import run_cycles
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopLevel, StopRequest
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move, settle
 from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Sink, ramp_down, stop, switch_off
-from rfca_rig.errors import RigError, Stopped, Tripped
+from rfca_rig.errors import RigError, Stopped, Trip, Tripped
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.cycles import Cycles
+from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
 from rfca_rig.protocol.plan import Approach, Flap, Hold, Limits, MoveShaft, Plan, Rest, SetHeight, Stage
-from rfca_rig.protocol.safe_points import stages_to_safe_point
-from rfca_rig.trip_codes import Trip
 
 Progress = Callable[[Stage], None]
 
 # The longest that a drive may keep its torque without a command. Its heartbeat, which reports the stop, adds up to
 # 0.1 s.
 SILENCE_S = 1.0
+
+
+def stages_to_safe_point(done: Sequence[Stage], to_come: Sequence[Stage]) -> Sequence[Stage]:
+    """Stages still to be run before the motor may be disabled; none where nothing has moved since the rack was set.
+
+    A leg bent on the ground must go on in the direction of its stroke: the plan's next move forwards does that. From the start angle the
+    shaft turns to where it waits without torque, as at the end of every height.
+    """
+    if not done or isinstance(done[-1], SetHeight):
+        return ()
+    # Only up to the next setting of the rack: moves beyond it belong to another height.
+    moves = [stage for stage in takewhile(lambda stage: not isinstance(stage, SetHeight), to_come) if isinstance(stage, MoveShaft)]
+    out_of_ground = [] if _is_in_the_air(done) else [move for move in moves if move.forwards][:1]
+    to_parking = [move for move in moves[-1:] if not move.forwards]
+    return (*out_of_ground, *to_parking)
+
+
+def _is_in_the_air(done: Sequence[Stage]) -> bool:
+    """Whether the last motion led to the start angle; resting there and checks in between do not count."""
+    moved = [stage for stage in done if not isinstance(stage, Rest | StiffnessCheck)]
+    if not moved or isinstance(moved[-1], SetHeight):
+        return True
+    last, before = moved[-1], moved[-2:-1]
+    return isinstance(last, MoveShaft) and (last.forwards or not before or isinstance(before[0], SetHeight))
 
 
 class RampUp:

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from rfca_rig.drivers.roles import Photo, Photographer
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.stopping import RecordedSamples, Sink
-from rfca_rig.errors import RigError, Tripped
-from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, SettleCriterion, signed_turn
-from rfca_rig.trip_codes import Trip
+from rfca_rig.errors import RigError, Trip, Tripped
+from rfca_rig.protocol.plan import MOVE_RAMP_S, STOPPING_S, TURN_RAD, Approach, Flap, Hold, MoveShaft, SettleCriterion, turn_to
 
 HOLD_PERIOD_S = 0.01
 # Averages 350 records at 7 kHz: sensor noise of 0.15 N becomes 0.01 N. Still short enough to see a leg that swings.
@@ -94,7 +93,7 @@ class PhotoCapture:
 
     def _look(self, camera: Photographer, now_s: float) -> None:
         try:
-            self.photo = camera.taken()
+            self.photo = camera.fetch_photo()
         except RigError as error:
             self._end(str(error))
         if self.photo is not None:
@@ -109,7 +108,7 @@ class PhotoCapture:
 
 def move(loop: Loop, stage: MoveShaft) -> None:
     """Moves along a trapezoidal speed profile to the angle, the nearest way or forwards."""
-    way_rad = signed_turn(stage.angle_rad, loop.target_rad, stage.forwards)
+    way_rad = turn_to(stage.angle_rad, loop.target_rad, stage.forwards)
     start_rad, goal_rad = loop.target_rad, loop.target_rad + way_rad
     duration_s = abs(way_rad) / stage.speed_rad_s + MOVE_RAMP_S
     # Angles are commanded, not speeds: the move ends exactly at the goal even where the drive lags on the way.
@@ -145,7 +144,7 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> RecordedSamples:
     turns_rad = TURN_RAD * round(loop.target_rad / TURN_RAD)
     hold_rad = loop.target_rad
     sink.begin(stage)
-    with loop.recorded(sink.take) as collector:
+    with loop.record(sink.take) as collector:
         # Recorded at rest first, so that the stroke's initial state is part of the recording.
         for _ in range(round(stage.before_s / TICK_S)):
             loop.step_to_angle(hold_rad, 0.0, TICK_S)
@@ -201,7 +200,7 @@ def hold(loop: Loop, stage: Hold, sink: Sink, camera: Photographer | None = None
     sink.begin(stage)
     sink.start(start_s, turns_rad)
     capture = PhotoCapture(camera if timing.photo_limit_s > 0 else None, loop.now_s, timing.photo_limit_s)
-    with loop.recorded(sink.take) as collector:
+    with loop.record(sink.take) as collector:
         _stand(loop, target_rad, timing.average_s)
     # Commands go on while the camera is awaited: silence would make the drive's watchdog act.
     while capture.is_under_way(loop.now_s):

@@ -92,7 +92,7 @@ def disable_motor(motor: ShaftMotor, clock: Clock) -> None:
             return
         except DeviceError as error:
             if not left:
-                raise DeviceError(f"the motor could not be told to let go ({error}); press the emergency stop") from error
+                raise DeviceError(f"the motor could not be disabled ({error}); press the emergency stop") from error
             clock.wait_until(clock.now_s() + RETRY_AFTER_S)
 
 

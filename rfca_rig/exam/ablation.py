@@ -19,7 +19,7 @@ from rfca_rig.exam.sealing import open_all
 from rfca_rig.exam.write import CAMPAIGNS, run_jobs
 from rfca_rig.executors.mapping import TaskExecutor
 from rfca_rig.progress import ProgressReport, ignore_named_progress
-from rfca_rig.recording.atomic_dir import refresh_nfs_cache, remove_leftovers
+from rfca_rig.recording.atomic import refresh_nfs_cache, remove_leftovers
 
 FOLDER = "taken-out"
 
@@ -84,7 +84,7 @@ class AblationResult:
         )
 
 
-def taken_out(folder: Path) -> AblationResult | None:
+def read_ablation(folder: Path) -> AblationResult | None:
     """Results of the ablation in an exam's folder; None where it was not done."""
     answers = folder / FOLDER
     if not answers.is_dir():
@@ -94,11 +94,11 @@ def taken_out(folder: Path) -> AblationResult | None:
         confident_wrong=_share([any(claim.probability >= CONFIDENT for claim in result.named) for _, result in judged]),
         unexplained=_share([not result.named and result.verdict != NOTHING for _, result in judged]),
         silent=_share([result.verdict == NOTHING for _, result in judged]),
-        named=tuple(_named_case(truth, result) for truth, result in judged if result.named),
+        named=tuple(_judge_named_case(truth, result) for truth, result in judged if result.named),
     )
 
 
-def _named_case(truth: Truth, result: ParsedDiagnosis) -> WronglyNamed:
+def _judge_named_case(truth: Truth, result: ParsedDiagnosis) -> WronglyNamed:
     # The cases are those of one effect, see `_visible`.
     (effect,) = truth.effects
     return WronglyNamed(truth.case, effect, tuple(claim.id for claim in result.named), min(claim.probability for claim in result.named))

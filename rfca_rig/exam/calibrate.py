@@ -21,10 +21,9 @@ from scipy.special import expit, log_expit
 from rfca_rig.diagnosis.decision.calibration import FEATURES, FORMAT, features_in
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam.answer import parse_truth
-from rfca_rig.exam.claims import calibration_error
+from rfca_rig.exam.claims import calibration_error, is_true
 from rfca_rig.exam.examine import DIAGNOSES
 from rfca_rig.exam.sealing import open_all, read_plan
-from rfca_rig.exam.statements import is_true
 from rfca_rig.recording.atomic import write_atomically
 
 Floats = NDArray[np.float64]

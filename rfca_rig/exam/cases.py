@@ -6,8 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rfca_rig.exam.hidden_laws import NAMES, Law, LawDeviation, draw_approximate, draw_law, draw_uneven
-from rfca_rig.exam.labels import MISLABELLED
+from rfca_rig.exam.hidden_laws import MISLABELLED, NAMES, Law, LawDeviation, draw_approximate, draw_law, draw_uneven
 from rfca_rig.exam.nominal_world import NominalErrors, StructuredError, draw_nominal_errors, draw_structured_error
 from rfca_rig.exam.pendulums.cases import PENDULUM_KINDS, PendulumCase, draw_pendulum
 from rfca_rig.exam.sizes import SIZE_RANGES, sample_unknown_fault, sample_values

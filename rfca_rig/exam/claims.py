@@ -1,14 +1,24 @@
-"""Calibration of the claims' probabilities, and errors of the parameters of named effects."""
+"""Calibration of the claims' probabilities, and errors of the parameters of named effects.
 
-from collections.abc import Sequence
+Scores of graded answers: whether each statement is true, whether sizes lie in their intervals, whether a place is right.
+
+A statement is an effect that is stated as identified or as most of what is missing, or a family where no effect is stated. An effect is
+true if the case hides it, or an effect of its indistinguishable set. A family is true if the case hides a member, or an effect outside
+the catalogue that belongs to it.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.answer import Claim, ParsedDiagnosis, Truth
+from rfca_rig.exam import cases
+from rfca_rig.exam.answer import DETECTABLE, Claim, ParsedDiagnosis, Truth
+from rfca_rig.exam.pendulums.cases import PENDULUM_NOTHING, PENDULUM_SINGLE
 from rfca_rig.exam.sizes import SIZE_RANGES
+from rfca_rig.model.catalogue import families_of, members_of
 
 Array = NDArray[Any]
 
@@ -21,6 +31,40 @@ NINETY_PERCENT = 1.645
 WHOLE_NUMBERS = ("hinge",)
 
 Judged = Sequence[tuple[Truth, ParsedDiagnosis]]
+
+# Stated probability from which a wrong statement counts.
+SURE_PROBABILITY = 0.8
+# Lower probabilities lead to no statement, so their calibration is not scored.
+MIN_PROBABILITY = 0.3
+STATEMENT_BINS = 7
+
+NULL_KINDS = (cases.NOTHING, cases.MODEL_ERROR, PENDULUM_NOTHING)
+SINGLE_KINDS = (cases.SINGLE, PENDULUM_SINGLE)
+
+# Of each effect outside the catalogue: the family it belongs to, and the part of the rig where it acts.
+STRANGERS: Mapping[str, tuple[str, str]] = {
+    "force_cogging": ("", "sensor"),
+    "hinge_asymmetry": ("hinge_stiffness", "hinges"),
+    "floor_magnet": ("floor_holds", "ground"),
+    "friction_by_direction": ("floor_friction", "ground"),
+    "sensor_curvature": ("sensor_scale", "sensor"),
+    "stiffness_falls_with_repeats": ("hinge_stiffness", "hinges"),
+    "sensor_play": ("sensor_scale", "sensor"),
+    "sensor_creep": ("sensor_scale", "sensor"),
+    "mains_hum": ("", "sensor"),
+    "sensor_dead_band": ("sensor_scale", "sensor"),
+    "coarse_digits": ("sensor_scale", "sensor"),
+    "hinge_detents": ("hinge_stiffness", "hinges"),
+    "tendon": ("hinge_stiffness", "hinges"),
+    "slick_patch": ("floor_friction", "ground"),
+    "soft_patch": ("floor_yields", "ground"),
+    "shaking_floor": ("floor_geometry", "ground"),
+    "hose_at_the_shaft": ("", "shaft"),
+    "cable_spring": ("", "joints"),
+    "torque_cogging": ("", "joints"),
+    "torque_saturation": ("torque_scale", "joints"),
+    "joint_friction_by_direction": ("joint_dissipation", "joints"),
+}
 
 
 @dataclass(frozen=True)
@@ -128,3 +172,119 @@ def _error(effect: str, name: str, true: float, found: tuple[float, float]) -> t
     span = SIZE_RANGES.get(effect, {}).get(name)
     size = abs(true - (span.around if span else 0.0))
     return abs(value - true) / size, abs(value - true) <= NINETY_PERCENT * std
+
+
+@dataclass(frozen=True)
+class StatementScores:
+    """Counts as (hits, of).
+
+    - `singles`: detectable single effects of which the effect, or its family, is stated and nothing wrong.
+    - `claims_on_nothing`: cases with nothing missing in which an effect or family is stated.
+    - `wrong`: wrong ones of all statements at SURE_PROBABILITY or more.
+    - `family`: approximate laws whose family, or effect, is stated and nothing wrong.
+    - `sizes`: parameters of true effects inside their 90 % intervals; `family_sizes`: the same where the law is approximate.
+    - `triples`: cases of three effects in which two or more are stated and nothing wrong.
+    - `place`: effects outside the catalogue that are unexplained and located rightly, of those with a place.
+    - `calibration_error`: expected calibration error of the `probabilities` of MIN_PROBABILITY or more, NaN where there are none.
+    """
+
+    singles: tuple[int, int]
+    claims_on_nothing: tuple[int, int]
+    wrong: tuple[int, int]
+    family: tuple[int, int]
+    sizes: tuple[int, int]
+    family_sizes: tuple[int, int]
+    triples: tuple[int, int]
+    place: tuple[int, int]
+    calibration_error: float
+    probabilities: int
+
+
+def score_statements(judged: Judged) -> StatementScores:
+    """Score the statements of these cases."""
+    null = [answer for truth, answer in judged if truth.kind in NULL_KINDS]
+    sure = [right for truth, answer in judged for probability, right in statements(truth, answer) if probability >= SURE_PROBABILITY]
+    approximate = [pair for pair in judged if pair[0].kind == cases.APPROXIMATE]
+    triples = [pair for pair in judged if pair[0].kind == cases.TRIPLE]
+    singles = [pair for pair in judged if pair[0].kind in SINGLE_KINDS and pair[0].left >= DETECTABLE]
+    lawful = [pair for pair in judged if not pair[0].lawless]
+    placed = [
+        answer.place == STRANGERS[name][1]
+        for truth, answer in judged
+        for name in truth.strangers
+        if answer.grade == "unexplained" and answer.place and name in STRANGERS
+    ]
+    probability, true = _probabilities(judged)
+    return StatementScores(
+        singles=(sum(has_right_family(*pair) for pair in singles), len(singles)),
+        claims_on_nothing=(sum(bool(answer.stated or _family_alone(answer)) for answer in null), len(null)),
+        wrong=(sum(not right for right in sure), len(sure)),
+        family=(sum(has_right_family(*pair) for pair in approximate), len(approximate)),
+        sizes=_count_covered(lawful),
+        family_sizes=_count_covered(approximate),
+        triples=(sum(_states_two(*pair) for pair in triples), len(triples)),
+        place=(sum(placed), len(placed)),
+        calibration_error=calibration_error(np.array(probability), np.array(true), MIN_PROBABILITY, STATEMENT_BINS)
+        if true
+        else float("nan"),
+        probabilities=len(probability),
+    )
+
+
+def statements(truth: Truth, answer: ParsedDiagnosis) -> Iterator[tuple[float, bool]]:
+    """Stated probability of each statement of a case, and whether the statement is true."""
+    for claim in answer.stated:
+        yield claim.probability, is_true("effect", claim.members, truth)
+    if not answer.stated and _family_alone(answer):
+        yield answer.probability, is_true("family", {answer.family}, truth)
+
+
+def _family_alone(answer: ParsedDiagnosis) -> bool:
+    return answer.grade == "family" and bool(answer.family)
+
+
+def is_true(kind: str, names: Collection[str], truth: Truth) -> bool:
+    """Whether the case hides one of these effects, or a member of one of these families.
+
+    `kind` is "effect" or "family". An effect outside the catalogue counts for its family.
+    """
+    there = truth.effects.keys() | truth.accepted
+    if kind == "effect":
+        return bool(there & set(names))
+    of_strangers = {STRANGERS[name][0] for name in truth.strangers if name in STRANGERS}
+    return any(members_of(name) & there or name in of_strangers for name in names)
+
+
+def has_right_family(truth: Truth, answer: ParsedDiagnosis) -> bool:
+    """Whether an effect or a family is stated, and all statements belong to families of true effects."""
+    right = {family.id for effect in truth.effects for family in families_of(effect)}
+    stated = [{family.id for member in claim.members for family in families_of(member)} for claim in answer.stated]
+    if not stated and _family_alone(answer):
+        stated = [{answer.family}]
+    return bool(stated) and all(each & right for each in stated)
+
+
+def _states_two(truth: Truth, answer: ParsedDiagnosis) -> bool:
+    found = [bool(claim.members & truth.effects.keys()) for claim in answer.stated]
+    return len(found) >= 2 and all(found)
+
+
+def _count_covered(judged: Judged) -> tuple[int, int]:
+    inside = [
+        covered
+        for truth, answer in judged
+        for claim in answer.stated
+        for _, covered in parameter_errors(truth, claim)
+        if covered is not None
+    ]
+    return sum(inside), len(inside)
+
+
+def _probabilities(judged: Judged) -> tuple[list[float], list[bool]]:
+    """Probabilities, and whether each is right, of every effect and family of the best explanation, stated or not."""
+    found = []
+    for truth, answer in judged:
+        for kind, names, probability in answer.support:
+            if probability >= MIN_PROBABILITY:
+                found.append((probability, is_true(kind, names, truth)))
+    return [probability for probability, _ in found], [right for _, right in found]

@@ -15,7 +15,7 @@ from rfca_rig.exam.sealing import ExamPlan
 from rfca_rig.exam.write import write_all
 from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, TaskFailure, map_unordered
 from rfca_rig.progress import ProgressReport, ignore_named_progress
-from rfca_rig.recording.atomic_dir import atomic_directory, refresh_nfs_cache, remove_leftovers
+from rfca_rig.recording.atomic import atomic_directory, refresh_nfs_cache, remove_leftovers
 
 DIAGNOSES, CRASHES, REFUSAL, SECONDS = "diagnoses", "crashed", "refused.txt", "seconds.txt"
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from rfca_rig.errors import BadInput
 from rfca_rig.exam.cases import Case
-from rfca_rig.exam.hidden_laws import deform_law, shape_laws, with_unknown_fault
-from rfca_rig.exam.labels import true_world
+from rfca_rig.exam.hidden_laws import deform_law, shape_laws, true_world, with_unknown_fault
 from rfca_rig.exam.nominal_world import apply_nominal_errors, apply_structured_error, nominal_world
 from rfca_rig.exam.simulator.world import World, for_each_hinge
 

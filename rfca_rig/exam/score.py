@@ -24,9 +24,21 @@ from rfca_rig.exam.answer import (
     outcome,
     parse_truth,
 )
-from rfca_rig.exam.claims import CONFIDENT, ClaimCalibration, Judged, ParameterAccuracy, calibration, parameter_errors, values
+from rfca_rig.exam.claims import (
+    CONFIDENT,
+    SURE_PROBABILITY,
+    ClaimCalibration,
+    Judged,
+    ParameterAccuracy,
+    StatementScores,
+    calibration,
+    has_right_family,
+    parameter_errors,
+    score_statements,
+    statements,
+    values,
+)
 from rfca_rig.exam.pendulums.cases import PENDULUM_KINDS, PENDULUM_NOTHING
-from rfca_rig.exam.statements import SURE_PROBABILITY, StatementScores, has_right_family, score_statements, statements
 
 LISTED = 20
 # Relative error of a parameter from which a right name counts among the worst.
@@ -73,14 +85,14 @@ def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
         reason = f"named {false.id} at {false.probability:.0%}, {'which is not there' if result == EXTRA else f'there is {there}'}"
         return WorstCase(truth.case, truth.kind, level + false.probability, reason)
     if result == SILENT:
-        return _missed_effect(truth, there, truth.left)
+        return _rate_missed_effect(truth, there, truth.left)
     if result == PARTIAL:
         missed = sorted(set(truth.effects).difference(*(claim.members for claim in answer.named)))
-        return _missed_effect(truth, " and ".join(missed), max(truth.left_of_each[effect] for effect in missed))
+        return _rate_missed_effect(truth, " and ".join(missed), max(truth.left_of_each[effect] for effect in missed))
     return _value_off(truth, answer)
 
 
-def _missed_effect(truth: Truth, what: str, left: float) -> WorstCase:
+def _rate_missed_effect(truth: Truth, what: str, left: float) -> WorstCase:
     """A missed effect; `left` is its shift of the forces beyond what nominal values can explain, in units of the noise."""
     # Larger shifts are worse to miss, up to a hundred times the noise; badness stays between 1 and 2.
     severity = min(left / 100.0, 1.0)
@@ -212,7 +224,7 @@ def score(truths: Sequence[Mapping[str, Any]], diagnoses: Mapping[str, ParsedDia
         truth_in_class=_truth_in_class(named),
         mean_class_size=_class_size(named),
         false_alarms=Share(sum(_is_alarm(answer) for _, answer in all_null), len(all_null)),
-        missed=_missed_share(everything),
+        missed=_share_of_missed(everything),
         detection_errors=Share(sum(_is_alarm(answer) != _is_faulty(truth) for truth, answer in everything), len(everything)),
         classification_errors=sum(len({claim.id for claim in answer.named} ^ set(truth.effects)) for truth, answer in everything),
         calibration=calibration(judged),
@@ -254,7 +266,7 @@ def _is_alarm(answer: ParsedDiagnosis) -> bool:
     return answer.verdict in (NAMED, "unexplained")
 
 
-def _missed_share(judged: Judged) -> Share:
+def _share_of_missed(judged: Judged) -> Share:
     faulty = [answer for truth, answer in judged if _is_faulty(truth) and truth.left >= DETECTABLE and not truth.silence_is_right]
     return Share(sum(answer.verdict == NOTHING for answer in faulty), len(faulty))
 

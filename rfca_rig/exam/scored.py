@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
-from rfca_rig.exam.ablation import AblationResult, taken_out
+from rfca_rig.exam.ablation import AblationResult, read_ablation
 from rfca_rig.exam.answer import ParsedDiagnosis, Truth, outcome, parse_truth, read_diagnosis
 from rfca_rig.exam.claims import parameter_errors
 from rfca_rig.exam.examine import DIAGNOSES, SECONDS
@@ -72,7 +72,7 @@ class ExamResult:
 
 def score_exam(folder: Path) -> ExamResult:
     """Open the truths of the exam in `folder` and score it. Raises BadInput where it is not complete."""
-    return ExamResult(read_plan(folder), *_score_all(folder, open_all(folder)), ways(folder), taken_out(folder))
+    return ExamResult(read_plan(folder), *_score_all(folder, open_all(folder)), ways(folder), read_ablation(folder))
 
 
 def score_exam_so_far(folder: Path) -> ExamResult:

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.exam.cases import Case, ExamDesign
-from rfca_rig.exam.labels import columns_as_written, speed_as_written
+from rfca_rig.exam.hidden_laws import columns_as_written, speed_as_written
 from rfca_rig.exam.sampled_rig import build_world, draw_scatter
-from rfca_rig.exam.simulator.experiment import HOLD_S, READ_S, STAGES, ExamStage, record_stroke, static_table
-from rfca_rig.exam.simulator.sensor import Noise
+from rfca_rig.exam.simulator.experiment import HOLD_S, READ_S, STAGES, ExamStage, Noise, record_stroke, static_table
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.exam.cases import Case
-from rfca_rig.exam.labels import MISLABELLED, REVEALED_BY_ENCODER, true_world
+from rfca_rig.exam.hidden_laws import MISLABELLED, REVEALED_BY_ENCODER, true_world
 from rfca_rig.exam.nominal_world import (
     CONTACT_SHARE,
     DAMPING_SHARE,
@@ -26,8 +26,7 @@ from rfca_rig.exam.nominal_world import (
     nominal_world,
 )
 from rfca_rig.exam.sampled_rig import ExamScatter, build_world
-from rfca_rig.exam.simulator.experiment import stroke_traces
-from rfca_rig.exam.simulator.sensor import Noise, sense
+from rfca_rig.exam.simulator.experiment import Noise, sense, stroke_traces
 from rfca_rig.exam.simulator.world import World
 
 Floats = NDArray[np.float64]

@@ -17,7 +17,7 @@ from rfca_rig.exam.truth import truth_of
 from rfca_rig.executors.local import process_executor
 from rfca_rig.executors.mapping import TaskExecutor, TaskFailure, map_unordered
 from rfca_rig.progress import ProgressReport, ignore_named_progress
-from rfca_rig.recording.atomic_dir import atomic_directory, remove_leftovers
+from rfca_rig.recording.atomic import atomic_directory, remove_leftovers
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

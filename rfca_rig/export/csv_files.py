@@ -12,16 +12,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rfca_rig.campaign.stored import StoredRecording, open_stored
-from rfca_rig.campaign.stored_streams import StoredStream
+from rfca_rig.campaign.stored import StoredRecording, StoredStream, open_stored
 from rfca_rig.errors import BadInput
-from rfca_rig.export.static_row import static_row
 from rfca_rig.progress import ProgressCount, iterate_with_progress
 from rfca_rig.recording.atomic import make_folder_atomically, translate_os_errors
+from rfca_rig.recording.model import StaticStage
+from rfca_rig.recording.strokes import height_mm
 
 TIME = "t_s"
 LONGEST_NAME = 60
 INDEX = ("file", "stage", "device", "records", "height_mm", "speed_rad_s", "repeat", "cut_short")
+
+
+def static_row(held: StaticStage) -> dict[str, Any]:
+    """Means of a static stage under the column names of campaign files."""
+    # Hinge 1 is the shaft: photos give hinges 2 to 7.
+    hinges = {f"hinge{i}_deg": angle for i, angle in enumerate(held.hinge_deg, start=2)}
+    about = {"height_mm": height_mm(held.height_m), "stage": held.stage, "direction": held.direction}
+    return {**about, "shaft_angle_rad": held.shaft_angle_rad, **hinges, **{name: getattr(held, name) for name in ("fy_N", "fz_N", "tx_Nm")}}
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,7 @@ def _write_folder(stored: StoredRecording, folder: Path, report_progress: Progre
 def _write_stages(stored: StoredRecording, folder: Path, report_progress: ProgressCount) -> Iterator[dict[str, Any]]:
     for number, stage in enumerate(iterate_with_progress((*stored.strokes, *stored.raw), report_progress), start=1):
         # A file per device: devices sample at different times, and joining them would need resampling.
-        with stage.samples.opened() as streams:
+        with stage.samples.open_streams() as streams:
             for stream in streams:
                 # A device's name may come from elsewhere: no path, and no longer than file systems allow.
                 device = re.sub(r"[^\w.-]", "_", stream.name)[:LONGEST_NAME]

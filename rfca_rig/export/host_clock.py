@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.bench.resume import RESUMED
-from rfca_rig.campaign.stored import StoredStage
-from rfca_rig.campaign.stored_streams import StoredStream
+from rfca_rig.campaign.stored import StoredStage, StoredStream
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.rows import HOST_TIME
 from rfca_rig.recording.run_text import parse_events
@@ -94,7 +93,7 @@ def host_time_of_zero(stage: StoredStage) -> float | None:
 
     It is the smallest difference of host time and t_s over all records: a record never arrives before it was sampled.
     """
-    with stage.samples.opened() as streams:
+    with stage.samples.open_streams() as streams:
         least = [_least_delay(stream) for stream in streams if HOST_TIME in stream.columns and len(stream.t_s)]
     return min(least, default=None)
 

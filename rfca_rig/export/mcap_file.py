@@ -20,14 +20,13 @@ from typing import IO, Any
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from rfca_rig.campaign.stored import StoredRecording, StoredStage, open_stored
-from rfca_rig.campaign.stored_streams import StoredStream
+from rfca_rig.campaign.stored import StoredRecording, StoredStage, StoredStream, open_stored
 from rfca_rig.channels import UNITS
 from rfca_rig.errors import TRIP, BadInput
-from rfca_rig.export import foxglove_messages as foxglove
+from rfca_rig.export import messages as foxglove
+from rfca_rig.export.csv_files import static_row
 from rfca_rig.export.host_clock import NS, event_times, events_in, order_by_time
-from rfca_rig.export.sample_messages import Layout, layout_of, pack_samples
-from rfca_rig.export.static_row import static_row
+from rfca_rig.export.messages import Layout, layout_of, pack_samples
 from rfca_rig.progress import ProgressCount, iterate_with_progress
 from rfca_rig.recording.atomic import refuse_devices, remove, translate_os_errors
 from rfca_rig.recording.model import StaticStage
@@ -165,7 +164,7 @@ class _McapFile:
         holds = match_static_stages(self._stored.static, [stage for _, stage in stages])
         ns = 0
         for zero_ns, stage in iterate_with_progress(stages, report_progress):
-            with stage.samples.opened() as streams:
+            with stage.samples.open_streams() as streams:
                 # Each device's messages ascend by themselves: a lazy merge orders them without holding the stage in memory.
                 for message in merge(*self._stage_messages(zero_ns, stage, streams, holds.get(id(stage))), key=itemgetter(0)):
                     ns = max(ns, message[0])

@@ -15,8 +15,7 @@ from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import GuardianTorqueOff, TorqueOffFrames, TorqueOffResult
 from rfca_rig.guardian.link import MAX_QUEUED_BYTES, GuardianLink, GuardianRecord, RecordKind, decode_result, from_frame, to_frame
-from rfca_rig.guardian.process import FAILED, READY, GuardianAssignment, run_guardian, signature
-from rfca_rig.guardian.torque_off import MIN_REPETITIONS, REPEAT_S
+from rfca_rig.guardian.process import FAILED, MIN_REPETITIONS, READY, REPEAT_S, GuardianAssignment, run_guardian, signature
 
 MODULE = "rfca_rig.guardian.guarded_bus"
 
@@ -48,7 +47,7 @@ def take_over_bus(settings: CanBusSettings, last_word: TorqueOffFrames, clock: C
             clock.wait_until(clock.now_s() + REPEAT_S)
     except Exception as error:
         bus.shutdown()
-        raise can.CanOperationError(f"the drive cannot be told from here: {error or type(error).__name__}") from error
+        raise can.CanOperationError(f"the drive cannot be commanded from here: {error or type(error).__name__}") from error
     return bus
 
 
@@ -96,7 +95,7 @@ class GuardedBus(can.BusABC):
         raise NotImplementedError("a bus held by a guardian is opened active and stays so")
 
     def describe(self) -> str:
-        return f"lets go after {1e3 * self._silence_s:g} ms of silence"
+        return f"disables the motor after {1e3 * self._silence_s:g} ms of silence"
 
     # -- sending -------------------------------------------------------------------------------------------------------------
 
@@ -232,7 +231,7 @@ class GuardedBus(can.BusABC):
         self._is_armed = False
         try:
             self._own_bus = take_over_bus(self._settings, self._last_word, self._clock)
-            self._fault = f"{why}; the drive was told to let go from here"
+            self._fault = f"{why}; the drive was disabled from here"
         except can.CanError as error:
             self._fault = f"{why}, and {error}; press the emergency stop"
         self._pending_error = can.CanOperationError(self._fault)

@@ -14,9 +14,16 @@ import can
 
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.drivers.can_frames import CanBusSettings
-from rfca_rig.drivers.guard import TorqueOffFrames
+from rfca_rig.drivers.guard import TorqueOffFrames, TorqueOffResult
 from rfca_rig.guardian.link import GuardianLink, GuardianRecord, RecordKind, from_frame, from_result, from_text, to_frame
-from rfca_rig.guardian.torque_off import TorqueOffSequence
+
+# Repetition interval and duration in s, see docs/guardian.md.
+REPEAT_S = 0.005
+# Repetitions before a report counts as an effect of the frames.
+MIN_REPETITIONS = 3
+MAX_DURATION_S = 0.5
+# Duration in s on a bus that accepts nothing: a cable may be plugged in again.
+BUS_FAILED_S = 10.0
 
 # Interval of the alive messages in s.
 ALIVE_S = 0.02
@@ -29,6 +36,69 @@ NICENESS = -11
 # Frames read in one cycle: a flooded bus must not hide a silence.
 MAX_FRAMES_PER_CYCLE = 256
 READY, FAILED = "ready", "failed"
+
+
+class TorqueOffSequence:
+    """One torque-off sequence, begun at `began_s`.
+
+    It ends when the drive shows no torque, or after 0.5 s, but not before the frames have been sent once.
+    """
+
+    def __init__(self, bus: can.BusABC, last_word: TorqueOffFrames, began_s: float, silent_s: float) -> None:
+        self._bus = bus
+        self._last_word = last_word
+        self._began_s = began_s
+        self._next_s = began_s
+        self._silent_s = silent_s
+        self._times_sent = 0
+        self._reports = 0
+        self._torque_Nm = float("nan")
+        self._ended_s: float | None = None
+        self.failure = ""
+
+    @property
+    def is_over(self) -> bool:
+        return self._ended_s is not None
+
+    def remaining_s(self, now_s: float) -> float:
+        """Time in s until the next step is due."""
+        return max(self._next_s - now_s, 0.0)
+
+    def step(self, now_s: float) -> None:
+        """Sends the frames if they are due. `failure` is the reason why the bus did not accept them, else empty."""
+        if self.is_over or now_s < self._next_s:
+            return
+        if now_s - self._began_s > (MAX_DURATION_S if self._times_sent else BUS_FAILED_S):
+            self._ended_s = now_s
+            return
+        self._next_s = now_s + REPEAT_S
+        self.failure = self._send()
+        self._times_sent += not self.failure
+
+    def _send(self) -> str:
+        failure = ""
+        for message in self._last_word.frames():
+            try:
+                self._bus.send(message, timeout=0.0)
+            # The interfaces of python-can raise exceptions of many types, and the other frames must still be sent.
+            except Exception as error:
+                failure = f"{type(error).__name__}: {error}"
+        return failure
+
+    def hear(self, message: can.Message, now_s: float) -> None:
+        """Takes in a frame of the bus. Reports already under way prove nothing, so only those after the third sending count."""
+        torque_Nm = self._last_word.torque_Nm(message)
+        if torque_Nm is None or self._times_sent < MIN_REPETITIONS or self.is_over:
+            return
+        self._reports += 1
+        self._torque_Nm = torque_Nm
+        if abs(torque_Nm) < self._last_word.min_visible_torque_Nm():
+            self._ended_s = now_s
+
+    def did(self) -> TorqueOffResult:
+        """Result of the sequence, for the parent process."""
+        end_s = self._began_s if self._ended_s is None else self._ended_s
+        return TorqueOffResult(self._silent_s, end_s - self._began_s, self._reports, self._torque_Nm)
 
 
 class CommandTimeout:
@@ -54,12 +124,12 @@ class CommandTimeout:
         self._since_s = max(self._since_s, given_s)
         return now_s - given_s <= self._limit_s
 
-    def lasted_s(self, now_s: float) -> float:
+    def silence_s(self, now_s: float) -> float:
         """Time in s since the last command."""
         return now_s - self._since_s
 
     def has_expired(self, now_s: float) -> bool:
-        return self.is_armed and self.lasted_s(now_s) > self._limit_s
+        return self.is_armed and self.silence_s(now_s) > self._limit_s
 
     def remaining_s(self, now_s: float) -> float:
         """Time in s until the timeout expires; infinite if it is not armed."""
@@ -139,24 +209,24 @@ class Guardian:
         self._is_off = False
         self._is_done = False
 
-    def run(self, told_to_end: Callable[[], str]) -> None:
-        """Runs until the parent closes or is gone, or `told_to_end` names a signal; then disables an armed drive and returns."""
+    def run(self, ending_signal: Callable[[], str]) -> None:
+        """Runs until the parent closes or is gone, or `ending_signal` names a signal; then disables an armed drive and returns."""
         try:
-            while not (self._is_done or self._link.is_cut or told_to_end()):
+            while not (self._is_done or self._link.is_cut or ending_signal()):
                 self._wait()
                 self.round(self._clock.now_s())
         # A bug in the guardian must not leave the motor running.
         except Exception as mistake:
             self._end(f"because of a mistake of its own ({mistake!r})")
             raise
-        self._end(f"because it was told to end by {told_to_end()}" if told_to_end() else "because the program that it guards ended")
+        self._end(f"because it was ended by {ending_signal()}" if ending_signal() else "because the program that it guards ended")
 
     def round(self, now_s: float) -> None:
         """One cycle. Arrived commands are handled first, so that a delayed guardian sees no silence that did not exist."""
         self._obey(now_s)
         self._receive(now_s)
         if self._silence.has_expired(now_s):
-            self._let_go(now_s, f"after {1e3 * self._silence.lasted_s(now_s):.0f} ms of silence")
+            self._let_go(now_s, f"after {1e3 * self._silence.silence_s(now_s):.0f} ms of silence")
         self._continue_torque_off(now_s)
         self._show_life(now_s)
         self._link.flush()
@@ -259,7 +329,7 @@ class Guardian:
     # -- torque off ----------------------------------------------------------------------------------------------------------
 
     def _let_go(self, now_s: float, why: str) -> None:
-        silent_s = self._silence.lasted_s(now_s)
+        silent_s = self._silence.silence_s(now_s)
         self._silence.disarm()
         self._torque_off = TorqueOffSequence(self._bus, self._last_word, now_s, silent_s)
         self._continue_torque_off(now_s)

@@ -2,5 +2,5 @@
 
 1. `listing` finds the folders, and takes from the index what is still valid.
 2. `reading` reads the others, each into an `entry`.
-3. `query` selects.
+3. `entry.RunQuery` selects.
 """

@@ -32,7 +32,7 @@ def read_entry(runs: Path, folder: str, measure_s: Callable[[Path], float | None
     # One damaged run must not keep the others from being listed.
     except (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         why = str(error) if isinstance(error, BadInput) else f"{type(error).__name__}: {error}"
-        return Entry(folder, path.name, "", "", _modified_s(path), ended="damaged", why=why)
+        return Entry(folder, path.name, "", "", _modification_time_s(path), ended="damaged", why=why)
 
 
 def _of_run(path: Path, folder: str) -> Entry:
@@ -132,7 +132,7 @@ def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
 
 def _of_recording(path: Path, folder: str) -> Entry:
     """A run that is only a run.h5: imported, made of photos taken by hand, or of an older version."""
-    from rfca_rig.recording.outline import outline_of  # noqa: PLC0415  (takes longer to load than a thousand runs to list)
+    from rfca_rig.recording.summary import outline_of  # noqa: PLC0415  (takes longer to load than a thousand runs to list)
 
     outline = outline_of(path / RECORDING)
     known = outline.provenance
@@ -199,7 +199,7 @@ def _began_s(file: Path, source: str, known: Mapping[str, str]) -> float:
     return file.stat().st_mtime
 
 
-def _modified_s(path: Path) -> float:
+def _modification_time_s(path: Path) -> float:
     try:
         return path.stat().st_mtime
     except OSError:

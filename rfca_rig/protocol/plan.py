@@ -80,7 +80,7 @@ MOVE_RAMP_S = 0.2
 TURN_RAD = 2.0 * math.pi
 
 
-def signed_turn(angle_rad: float, from_rad: float, forwards: bool) -> float:
+def turn_to(angle_rad: float, from_rad: float, forwards: bool) -> float:
     """Signed angle in rad to turn to `angle_rad`, whole turns aside: the nearest way, or in the positive direction."""
     # IEEE remainder: within half a turn either way, hence the nearest.
     way_rad = math.remainder(angle_rad - from_rad, TURN_RAD)

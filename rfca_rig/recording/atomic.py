@@ -1,13 +1,15 @@
-"""Atomic writes: a file is either complete or absent. It is written beside its target, forced to disk, then renamed.
+"""Atomic writes: a file or folder is either complete or absent. It is written beside its target, forced to disk, then renamed.
 
 All recorded data reaches the disk through the functions of this module only.
 """
 
 import errno
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from secrets import token_hex
 from stat import S_ISDIR, S_ISREG
 
 from rfca_rig.errors import BadInput, DiskFull, RigError
@@ -18,6 +20,8 @@ _DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 SYNC_EVERY_BYTES = 32 << 20
 # Windows would otherwise translate line ends; other systems have no such flag.
 _BINARY = getattr(os, "O_BINARY", 0)
+
+ENDING = ".writing"
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -273,3 +277,33 @@ def _remove(folder: Path) -> None:
             else:
                 file.unlink()
         folder.rmdir()
+
+
+@contextmanager
+def atomic_directory(folder: Path) -> Iterator[Path]:
+    """Yields a path to write the folder at; it gets its final name at the end of the block.
+
+    Where another process was faster, for example a worker that counted as lost, the existing folder stays.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    # A random part, not the process id: workers on several computers may share the disk.
+    partial = folder.with_name(f".{folder.name}.{token_hex(4)}{ENDING}")
+    try:
+        yield partial
+        if not folder.is_dir():
+            partial.rename(folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Removes what earlier processes were writing when they ended."""
+    for partial in folder.glob(f".*{ENDING}"):
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def refresh_nfs_cache(folder: Path) -> None:
+    """Makes a network disk show new files: it may remember for half a minute that they were absent, until the folder is changed here."""
+    mark = folder / f".seen-{token_hex(4)}"
+    mark.touch()
+    mark.unlink()

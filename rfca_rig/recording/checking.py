@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
+from rfca_rig.recording.identity import read_sums, sha256_of
 from rfca_rig.recording.journal import block_size, read_blocks
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, OVERLAYS, PHOTOS, RECORDING, STAGES, SUMS, journals, refuse_links, stage_files
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import INTERRUPTED, Ending, ending_bytes, events_of, events_text, read_ending, read_header
 from rfca_rig.recording.store import read_texts
 from rfca_rig.recording.summary import RecordingSummary, add_up, summarize
-from rfca_rig.recording.sums import read_sums, sha256_of
 from rfca_rig.suggestions import not_there
 
 # What `recover` makes again from the other files of a run.
@@ -218,11 +218,11 @@ class _Stages:
         events_by_file = {event["file"]: event for event in events if "file" in event}
         on_disk = {f"{STAGES}/{file.name}" for file in stage_files(self._folder)}
         for name in sorted(on_disk | set(events_by_file)):
-            finding = sums.finding(name, partial(self._as_said, name, events_by_file.get(name)))
+            finding = sums.finding(name, partial(self._as_recorded, name, events_by_file.get(name)))
             self._has_damage |= not finding.is_sound
             yield finding
 
-    def _as_said(self, name: str, event: Mapping[str, Any] | None) -> str:
+    def _as_recorded(self, name: str, event: Mapping[str, Any] | None) -> str:
         path = self._folder / name
         stage = summarize(path)
         # The counts come first: they say how much is wrong, a hash only that something is.
@@ -284,8 +284,8 @@ def _title(folder: Path, texts: Recording | None) -> str:
         for name in ("title", "source", "nominal", "known_to"):
             _compare(folder / HEADER, name, getattr(header, name), getattr(texts, name))
         # What the end says takes the place of what the header states, such as the devices' counters.
-        said_later = _provenance_of_ending(folder)
-        first = {name: text for name, text in header.provenance.items() if name not in said_later}
+        of_ending = _provenance_of_ending(folder)
+        first = {name: text for name, text in header.provenance.items() if name not in of_ending}
         _compare(folder / HEADER, "provenance", first, {name: texts.provenance.get(name) for name in first})
     return f"{header.source} {header.title}"
 

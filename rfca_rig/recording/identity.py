@@ -1,16 +1,66 @@
-"""A recording's identity: the same wherever its files lie and whatever they are called."""
+"""SHA-256 of every file of a finished run, and a recording's identity, the same wherever its files lie and whatever they are called."""
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from rfca_rig.recording.layout import DIAGNOSIS, EXPERIMENT
-from rfca_rig.recording.sums import sum_line
+from rfca_rig.errors import BadInput
+from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.layout import BALLAST, DIAGNOSIS, EXPERIMENT, SUMS, WRITING, is_inside, read_bounded
+
+_HASH = re.compile("[0-9a-f]{64}")
 
 DIGITS = 32
 # zstd: files of a ROS 2 bag that were compressed as a whole.
 KINDS_OF_AN_EXPERIMENT = ("h5", "hdf5", "mcap", "db3", "zstd")
+
+
+def write_sums(folder: Path, coming: Mapping[str, bytes] | None = None) -> None:
+    """`SHA256SUMS`. `coming` has the content of files, by name, that will be written after it."""
+    coming = coming or {}
+    # Sorted, so that the same run gives the same bytes.
+    files = sorted(file for file in folder.rglob("*") if file.is_file() and _belongs(file))
+    names = {file: file.relative_to(folder).as_posix() for file in files}
+    lines = (
+        f"{hashlib.sha256(coming[name]).hexdigest()}  {name}" if name in coming else sum_line(file, folder) for file, name in names.items()
+    )
+    write_atomically(folder / SUMS, "".join(f"{line}\n" for line in lines).encode())
+
+
+def sum_line(file: Path, folder: Path) -> str:
+    """A file's line in the format of sha256sum, without the line end."""
+    return f"{sha256_of(file)}  {file.relative_to(folder).as_posix()}"
+
+
+def _belongs(file: Path) -> bool:
+    # The reserve is gone after the run, files being written are not part of it, and links may show files of somebody else.
+    return file.name not in (SUMS, BALLAST) and file.suffix != WRITING and not file.is_symlink()
+
+
+def read_sums(folder: Path) -> dict[str, str]:
+    """Hash by path in the folder; empty for a run that has not been finished. Raises BadInput for malformed lines."""
+    path = folder / SUMS
+    if not path.is_file():
+        return {}
+    sums: dict[str, str] = {}
+    text = read_bounded(path).decode(errors="replace")
+    # By line feeds alone: names may hold other characters that end a line elsewhere.
+    *lines, behind = text.split("\n")
+    for number, line in enumerate(lines, start=1):
+        hashed, _, name = line.partition("  ")
+        if not _HASH.fullmatch(hashed) or not is_inside(name) or not name or name in sums:
+            raise BadInput(f"{path}:{number}: is no line of sha256sum for a file of this folder")
+        sums[name] = hashed
+    if behind:
+        raise BadInput(f"{path}:{len(lines) + 1}: is cut short")
+    return sums
+
+
+def sha256_of(file: Path) -> str:
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:

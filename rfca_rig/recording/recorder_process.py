@@ -17,9 +17,8 @@ from rfca_rig import subprocesses
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.recording.blocks import End
-from rfca_rig.recording.journal import BlockKind, JournalBlock, parse_blocks
-from rfca_rig.recording.photo_sender import AnnouncedPhoto
+from rfca_rig.recording.journal import BlockKind, End, JournalBlock, parse_blocks
+from rfca_rig.recording.photos import AnnouncedPhoto
 from rfca_rig.recording.run_writer import RunWriter
 
 MODULE = "rfca_rig.recording.recorder_process"
@@ -121,7 +120,7 @@ class DiskRecorder:
             if self._parent.poll(wait_s):
                 message = self._parent.recv()
                 if isinstance(message, AnnouncedPhoto):
-                    picture = message.received(self._parent)
+                    picture = message.receive(self._parent)
                     self._run_unless_failed(lambda: self._writer.keep_picture(message.name, picture))
                     self._pictures.add(message.name)
                 else:

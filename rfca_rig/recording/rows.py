@@ -91,7 +91,7 @@ class RowBatches:
                 yield from self._full(stream)
 
     def _full(self, stream: int) -> Iterator[tuple[int, Rows]]:
-        rows = self._joined_rows(stream)
+        rows = self._join_rows(stream)
         complete = len(rows) // self._rows * self._rows
         for at in range(0, complete, self._rows):
             yield stream, rows[at : at + self._rows]
@@ -102,9 +102,9 @@ class RowBatches:
     def rest(self) -> Iterator[tuple[int, Rows]]:
         """The remainder of each stream, (n,) records with n below a full batch, with the number of the stream."""
         for stream in range(len(self._dtypes)):
-            yield stream, self._joined_rows(stream)
+            yield stream, self._join_rows(stream)
 
-    def _joined_rows(self, stream: int) -> Rows:
+    def _join_rows(self, stream: int) -> Rows:
         return np.frombuffer(b"".join(self._pieces[stream]), self._dtypes[stream])
 
 

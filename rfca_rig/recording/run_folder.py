@@ -11,31 +11,31 @@ import h5py
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import AppendOnlyFile, remove, sync_folder, translate_os_errors
-from rfca_rig.recording.cooperative import Steps, run_to_completion
-from rfca_rig.recording.disk_reserve import DiskReserve
-from rfca_rig.recording.hdf5_file import NewHdf5File, new_hdf5_file
+from rfca_rig.recording.hdf5_file import NewHdf5File, Steps, new_hdf5_file, run_to_completion
+from rfca_rig.recording.identity import write_sums
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGE, STAGES, SUMS, WRITING, journals, stage_files
 from rfca_rig.recording.model import Recording, Source, StaticStage
-from rfca_rig.recording.raw_stages import GROUP as RAW
-from rfca_rig.recording.raw_stages import make_raw_stages
-from rfca_rig.recording.run_lock import check_not_running, lock
 from rfca_rig.recording.run_text import (
+    INTERRUPTED,
     Ending,
+    check_not_running,
     complete_lines_length,
     ending_bytes,
     events_of,
+    lock,
     read_ending,
     read_header,
     run_provenance,
     write_ending,
     write_header,
 )
+from rfca_rig.recording.run_writer import DiskReserve
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.static_table import read_static, write_static
-from rfca_rig.recording.store import mark_recording, open_sealed, read_recording
-from rfca_rig.recording.strokes import GROUP as STROKES
-from rfca_rig.recording.strokes import copy_streams, make_strokes
-from rfca_rig.recording.sums import write_sums
+from rfca_rig.recording.store import mark_recording, open_sealed, read_recording, write_recording
+from rfca_rig.recording.strokes import RAW, STROKES, copy_streams, make_raw_stages, make_strokes
+
+PARTIAL = ".partial"
 
 
 def write_run(folder: Path, report_progress: ProgressCount = ignore_progress) -> Steps[Path]:
@@ -216,3 +216,34 @@ def reopen(folder: Path, event: Mapping[str, object], resumed: int) -> None:
         DiskReserve(folder).lay()
     finally:
         events.close()
+
+
+def partial_of(path: Path) -> Path:
+    """The folder with the parts of an unfinished recording; `path` is where the finished file would be."""
+    return path.with_name(path.name + PARTIAL)
+
+
+def read_partial(path: Path) -> Recording:
+    """Everything that was recorded of a run that never finished; its provenance says so."""
+    parts = [read_recording(part) for part in sorted(partial_of(path).glob("*.h5"))]
+    if not parts:
+        raise BadInput(f"{partial_of(path)}: holds no recording; the run was interrupted before it began")
+    found = merge_stages(parts[0], parts[1:])
+    interruption = f"the run ended without being finished, after {len(found.strokes)} strokes and {len(found.static)} static stages"
+    return replace(found, provenance={**found.provenance, INTERRUPTED: interruption})
+
+
+def recover_partial(path: Path) -> Path:
+    """Makes `path` from its partial folder, with every part in it. Returns `path`.
+
+    Where `path` was already complete at the crash, only the leftovers are removed: a recording is never overwritten.
+    """
+    if path.is_file():
+        # Reads all of it: the parts are removed only if the file is sound.
+        read_recording(path)
+    else:
+        write_recording(read_partial(path), path)
+    for file in partial_of(path).iterdir():
+        file.unlink()
+    partial_of(path).rmdir()
+    return path

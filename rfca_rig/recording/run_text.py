@@ -1,14 +1,19 @@
-"""Text files of a run: its header, its end, and the events in between."""
+"""Text files of a run: its header, its end, and the events in between, whose file is the run's lock.
 
+One process writes at a time. The lock ends with its process.
+"""
+
+import importlib
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.recording.blocks import static_stage_of
+from rfca_rig.recording.atomic import AppendOnlyFile, write_atomically
+from rfca_rig.recording.journal import static_stage_of
 from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, is_inside, read_bounded
 from rfca_rig.recording.model import Recording, StaticStage, check_header, check_texts
 
@@ -142,3 +147,29 @@ def _read(path: Path) -> dict[str, Any]:
         raise BadInput(f"{path}: is not there, so this is no run's folder") from None
     except (OSError, ValueError, TypeError, RecursionError) as error:
         raise BadInput(f"{path}: cannot be read: {error}") from None
+
+
+def lock(events: AppendOnlyFile) -> None:
+    """Locks the run until the file is closed. Raises BadInput where another process has the lock.
+
+    On Windows, and on network disks without locks, there is no lock.
+    """
+    if os.name == "nt":
+        return
+    fcntl = importlib.import_module("fcntl")
+    try:
+        # On the open file, not by a file of its own: the system releases it however the process ends.
+        fcntl.flock(events.handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        events.close()
+        raise BadInput(f"{events.path.parent}: the run is still going on; wait for its end") from None
+    except OSError:
+        # A disk without locks must not prevent a run.
+        return
+
+
+def check_not_running(folder: Path) -> None:
+    """Raises BadInput where the run in `folder` is still going on. Creates an empty file of events where there is none."""
+    events = AppendOnlyFile(folder / EVENTS)
+    lock(events)
+    events.close()

@@ -14,17 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.blocks import Begin, End, start_of
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name
-from rfca_rig.recording.cooperative import Steps
-from rfca_rig.recording.hdf5_file import NewHdf5File, new_hdf5_file
-from rfca_rig.recording.journal import BlockKind, read_blocks
+from rfca_rig.recording.hdf5_file import NewHdf5File, Steps, new_hdf5_file
+from rfca_rig.recording.journal import Begin, BlockKind, End, read_blocks, start_of
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.raw_stages import make_raw_stages, mark_raw_stage
 from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, CommandedStart, RowBatches, Rows, apply_start, host_offset_s
 from rfca_rig.recording.static_table import write_static
 from rfca_rig.recording.store import mark_recording
-from rfca_rig.recording.strokes import TIME, make_streams, make_strokes, mark_stroke, write_rows
+from rfca_rig.recording.strokes import TIME, make_raw_stages, make_streams, make_strokes, mark_raw_stage, mark_stroke, write_rows
 
 INTERRUPTED = "the recording was interrupted"
 

@@ -12,7 +12,7 @@ from rfca_rig.recording.columns import read_column, read_names, write_column
 from rfca_rig.recording.model import Column, Direction, StaticStage
 from rfca_rig.recording.strokes import BEFORE, height_mm
 
-GROUP = "static"
+STATIC = "static"
 DIRECTION_BYTES = 16
 # Value of `strokes_before` where strokes were not counted; older files have neither this column nor `held_s`.
 NOT_COUNTED = -1
@@ -27,7 +27,7 @@ def write_static(parent: h5py.Group, stages: Sequence[StaticStage]) -> None:
     """The group `static`; none where there are no stages. All stages must have the same number of hinges."""
     if not stages:
         return
-    group = parent.create_group(GROUP)
+    group = parent.create_group(STATIC)
     directions = np.array([stage.direction.encode() for stage in stages], dtype=f"S{DIRECTION_BYTES}")
     group.create_dataset("direction", data=directions, track_times=False)
     for name in _TEXTS:
@@ -72,9 +72,9 @@ def _std_names(stages: Sequence[StaticStage]) -> list[str]:
 
 def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
     """The stages in their order; () where there are none."""
-    if GROUP not in parent:
+    if STATIC not in parent:
         return ()
-    group = parent[GROUP]
+    group = parent[STATIC]
     hinges = int(group.attrs["hinges"])
     if not 0 <= hinges <= len(group):
         raise ValueError(f"{hinges} hinges, where the table has {len(group)} columns")

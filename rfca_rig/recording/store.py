@@ -6,9 +6,9 @@
     /provenance  JSON text: text by name
     /strokes/001 attributes height_mm, speed_rad_s, repeat; a group per stream, see `strokes`
     /static      a column per quantity, a row per stage, see `static_table`
-    /raw/001     samples of stages that are no strokes, see `raw_stages`
+    /raw/001     samples of stages that are no strokes, see `strokes`
 
-Behind the end stands a `seal`.
+Behind the end stands a seal, see `hdf5_file`.
 """
 
 import json
@@ -20,17 +20,11 @@ from typing import Any
 import h5py
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording import nexus
-from rfca_rig.recording.cooperative import run_to_completion
-from rfca_rig.recording.hdf5_file import new_hdf5_file
+from rfca_rig.recording import strokes
+from rfca_rig.recording.hdf5_file import SEALED, new_hdf5_file, open_plain, read_seal, run_to_completion
 from rfca_rig.recording.model import Recording, Source, check_source, check_texts
-from rfca_rig.recording.plain_hdf5 import open_plain
-from rfca_rig.recording.raw_stages import GROUP as RAW
-from rfca_rig.recording.raw_stages import read_raw_stages, write_raw_stages
-from rfca_rig.recording.seal import SEALED, read_seal
 from rfca_rig.recording.static_table import read_static, write_static
-from rfca_rig.recording.strokes import GROUP as STROKES
-from rfca_rig.recording.strokes import read_strokes, write_strokes
+from rfca_rig.recording.strokes import RAW, STROKES, read_raw_stages, read_strokes, write_raw_stages, write_strokes
 
 FORMAT = "rfca-recording/1"
 MOST_TITLE = 1000
@@ -55,7 +49,7 @@ def mark_recording(file: h5py.Group, recording: Recording, has_strokes: bool) ->
     file.attrs["format"] = FORMAT
     file.attrs["title"] = recording.title
     file.attrs["source"] = recording.source
-    nexus.mark_root(file, STROKES if has_strokes else RAW)
+    strokes.mark_root(file, STROKES if has_strokes else RAW)
     for name, text in (("believed", recording.nominal), ("known_to", recording.known_to), ("provenance", recording.provenance)):
         _write_text(file, name, text)
 

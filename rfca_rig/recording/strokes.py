@@ -1,16 +1,16 @@
-"""Strokes as HDF5 groups, and the streams of strokes and other stages.
+"""Strokes and other stages as HDF5 groups, and their streams.
 
 Each stream is a group of equally long 1-d datasets with its own `t_s`, to which the others are bound as a dimension scale: that is how
-xarray, MATLAB and HDFView find the axis.
+xarray, MATLAB and HDFView find the axis. NeXus attributes let viewers find something to plot: a chain of defaults that ends at a signal
+and its axis.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import h5py
 import numpy as np
 
-from rfca_rig.recording import nexus
 from rfca_rig.recording.columns import (
     check_column,
     column_form_of,
@@ -21,10 +21,13 @@ from rfca_rig.recording.columns import (
     read_column_form,
     read_names,
 )
-from rfca_rig.recording.model import Source, Stream, Stroke
+from rfca_rig.recording.model import RawStage, Source, Stream, Stroke
 from rfca_rig.recording.rows import ColumnForm, Rows, StreamForm
 
-GROUP = "strokes"
+# The column that viewers plot first.
+PLOTTED = "fz_N"
+
+STROKES = "strokes"
 TIME = "t_s"
 # Attribute of strokes that were counted: how many the leg had made before.
 BEFORE = "strokes_before"
@@ -33,6 +36,32 @@ MOST_HEIGHT_MM = 1e6
 MOST_SPEED_RAD_S = 1e6
 MOST_TIME_S = 1e9
 _TIME_FORM = ColumnForm(TIME, "<f8", "s")
+
+RAW = "raw"
+
+
+def mark_root(file: h5py.Group, default: str) -> None:
+    """`default` names the entry that is shown first."""
+    file.attrs["NX_class"], file.attrs["default"] = "NXroot", default
+
+
+def mark_entry(group: h5py.Group) -> None:
+    """A group of numbered stages, of which the first is shown."""
+    group.attrs["NX_class"], group.attrs["default"] = "NXentry", "001"
+
+
+def mark_stage(group: h5py.Group, streams: Sequence[str]) -> None:
+    """A group of streams; the force is shown where there is one."""
+    group.attrs["NX_class"] = "NXsubentry"
+    if streams:
+        group.attrs["default"] = link_name("force" if "force" in streams else streams[0])
+
+
+def mark_stream(group: h5py.Group, columns: Sequence[str], time: str) -> None:
+    """Columns over a time; the vertical force is shown where there is one."""
+    group.attrs["NX_class"] = "NXdata"
+    if columns:
+        group.attrs["signal"], group.attrs["axes"] = link_name(PLOTTED if PLOTTED in columns else columns[0]), time
 
 
 def write_strokes(parent: h5py.Group, strokes: Iterable[Stroke], source: Source) -> None:
@@ -44,14 +73,14 @@ def write_strokes(parent: h5py.Group, strokes: Iterable[Stroke], source: Source)
 
 def make_strokes(parent: h5py.Group) -> h5py.Group:
     """The group of all strokes, still without any."""
-    group = parent.create_group(GROUP)
-    nexus.mark_entry(group)
+    group = parent.create_group(STROKES)
+    mark_entry(group)
     return group
 
 
 def read_strokes(parent: h5py.Group, source: Source) -> tuple[Stroke, ...]:
     """The strokes in their order."""
-    group = parent[GROUP]
+    group = parent[STROKES]
     return tuple(read_stroke(group[number], source) for number in sorted(group, key=int))
 
 
@@ -84,7 +113,7 @@ def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], s
     streams = list(streams)
     names = [form.name for form, _ in streams]
     group.attrs["order"] = json.dumps(names)
-    nexus.mark_stage(group, names)
+    mark_stage(group, names)
     for form, length in streams:
         _make_stream(group.create_group(link_name(form.name)), form, length, source)
 
@@ -158,7 +187,7 @@ def _make_stream(group: h5py.Group, form: StreamForm, length: int, source: Sourc
     names = [column.name for column in form.columns]
     group.attrs["source"] = source
     group.attrs["order"] = json.dumps(names)
-    nexus.mark_stream(group, names, TIME)
+    mark_stream(group, names, TIME)
     time = make_column(group, _TIME_FORM, length)
     time.make_scale(TIME)
     for column in form.columns:
@@ -193,3 +222,41 @@ def height_mm(height_m: float) -> float:
     clean = round(1e3 * height_m, 9)
     # Rounded only where reading gives back the very same number: the height is a key that plans are compared by.
     return clean if clean / 1e3 == height_m else 1e3 * height_m
+
+
+def write_raw_stages(parent: h5py.Group, stages: Sequence[RawStage], source: Source) -> None:
+    """raw/001, raw/002 ... in the order given; no group where there are none."""
+    if not stages:
+        return
+    parent = make_raw_stages(parent)
+    for number, stage in enumerate(stages, start=1):
+        group = parent.create_group(f"{number:03d}")
+        mark_raw_stage(group, stage.label, stage.height_m, stage.cut_short)
+        write_streams(group, stage.streams, source)
+
+
+def make_raw_stages(parent: h5py.Group) -> h5py.Group:
+    """The group of all of them, still without any."""
+    group = parent.create_group(RAW)
+    mark_entry(group)
+    return group
+
+
+def mark_raw_stage(group: h5py.Group, label: str, height_m: float, cut_short: str) -> None:
+    """What the stage was, as attributes."""
+    group.attrs["label"] = label
+    group.attrs["height_mm"] = height_mm(height_m)
+    group.attrs["cut_short"] = cut_short
+
+
+def read_raw_stages(parent: h5py.Group, source: Source) -> tuple[RawStage, ...]:
+    """The stages in their order; () where there are none."""
+    if RAW not in parent:
+        return ()
+    group = parent[RAW]
+    return tuple(_read(group[number], source) for number in sorted(group, key=int))
+
+
+def _read(group: h5py.Group, source: Source) -> RawStage:
+    attributes = group.attrs
+    return RawStage(str(attributes["label"]), read_height_mm(group) / 1e3, read_streams(group, source), str(attributes["cut_short"]))

@@ -1,4 +1,4 @@
-"""Counts of what a recording on disk holds, without holding it in memory."""
+"""What a recording on disk holds, without holding it in memory: counts of its stages and samples, and its summary without samples."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -8,12 +8,11 @@ from pathlib import Path
 import h5py
 
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
-from rfca_rig.recording.model import Source
-from rfca_rig.recording.raw_stages import GROUP as RAW
+from rfca_rig.recording.cycle_table import CYCLES, NUMBER
+from rfca_rig.recording.model import Source, StaticStage
 from rfca_rig.recording.static_table import read_static
-from rfca_rig.recording.store import open_sealed
-from rfca_rig.recording.strokes import GROUP as STROKES
-from rfca_rig.recording.strokes import TIME, check_times, read_condition, streams_in
+from rfca_rig.recording.store import open_sealed, read_provenance, read_title
+from rfca_rig.recording.strokes import RAW, STROKES, TIME, check_times, read_condition, streams_in
 
 SEQUENCE = "rdt_sequence"
 
@@ -95,3 +94,34 @@ def _missing(stream: h5py.Group) -> Iterator[int]:
     if link_name(SEQUENCE) in stream and len(stream[SEQUENCE]):
         numbers = stream[SEQUENCE]
         yield int(numbers[-1]) - int(numbers[0]) + 1 - len(numbers)
+
+
+@dataclass(frozen=True)
+class RunOutline:
+    """`strokes` has (height in mm, speed in rad/s, repeat) of each stroke.
+
+    `last_cycle` is the number of the last cycle in the file, 0 without cycles.
+    """
+
+    title: str
+    source: str
+    provenance: Mapping[str, str]
+    strokes: tuple[tuple[float, float, int], ...]
+    static: tuple[StaticStage, ...]
+    cycles: int
+    last_cycle: int
+
+
+def outline_of(path: Path) -> RunOutline:
+    """Reads the outline of a file. Raises BadInput for a file that is damaged or of another kind."""
+    with open_sealed(path) as (file, source):
+        tables = [stage[CYCLES][NUMBER] for stage in file.get(RAW, {}).values() if CYCLES in stage]
+        return RunOutline(
+            title=read_title(file),
+            source=source,
+            provenance=read_provenance(file),
+            strokes=tuple(read_condition(file[STROKES][number]) for number in sorted(file[STROKES], key=int)),
+            static=read_static(file),
+            cycles=sum(len(table) for table in tables),
+            last_cycle=max((int(table[-1]) for table in tables if len(table)), default=0),
+        )

@@ -18,11 +18,10 @@ from rfca_rig.errors import BadInput
 from rfca_rig.executors.mapping import TaskExecutor, TaskFailure, map_unordered
 from rfca_rig.progress import ProgressReport
 from rfca_rig.recording.atomic import AppendOnlyFile, remove, translate_os_errors, write_atomically
-from rfca_rig.recording.plain_hdf5 import open_plain
-from rfca_rig.recording.run_lock import lock
+from rfca_rig.recording.hdf5_file import open_plain
+from rfca_rig.recording.run_text import lock
 from rfca_rig.sweep.cases import LONGEST_REMARK, CaseRange, CaseRows, case_row, compute, make_failed_rows
-from rfca_rig.sweep.identity import claim_folder
-from rfca_rig.sweep.plan import SweepPlan
+from rfca_rig.sweep.plan import SweepPlan, claim_folder
 from rfca_rig.sweep.result import SweepResult, read_result, write_result
 
 FOLDER, LOCK = "shards", "lock"
@@ -48,7 +47,7 @@ class Shards:
         self.folder, self._digest = folder / FOLDER, digest
 
     @contextmanager
-    def held(self) -> Iterator[None]:
+    def lock(self) -> Iterator[None]:
         """Within the context no other process writes here. Raises BadInput where one already does."""
         with translate_os_errors(self.folder, "the folder cannot be made"):
             self.folder.mkdir(exist_ok=True)
@@ -179,7 +178,7 @@ def run_sweep(
     The files are bitwise the same however often the sweep was interrupted. Results received before an exception are on disk.
     """
     shards = Shards(folder, claim_folder(plan, folder))
-    with shards.held():
+    with shards.lock():
         # A finished sweep that stopped before its shards were removed only needs that.
         result = read_result(plan, folder)
         if result is None:

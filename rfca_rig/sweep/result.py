@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.recording.cooperative import run_to_completion
-from rfca_rig.recording.hdf5_file import new_hdf5_file
-from rfca_rig.recording.plain_hdf5 import open_plain
+from rfca_rig.recording.hdf5_file import new_hdf5_file, open_plain, run_to_completion
 from rfca_rig.sweep.cases import INTERNAL_ERROR
-from rfca_rig.sweep.identity import FORMAT, as_text, digest
-from rfca_rig.sweep.plan import SweepPlan
+from rfca_rig.sweep.plan import FORMAT, SweepPlan, as_text, digest
 from rfca_rig.sweep.quantities import find_quantity
 
 Floats = NDArray[np.float64]
@@ -34,7 +31,7 @@ class SweepResult:
     values: Floats
     remarks: tuple[str, ...]
 
-    def varied(self, name: str) -> Floats | NDArray[np.str_]:
+    def values_of(self, name: str) -> Floats | NDArray[np.str_]:
         """Values (cases,) of a varied quantity, as text for quantities with names."""
         place = self.plan.varied.index(name)
         return np.array([self.plan.point(case)[place] for case in range(self.plan.count)])
@@ -82,7 +79,7 @@ def write_result(result: SweepResult, folder: Path) -> None:
     with new_hdf5_file(folder / H5) as file:
         root, plan = file.root, result.plan
         root.attrs.update({"format": FORMAT, "title": plan.title, "plan": as_text(plan)})
-        columns: list[tuple[str, str, Any]] = [(name, find_quantity(name).words, result.varied(name)) for name in plan.varied]
+        columns: list[tuple[str, str, Any]] = [(name, find_quantity(name).words, result.values_of(name)) for name in plan.varied]
         columns += [(asked.header, f"{asked.words}: {asked.output.equation}", result.output(asked.header)) for asked in plan.outputs]
         columns.append((REMARK, "why an output is missing", np.array(result.remarks)))
         for name, words, values in columns:

@@ -7,8 +7,7 @@ from typing import Annotated, TypeVar
 from pydantic import Field, model_validator
 
 from rfca_rig.description.sections import Section
-from rfca_rig.description.toml import place_of, read_toml
-from rfca_rig.description.toml_lines import Key
+from rfca_rig.description.toml import Key, place_of, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.sweep.outputs import DEFAULT_OUTPUTS, parse_outputs

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.faults import FaultPanel
-from rfca_rig.twin_server.listening import LOOPBACK, listening_tcp
-from rfca_rig.twin_server.tcp_client import TcpClient, accept_all, is_http
+from rfca_rig.twin_server.tcp import LOOPBACK, TcpClient, accept_all, is_http, listening_tcp
 
 LONGEST_LINE = 1024
 VERBS = "on NAME, off NAME, off all, faults, status, height MM"

@@ -1,13 +1,29 @@
 """Real-time loop for the twins, in one thread."""
 
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from rfca_rig.clock import Clock
-from rfca_rig.twin_server.port import Port
 
 # Period of the loop, and longest step of the twins after a delay, in s.
 PERIOD_S = 1e-3
 LONGEST_LEAP_S = 0.05
+
+
+class Port(Protocol):
+    """A port to the outside. It never waits; the server polls it before and after each step of the twins."""
+
+    def address(self) -> str:
+        """Address of the port, as shown to the user."""
+        ...
+
+    def poll(self, now_s: float) -> None:
+        """Receives what has arrived, sends what is queued. `now_s` is the server's clock."""
+        ...
+
+    def close(self) -> None:
+        """Closes the port. May be called any number of times."""
+        ...
 
 
 class RealTimeLoop:

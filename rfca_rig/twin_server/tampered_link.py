@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.rdt import RECORD_BYTES, SATURATED, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twin_server.faults import FaultPanel
-from rfca_rig.twin_server.udp_link import STARTS
+from rfca_rig.twin_server.netft_ports import STARTS
 from rfca_rig.twins.wires import DatagramLink
 
 # Faults of single datagrams hit every tenth one.

@@ -35,7 +35,7 @@ class AtiSerialTwinSettings:
 class AtiSerialTwin:
     """Echoes commands, executes them and prompts; streams after `QS` until the next carriage return. Uses ASCII after power-up.
 
-    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `measured`.
+    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `take_wrench`.
     """
 
     def __init__(self, line: SerialLine, settings: AtiSerialTwinSettings, random: np.random.Generator) -> None:
@@ -111,7 +111,7 @@ class AtiSerialTwin:
         # Every n-th sample of the grid since power-up, across the borders of steps.
         return times_s[(-first) % every :: every] if self._streaming else times_s[:0]
 
-    def measured(self, wrench: Floats) -> None:
+    def take_wrench(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends a record for each."""
         if not len(wrench):
             return

@@ -8,7 +8,7 @@ import can
 from rfca_rig.codecs import cubemars_mit
 from rfca_rig.codecs.cubemars_drives import mit_ranges
 from rfca_rig.codecs.cubemars_mit import POSITION_CODES, MitCommand, MitReply, Special
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.drive_parts import Encoder, MotorThermalModel, ThermalParameters
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
@@ -143,9 +143,9 @@ class CubemarsMitTwin:
         given_Nm = self._settings.torque_limit_Nm
         return self._ranges.torque_Nm if given_Nm is None else min(given_Nm, self._ranges.torque_Nm)
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
         """Advances the motor temperature. Nothing else becomes due, as the drive replies only when asked."""
-        self.warmth.passed(elapsed_s, after.torque_Nm)
+        self.warmth.advance(elapsed_s, after.torque_Nm)
 
     def _reply(self, shaft: ShaftState) -> None:
         settings, has_errors = self._settings, self._settings.tells_errors

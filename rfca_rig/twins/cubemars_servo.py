@@ -7,8 +7,8 @@ import can
 
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import Message, OriginMode, Status
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.odrive_messages import ControlMode
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.drive_parts import Encoder, LoopGains, MotorSetPoint, MotorThermalModel, SpeedLoop, ThermalParameters
 from rfca_rig.twins.wires import SampleGrid
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
@@ -151,10 +151,10 @@ class CubemarsServoTwin:
         self._starts_pacing = False
         return self._loop.law(self._wanted, shaft)
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
         """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
-        self._loop.passed(self._wanted, elapsed_s, before, after)
-        self.warmth.passed(elapsed_s, after.torque_Nm)
+        self._loop.advance(self._wanted, elapsed_s, before, after)
+        self.warmth.advance(elapsed_s, after.torque_Nm)
         if self._goal_rad is not None:
             way_rad, most_rad = self._goal_rad - self._wanted.angle_rad, self._pace_rad_s * elapsed_s
             self._wanted.angle_rad += min(max(way_rad, -most_rad), most_rad)

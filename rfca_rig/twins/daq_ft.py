@@ -43,7 +43,7 @@ class _Store:
 
 
 class DaqFtTwin:
-    """Implements `GageVoltages`, so a driver reads from it directly. A world advances it in steps: `due`, then `measured`."""
+    """Implements `GageVoltages`, so a driver reads from it directly. A world advances it in steps: `due`, then `take_wrench`."""
 
     def __init__(self, calibration: TransducerCalibration, settings: DaqFtTwinSettings, random: np.random.Generator) -> None:
         self._calibration = calibration
@@ -82,7 +82,7 @@ class DaqFtTwin:
         times_s = self._ticks.until(to_s)
         return times_s if self._running else times_s[:0]
 
-    def measured(self, wrench: Floats) -> None:
+    def take_wrench(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6), in N and N m, at the times that were due."""
         if not len(wrench):
             return

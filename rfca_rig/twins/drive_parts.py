@@ -47,7 +47,7 @@ class MotorThermalModel:
         self._stuck_degC: float | None = None
         self.fever_K_s = 0.0
 
-    def passed(self, elapsed_s: float, torque_Nm: float) -> None:
+    def advance(self, elapsed_s: float, torque_Nm: float) -> None:
         """Advances the temperature; exact for a constant torque over the step."""
         warming = self._warming
         steady_degC = warming.air_degC + warming.rise_K_per_Nm2 * torque_Nm**2 + self.fever_K_s * warming.time_constant_s
@@ -83,7 +83,7 @@ class MotorSetPoint:
 
 
 class SpeedLoop:
-    """Control loop with an integrator. `law` is the torque until the next step; `passed` updates the integrator after it."""
+    """Control loop with an integrator. `law` is the torque until the next step; `advance` updates the integrator after it."""
 
     def __init__(self, gains: LoopGains) -> None:
         self._gains = gains
@@ -99,12 +99,12 @@ class SpeedLoop:
         Beyond the limit the whole law is scaled down to it for that step, so that the torque still decreases with the error. A
         constant torque would drive a light shaft past its set-point within one step, and cause chatter.
         """
-        free = self._unlimited_law(wanted)
+        free = self._law_without_limit(wanted)
         torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
         self._limited = torque_Nm > self._gains.torque_limit_Nm
         return _scale(free, self._gains.torque_limit_Nm / torque_Nm) if self._limited else free
 
-    def _unlimited_law(self, wanted: MotorSetPoint) -> ShaftDrive:
+    def _law_without_limit(self, wanted: MotorSetPoint) -> ShaftDrive:
         gains = self._gains
         if wanted.mode == ControlMode.TORQUE:
             return ShaftDrive(feed_Nm=wanted.torque_Nm)
@@ -118,7 +118,7 @@ class SpeedLoop:
             speed_rad_s=wanted.speed_rad_s,
         )
 
-    def passed(self, wanted: MotorSetPoint, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
+    def advance(self, wanted: MotorSetPoint, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
         """Updates the integrator with the speed error over the step. The rotation is exact, the mean angle is trapezoidal.
 
         The integrator is held while the torque is limited, the usual anti-windup of drives.

@@ -7,9 +7,9 @@ from math import inf, isinf, isnan, nan, tau
 import can
 
 from rfca_rig.codecs import moteus
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.moteus import Read, Refusal, Reply, Route, Subframe, Write
 from rfca_rig.codecs.moteus_registers import Mode, Register
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.drive_parts import Encoder, MotorThermalModel, ThermalParameters
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
@@ -52,7 +52,7 @@ class PositionCommand:
 
 
 class MoteusLoop:
-    """Control loop with a moving target. `law` is the torque until the next step; `passed` advances the target.
+    """Control loop with a moving target. `law` is the torque until the next step; `advance` advances the target.
 
     A target at rest acts like a spring during the whole step; a moving one with its force at the beginning of the step. The target
     does not wait for a blocked shaft (servo.max_position_slip is off, the factory setting).
@@ -80,12 +80,12 @@ class MoteusLoop:
         # Without a target, after a reset, the loop starts from the measured angle.
         if isnan(self._target_rad):
             self._target_rad = shaft.angle_rad
-        free = self._unlimited_law(shaft)
+        free = self._law_without_limit(shaft)
         torque_Nm, limit_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)), self._limit_Nm()
         self._limited = torque_Nm > limit_Nm
         return _scale(free, limit_Nm / torque_Nm) if self._limited else free
 
-    def _unlimited_law(self, shaft: ShaftState) -> ShaftDrive:
+    def _law_without_limit(self, shaft: ShaftState) -> ShaftDrive:
         command, gains = self._command, self._gains
         kp, feed_Nm = gains.kp_Nm_per_rad * command.kp_scale, command.feed_forward_Nm + self._integral_Nm
         moving = command.speed_rad_s != 0.0
@@ -102,7 +102,7 @@ class MoteusLoop:
         commanded_Nm = inf if isnan(self._command.torque_limit_Nm) else self._command.torque_limit_Nm
         return min(commanded_Nm, self._gains.torque_limit_Nm)
 
-    def passed(self, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
+    def advance(self, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
         """Advances the target, and the integrator by the mean error of the step; at the torque limit it is held (anti-windup)."""
         moved_rad = self._command.speed_rad_s * elapsed_s
         # Mean error of the step: target and shaft at their middle (trapezoidal rule).
@@ -155,7 +155,7 @@ class MoteusTwinSettings:
 class MoteusTwin:
     """A `MotorTwin` that answers queries.
 
-    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `passed`. Answers are sent in `drive`. They
+    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`. Answers are sent in `drive`. They
     show the shaft at that time, and the mode before the command in the same frame, as the firmware does. Trajectories under velocity
     or acceleration limits are not planned: targets take effect at once. The diagnostic stream is not answered.
     """
@@ -297,11 +297,11 @@ class MoteusTwin:
             return damping(self._settings.gains, shaft, self._settings.timeout_torque_Nm)
         return ShaftDrive()
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
         """Takes in a step of the plant. A moteus sends no reports unasked."""
-        self.warmth.passed(elapsed_s, after.torque_Nm)
+        self.warmth.advance(elapsed_s, after.torque_Nm)
         if self._mode == Mode.POSITION:
-            self._loop.passed(elapsed_s, before, after)
+            self._loop.advance(elapsed_s, before, after)
 
     def _read_registers(self, reads: list[Read], mode: int, fault: int, shaft: ShaftState) -> list[Subframe]:
         values = self._values(mode, fault, shaft)

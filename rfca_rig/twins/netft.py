@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netft_configuration import (
     PATH,
     CalibrationInfo,
@@ -18,6 +17,7 @@ from rfca_rig.codecs.netft_configuration import (
     encode_reading,
 )
 from rfca_rig.codecs.rdt import MAX_RECORDS, RECORD_BYTES, SATURATED, RdtCommand, Records, Request, decode_request, encode_records
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.wires import DatagramLink, SampleGrid
 
 Floats = NDArray[np.float64]
@@ -58,8 +58,8 @@ class _Stream:
 class NetFtTwin:
     """Executes requests, samples on its own grid n / rate since power-up, and sends records.
 
-    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `measured`. With `samples_without_stream` it also
-    samples once per step without a stream, so that `latest` is up to date.
+    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `take_wrench`. With `samples_without_stream` it
+    also samples once per step without a stream, so that `latest` is up to date.
     """
 
     def __init__(self, link: DatagramLink, settings: NetFtTwinSettings, random: np.random.Generator) -> None:
@@ -119,7 +119,7 @@ class NetFtTwin:
         # The grid runs on since power-up, even if no sample is needed.
         return times_s[-1:] if self.samples_without_stream else times_s[:0]
 
-    def measured(self, wrench: Floats) -> None:
+    def take_wrench(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends the datagrams that are full."""
         if self._bias_wanted and len(wrench):
             self._bias, self._bias_wanted = wrench[-1].copy(), False

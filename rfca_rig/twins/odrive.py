@@ -7,8 +7,8 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs import cansimple, odrive_meanings, odrive_messages, odrive_older_meanings
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.codecs import cansimple, odrive_messages
+from rfca_rig.codecs.odrive_meanings import ESTOP_REQUESTED, MISSING_INPUT, MODULATION_IS_NAN, WATCHDOG_EXPIRED
 from rfca_rig.codecs.odrive_messages import (
     AxisState,
     ControlMode,
@@ -20,6 +20,7 @@ from rfca_rig.codecs.odrive_messages import (
     PartError,
     Version,
 )
+from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.drive_parts import Encoder, LoopGains, MotorSetPoint, MotorThermalModel, SpeedLoop, ThermalParameters
 from rfca_rig.twins.wires import SampleGrid
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
@@ -29,8 +30,6 @@ Floats = NDArray[np.float64]
 # Procedure result of a drive that was disarmed by an error.
 DISARMED = 3
 FIRMWARE = Version(firmware=(0, 6, 10), hardware=(4, 4, 58))
-WATCHDOG_EXPIRED = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
-ESTOP_REQUESTED = {OdriveFirmware.V0_5: odrive_older_meanings.ESTOP_REQUESTED, OdriveFirmware.V0_6: odrive_meanings.ESTOP_REQUESTED}
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ class OdriveTwinSettings:
 class OdriveTwin:
     """A `MotorTwin` that sends cyclic reports.
 
-    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `passed`.
+    A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`.
 
     Set-points stay as last commanded when the loop closes. Some firmware sets them to the measured angle then; a driver that relies
     on it causes a jerk with the others.
@@ -151,9 +150,9 @@ class OdriveTwin:
 
     def _fail_not_finite(self) -> None:
         if self._settings.dialect == OdriveFirmware.V0_5:
-            self.fail_part(OdrivePart.MOTOR, odrive_older_meanings.MODULATION_IS_NAN)
+            self.fail_part(OdrivePart.MOTOR, MODULATION_IS_NAN)
         else:
-            self.fail(odrive_meanings.MISSING_INPUT)
+            self.fail(MISSING_INPUT)
 
     def _request(self, state: int) -> None:
         if state == AxisState.IDLE:
@@ -191,11 +190,11 @@ class OdriveTwin:
             self._restarts, self._counted_from_rad = False, shaft.angle_rad + self._settings.zero_turns * self._rad_per_turn
         return self._loop.law(self._wanted, shaft) if self._state == AxisState.CLOSED_LOOP else ShaftDrive()
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
         """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
         if self._state == AxisState.CLOSED_LOOP:
-            self._loop.passed(self._wanted, elapsed_s, before, after)
-        self.warmth.passed(elapsed_s, after.torque_Nm)
+            self._loop.advance(self._wanted, elapsed_s, before, after)
+        self.warmth.advance(elapsed_s, after.torque_Nm)
         due_s = self._encoder_ticks.until(now_s).tolist()
         for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))

@@ -21,7 +21,7 @@ class TwinnedStream(Protocol):
 class RecordStreamTwin(ABC):
     """Handles noise, range and time. Inherit, and implement the commands and the record format.
 
-    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `measured`.
+    A world advances it in steps: `take_requests`, `due`, then, after the plant has moved, `take_wrench`.
     """
 
     # Range per axis, in N and N m.
@@ -54,7 +54,7 @@ class RecordStreamTwin(ABC):
         self._due_s = times_s if self.is_streaming else times_s[:0]
         return self._due_s
 
-    def measured(self, wrench: Floats) -> None:
+    def take_wrench(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends a record for each."""
         noisy = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
         clipped = np.clip(noisy, -self._range, self._range)

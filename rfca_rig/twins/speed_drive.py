@@ -30,7 +30,7 @@ class SpeedDriveTwin(ABC):
     """Handles speed loop, encoder, watchdog and time. Inherit, and implement the commands and the reports of the drive.
 
     `is_on` means that the drive is energised. `fault` is its error code, 0 for none; `refuses_with` is the error that every attempt to
-    energise ends in. A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `passed`.
+    energise ends in. A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`.
     """
 
     tells_temperature: ClassVar[bool] = False
@@ -134,11 +134,11 @@ class SpeedDriveTwin(ABC):
             self._send_shaft_report(shaft.angle_rad, shaft.speed_rad_s, law)
         return law
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
         """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
         if self.is_on:
-            self._loop.passed(self._wanted, elapsed_s, before, after)
-        self.warmth.passed(elapsed_s, after.torque_Nm)
+            self._loop.advance(self._wanted, elapsed_s, before, after)
+        self.warmth.advance(elapsed_s, after.torque_Nm)
         due_s = [] if self._ticks is None else self._ticks.until(now_s).tolist()
         for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
             self._send_shaft_report(angle_rad, speed_rad_s, law)

@@ -64,7 +64,7 @@ class TwinPlant(Protocol):
 
 
 class SensorTwin(Protocol):
-    """The sensor's side of the wire, advanced in steps: `take_requests`, `due`, then, after the plant has moved, `measured`."""
+    """The sensor's side of the wire, advanced in steps: `take_requests`, `due`, then, after the plant has moved, `take_wrench`."""
 
     def take_requests(self) -> None:
         """Executes requests received since the last step."""
@@ -74,13 +74,13 @@ class SensorTwin(Protocol):
         """Sample times (m,) in s in the step that ends at `to_s`; none while none are requested."""
         ...
 
-    def measured(self, wrench: Floats) -> None:
+    def take_wrench(self, wrench: Floats) -> None:
         """Takes the true wrench (m, 6) [N, N m] at the times that were due, and sends the records that are due."""
         ...
 
 
 class MotorTwin(Protocol):
-    """The drive's side of the bus, advanced in steps: `take_frames`, `drive`, then, after the plant has moved, `passed`."""
+    """The drive's side of the bus, advanced in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`."""
 
     def take_frames(self, now_s: float) -> None:
         """Executes frames received since the last step."""
@@ -90,7 +90,7 @@ class MotorTwin(Protocol):
         """Torque law on the shaft until the next step; `shaft` is its present state."""
         ...
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
         """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
         ...
 
@@ -145,6 +145,6 @@ class TwinWorld:
         self._sensor.take_requests()
         before = self._plant.shaft()
         law = self._motor.drive(before)
-        self._sensor.measured(self._plant.advance(to_s, law, self._sensor.due(to_s)))
-        self._motor.passed(to_s - self._now_s, to_s, before, self._plant.shaft(), law)
+        self._sensor.take_wrench(self._plant.advance(to_s, law, self._sensor.due(to_s)))
+        self._motor.advance(to_s - self._now_s, to_s, before, self._plant.shaft(), law)
         self._now_s = to_s

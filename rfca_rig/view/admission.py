@@ -14,7 +14,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from rfca_rig.view.access_token import is_token
+from rfca_rig.view.run_facts import is_token
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 # Served without a token: the empty page, scripts, style sheets and documentation, nothing of any run.

@@ -7,11 +7,11 @@ import numpy as np
 
 from rfca_rig.drivers.roles import SensorScale
 from rfca_rig.engine.limit_monitor import MIN_CEILING_SHARE
+from rfca_rig.errors import Trip
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.trip_codes import Trip
 from rfca_rig.view.decimation import Floats
-from rfca_rig.view.tick_block import SeenTicks
+from rfca_rig.view.run_queue import SeenTicks
 
 
 @dataclass
@@ -67,13 +67,13 @@ class Gauges:
         self._all = (*load, *motion, self._sensor, self._drive, self._warmth, self._late)
         self.stage(None)
 
-    def listed(self) -> list[dict[str, object]]:
+    def describe(self) -> list[dict[str, object]]:
         """Names, units, limits and trip codes of all gauges, for the first message to a page."""
         return [{"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)} for gauge in self._all]
 
     def stage(self, expected: Load | None) -> None:
         """A stage begins with the load that the model expects; None where that is unknown."""
-        # The same ceilings as in `engine.monitors.load`, so that the page shows what the run is stopped by.
+        # The same ceilings as in `engine.limit_monitor`, so that the page shows what the run is stopped by.
         load, factor = expected or Load(np.inf, np.inf), self._limits.above_expected
         self._ceilings = (
             max(factor * load.force_N, MIN_CEILING_SHARE * self._limits.force_N),

@@ -1,10 +1,11 @@
-"""A run in progress at the view's end: reads the queue, and builds the messages for the page."""
+"""A run in progress at the view's end: reads the queue, builds the messages, and feeds each page at the resolution that it shows."""
 
 import json
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import groupby
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,25 @@ from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import BlockKind, JournalBlock, parse_blocks
 from rfca_rig.view.gauges import Gauges
 from rfca_rig.view.leg_pose import LegMoment, Legs
-from rfca_rig.view.live_health import LiveHealth
-from rfca_rig.view.messages import CHANNELS, WRENCH, Message, hanging_deg, hello
+from rfca_rig.view.live_health import LiveHealth, StreamClock
+from rfca_rig.view.messages import (
+    BEATS_HZ,
+    CHANNELS,
+    SHORTEST_SPAN_S,
+    SPAN_S,
+    STATES_HZ,
+    WRENCH,
+    Feed,
+    Message,
+    hanging_deg,
+    hello,
+    number_in,
+    trace,
+)
 from rfca_rig.view.progress import Progress
-from rfca_rig.view.pyramid import Pyramid
-from rfca_rig.view.run_facts import RunFacts
-from rfca_rig.view.scenes import UNKNOWN_SCENE
-from rfca_rig.view.stream_clock import StreamClock
-from rfca_rig.view.tick_block import SeenTicks, ticks_of
+from rfca_rig.view.pyramid import Pyramid, level_for, width_s
+from rfca_rig.view.run_facts import UNKNOWN_SCENE, RunFacts
+from rfca_rig.view.run_queue import SeenTicks, ticks_of
 
 # Buckets stay open this long for the slower of the two streams.
 WAITS_S = 0.1
@@ -39,6 +51,9 @@ STOP_LEVELS = {"safe point": StopLevel.SAFE_POINT, "now": StopLevel.TORQUE_OFF}
 DONE = "done"
 SILENT_END = "the run's process ended without a word"
 FORCE, SHAFT = slice(0, len(WRENCH)), slice(len(WRENCH), len(CHANNELS))
+
+LONGEST_SPAN_S = 7 * 86400.0
+STATE_EVERY = round(BEATS_HZ / STATES_HZ)
 
 
 class LiveSource:
@@ -79,7 +94,7 @@ class LiveSource:
 
     def hello(self) -> Message:
         facts = self._facts
-        return hello(facts.title, facts.mark, facts.stages, self._gauges.listed(), self._legs.description)
+        return hello(facts.title, facts.mark, facts.stages, self._gauges.describe(), self._legs.description)
 
     def stop(self, how: str) -> bool:
         """Requests a stop of the run; False where the run is over. Raises LookupError for an unknown kind of stop."""
@@ -195,3 +210,78 @@ class LiveSource:
         if self._shaft_rad is None:
             return None
         return self._legs.message(LegMoment(self._scene, self._shaft_rad, self._target_rad, force_N=self._force_N))
+
+
+class LiveRun:
+    """Implements `messages.FeedSource`. `beat` reads the queue once for all pages."""
+
+    def __init__(self, source: LiveSource) -> None:
+        self.source = source
+        self._beats = 0
+        self.state = source.state()
+        self.leg = source.leg()
+
+    def beat(self) -> None:
+        self.source.look()
+        self._refresh()
+
+    def on_run_exit(self) -> None:
+        """The run's process has ended."""
+        self.source.on_run_exit()
+        # Zero makes the next refresh build a state at once, so that every page shows the end.
+        self._beats = 0
+        self._refresh()
+
+    def _refresh(self) -> None:
+        if self._beats % STATE_EVERY == 0:
+            self.state = self.source.state()
+        self._beats += 1
+        self.leg = self.source.leg()
+
+    def hello(self) -> Message:
+        return self.source.hello()
+
+    def feed(self) -> Feed:
+        return LiveFeed(self)
+
+    def stop(self, how: str) -> bool:
+        return self.source.stop(how)
+
+
+class LiveFeed:
+    """Implements `messages.Feed`."""
+
+    def __init__(self, run: LiveRun) -> None:
+        self._run = run
+        self._shown: tuple[Message | None, Message | None] = (None, None)
+        self._span_s = SPAN_S
+        self._begin()
+
+    def _begin(self) -> None:
+        # Another span needs another level of the pyramid; the page gets the whole window again.
+        self._level = level_for(self._span_s)
+        self._sent: int | None = None
+
+    def hear(self, message: Mapping[str, Any]) -> None:
+        span_s = number_in(message, "span_s") if message.get("kind") == "span" else None
+        if span_s is not None:
+            self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
+            self._begin()
+
+    def new_messages(self) -> Sequence[Message]:
+        shown, self._shown = self._shown, (self._run.state, self._run.leg)
+        # States and legs are shared by all pages: identity tells whether this page has had the current one.
+        changed = [now for before, now in zip(shown, self._shown, strict=True) if now is not None and now is not before]
+        traced = self._trace()
+        return [*changed] if traced is None else [traced, *changed]
+
+    def _trace(self) -> Message | None:
+        pyramid = self._run.source.pyramid
+        end = pyramid.count_closed(self._level)
+        # A page that fell behind the oldest bucket kept cannot be continued without a gap: its window starts again.
+        is_reset = self._sent is None or self._sent < pyramid.oldest(self._level)
+        begin = max(end - ceil(self._span_s / width_s(self._level)), 0) if is_reset else self._sent
+        if begin is None or begin >= end:
+            return None
+        self._sent = end
+        return trace(width_s(self._level), begin, pyramid.between(self._level, begin, end), is_reset)

@@ -9,9 +9,7 @@ from rfca_rig.engine.interfaces import StopRequest
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.view.access_token import new_token
-from rfca_rig.view.assignment import MODULE, READY, ViewAssignment
-from rfca_rig.view.run_facts import RunFacts
+from rfca_rig.view.run_facts import MODULE, READY, RunFacts, ViewAssignment, new_token
 from rfca_rig.view.run_queue import RunQueue, Vitals
 
 HOST = "127.0.0.1"

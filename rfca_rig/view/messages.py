@@ -1,9 +1,9 @@
-"""Messages from the server to the page, the same for live view and replay."""
+"""Messages from the server to the page, the same for live view and replay, and the interface to their sources."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import isnan
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,6 +13,11 @@ from rfca_rig.view.progress import ListedStage
 Message = Mapping[str, Any]
 SPAN_S = 8.0
 DOCS = "/trips/{code}"
+
+# Traces and the leg are sent at the first rate, which looks continuous; limits and health, which people read, at the second.
+BEATS_HZ = 25.0
+STATES_HZ = 5.0
+SHORTEST_SPAN_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -90,3 +95,36 @@ class Health:
     name: str
     value: str
     is_good: bool
+
+
+class Feed(Protocol):
+    """Messages for one page; polled at every beat."""
+
+    def new_messages(self) -> Sequence[Message]:
+        """Messages that the page has not had yet."""
+        ...
+
+    def hear(self, message: Mapping[str, Any]) -> None:
+        """Takes in a message from the page; one that makes no sense is ignored."""
+        ...
+
+
+class FeedSource(Protocol):
+    """Source of feeds for any number of pages."""
+
+    def hello(self) -> Message: ...
+
+    def feed(self) -> Feed:
+        """A feed for one more page."""
+        ...
+
+    def stop(self, how: str) -> bool:
+        """Requests a stop; False where there is nothing to stop. Raises LookupError for an unknown kind of stop."""
+        ...
+
+
+def number_in(message: Mapping[str, Any], name: str) -> float | None:
+    """A number from a page's message, None where it is missing or not a number."""
+    value = message.get(name)
+    # bool is a subclass of int in Python. The bound keeps infinity and NaN out, which Python's JSON parser accepts.
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9 else None

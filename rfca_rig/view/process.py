@@ -15,12 +15,10 @@ from multiprocessing.connection import Connection
 from rfca_rig.clock import WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.view.assignment import FAILED, READY, ViewAssignment
 from rfca_rig.view.leg_pose import Legs
-from rfca_rig.view.live_feed import LiveRun
-from rfca_rig.view.live_source import LiveSource
-from rfca_rig.view.server import Pages
-from rfca_rig.view.serving import DEBUG_VARIABLE, listen_on, port_of, serve
+from rfca_rig.view.live_source import LiveRun, LiveSource
+from rfca_rig.view.run_facts import FAILED, READY, ViewAssignment
+from rfca_rig.view.server import DEBUG_VARIABLE, Pages, listen_on, port_of, serve
 
 # Lower priority than the control loop's process.
 NICE = 5

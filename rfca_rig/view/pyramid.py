@@ -33,7 +33,7 @@ class Pyramid:
         self._levels = [Extrema.none(CAPACITY, channels) for _ in range(LEVELS)]
         self._closed = [0] * LEVELS
 
-    def closed(self, level: int) -> int:
+    def count_closed(self, level: int) -> int:
         """Number of closed buckets of a level, which is also the number of its open bucket."""
         return self._closed[level]
 

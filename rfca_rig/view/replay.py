@@ -1,22 +1,26 @@
 """Playback of a recording on the same page as a live run: forwards at any speed, from any time."""
 
-from collections.abc import Mapping, Sequence
+import asyncio
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from math import floor
+from pathlib import Path
 from typing import Any
 
-from rfca_rig.campaign.stored import StoredRecording
-from rfca_rig.clock import Clock
+from rfca_rig.campaign.stored import StoredRecording, open_stored
+from rfca_rig.clock import Clock, WallClock
+from rfca_rig.errors import BadInput, Trip
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.trip_codes import Trip
 from rfca_rig.view.gauges import Gauge
 from rfca_rig.view.leg_pose import Legs
-from rfca_rig.view.messages import CHANNELS, SPAN_S, Health, Message, hello, trace
-from rfca_rig.view.page_feed import BEATS_HZ, SHORTEST_SPAN_S, STATES_HZ, Feed, number_in
-from rfca_rig.view.player import Player
+from rfca_rig.view.live_view import url_of
+from rfca_rig.view.messages import BEATS_HZ, CHANNELS, SHORTEST_SPAN_S, SPAN_S, STATES_HZ, Feed, Health, Message, hello, number_in, trace
 from rfca_rig.view.progress import ListedStage
 from rfca_rig.view.pyramid import ACROSS
-from rfca_rig.view.time_line import plan_in, time_line
+from rfca_rig.view.run_facts import new_token
+from rfca_rig.view.server import listen_on, port_of, serve
+from rfca_rig.view.time_line import Player, plan_in, time_line
 
 LONGEST_SPAN_S = 60.0
 FASTEST = 100.0
@@ -25,7 +29,7 @@ TOLD = {"sensor_records": "sensor records", "worst_loop_gap_ms": "worst loop gap
 
 
 class Replay:
-    """Implements `page_feed.FeedSource` for a recording. Each page has its own playback position."""
+    """Implements `messages.FeedSource` for a recording. Each page has its own playback position."""
 
     def __init__(self, stored: StoredRecording, legs: Legs, clock: Clock) -> None:
         self._stored = stored
@@ -83,7 +87,7 @@ def _describe_gauge(gauge: Gauge) -> dict[str, object]:
 
 
 class ReplayFeed:
-    """Implements `page_feed.Feed`; starts to play at once."""
+    """Implements `messages.Feed`; starts to play at once."""
 
     def __init__(self, player: Player, limits: Limits | None, health: Sequence[Health], ending: Mapping[str, Any], clock: Clock) -> None:
         self._player = player
@@ -188,3 +192,32 @@ class ReplayFeed:
             gauge.show(float(value))
             states[gauge.name] = gauge.read_values()
         return states
+
+
+def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:
+    """Serves a recording until the process is interrupted.
+
+    Parameters
+    ----------
+    path
+        A run's folder, a recording file or a campaign.
+    port
+        TCP port; 0 for any free one.
+    ready
+        Called with the address to open, as soon as it can be opened.
+
+    Raises
+    ------
+    BadInput
+        Where there is no recording, none with anything to play, or for a port that is in use.
+    """
+    stored = open_stored(path)
+    legs = Legs(stored.nominal)
+    source = Replay(stored, legs, WallClock())
+    if not source.player.clips:
+        raise BadInput(f"{path}: holds neither strokes nor static stages, so there is nothing to view")
+    listening, token = listen_on(port), new_token()
+    ready(url_of(port_of(listening), token))
+    # Shapes take seconds to compute; until then the page shows a straight leg.
+    threading.Thread(target=legs.prepare, args=([clip.scene for clip in source.player.clips],), daemon=True).start()
+    asyncio.run(serve(source, token, listening, asyncio.Event(), lambda _pages: True))

@@ -1,7 +1,12 @@
-"""Time line of a recording: its stages one after the other, with a short pause for what was not recorded in between."""
+"""Time line of a recording: its stages one after the other, prepared for playback, with a short pause for what was not recorded.
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+`Player` gives the samples at one time, and in a window before it.
+"""
+
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import degrees, isnan
 
@@ -12,8 +17,14 @@ from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Flap, Hold, Plan
 from rfca_rig.protocol.written_plan import parse_plan
 from rfca_rig.recording.model import Column, StaticStage, Stream
-from rfca_rig.view.scenes import STATIC_SWEEP_DEG, Scene, SceneStroke, scenes
-from rfca_rig.view.segment import Clip, StageSamples, samples_of
+from rfca_rig.view.decimation import Extrema, Floats, decimate
+from rfca_rig.view.leg_pose import LegMoment, Legs
+from rfca_rig.view.messages import CHANNELS, Message, hanging_deg
+from rfca_rig.view.run_facts import STATIC_SWEEP_DEG, Scene, SceneStroke, scenes
+
+_PLACES = {channel.name: place for place, channel in enumerate(CHANNELS)}
+_SHOWN_AS = {"shaft_angle_rad": "shaft_angle_deg"}
+FORCE, MOMENT = ("fx_N", "fy_N", "fz_N"), ("tx_Nm", "ty_Nm", "tz_Nm")
 
 PAUSE_S = 0.25
 # A static stage is shown for at least this long.
@@ -22,6 +33,137 @@ HOLD_S = 1.0
 STATIC_SPEED_RAD_S = 0.5
 # Shapes are computed this far beyond the recorded end of a stroke, because a measured shaft may be ahead of the command.
 MORE_SWEEP_DEG = 3.0
+
+# Limit of the cache of loaded stages.
+CACHE_BYTES = 200 << 20
+# The interval of one picture of the limits, which are updated five times a second.
+RECENT_S = 0.2
+
+
+def channel_of(column: str) -> str | None:
+    """Channel of the page that shows a recorded column; None for a column that is not shown."""
+    name = _SHOWN_AS.get(column, column)
+    return name if name in _PLACES else None
+
+
+@dataclass(frozen=True)
+class Track:
+    """Samples of one device: `t_s` (m,) from the stage's first sample, ascending; `values` (m, channels) of the channels at `places`."""
+
+    t_s: Floats
+    values: Floats
+    places: Sequence[int]
+
+
+@dataclass(frozen=True)
+class StageSamples:
+    """Samples of a whole stage; times in s from its first sample.
+
+    `shaft_rad` (m, 2) holds times and shaft angles as recorded; `sizes` (m, 3) times, force [N] and moment [N m] as vector lengths.
+    Either may be empty.
+    """
+
+    tracks: Sequence[Track]
+    shaft_rad: Floats
+    sizes: Floats
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all arrays, for the limit of a cache."""
+        return sum(track.values.nbytes + track.t_s.nbytes for track in self.tracks) + self.shaft_rad.nbytes + self.sizes.nbytes
+
+    def extrema(self, begin_s: float, dt_s: float, first: int, count: int) -> Extrema:
+        """Extrema (count, channels) in buckets of a time line on which the stage begins at `begin_s`."""
+        found = Extrema.none(count, len(CHANNELS))
+        for track in self.tracks:
+            part = decimate(track.t_s + begin_s, track.values, dt_s, first, count)
+            found.low[:, track.places], found.high[:, track.places] = part.low, part.high
+        return found
+
+    def shaft_at(self, t_s: float) -> float | None:
+        """Shaft angle at a time from the stage's first sample, linearly interpolated; None where none was recorded."""
+        return float(np.interp(t_s, self.shaft_rad[:, 0], self.shaft_rad[:, 1])) if len(self.shaft_rad) else None
+
+    def value_at(self, channel: str, t_s: float) -> float | None:
+        """Last value up to a time; None where the channel was not recorded, or began later."""
+        place = _PLACES[channel]
+        for track in self.tracks:
+            if place in track.places and (row := int(np.searchsorted(track.t_s, t_s, side="right"))):
+                return float(track.values[row - 1, list(track.places).index(place)])
+        return None
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One stage: its place on the time line, what it was, and `load` to read its samples.
+
+    `rest_s` is the time recorded before the commanded start. `planned_rad` gives the commanded shaft angle at a time from the commanded
+    start; None where it is unknown. `hinge_deg` (6,) are hinge angles from a photo.
+    """
+
+    label: str
+    kind: str
+    begin_s: float
+    duration_s: float
+    rest_s: float
+    scene: Scene
+    load: Callable[[], StageSamples] = field(repr=False)
+    planned_rad: Callable[[float], float] | None = field(default=None, repr=False)
+    hinge_deg: Floats | None = None
+
+    @property
+    def end_s(self) -> float:
+        return self.begin_s + self.duration_s
+
+
+def samples_of(streams: Mapping[str, Stream]) -> StageSamples:
+    """Samples of the streams of a recorded stage, with times from the earliest sample of all streams."""
+    used = [stream for stream in streams.values() if len(stream.t_s)]
+    zero_s = min((float(stream.t_s.min()) for stream in used), default=0.0)
+    tracks = [track for stream in used if (track := _track(stream, zero_s)) is not None]
+    return StageSamples(tracks, _shaft(used, zero_s), _sizes(used, zero_s))
+
+
+def _track(stream: Stream, zero_s: float) -> Track | None:
+    names = [(column, shown) for column in stream.columns if (shown := channel_of(column)) is not None]
+    if not names:
+        return None
+    # Streams are nearly always sorted; a stable sort keeps records of equal time in order of arrival.
+    values = np.column_stack([_in_page_units(stream, column) for column, _ in names])
+    order = _order(stream)
+    return Track(stream.t_s[order] - zero_s, values[order], [_PLACES[shown] for _, shown in names])
+
+
+def _in_page_units(stream: Stream, column: str) -> Floats:
+    values = stream.columns[column].values
+    return hanging_deg(values) if column == "shaft_angle_rad" else values
+
+
+def _order(stream: Stream) -> np.ndarray:
+    return np.argsort(stream.t_s, kind="stable")
+
+
+def _shaft(streams: Iterable[Stream], zero_s: float) -> Floats:
+    for stream in streams:
+        if "shaft_angle_rad" in stream.columns:
+            order = _order(stream)
+            both: Floats = np.column_stack([stream.t_s - zero_s, stream.columns["shaft_angle_rad"].values])[order]
+            return both
+    return np.zeros((0, 2))
+
+
+def _sizes(streams: Iterable[Stream], zero_s: float) -> Floats:
+    for stream in streams:
+        if "fz_N" in stream.columns:
+            columns = [stream.t_s - zero_s, _norm(stream, FORCE), _norm(stream, MOMENT)]
+            sizes: Floats = np.column_stack(columns)[_order(stream)]
+            return sizes
+    return np.zeros((0, 3))
+
+
+def _norm(stream: Stream, names: Sequence[str]) -> Floats:
+    squares = [stream.columns[name].values ** 2 for name in names if name in stream.columns]
+    return np.sqrt(np.sum(squares, axis=0)) if squares else np.zeros(len(stream.t_s))
 
 
 def plan_in(stored: StoredRecording) -> Plan | None:
@@ -150,3 +292,70 @@ def _cut_short(stage: StoredStage) -> Clip:
         scene=Scene(stage.height_m),
         load=partial(_load_samples, stage),
     )
+
+
+class Player:
+    """Loads the samples of stages on demand, and caches those used last."""
+
+    def __init__(self, clips: Sequence[Clip], legs: Legs) -> None:
+        self.clips = clips
+        self.duration_s = clips[-1].end_s if clips else 0.0
+        self._legs = legs
+        self._begins_s = [clip.begin_s for clip in clips]
+        self._loaded: OrderedDict[int, StageSamples] = OrderedDict()
+
+    def _samples(self, place: int) -> StageSamples:
+        if place in self._loaded:
+            self._loaded.move_to_end(place)
+            return self._loaded[place]
+        samples = self._loaded[place] = self.clips[place].load()
+        # The oldest come first in the dictionary. The stage just loaded is never dropped, however large it is.
+        while len(self._loaded) > 1 and sum(stage.nbytes for stage in self._loaded.values()) > CACHE_BYTES:
+            self._loaded.popitem(last=False)
+        return samples
+
+    def place_at(self, at_s: float) -> int:
+        """Index of the clip that is played at a time, or was played last."""
+        return max(bisect_right(self._begins_s, at_s) - 1, 0)
+
+    def extrema(self, dt_s: float, first: int, count: int) -> Extrema:
+        """Extrema (count, channels) in buckets of `dt_s` s, the first of which begins at first * dt_s."""
+        found = Extrema.none(count, len(CHANNELS))
+        begin_s, end_s = first * dt_s, (first + count) * dt_s
+        for place in range(self.place_at(begin_s), self.place_at(end_s) + 1):
+            clip = self.clips[place]
+            if clip.begin_s < end_s and clip.end_s >= begin_s:
+                part = self._samples(place).extrema(clip.begin_s, dt_s, first, count)
+                found = Extrema(np.fmin(found.low, part.low), np.fmax(found.high, part.high))
+        return found
+
+    def leg(self, at_s: float) -> Message | None:
+        """Pose of the leg at a time; None where no angle of the shaft was recorded."""
+        clip, samples, t_s = self._at(at_s)
+        shaft_rad = samples.shaft_at(t_s)
+        if shaft_rad is None:
+            return None
+        planned_rad = None if clip.planned_rad is None else clip.planned_rad(t_s - clip.rest_s)
+        fy_N, fz_N = samples.value_at("fy_N", t_s), samples.value_at("fz_N", t_s)
+        force_N = None if fy_N is None or fz_N is None else (fy_N, fz_N)
+        return self._legs.message(LegMoment(clip.scene, shaft_rad, planned_rad, clip.hinge_deg, force_N))
+
+    def _at(self, at_s: float) -> tuple[Clip, StageSamples, float]:
+        """The clip at a time, its samples, and the time in s since its first sample, within the clip."""
+        place = self.place_at(at_s)
+        clip = self.clips[place]
+        return clip, self._samples(place), min(at_s - clip.begin_s, clip.duration_s)
+
+    def loads(self, at_s: float) -> tuple[Floats, Floats]:
+        """Largest force [N] and moment [N m], each pair (2,): over the last RECENT_S, and since the stage began."""
+        _, samples, t_s = self._at(at_s)
+        before = samples.sizes[: int(np.searchsorted(samples.sizes[:, 0], t_s, side="right"))]
+        # At least the last sample: a slow stream may have none within the interval.
+        lately = before[min(int(np.searchsorted(before[:, 0], t_s - RECENT_S)), max(len(before) - 1, 0)) :]
+        return lately[:, 1:].max(axis=0, initial=0.0), before[:, 1:].max(axis=0, initial=0.0)
+
+    def channels(self) -> Mapping[str, bool]:
+        """Which channels were recorded, judged by the first clip of each kind: loading all stages would take long."""
+        places = {self.clips[place].kind: place for place in reversed(range(len(self.clips)))}.values()
+        recorded = {place for clip in places for track in self._samples(clip).tracks for place in track.places}
+        return {channel.name: place in recorded for place, channel in enumerate(CHANNELS)}

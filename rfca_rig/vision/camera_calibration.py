@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto
+from rfca_rig.vision.board import BoardPhoto, RefusedPhoto
 from rfca_rig.vision.camera_model import CameraModel
 
 Floats = NDArray[np.float64]

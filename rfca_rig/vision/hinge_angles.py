@@ -353,7 +353,7 @@ def _beyond(plan: MarkPlan, index: int, link: int) -> bool:
     return mark.link > link or (mark.link == link and mark.along_m > 0.0)
 
 
-def _determined(angles_rad: Floats, covariance: Floats) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
+def _keep_determined(angles_rad: Floats, covariance: Floats) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
     std = np.sqrt(np.diag(covariance))
     determined = std <= MAX_REPORTED_STD_RAD
     shown = np.where(determined[:, None] & determined[None, :], covariance, np.nan)
@@ -366,7 +366,7 @@ def _photo_angles(problem: _Problem, fit: _Solution, place: int) -> HingeAngles:
     links = len(problem.lengths_m)
     here = slice(links * place, links * (place + 1))
     angles, covariance, bends = fit.values[here], fit.covariance[here, here] * fit.scale[place], _bends(links)
-    return HingeAngles(*_determined(angles, covariance), *_determined(bends @ angles, bends @ covariance @ bends.T))
+    return HingeAngles(*_keep_determined(angles, covariance), *_keep_determined(bends @ angles, bends @ covariance @ bends.T))
 
 
 def _ranges(stated: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Floats:

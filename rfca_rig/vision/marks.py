@@ -12,14 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.outline import MarkOutline, Shape, fit_outline, likely_circle
 from rfca_rig.vision.red_mask import Patch, Pixels, red_patches, redness, rim_picture, whiteness
 from rfca_rig.vision.rim import (
     GLARE,
     SMOOTHING_PX,
+    MarkOutline,
+    Shape,
     cast_rays,
     color_bleed_share,
+    fit_outline,
     is_oblique,
+    likely_circle,
     measure_glare,
     measure_levels,
     rim_points,

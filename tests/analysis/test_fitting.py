@@ -301,7 +301,7 @@ def test_valleys_alone_are_fitted():
     true = supposing(k0=11.6, friction=0.40)
     rows = []
     for height_m, speed_rad_s in ((0.215, 2.433), (0.235, 3.276)):
-        valley = ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).simulated(true)
+        valley = ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).simulate(true)
         assert isinstance(valley, Valley)
         rows.append(ValleyRow(height_m, speed_rad_s, valley.time_s, valley.fz_N, 0.01, 0.1))
     result = fit_valleys(BELIEF.rig, rows, ("k0", "friction"), {})

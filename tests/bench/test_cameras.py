@@ -10,7 +10,7 @@ import pytest
 
 from rfca_rig.bench.cameras import DelayedCamera, make_camera
 from rfca_rig.clock import TwinClock, WallClock
-from rfca_rig.description.camera_sections import OpenCvCameraSection, PhotoFolderSection
+from rfca_rig.description.camera_file import OpenCvCameraSection, PhotoFolderSection
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import DeviceError
@@ -23,11 +23,11 @@ def test_a_photo_folder_s_camera_tells_the_person_and_takes_what_comes(tmp_path,
     with ExitStack() as stack:
         camera = make_camera(section, EYE, WallClock(), stack)
         camera.begin()
-        assert camera.taken() is None
+        assert camera.fetch_photo() is None
         threading.Timer(0.3, cv2.imwrite, (str(tmp_path / "a.png"), np.full((4, 4, 3), 9, np.uint8))).start()
         photo, wait = None, threading.Event()
         for _ in range(1000):
-            if photo := camera.taken():
+            if photo := camera.fetch_photo():
                 break
             wait.wait(0.01)
         assert (photo.name, int(photo.image[0, 0, 0])) == ("a.png", 9)
@@ -61,7 +61,7 @@ def test_a_delayed_camera_exposes_when_asked_and_answers_later():
     clock.wait_until(1.0)
     camera.begin()
     clock.wait_until(1.19)
-    assert camera.taken() is None
+    assert camera.fetch_photo() is None
     clock.wait_until(1.2)
-    assert camera.taken().host_s == 1.0
-    assert camera.taken() is None
+    assert camera.fetch_photo().host_s == 1.0
+    assert camera.fetch_photo() is None

@@ -3,8 +3,7 @@
 import pytest
 
 from rfca_rig.bench.provenance import Outcome
-from rfca_rig.errors import DeviceError, DiskFull, RigError, Stopped, Tripped
-from rfca_rig.trip_codes import Trip
+from rfca_rig.errors import DeviceError, DiskFull, RigError, Stopped, Trip, Tripped
 
 
 @pytest.mark.parametrize(

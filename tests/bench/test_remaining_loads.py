@@ -10,7 +10,7 @@ from rfca_rig.description.rig_file import read_rig
 from rfca_rig.protocol.check import check_plan
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.plan import Flap, Hold
-from rfca_rig.protocol.remaining import PlanProgress, make_remaining_plan
+from rfca_rig.protocol.written_plan import PlanProgress, make_remaining_plan
 
 ROOT = Path(__file__).parents[2]
 RIG = read_rig(ROOT / "calibration" / "twin.toml")

@@ -26,7 +26,7 @@ from rfca_rig.codecs import (
 )
 from rfca_rig.codecs.ati_serial import AsciiStream, BinaryStream
 from rfca_rig.codecs.cubemars_drives import mit_ranges
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import MalformedFrame
 
 RANGES = mit_ranges("AK80-9")
 FD = {*range(9), 12, 16, 20, 24, 32, 48, 64}

@@ -37,8 +37,8 @@ from rfca_rig.errors import RigError
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Plan, Rest, Stage
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.backend import RecorderClient
 from rfca_rig.recording.model import Recording, Stroke
-from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.view.live_view import LiveView
 from rfca_rig.view.messages import WRENCH
 from rfca_rig.view.run_facts import run_facts

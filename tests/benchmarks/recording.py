@@ -23,9 +23,8 @@ from rfca_rig.engine.run import run_plan
 from rfca_rig.engine.stopping import RecordedSamples, Sink
 from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.keeper import InProcessRecorder
+from rfca_rig.recording.backend import InProcessRecorder, RecorderClient
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.recording.store import write_recording
 from tests.engine.rigs import nothing, one_condition, twin_rig
 

@@ -32,9 +32,9 @@ from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import RigError
 from rfca_rig.protocol.plan import Flap, Plan
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.backend import RecorderClient
 from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.process_keeper import RecorderClient
 from tests.acquisition.sender import sending
 from tests.engine.rigs import ROOT, one_condition
 from tests.twin_server.server import Server, serving

@@ -7,8 +7,8 @@ import numpy as np
 from rfca_rig.vision.hinge_angles import hinge_angles
 from rfca_rig.vision.identify import identify
 from rfca_rig.vision.leg_marks import mark_positions
+from rfca_rig.vision.leg_photo import draw_overlay
 from rfca_rig.vision.marks import find_marks
-from rfca_rig.vision.overlay import draw_overlay
 from tests.vision.drawing import Look, draw
 from tests.vision.scenes import LENGTHS_M, PLAN, camera, pose
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.campaign.importing import import_campaign
+from rfca_rig.campaign.opening import import_campaign
 from rfca_rig.errors import BadInput
 from tests.campaign.small import cell, copy_to, edit, line, swap, with_column, without_column
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.campaign.importing import import_campaign
-from rfca_rig.campaign.opening import open_recordings, open_with_nominal_model
+from rfca_rig.campaign.opening import import_campaign, open_recordings, open_with_nominal_model
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording import atomic

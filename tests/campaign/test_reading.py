@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.importing import import_campaign
+from rfca_rig.campaign.opening import import_campaign
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.nominal_model import nominal_model
 from rfca_rig.errors import BadInput

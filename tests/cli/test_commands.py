@@ -309,7 +309,7 @@ def test_an_input_that_ends_before_the_rack_is_set_is_one_clear_line(here, monke
     answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", "example-real-rig", "--height", 215, "--speed", 2)
     assert answer.exit_code == 2
     assert re.search(r"REAL the drive's watchdog stops the motor after 0\.\d+ s of silence", answer.err)
-    assert answer.err.splitlines()[-1].startswith("rfca-rig: the input ended before the rack was said to stand at 215.0 mm")
+    assert answer.err.splitlines()[-1].startswith("rfca-rig: the input ended before the rack was confirmed to stand at 215.0 mm")
     assert list((here / "runs").iterdir()) == []
 
 

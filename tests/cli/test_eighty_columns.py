@@ -12,9 +12,8 @@ import typer
 
 from rfca_rig.analysis.fitting.parameters import PARAMETERS
 from rfca_rig.analysis.fitting.result import FittedParameter, _line
-from rfca_rig.cli.encoding import use_ascii_fallback
-from rfca_rig.cli.lines import wrap_line
 from rfca_rig.cli.main import app
+from rfca_rig.cli.terminal import use_ascii_fallback, wrap_line
 from rfca_rig.errors import BadInput
 from tests.cli.typed import typed
 from tests.logbook.made import TRIPPED, plan, run

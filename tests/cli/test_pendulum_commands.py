@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.pendulum import read_pendulum_campaign
-from rfca_rig.campaign.pendulum_model import with_model_file
+from rfca_rig.campaign.pendulum import read_pendulum_campaign, with_model_file
 from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import FOLDER_VARIABLE

@@ -14,8 +14,7 @@ from rfca_rig.recording.atomic import AppendOnlyFile
 from rfca_rig.recording.cycle_table import cycle_table
 from rfca_rig.recording.journal import BlockKind, parse_blocks
 from rfca_rig.recording.layout import journals, stage_files
-from rfca_rig.recording.run_lock import lock
-from rfca_rig.recording.run_text import events_of
+from rfca_rig.recording.run_text import events_of, lock
 from rfca_rig.recording.store import read_recording
 from tests.cli.test_commands import FILES, ROOT
 from tests.cli.test_run_files import is_over, wait_for

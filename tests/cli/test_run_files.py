@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.run_lock import check_not_running
+from rfca_rig.recording.run_text import check_not_running
 from rfca_rig.recording.store import read_recording
 from tests.cli.test_commands import FILES, ROOT
 from tests.cli.typed import typed

@@ -5,8 +5,8 @@ import signal
 
 import pytest
 
-from rfca_rig.cli.signals import handle_signals
-from rfca_rig.cli.terminal import make_marked_say
+from rfca_rig.cli.progress import make_marked_say
+from rfca_rig.cli.run_experiment import handle_signals
 from rfca_rig.engine.interfaces import StopLevel, StopRequest
 
 

@@ -19,8 +19,7 @@ from rfca_rig.codecs.ati_calibration import (
     torque_code,
     torque_unit,
 )
-from rfca_rig.codecs.malformed import MalformedFrame
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, MalformedFrame
 
 MADE_UP = (Path(__file__).parents[2] / "calibration" / "made-up-gamma.cal").read_text()
 

@@ -21,7 +21,7 @@ from rfca_rig.codecs.ati_serial import (
     record_stream,
     without_echo,
 )
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
+from rfca_rig.errors import MalformedFrame, NotEncodable
 
 FORMS = list(RecordForm)
 START = (900, -400, 3000, 50, -700, 10)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rfca_rig.codecs import slcan, socketcand
 from rfca_rig.codecs.classic_can import ClassicFrame
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import MalformedFrame
 
 
 @st.composite

@@ -9,10 +9,8 @@ from hypothesis import strategies as st
 
 from rfca_rig.codecs import cansimple as cs
 from rfca_rig.codecs import odrive_messages as om
-from rfca_rig.codecs import odrive_older_meanings as older
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
-from rfca_rig.codecs.odrive_meanings import error_text, result_text, state_text
-from rfca_rig.errors import DeviceError
+from rfca_rig.codecs.odrive_meanings import error_text, part_error_text, result_text, state_text
+from rfca_rig.errors import DeviceError, MalformedFrame, NotEncodable
 
 # Bytes worked out by hand from the field tables of the protocol: little-endian, node 3 unless said otherwise.
 GOLDEN = [
@@ -130,7 +128,7 @@ def test_a_node_that_cannot_be_is_refused(node: int) -> None:
 
 
 def test_an_error_word_is_told_bit_by_bit() -> None:
-    text = error_text(1 << 24 | 1 << 9 | 1 << 7)
+    text = error_text(1 << 24 | 1 << 9 | 1 << 7, om.OdriveFirmware.V0_6)
     assert text.startswith("error 0x01000280 (")
     assert "WATCHDOG_TIMER_EXPIRED: no command reached the drive in time" in text
     assert "DC_BUS_UNDER_VOLTAGE" in text
@@ -139,7 +137,7 @@ def test_an_error_word_is_told_bit_by_bit() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 255))
 def test_every_number_of_a_heartbeat_has_words(error: int, state: int) -> None:
-    assert error_text(error).count(":") == error.bit_count()
+    assert error_text(error, om.OdriveFirmware.V0_6).count(":") == error.bit_count()
     assert state_text(state)
     assert result_text(state)
 
@@ -232,8 +230,8 @@ def test_an_older_heartbeat_survives_the_wire(error: int, state: int, done: bool
 @given(st.sampled_from(om.OdrivePart), st.integers(0, 2**64 - 1))
 def test_older_errors_survive_the_wire_and_have_words(part: om.OdrivePart, word: int) -> None:
     assert cs.decode(*cs.part_error(7, om.PartError(part, word)), V0_5) == om.PartError(part, word)
-    assert older.part_error_text(part, word).count(":") == word.bit_count()
-    assert older.error_text(word & 0xFFFFFFFF).count(":") == (word & 0xFFFFFFFF).bit_count()
+    assert part_error_text(part, word).count(":") == word.bit_count()
+    assert error_text(word & 0xFFFFFFFF, om.OdriveFirmware.V0_5).count(":") == (word & 0xFFFFFFFF).bit_count()
 
 
 OLDER_DBC = """VERSION ""

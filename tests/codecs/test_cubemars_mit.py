@@ -21,8 +21,7 @@ from rfca_rig.codecs.cubemars_mit import (
     position_code,
     position_of,
 )
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
-from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.errors import BadInput, DeviceError, MalformedFrame, NotEncodable
 
 AK80_9 = MIT_RANGES["AK80-9"]
 models = st.sampled_from(list(MIT_RANGES.values()))

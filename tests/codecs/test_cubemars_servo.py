@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from rfca_rig.codecs import cubemars_dbc
 from rfca_rig.codecs import cubemars_servo as servo
 from rfca_rig.codecs.cubemars_servo import OriginMode, Packet, Status
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
-from rfca_rig.errors import DeviceError
+from rfca_rig.errors import DeviceError, MalformedFrame, NotEncodable
 
 DBC = Path(cubemars_dbc.__file__).parent / "dbc" / "cubemars_servo.dbc"
 

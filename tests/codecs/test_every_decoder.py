@@ -3,7 +3,7 @@
 import pytest
 
 from rfca_rig.codecs import fdcanusb, socketcand
-from rfca_rig.codecs.malformed import MalformedFrame
+from rfca_rig.errors import MalformedFrame
 from tests.benchmarks.decoders import DECODERS, Decoder, tried
 
 

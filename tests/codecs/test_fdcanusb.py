@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from rfca_rig.codecs import fdcanusb
 from rfca_rig.codecs.fdcanusb import FdFrame
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.moteus import FD_LENGTHS
+from rfca_rig.errors import MalformedFrame
 
 COMMAND = "01000a07206000200150ff140400130d"  # the worked example of the moteus reference
 

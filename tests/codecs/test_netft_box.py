@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.codecs import netft_configuration as nc
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.codecs.netft_configuration import MAX_PAGE_BYTES, NetFtConfiguration, decode_configuration, encode_configuration
+from rfca_rig.errors import MalformedFrame, NotEncodable
 
 # Bytes worked out by hand from the field tables of the manual: big-endian.
 READ = bytes.fromhex("00 000000000000000000000000000000 0000 0000")

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.malformed import MalformedFrame, NotEncodable
 from rfca_rig.codecs.rdt import (
     RECORD_BYTES,
     SATURATED,
@@ -20,6 +19,7 @@ from rfca_rig.codecs.rdt import (
     encode_request,
     status_text,
 )
+from rfca_rig.errors import MalformedFrame, NotEncodable
 
 ONE_RECORD = bytes.fromhex("00000001 00001b58 80020000 000f4240 fff0bdc0 00000000 00000001 ffffffff 7fffffff")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.description.camera_sections import PhotoFolderSection
+from rfca_rig.description.camera_file import PhotoFolderSection
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.leg_marks import PlannedMark

@@ -61,7 +61,7 @@ def test_starting_sets_the_form_and_asks_for_a_stream_without_a_bias() -> None:
 def test_a_controller_that_says_nothing_is_told_with_the_command() -> None:
     rig, port = made(RecordForm.ASCII)
     port.silent = True
-    with pytest.raises(DeviceError, match=r"COM3 gives no prompt to a carriage return within 0\.5 s, it said nothing; .*38400 bit/s"):
+    with pytest.raises(DeviceError, match=r"COM3 gives no prompt to a carriage return within 0\.5 s, and sent nothing; .*38400 bit/s"):
         rig.sensor.start()
 
 
@@ -89,7 +89,7 @@ def test_an_echo_that_comes_in_pieces_is_cut_off_whole(form: RecordForm) -> None
 def test_a_controller_at_another_speed_of_the_line_is_told_with_what_it_said() -> None:
     rig, port = made(RecordForm.ASCII)
     port.spoil = 10**9
-    with pytest.raises(DeviceError, match="it said b'"):
+    with pytest.raises(DeviceError, match="but sent b'"):
         rig.sensor.start()
 
 
@@ -185,7 +185,7 @@ def test_the_twin_sends_no_more_than_its_line_carries() -> None:
     host.write(b"QS\r")
     twin.take_requests()
     for end_s in np.arange(1, 1001) * 2e-3:
-        twin.measured(np.ones((len(twin.due(end_s)), 6)))
+        twin.take_wrench(np.ones((len(twin.due(end_s)), 6)))
     lines = host.read(10**6).split(b"\n")[1:-1]
     assert twin.record_rate_Hz == pytest.approx(1000.0 / 12)
     assert len(lines) == pytest.approx(2.0 * 1000.0 / 12, abs=1)
@@ -214,7 +214,7 @@ def test_one_record_is_sent_for_a_query_and_then_the_prompt() -> None:
     twin = AtiSerialTwin(device, AtiSerialTwinSettings(), np.random.default_rng(1))
     host.write(b"qr\r")
     twin.take_requests()
-    twin.measured(np.full((len(twin.due(0.01)), 6), 1.0))
+    twin.take_wrench(np.full((len(twin.due(0.01)), 6), 1.0))
     assert host.read(100) == b"qr\r\n0,    20,    20,    20,   333,   333,   333\r\n>"
 
 

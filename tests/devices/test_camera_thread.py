@@ -40,7 +40,7 @@ def waited_for(photographer):
     """What comes in the end; raises what comes instead."""
     wait = threading.Event()
     for _ in range(round(LONGEST_S / 0.002)):
-        if photo := photographer.taken():
+        if photo := photographer.fetch_photo():
             return photo
         wait.wait(0.002)
     raise AssertionError("nothing came")
@@ -49,14 +49,14 @@ def waited_for(photographer):
 def test_a_photo_comes_once_and_only_when_it_is_there():
     camera = Held("first", "second")
     photographer = CameraThread(camera)
-    assert photographer.taken() is None
+    assert photographer.fetch_photo() is None
     for name in ("first", "second"):
         photographer.begin()
         assert camera.asked.acquire(timeout=LONGEST_S)
-        assert photographer.taken() is None
+        assert photographer.fetch_photo() is None
         camera.go.release()
         assert waited_for(photographer).name == name
-        assert photographer.taken() is None
+        assert photographer.fetch_photo() is None
     assert photographer.identity() == {"camera": "held"}
     photographer.close()
     photographer.close()

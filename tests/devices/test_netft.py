@@ -168,7 +168,7 @@ def _twin_alone(settings: NetFtTwinSettings | None = None) -> tuple[LinkEnd, Net
 def _carry(twin: NetFtTwin, to_s: float, value: float = 1.0) -> None:
     for end_s in np.arange(1, round(to_s / 1e-3) + 1) * 1e-3:
         twin.take_requests()
-        twin.measured(np.full((len(twin.due(end_s)), 6), value))
+        twin.take_wrench(np.full((len(twin.due(end_s)), 6), value))
 
 
 def test_a_lost_datagram_is_counted_and_time_goes_on_right() -> None:

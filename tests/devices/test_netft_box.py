@@ -111,7 +111,7 @@ def test_a_reading_over_the_command_interface_is_the_wrench_to_its_16_bits() -> 
     scale = np.array(box._scale_factors())
     box.answer(encode_command(ReadForce()))
     wrench = np.array([3.0, -7.5, 600.0, 0.5, -0.75, 29.0])
-    twin.measured(np.tile(wrench, (len(twin.due(0.01)), 1)))
+    twin.take_wrench(np.tile(wrench, (len(twin.due(0.01)), 1)))
     with commands(box.answer) as port:
         reading = CommandBox("127.0.0.1", port).reading(ReadForce())
     counts_per_unit = np.repeat([1e6, 2e6], 3)
@@ -122,7 +122,7 @@ def test_a_reading_over_the_command_interface_is_the_wrench_to_its_16_bits() -> 
 def test_a_bias_over_the_command_interface_takes_off_what_is_felt() -> None:
     box, twin = made()
     box.answer(encode_command(ReadForce(bias=True)))
-    twin.measured(np.full((len(twin.due(0.01)), 6), 4.0))
+    twin.take_wrench(np.full((len(twin.due(0.01)), 6), 4.0))
     assert decode_reading(box.answer(encode_command(ReadForce()))).counts == (0,) * 6
 
 

@@ -12,9 +12,8 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.codecs import cansimple, odrive_messages
 from rfca_rig.codecs.odrive_messages import ControlMode
-from rfca_rig.contracts.motor import MotorContract
+from rfca_rig.contracts.motor import MotorContract, UnpluggedBus
 from rfca_rig.contracts.motor_rig import Rotor
-from rfca_rig.contracts.motor_stops import UnpluggedBus
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.drive_parts import LoopGains

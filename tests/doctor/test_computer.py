@@ -28,7 +28,7 @@ from rfca_rig.doctor.computer import (
 )
 from rfca_rig.doctor.devices.can import look_at_can_interface
 from rfca_rig.doctor.devices.serial_ports import look_at_serial_port
-from rfca_rig.twin_server.pseudo_terminal import PseudoTerminal
+from rfca_rig.twin_server.can_ports import PseudoTerminal
 from tests.doctor.said import whole
 
 

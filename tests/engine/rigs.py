@@ -13,7 +13,7 @@ from rfca_rig.engine.interfaces import Bench
 from rfca_rig.protocol.experiments import flapping_plan
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.keeper import InProcessRecorder
+from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.store import read_recording
 

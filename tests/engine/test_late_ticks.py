@@ -20,8 +20,8 @@ class Hesitant:
     def now_s(self) -> float:
         return self.clock.now_s()
 
-    def started_at(self):
-        return self.clock.started_at()
+    def start_time(self):
+        return self.clock.start_time()
 
     def wait_until(self, t_s: float) -> None:
         self.waits += 1

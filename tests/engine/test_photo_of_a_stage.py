@@ -53,7 +53,7 @@ class Later:
             raise after
         self._due_s, self._number = self._clock.now_s() + after, self._number + 1
 
-    def taken(self):
+    def fetch_photo(self):
         if self._clock.now_s() < self._due_s:
             return None
         self._due_s = np.inf

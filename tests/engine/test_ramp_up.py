@@ -5,10 +5,9 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.engine.run import RampUp
-from rfca_rig.errors import Tripped
+from rfca_rig.errors import Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach, Flap
-from rfca_rig.trip_codes import Trip
 from tests.engine.test_trips import LIMITS
 
 HALF, MORE = (Approach(0.215, share * 4.0, 4.0, 0.05, 3.5) for share in (0.5, 0.75))

@@ -9,9 +9,8 @@ from rfca_rig.cli.commands.plan import _rows
 from rfca_rig.clock import TwinClock
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import run_plan
-from rfca_rig.errors import Tripped
+from rfca_rig.errors import Trip, Tripped
 from rfca_rig.protocol.experiments import StaticStages, static_plan
-from rfca_rig.trip_codes import Trip
 from tests.engine.obedient import Motor, Nowhere, Sensor
 from tests.protocol.random_plans import PLANS, SETTLE
 from tests.protocol.test_plans import RIG

@@ -31,8 +31,8 @@ class WithAHandOnTheKey:
     def now_s(self) -> float:
         return self.clock.now_s()
 
-    def started_at(self):
-        return self.clock.started_at()
+    def start_time(self):
+        return self.clock.start_time()
 
     def wait_until(self, t_s: float) -> None:
         self.clock.wait_until(t_s)

@@ -9,10 +9,9 @@ import pytest
 
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
 from rfca_rig.engine.limit_monitor import LimitMonitor, Tracking
-from rfca_rig.errors import Tripped
+from rfca_rig.errors import Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.trip_codes import Trip
 
 LIMITS = Limits(
     force_N=300.0,

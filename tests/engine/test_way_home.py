@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import MoveShaft, SetHeight
-from rfca_rig.protocol.remaining import PlanProgress, make_remaining_plan
+from rfca_rig.protocol.written_plan import PlanProgress, make_remaining_plan
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
 
 HEIGHT_M = 0.235  # where a leg that is pushed back wedges

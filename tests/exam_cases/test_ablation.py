@@ -8,7 +8,7 @@ import pytest
 
 from rfca_rig.errors import RigError
 from rfca_rig.exam import cases
-from rfca_rig.exam.ablation import FOLDER, run_ablation, taken_out
+from rfca_rig.exam.ablation import FOLDER, read_ablation, run_ablation
 from rfca_rig.exam.answer import DETECTABLE
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.sealing import open_all
@@ -51,7 +51,7 @@ def test_those_that_show_are_asked_again_each_without_its_own_effect(exam):
     diagnose, asked = saying("unexplained")
     run_ablation(folder, diagnose, InProcessExecutor())
     assert dict(asked) == visible
-    found = taken_out(folder)
+    found = read_ablation(folder)
     assert found is not None
     assert (found.confident_wrong.hits, found.unexplained.hits, found.silent.hits) == (0, len(visible), 0)
     assert found.confident_wrong.of == len(visible) and found.named == ()
@@ -65,7 +65,7 @@ def test_those_that_show_are_asked_again_each_without_its_own_effect(exam):
 def test_any_sure_name_is_wrong(exam, probability, wrong):
     folder, visible = fresh(exam)
     run_ablation(folder, saying("named", ("gravity_tilt", probability))[0], InProcessExecutor())
-    found = taken_out(folder)
+    found = read_ablation(folder)
     assert found is not None
     assert found.confident_wrong.value == wrong
     assert {each.case: each.effect for each in found.named} == visible
@@ -76,7 +76,7 @@ def test_any_sure_name_is_wrong(exam, probability, wrong):
 def test_nothing_missing_is_counted_by_itself(exam):
     folder, visible = fresh(exam)
     run_ablation(folder, saying("nothing missing")[0], InProcessExecutor())
-    found = taken_out(folder)
+    found = read_ablation(folder)
     assert found is not None
     assert found.silent.hits == len(visible) and found.unexplained.hits == 0
     assert f"{len(visible)} as nothing missing" in found.words

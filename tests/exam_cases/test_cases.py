@@ -8,8 +8,7 @@ import pytest
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, draw_cases, split_numbers
-from rfca_rig.exam.hidden_laws import NAMES
-from rfca_rig.exam.labels import MISLABELLED
+from rfca_rig.exam.hidden_laws import MISLABELLED, NAMES
 from rfca_rig.exam.sampled_rig import EFFECTS, ExamScatter, build_world, with_effect
 from rfca_rig.exam.sizes import SIZE_RANGES, UNKNOWN_FAULT_RANGES
 from rfca_rig.exam.truth import measure_visibility
@@ -83,7 +82,7 @@ def test_every_stranger_shows(name):
 
 @pytest.mark.parametrize("said", MISLABELLED)
 def test_every_wrong_label_changes_what_is_written_or_what_is(said):
-    from rfca_rig.exam.labels import columns_as_written, speed_as_written, true_world
+    from rfca_rig.exam.hidden_laws import columns_as_written, speed_as_written, true_world
 
     case = draw_cases(1, {cases.NOTHING: 1})[0]
     world = build_world(case, 0.215, ExamScatter(), 1)

@@ -7,8 +7,7 @@ import pytest
 
 from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.exam.sampled_rig import EFFECTS, with_effect
-from rfca_rig.exam.simulator.engine import Traces, simulate
-from rfca_rig.exam.simulator.experiment import STEP_S, stroke_traces
+from rfca_rig.exam.simulator.experiment import STEP_S, Traces, simulate, stroke_traces
 from rfca_rig.exam.simulator.world import GRAVITY_M_S2, World, for_each_hinge
 from rfca_rig.exam.sizes import sample_values
 

@@ -8,9 +8,17 @@ import pytest
 from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.exam.nominal_world import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, nominal_world
 from rfca_rig.exam.sampled_rig import EFFECTS, with_effect
-from rfca_rig.exam.simulator.engine import RELEASED_S, simulate
-from rfca_rig.exam.simulator.experiment import HOLD_S, LOADING_RAD, MOVE_RAD_S, STEP_S, plan_stages, stroke_traces
-from rfca_rig.exam.simulator.sensor import sense
+from rfca_rig.exam.simulator.experiment import (
+    HOLD_S,
+    LOADING_RAD,
+    MOVE_RAD_S,
+    RELEASED_S,
+    STEP_S,
+    plan_stages,
+    sense,
+    simulate,
+    stroke_traces,
+)
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount, Swing
 from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, make_stage_motion
 from rfca_rig.model.stroke import simulate_stroke, simulate_stroke_at_speed

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.exam.nominal_world import nominal_world
-from rfca_rig.exam.simulator.engine import _floor
+from rfca_rig.exam.simulator.experiment import _floor
 from rfca_rig.exam.simulator.floor import (
     BUMP,
     BUMP_AT,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.cli.lines import WIDTH
+from rfca_rig.cli.terminal import WIDTH
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.exam import cases
 from rfca_rig.exam.cases import Case, ExamDesign, draw_cases

@@ -15,7 +15,7 @@ CONDITIONS = ((0.215, 2.433), (0.235, 3.276))
 
 def stronger(height_m: float, speed_rad_s: float) -> ValleyRow:
     """A valley that is a little deeper than the model's."""
-    valley = ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).simulated(ModelPoint(PAPER))
+    valley = ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).simulate(ModelPoint(PAPER))
     assert isinstance(valley, Valley)
     return ValleyRow(height_m, speed_rad_s, valley.time_s, 1.03 * valley.fz_N, 0.01, 0.1)
 

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from rfca_rig.errors import BadInput
 from rfca_rig.export.mcap_file import Exported, export_mcap
-from rfca_rig.export.sample_messages import Layout
+from rfca_rig.export.messages import Layout
 from rfca_rig.progress import ignore_progress
 from rfca_rig.recording.model import Column, RawStage, Recording, Stream, Stroke
 from rfca_rig.recording.store import write_recording

@@ -11,10 +11,8 @@ import numpy as np
 
 from rfca_rig.clock import WallClock
 from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
 from rfca_rig.twin_server.real_time import RealTimeLoop
-from rfca_rig.twin_server.shared_wire import SharedWire
-from rfca_rig.twin_server.slcan_port import SlcanPort
-from rfca_rig.twin_server.socketcand_port import SocketcandPort
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
@@ -37,7 +35,7 @@ class Burdened(Rotor):
 
 def main() -> None:
     clock, wire = WallClock(), SharedWire("far end")
-    port, serial = SocketcandPort(wire, "127.0.0.1", 0, clock.started_at().timestamp()), SlcanPort(wire)
+    port, serial = SocketcandPort(wire, "127.0.0.1", 0, clock.start_time().timestamp()), SlcanPort(wire)
     bus = wire.join()
     if sys.argv[1] == "mit":
         drive = CubemarsMitTwin(bus, MitTwinSettings(MIT.drive_id, MIT.model, MIT.direction, MIT.zero_rad))

@@ -72,7 +72,7 @@ def test_a_guardian_that_is_told_to_end_lets_go_first_and_the_program_hears_it(m
     with driving(mit) as d:
         os.kill(d.guardian, how)
         assert let_go(d, 1.0) < SILENCE_S + SMALL_S
-        assert f"guardian let go because it was told to end by {how.name}" in d.last_line()
+        assert f"guardian let go because it was ended by {how.name}" in d.last_line()
 
 
 @pytest.mark.realtime
@@ -85,7 +85,7 @@ def test_a_guardian_that_fails_is_found_out_and_the_program_lets_go_itself(mit, 
     with driving(mit) as d:
         os.kill(d.guardian, how)
         let_go(d, 1.5)
-        assert said in (last := d.last_line()) and "the drive was told to let go from here" in last
+        assert said in (last := d.last_line()) and "the drive was disabled from here" in last
         assert is_gone(d.guardian)
 
 
@@ -98,7 +98,7 @@ def test_the_guardian_is_proven_by_starving_it_and_the_motor_can_be_enabled_agai
         motor.enable()
         motor.command_angle(float(motor.read().angle_rad[-1]))
         assert motor.status().fault is None
-        assert motor.identity()["guardian"] == "lets go after 100 ms of silence"
+        assert motor.identity()["guardian"] == "disables the motor after 100 ms of silence"
 
 
 def test_a_command_after_too_long_a_silence_is_refused_and_reading_goes_on(mit, monkeypatch):

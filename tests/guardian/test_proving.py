@@ -59,7 +59,7 @@ def test_a_drive_without_torque_is_proof_and_what_it_rests_on_is_kept(held_Nm, a
     ("did", "held_Nm", "answers", "said"),
     [
         (None, 1.0, True, r"guardian not proven: it did nothing within 1 s of silence"),
-        (TorqueOffResult(0.102, 0.5, 0, nan), 1.0, True, r"told the drive to let go after 102 ms, and the drive said nothing since"),
+        (TorqueOffResult(0.102, 0.5, 0, nan), 1.0, True, r"disabled the drive after 102 ms, and the drive has sent nothing since"),
         (TorqueOffResult(0.102, 0.5, 9, 0.9), 1.0, True, r"still shows 0\.90 N m; press the emergency stop"),
         (TorqueOffResult(0.102, 0.5, 9, -0.9), -1.0, False, r"still shows -0\.90 N m; press the emergency stop"),
         (TorqueOffResult(0.102, 0.5, 9, 0.9), 0.0, True, r"still shows 0\.90 N m; press the emergency stop"),

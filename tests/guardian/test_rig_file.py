@@ -45,7 +45,7 @@ def test_a_silence_that_trips_at_every_tick_or_never_is_refused(tmp_path, silenc
 
 
 @pytest.mark.parametrize(
-    ("more", "guarded"), [("guardian_silence_ms = 50.0", "lets go after 50 ms of silence"), ("guardian = false", "none")]
+    ("more", "guarded"), [("guardian_silence_ms = 50.0", "disables the motor after 50 ms of silence"), ("guardian = false", "none")]
 )
 def test_the_bus_of_a_run_is_the_guardians_and_the_driver_knows_it(tmp_path, monkeypatch, more, guarded):
     rig, clock = rig_with(tmp_path, SECTIONS["mit"] + more), WallClock()

@@ -4,7 +4,7 @@ import can
 import pytest
 
 from rfca_rig.guardian.link import GuardianRecord, RecordKind, decode_result, encode, from_frame, split_records, to_frame
-from rfca_rig.guardian.torque_off import MAX_DURATION_S, MIN_REPETITIONS, REPEAT_S
+from rfca_rig.guardian.process import MAX_DURATION_S, MIN_REPETITIONS, REPEAT_S
 from rfca_rig.twins.wires import CanEnd
 from tests.guardian.inside import EXIT, LAST_WORD, LIMP, command, inside, reply
 
@@ -298,7 +298,7 @@ def test_a_bus_that_cannot_be_read_is_told_again_and_again_and_is_still_sent_to(
 @pytest.mark.parametrize(
     ("signal", "close", "said"),
     [
-        ("SIGTERM", False, "because it was told to end by SIGTERM"),
+        ("SIGTERM", False, "because it was ended by SIGTERM"),
         ("", False, "because the program that it guards ended"),
         ("", True, "because the program that it guards ended"),
     ],

@@ -36,7 +36,7 @@ def test_a_gap_is_not_mended_by_a_later_command():
     silence = armed()
     assert not silence.may_pass(0.15, 0.15)
     assert silence.has_expired(0.15)
-    assert silence.lasted_s(0.15) == pytest.approx(0.15)
+    assert silence.silence_s(0.15) == pytest.approx(0.15)
 
 
 def test_a_command_that_lay_about_for_too_long_does_not_pass():

@@ -5,8 +5,19 @@ from datetime import datetime
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.logbook.entry import Entry, LoggedCondition, Verdict
-from rfca_rig.logbook.query import RunQuery, Span, ending_of, kind_of, since_until, source_of, span_of, verdict_of
+from rfca_rig.logbook.entry import (
+    Entry,
+    LoggedCondition,
+    RunQuery,
+    Span,
+    Verdict,
+    ending_of,
+    kind_of,
+    since_until,
+    source_of,
+    span_of,
+    verdict_of,
+)
 
 ENTRY = Entry(
     folder="2026/SIM-table-ii-001",

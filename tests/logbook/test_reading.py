@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.campaign.importing import import_campaign
+from rfca_rig.campaign.opening import import_campaign
 from rfca_rig.logbook.entry import Entry, LoggedCondition, entry_of
 from rfca_rig.logbook.reading import read_entry
 from rfca_rig.recording.identity import identity_of

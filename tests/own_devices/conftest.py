@@ -7,6 +7,6 @@ from tests.own_devices.rigs import EXAMPLES
 
 
 @pytest.fixture(scope="session")
-def described() -> RigFile:
+def own_rig() -> RigFile:
     """What the option --rig gives where the contracts run by themselves."""
     return read_rig(EXAMPLES / "our-rig.toml")

@@ -7,7 +7,7 @@ import can
 import pytest
 
 from rfca_rig.clock import Clock
-from rfca_rig.contracts import own_force_sensor, own_motor
+from rfca_rig.contracts import own_devices
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.motor_rig import drain, motor_rig
 from rfca_rig.drivers.roles import ShaftMotor
@@ -18,11 +18,11 @@ from tests.cli.typed import typed
 from tests.own_devices.rigs import EXAMPLES, lines_of_code, rig_with, section
 
 
-class TestTheExampleMotor(own_motor.TestOurMotor):
+class TestTheExampleMotor(own_devices.TestOurMotor):
     """docs/examples/our_motor.py against docs/examples/our_motor_twin.py."""
 
 
-class TestTheExampleSensor(own_force_sensor.TestOurForceSensor):
+class TestTheExampleSensor(own_devices.TestOurForceSensor):
     """docs/examples/our_sensor.py against docs/examples/our_sensor_twin.py."""
 
 

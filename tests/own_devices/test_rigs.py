@@ -16,7 +16,7 @@ from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.doctor.finding import Colour
-from rfca_rig.doctor.own_checks import check_own_motor, check_own_sensor, judge_own_motor, judge_own_sensor
+from rfca_rig.doctor.rig_checks import check_own_motor, check_own_sensor, judge_own_motor, judge_own_sensor
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import prove_stop
 from rfca_rig.errors import BadInput, DeviceError

@@ -7,7 +7,7 @@ from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import concatenate_samples, motor_rig
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.doctor.own_checks import judge_own_sensor
+from rfca_rig.doctor.rig_checks import judge_own_sensor
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.wires import serial_line
@@ -34,7 +34,7 @@ def sensor_on(twins_rate_Hz):
 
     def carry(to_s):
         twin.take_requests()
-        twin.measured(np.zeros((len(twin.due(to_s)), 6)))
+        twin.take_wrench(np.zeros((len(twin.due(to_s)), 6)))
 
     clock.carry(carry)
     sensor = keys.driver(host, clock)

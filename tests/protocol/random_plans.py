@@ -4,8 +4,16 @@ from dataclasses import replace
 
 from hypothesis import strategies as st
 
-from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages, flapping_plan, static_plan
-from rfca_rig.protocol.fatigue import CheckSettings, Fatigue, fatigue_plan
+from rfca_rig.protocol.experiments import (
+    CheckSettings,
+    Fatigue,
+    Flapping,
+    PlannedCondition,
+    StaticStages,
+    fatigue_plan,
+    flapping_plan,
+    static_plan,
+)
 from rfca_rig.protocol.plan import SettleCriterion
 from tests.protocol.test_plans import RIG
 

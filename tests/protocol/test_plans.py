@@ -9,7 +9,7 @@ import pytest
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.experiments import Flapping, PlannedCondition, RigFacts, StaticStages, flapping_plan, static_plan
-from rfca_rig.protocol.plan import Flap, Hold, Limits, MoveShaft, Rates, SetHeight, SettleCriterion, signed_turn
+from rfca_rig.protocol.plan import Flap, Hold, Limits, MoveShaft, Rates, SetHeight, SettleCriterion, turn_to
 
 LIMITS = Limits(300.0, 25.0, 20.0, 0.3, 0.1, 0.05, 0.5, 0.2, 2.0, 0.1, 80.0, 0.05)
 RIG = RigFacts(0.25, 0.7, 0.05, LIMITS, Rates(7000.0, 1000.0))
@@ -66,7 +66,7 @@ def test_duration_and_size_follow_from_the_stages():
     ],
 )
 def test_the_way_to_an_angle(angle, start, forwards, way):
-    assert signed_turn(angle, start, forwards) == pytest.approx(way)
+    assert turn_to(angle, start, forwards) == pytest.approx(way)
 
 
 def test_a_good_plan_passes():

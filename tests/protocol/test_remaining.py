@@ -12,7 +12,7 @@ from rfca_rig.protocol.check import check_plan
 from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.experiments import Flapping, flapping_plan
 from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, SetHeight
-from rfca_rig.protocol.remaining import PlanProgress, make_remaining_plan
+from rfca_rig.protocol.written_plan import PlanProgress, make_remaining_plan
 from tests.protocol.random_plans import PLANS, static_plans
 from tests.protocol.test_plans import CONDITIONS, RIG, SETTLE, flapping, static
 

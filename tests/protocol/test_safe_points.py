@@ -2,9 +2,9 @@
 
 import pytest
 
+from rfca_rig.engine.run import stages_to_safe_point
 from rfca_rig.protocol.experiments import Flapping, PlannedCondition, StaticStages, flapping_plan, static_plan
 from rfca_rig.protocol.plan import Flap, Hold, MoveShaft, SetHeight, SettleCriterion
-from rfca_rig.protocol.safe_points import stages_to_safe_point
 from tests.protocol.test_plans import RIG
 
 SETTLE = SettleCriterion(0.3, 0.003, 0.3, 10.0)

@@ -13,8 +13,8 @@ import numpy as np
 from rfca_rig.cli.commands.recover import recover
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.checking import REMADE, check_run, describe_damage
-from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.run_text import Ending, write_ending
 from tests.recording.growing import exhaust, hand_over, header, run_blocks
 

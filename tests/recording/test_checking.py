@@ -11,10 +11,10 @@ import pytest
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder, store
 from rfca_rig.recording.checking import check_run, needs_no_recovery
+from rfca_rig.recording.hdf5_file import read_seal
+from rfca_rig.recording.identity import write_sums
 from rfca_rig.recording.run_text import Ending, write_ending
-from rfca_rig.recording.seal import read_seal
 from rfca_rig.recording.store import write_recording
-from rfca_rig.recording.sums import write_sums
 from tests.cli.typed import typed
 from tests.recording.dying import calls_of, killed_at
 from tests.recording.edits import find_fault, finish_run, random_edits, whole_file_edits

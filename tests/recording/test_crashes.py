@@ -13,9 +13,9 @@ import pytest
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.journal import BlockKind, JournalBlock, frame_block
-from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.layout import journals
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import Ending, write_ending

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput, DiskFull, RigError
-from rfca_rig.recording import disk_reserve, run_folder
+from rfca_rig.recording import run_folder, run_writer
 from rfca_rig.recording.atomic import ErrorDeferringFile
-from rfca_rig.recording.blocks import event_block
-from rfca_rig.recording.disk_reserve import DiskReserve, check_room
-from rfca_rig.recording.keeper import InProcessRecorder
+from rfca_rig.recording.backend import InProcessRecorder, RecorderClient
+from rfca_rig.recording.journal import event_block
 from rfca_rig.recording.layout import journals
-from rfca_rig.recording.process_keeper import RecorderClient
 from rfca_rig.recording.run_text import events_of
+from rfca_rig.recording.run_writer import DiskReserve, check_room
 from tests.recording.dying import BrokenStageFile, FullDisk, instead
 from tests.recording.growing import begun, grown, header, run_blocks, stroke_blocks, wait_until_acknowledged
 
@@ -51,7 +50,7 @@ def test_a_full_disk_stops_the_run_and_costs_nothing_that_was_recorded(tmp_path:
 
 
 def test_where_not_even_the_ballast_is_room_enough_the_journal_waits_for_recovery(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(disk_reserve, "RESERVE_BYTES", 6_000)
+    monkeypatch.setattr(run_writer, "RESERVE_BYTES", 6_000)
     folder = tmp_path / "run"
     keeper = grown(folder, 1)
     disk = FullDisk(folder, 0)

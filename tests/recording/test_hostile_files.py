@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.hdf5_columns import list_hdf5_columns
+from rfca_rig.campaign.recorded_files import list_hdf5_columns
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.store import read_recording, write_recording
 from tests.cli.typed import typed

@@ -15,8 +15,8 @@ import pytest
 
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.hdf5_file import seal_of
 from rfca_rig.recording.run_text import Ending, write_ending
-from rfca_rig.recording.seal import seal_of
 from rfca_rig.recording.store import write_recording
 from tests.campaign.small import SMALL
 from tests.cli.typed import typed

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import RigError
-from rfca_rig.recording import picture, run_folder
-from rfca_rig.recording.keeper import InProcessRecorder
-from rfca_rig.recording.photo_sender import PhotoSender
-from rfca_rig.recording.process_keeper import RecorderClient
+from rfca_rig.recording import photos, run_folder
+from rfca_rig.recording.backend import InProcessRecorder, RecorderClient
+from rfca_rig.recording.photos import PhotoSender
 from rfca_rig.recording.run_text import events_of
 from rfca_rig.subprocesses import can_be_started
 from tests.recording.growing import exhaust, grown, hand_over, header, run_blocks, static_blocks, wait_until_acknowledged
@@ -68,7 +67,7 @@ def test_a_stage_whose_photo_the_disk_refuses_is_kept_and_never_acknowledged(tmp
         raise RigError(f"{path}: cannot be written: Input/output error")
 
     keeper = grown(tmp_path / "run", 1)
-    monkeypatch.setattr(picture, "write_atomically", refuse)
+    monkeypatch.setattr(photos, "write_atomically", refuse)
     with pytest.raises(RigError, match="Input/output error"):
         keeper.keep_photo(PICTURES[0])
     for block in static_blocks(2):
@@ -105,8 +104,8 @@ def test_a_control_process_that_dies_before_its_photo_is_through_loses_that_phot
         import os
         from pathlib import Path
         from rfca_rig.recording import run_folder
-        from rfca_rig.recording.photo_sender import PhotoSender
-        from rfca_rig.recording.process_keeper import RecorderClient
+        from rfca_rig.recording.photos import PhotoSender
+        from rfca_rig.recording.backend import RecorderClient
         from tests.recording.growing import exhaust, hand_over, header, run_blocks, wait_until_acknowledged
         folder = Path({str(tmp_path / "run")!r})
         run_folder.create(folder, header())

@@ -12,10 +12,10 @@ import pytest
 
 from rfca_rig.errors import BadInput, RigError, Tripped
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.backend import RecorderClient
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import frame_block
-from rfca_rig.recording.process_keeper import RecorderClient
-from rfca_rig.recording.run_lock import check_not_running
+from rfca_rig.recording.run_text import check_not_running
 from rfca_rig.subprocesses import can_be_started
 from tests.recording.growing import PER_TICK, TICKS, begun, exhaust, grown, hand_over, header, run_blocks, wait_until_acknowledged
 
@@ -106,7 +106,7 @@ def test_the_death_of_the_control_process_costs_nothing_that_it_had_handed_over(
         import os
         from pathlib import Path
         from rfca_rig.recording import run_folder
-        from rfca_rig.recording.process_keeper import RecorderClient
+        from rfca_rig.recording.backend import RecorderClient
         from tests.recording.growing import begun, header
         folder = Path({str(tmp_path / "run")!r})
         run_folder.create(folder, header())

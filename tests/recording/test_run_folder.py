@@ -13,11 +13,11 @@ import pytest
 from rfca_rig.campaign.opening import open_recordings
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
+from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.checking import check_run, needs_no_recovery
 from rfca_rig.recording.journal import frame_block, parse_blocks
-from rfca_rig.recording.keeper import InProcessRecorder
 from rfca_rig.recording.layout import journals, stage_files
-from rfca_rig.recording.older_partial import partial_of, read_partial, recover_partial
+from rfca_rig.recording.run_folder import partial_of, read_partial, recover_partial
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, write_ending
 from rfca_rig.recording.store import read_recording, write_recording
 from tests.recording.growing import PER_TICK, begun, expected, grown, header, stroke_blocks

@@ -10,8 +10,8 @@ import pytest
 
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording import atomic
+from rfca_rig.recording.hdf5_file import SEALED
 from rfca_rig.recording.model import Column, Stream, Stroke
-from rfca_rig.recording.seal import SEALED
 from rfca_rig.recording.store import read_recording, write_recording
 from tests.recording.same import assert_same
 from tests.recording.samples import recording, stroke

@@ -10,7 +10,7 @@ import pytest
 
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.checking import REMADE, check_run
-from rfca_rig.recording.cooperative import run_to_completion
+from rfca_rig.recording.hdf5_file import run_to_completion
 from rfca_rig.recording.layout import journals
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.stage_file import write_stage

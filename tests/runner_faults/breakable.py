@@ -9,9 +9,9 @@ import can
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.odrive_messages import AxisState, OdriveCommand
 from rfca_rig.drivers.roles import Photo
+from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.journal import JournalBlock
-from rfca_rig.recording.keeper import InProcessRecorder
-from rfca_rig.recording.picture import Picture
+from rfca_rig.recording.photos import Picture
 from rfca_rig.twins.odrive import OdriveTwin
 from rfca_rig.twins.wires import LinkEnd
 from rfca_rig.twins.world import ShaftDrive, ShaftState
@@ -20,7 +20,7 @@ MOTION = frozenset({OdriveCommand.INPUT_POS, OdriveCommand.INPUT_VEL, OdriveComm
 
 
 class BreakableBus(can.BusABC):
-    """The driver's end of the wire. Every frame that the driver wants to send is kept, with the time; `taken` are those that left."""
+    """The driver's end of the wire. Every frame that the driver wants to send is kept, with the time; `fetch_photo` are those that left."""
 
     def __init__(self, end: can.BusABC, clock: TwinClock) -> None:
         super().__init__(channel=end.channel_info)
@@ -105,8 +105,8 @@ class BreakableClock:
     def now_s(self) -> float:
         return self.clock.now_s()
 
-    def started_at(self) -> datetime:
-        return self.clock.started_at()
+    def start_time(self) -> datetime:
+        return self.clock.start_time()
 
     def wall_time(self) -> datetime:
         return self.clock.wall_time() + self.wall_step
@@ -134,8 +134,8 @@ class RunawayDrive:
         law = self.twin.drive(shaft)
         return law if self.away_Nm is None or law == ShaftDrive() else ShaftDrive(feed_Nm=self.away_Nm)
 
-    def passed(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
-        self.twin.passed(elapsed_s, now_s, before, after, law)
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+        self.twin.advance(elapsed_s, now_s, before, after, law)
 
 
 @dataclass
@@ -177,7 +177,7 @@ class BreakableCamera:
         if self.error is not None:
             raise self.error
 
-    def taken(self) -> Photo | None:
+    def fetch_photo(self) -> Photo | None:
         return None if self.frozen else self.photo
 
     def close(self) -> None:

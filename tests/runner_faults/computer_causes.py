@@ -2,8 +2,7 @@
 
 from datetime import timedelta
 
-from rfca_rig.errors import DeviceError, DiskFull, RigError, Tripped
-from rfca_rig.trip_codes import Trip
+from rfca_rig.errors import DeviceError, DiskFull, RigError, Trip, Tripped
 from tests.runner_faults.cause import GOES_ON, Cause
 from tests.runner_faults.rig import FaultyRig
 

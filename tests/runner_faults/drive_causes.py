@@ -101,7 +101,7 @@ DRIVE_CAUSES = (
     catalogued("drive-restart", "drive", "the drive restarts: idle, its position counts from elsewhere", "F-04"),
     Cause("drive-hot", "drive", "motor above the limit of temperature, no error of the drive", "D-04", _fever, within_ms=600),
     Cause("weak-drive", "drive", "the drive gives 0.3 N m at most", "F-02", _weaken, within_ms=250),
-    Cause("runaway", "drive", "the drive pushes with 15 N m, whatever it is told", "F-01", _run_away),
+    Cause("runaway", "drive", "the drive pushes with 15 N m, whatever the command", "F-01", _run_away),
     Cause("coupling-slips", "drive", "the motor's torque no longer gets to the shaft", "F-02", _loosen, within_ms=250),
     Cause("jam", "drive", "the shaft is held fast", "F-02", _block, within_ms=200),
     Cause("jam-slow", "drive", "the shaft is held fast in a stroke at 1 rad/s", "F-03", _block, within_ms=320, speed_rad_s=1.0),

@@ -27,7 +27,7 @@ class Outcome:
 
     ended: str
     message: str
-    not_told: bool
+    not_disabled: bool
     stop: Stop
     energised_s: float
     obeyed_s: float
@@ -37,9 +37,9 @@ class Outcome:
 
     @property
     def is_safe(self) -> bool:
-        """A drive that could not be told is left to its watchdog, and the operator asked to press the emergency stop."""
-        obeys = self.not_told or self.obeyed_s == 0.0
-        return obeys and self.energised_s <= (WATCHDOG_S if self.not_told else 0.0) and self.motion_frames == 0 and self.lost == 0
+        """A drive that could not be disabled is left to its watchdog, and the operator asked to press the emergency stop."""
+        obeys = self.not_disabled or self.obeyed_s == 0.0
+        return obeys and self.energised_s <= (WATCHDOG_S if self.not_disabled else 0.0) and self.motion_frames == 0 and self.lost == 0
 
 
 class Hooked:
@@ -105,7 +105,7 @@ def ended_by(rig: FaultyRig, work: Callable[[], object]) -> Outcome:
     return Outcome(
         ended=ended,
         message=str(error or ""),
-        not_told=error is not None and "could not be told to let go" in str(error),
+        not_disabled=error is not None and "could not be disabled" in str(error),
         stop=stop_after(rig.truth.moments, rig.begun_s),
         energised_s=_energised_s(rig, over_s),
         obeyed_s=_energised_s(rig, np.nan if (told_s := rig.bus.told_to_let_go_s()) is None else told_s),
@@ -116,7 +116,7 @@ def ended_by(rig: FaultyRig, work: Callable[[], object]) -> Outcome:
 
 
 def _code(error: BaseException) -> str:
-    """The trip's code, also where what was raised last is that the drive could not be told."""
+    """The trip's code, also where what was raised last is that the drive could not be disabled."""
     chain: Sequence[BaseException] = [error, *([error.__context__] if error.__context__ else [])]
     while chain[-1].__context__ is not None and chain[-1].__context__ not in chain:
         chain = [*chain, chain[-1].__context__]

@@ -11,7 +11,7 @@ import numpy as np
 
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.recorder import Recorder
-from rfca_rig.cli.signals import SignalHandler
+from rfca_rig.cli.run_experiment import SignalHandler
 from rfca_rig.clock import TwinClock
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
@@ -20,11 +20,10 @@ from rfca_rig.engine.interfaces import Bench, StopRequest
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, MoveShaft, Plan, Rates, Rest, SetHeight, SettleCriterion, Stage
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.keeper import InProcessRecorder
+from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.model import Recording
+from rfca_rig.twin_server.drive_faults import OdriveDialect, TamperedBus, odrive_events
 from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
-from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
-from rfca_rig.twin_server.tampered_bus import TamperedBus
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings

@@ -40,7 +40,7 @@ def holds(together: list[Mishap]) -> None:
         for mishap in together:
             rig.agenda.at(mishap.at_s, lambda cause=CAUSES[mishap.name]: begin_now(rig, cause))
         outcome = run_to_its_end(rig, rig.recorder)
-    assert outcome.not_told or outcome.obeyed_s <= WATCHDOG_S, outcome
+    assert outcome.not_disabled or outcome.obeyed_s <= WATCHDOG_S, outcome
     assert outcome.energised_s <= WATCHDOG_S, outcome
     assert outcome.motion_frames == 0, outcome
     assert outcome.lost == 0, outcome

@@ -19,12 +19,11 @@ import pytest
 
 from rfca_rig.codecs import cansimple
 from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED
-from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand, Torques
+from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand, OdriveFirmware, Torques
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.run_lock import check_not_running
-from rfca_rig.recording.run_text import events_of
+from rfca_rig.recording.run_text import check_not_running, events_of
 from tests.twin_server.server import Server, serving
 
 PATIENCE_S = 240.0
@@ -231,7 +230,7 @@ def test_a_drive_whose_master_dies_or_stands_lets_go(served: Server, number: sig
             program.send_signal(number)
             heard(observer, lambda said: isinstance(said, Heartbeat) and said.state == AxisState.CLOSED_LOOP)
             beat = heard(observer, lambda said: isinstance(said, Heartbeat) and said.state == AxisState.IDLE)
-            assert beat.error & WATCHDOG_EXPIRED
+            assert beat.error & WATCHDOG_EXPIRED[OdriveFirmware.V0_6]
             assert heard(observer, lambda said: isinstance(said, Torques)).estimate_Nm == 0.0
         finally:
             program.kill()

@@ -18,7 +18,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.executors.local import process_executor
 from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, WorkerLost
 from rfca_rig.progress import ignore_named_progress
-from rfca_rig.recording.seal import read_seal
+from rfca_rig.recording.hdf5_file import read_seal
 from rfca_rig.sweep import outputs
 from rfca_rig.sweep.carrying_out import Pace, Shards, find_gaps, measure_pace, run_sweep, split_gaps
 from rfca_rig.sweep.cases import CaseRange, compute
@@ -166,7 +166,7 @@ def test_another_sweep_in_the_folder_is_refused(unbroken, tmp_path, monkeypatch)
 @pytest.mark.skipif(os.name == "nt", reason="without locks")
 def test_two_at_once_in_one_folder_are_one_too_many(tmp_path):
     shards = Shards(tmp_path, "")
-    with shards.held(), pytest.raises(BadInput, match="still going on"), shards.held():
+    with shards.lock(), pytest.raises(BadInput, match="still going on"), shards.lock():
         pass
 
 

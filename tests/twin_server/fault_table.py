@@ -15,10 +15,9 @@ from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.drivers.force_sensors.netft import HttpBox, NetFtSensor, NetFtSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.twin_server.drive_faults import OdriveDialect, TamperedBus, odrive_events
 from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
-from rfca_rig.twin_server.http_port import HttpPort
-from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
-from rfca_rig.twin_server.tampered_bus import TamperedBus
+from rfca_rig.twin_server.netft_ports import HttpPort
 from rfca_rig.twin_server.tampered_link import TamperedLink
 from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from threading import Event, Thread
 
 from rfca_rig.clock import WallClock
-from rfca_rig.twin_server.port import Port
+from rfca_rig.twin_server.real_time import Port
 
 quick_clock = WallClock()
 

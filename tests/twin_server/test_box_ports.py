@@ -8,9 +8,8 @@ import pytest
 
 from rfca_rig.codecs.netft_configuration import ReadCalibrationInfo, encode_calibration, encode_command
 from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox
-from rfca_rig.twin_server.command_port import CommandPort
 from rfca_rig.twin_server.faults import FORCE_FAULTS, FaultPanel
-from rfca_rig.twin_server.http_port import HttpPort
+from rfca_rig.twin_server.netft_ports import CommandPort, HttpPort
 from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import datagram_link
 from tests.twin_server.polling import polled, quick_clock

@@ -10,9 +10,8 @@ from rfca_rig.contracts.motor_rig import motor_rig
 from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
 from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.errors import DeviceError
-from rfca_rig.twin_server.cubemars_faults import CUBEMARS_FAULTS
+from rfca_rig.twin_server.drive_faults import CUBEMARS_FAULTS, NoDialect, TamperedBus
 from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel
-from rfca_rig.twin_server.tampered_bus import NoDialect, TamperedBus
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 

@@ -13,10 +13,8 @@ from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import DeviceError
+from rfca_rig.twin_server.drive_faults import MOTEUS_FAULTS, MoteusDialect, OdriveDialect, TamperedBus, moteus_events, odrive_events
 from rfca_rig.twin_server.faults import CAN_FAULTS, ODRIVE_FAULTS, FaultPanel
-from rfca_rig.twin_server.moteus_faults import MOTEUS_FAULTS, MoteusDialect, moteus_events
-from rfca_rig.twin_server.odrive_faults import OdriveDialect, odrive_events
-from rfca_rig.twin_server.tampered_bus import TamperedBus
 from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings

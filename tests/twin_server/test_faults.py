@@ -5,8 +5,7 @@ import re
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.twin_server.fault_schedule import FaultEvent, FaultSchedule, parse_fault_events
-from rfca_rig.twin_server.faults import FaultPanel
+from rfca_rig.twin_server.faults import FaultEvent, FaultPanel, FaultSchedule, parse_fault_events
 from tests.twin_server.fault_table import CATALOGUE, NOTHING, noticed, table, told
 
 EXPECTED = {

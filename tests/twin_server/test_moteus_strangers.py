@@ -12,8 +12,7 @@ import pytest
 import serial
 
 from rfca_rig.codecs import fdcanusb
-from rfca_rig.twin_server.fdcanusb_port import FdcanusbPort
-from rfca_rig.twin_server.shared_wire import SharedWire
+from rfca_rig.twin_server.can_ports import FdcanusbPort, SharedWire
 from tests.bench.test_moteus_and_odrive_rigs import MOTEUS, rig_with
 from tests.twin_server.server import serving
 

@@ -13,10 +13,9 @@ from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.drivers.roles import SensorScale, StreamHealth
 from rfca_rig.engine.run import prove_stop, run_plan
 from rfca_rig.engine.stopping import RecordedSamples, Sink
-from rfca_rig.errors import DeviceError, Tripped
+from rfca_rig.errors import DeviceError, Trip, Tripped
 from rfca_rig.protocol.plan import Flap
 from rfca_rig.recording.model import Stroke
-from rfca_rig.trip_codes import Trip
 from tests.engine.rigs import ROOT, nothing, one_condition, twin_rig
 from tests.twin_server.server import Server, serving
 

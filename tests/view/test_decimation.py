@@ -66,10 +66,10 @@ def test_no_peak_is_lost_at_any_level_however_the_samples_come(what):
     for piece in pieces:
         pyramid.take(t_s[piece], values[piece], BOTH)
         pyramid.close_before(t_s[piece].max() - random.uniform(0.0, 0.01))
-        got.append(pyramid.between(level, max(sent, pyramid.oldest(level)), pyramid.closed(level)))
-        sent = pyramid.closed(level)
+        got.append(pyramid.between(level, max(sent, pyramid.oldest(level)), pyramid.count_closed(level)))
+        sent = pyramid.count_closed(level)
     pyramid.close_before(t_s.max() + 2 * width_s(level))
-    got.append(pyramid.between(level, max(sent, pyramid.oldest(level)), pyramid.closed(level)))
+    got.append(pyramid.between(level, max(sent, pyramid.oldest(level)), pyramid.count_closed(level)))
     low, high = np.concatenate([part.low for part in got]), np.concatenate([part.high for part in got])
     np.testing.assert_array_equal(np.nanmin(low, axis=0), values.min(axis=0))
     np.testing.assert_array_equal(np.nanmax(high, axis=0), values.max(axis=0))
@@ -85,7 +85,7 @@ def test_samples_in_their_order_fall_into_their_own_buckets(seed, level):
     for piece in np.array_split(np.arange(2000), 17):
         pyramid.take(t_s[piece], values[piece], BOTH)
         pyramid.close_before(t_s[piece[-1]])
-    count = pyramid.closed(level)
+    count = pyramid.count_closed(level)
     found = pyramid.between(level, 0, count)
     low, high = by_hand((t_s / BASE_S).astype(int) >> level, values, 0, count)
     np.testing.assert_array_equal(found.low, low)
@@ -116,9 +116,9 @@ def test_memory_is_the_same_after_hours_and_the_coarse_levels_still_know_the_beg
         pyramid.close_before(3600.0 * hour)
     pyramid.close_before(5 * 3600.0)
     level = level_for(5 * 3600.0)
-    found = pyramid.between(level, 0, pyramid.closed(level))
+    found = pyramid.between(level, 0, pyramid.count_closed(level))
     np.testing.assert_array_equal(found.high[~np.isnan(found.high)], [0.0, 1.0, 2.0, 3.0, 4.0])
-    assert pyramid.oldest(0) == pyramid.closed(0) - (CAPACITY - AHEAD)
+    assert pyramid.oldest(0) == pyramid.count_closed(0) - (CAPACITY - AHEAD)
 
 
 def test_what_nobody_remembers_is_a_gap():
@@ -126,7 +126,7 @@ def test_what_nobody_remembers_is_a_gap():
     pyramid.take(np.array([0.0]), np.array([[1.0]]), slice(0, 1))
     pyramid.close_before(100.0)
     assert np.isnan(pyramid.between(0, 0, 10).low).all()
-    assert len(pyramid.between(0, 0, pyramid.closed(0)).low) == pyramid.closed(0)
+    assert len(pyramid.between(0, 0, pyramid.count_closed(0)).low) == pyramid.count_closed(0)
 
 
 @pytest.mark.parametrize(("span_s", "dt_s"), [(0.1, 5e-4), (0.5, 5e-4), (0.6, 1e-3), (8.0, 8e-3), (3600.0, 4.096)])
@@ -152,8 +152,8 @@ def test_a_leap_over_a_long_time_leaves_the_same_as_every_step_of_it(seed):
         for pyramid in (leaping, stepping):
             pyramid.close_before(at_s)
     for level in range(12):
-        assert leaping.closed(level) == stepping.closed(level)
+        assert leaping.count_closed(level) == stepping.count_closed(level)
         begin = max(leaping.oldest(level), stepping.oldest(level))
-        found, expected = (pyramid.between(level, begin, pyramid.closed(level)) for pyramid in (leaping, stepping))
+        found, expected = (pyramid.between(level, begin, pyramid.count_closed(level)) for pyramid in (leaping, stepping))
         np.testing.assert_array_equal(found.low, expected.low)
         np.testing.assert_array_equal(found.high, expected.high)

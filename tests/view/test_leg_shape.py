@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
-from rfca_rig.view.leg_shape import LegShapes, leg_points
+from rfca_rig.view.leg_pose import LegShapes, leg_points
 from tests.model.legs import PAPER as RIG
 
 HEIGHT_M, SPEED_RAD_S, SWEEP_DEG = 0.215, 2.433, 200.0

@@ -14,7 +14,7 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.view.gauges import Gauges
 from rfca_rig.view.messages import CHANNELS
 from rfca_rig.view.progress import ListedStage, Progress
-from rfca_rig.view.tick_block import Stamp, tick_block, ticks_of
+from rfca_rig.view.run_queue import Stamp, tick_block, ticks_of
 from tests.engine.rigs import twin_rig
 from tests.view.seen import SCALE, counts_of, tick, watched
 
@@ -51,7 +51,7 @@ def test_all_peaks_of_a_run_are_in_what_a_page_was_sent(seed):
             if random.uniform() < 0.1:
                 both.run.beat()
                 got += feed.new_messages()
-        both.run_queue.ended("done", "")
+        both.run_queue.end("done", "")
         both.run.beat()
         got += feed.new_messages()
         assert drawn(got) == pytest.approx((min(*forces, 0.0), max(*forces, 0.0)), abs=1e-4)
@@ -119,7 +119,7 @@ def test_a_run_whose_process_dies_is_over_and_cannot_be_stopped():
 
 def test_a_trip_is_told_with_its_code():
     with watched() as both:
-        both.run_queue.ended("TRIP L-01: force 310.0 N, limit 300 N", "L-01")
+        both.run_queue.end("TRIP L-01: force 310.0 N, limit 300 N", "L-01")
         both.run.on_run_exit()
         assert both.run.state["trip"] == {"code": "L-01", "text": "TRIP L-01: force 310.0 N, limit 300 N"}
 

@@ -54,7 +54,7 @@ def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte
         opened(view.url) as page,
     ):
         run_plan(plan, bench, recorder, lambda stage: view.run_queue.line(stage.label), supervision)
-        view.run_queue.ended("done", "")
+        view.run_queue.end("done", "")
         got = page.all_after_end()
         stroke = kept.finish().strokes[0]
         assert asked_to_stop(view.url, b'{"how": "now"}') == 409
@@ -100,7 +100,7 @@ def test_a_view_that_is_killed_costs_the_run_nothing(tmp_path, unwatched):
                 os.kill(view.process_id, signal.SIGKILL)
 
         run_plan(plan, bench, recorder, progress, supervision)
-        view.run_queue.ended("done", "")
+        view.run_queue.end("done", "")
         kept.finish()
         assert not view.is_alive
     assert (tmp_path / "run" / "run.h5").read_bytes() == unwatched
@@ -109,7 +109,7 @@ def test_a_view_that_is_killed_costs_the_run_nothing(tmp_path, unwatched):
 def test_a_page_opened_late_sees_how_the_run_ended_and_only_with_the_token(tmp_path):
     plan = one_condition(RIG)
     with recorder_on(RIG, tmp_path / "run") as (bench, _, _), viewed(bench, plan) as (view, _, _):
-        view.run_queue.ended("TRIP L-01: force 310.0 N", "L-01")
+        view.run_queue.end("TRIP L-01: force 310.0 N", "L-01")
         view.close()
         with opened(view.url) as page:
             state = [message for message in page.all_after_end() if message["kind"] == "state"][-1]

@@ -21,7 +21,7 @@ from rfca_rig.recording.model import Stroke
 from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_view import url_of
 from rfca_rig.view.replay import Replay
-from rfca_rig.view.serving import listen_on, port_of, serve
+from rfca_rig.view.server import listen_on, port_of, serve
 from tests.engine.rigs import one_condition, recorder_on
 from tests.view.browser import WatchedPage, browser
 from tests.view.test_live_view import RIG, viewed
@@ -82,7 +82,7 @@ def test_a_run_is_seen_with_the_peaks_of_its_recording_and_its_end(tmp_path, wat
     ):
         expect(watched.page.locator("#mark b")).to_have_text("SIM")
         run_plan(plan, bench, recorder, lambda stage: view.run_queue.line(stage.label), supervision)
-        view.run_queue.ended("done", "")
+        view.run_queue.end("done", "")
         expect(watched.page.locator("#ended")).to_contain_text("The run has ended: done")
         stroke = kept.finish().strokes[0]
         for channel in ("fy_N", "fz_N", "tx_Nm"):  # the run was longer than the stroke, so there may be more

@@ -7,8 +7,7 @@ import pytest
 
 from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.recording.journal import block_size, frame_block
-from rfca_rig.view.run_queue import MAX_WAITING
-from rfca_rig.view.tick_block import Stamp, tick_block, ticks_of
+from rfca_rig.view.run_queue import MAX_WAITING, Stamp, tick_block, ticks_of
 from tests.engine.rigs import one_condition, twin_rig
 from tests.view.seen import counts_of, tick, watched
 
@@ -85,7 +84,7 @@ def test_a_wish_is_never_taken_back_and_an_end_is_no_longer_wished_for():
         assert both.run.stop("safe point")
         both.run_queue.energising()
         assert both.stop_request.level is StopLevel.TORQUE_OFF
-        both.run_queue.ended("done", "")
+        both.run_queue.end("done", "")
         both.run.beat()
         assert not both.run.stop("now")
 

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from rfca_rig.view import serving
+from rfca_rig.view import server
 from rfca_rig.view.live_view import url_of
 from rfca_rig.view.server import MOST_PAGES
 from tests.view.pages import asked_to_stop, got, stream_of
@@ -48,18 +48,18 @@ class Nothing:
 def served() -> Iterator[tuple[str, Nothing]]:
     """The address of a server in a thread, and its source."""
     source, begun = Nothing(), threading.Event()
-    listening, over = serving.listen_on(0), []
+    listening, over = server.listen_on(0), []
 
     async def serve() -> None:
         over.append((asyncio.get_running_loop(), asyncio.Event()))
         begun.set()
-        await serving.serve(source, TOKEN, listening, over[0][1], lambda _pages: True)
+        await server.serve(source, TOKEN, listening, over[0][1], lambda _pages: True)
 
     thread = threading.Thread(target=asyncio.run, args=(serve(),), daemon=True)
     thread.start()
     begun.wait(10.0)
     try:
-        yield url_of(serving.port_of(listening), TOKEN), source
+        yield url_of(server.port_of(listening), TOKEN), source
     finally:
         over[0][0].call_soon_threadsafe(over[0][1].set)
         thread.join(20.0)
@@ -111,7 +111,7 @@ def answered(url: str, *pieces: bytes) -> bytes:
     ],
 )
 def test_a_request_that_is_none_is_refused_without_a_word_on_the_terminal(view, monkeypatch, request_bytes):
-    monkeypatch.setattr(serving, "LONGEST_REQUEST_S", 1.0)
+    monkeypatch.setattr(server, "LONGEST_REQUEST_S", 1.0)
     found = answered(view[0], request_bytes)
     assert found == b"" or found.split(b" ")[1] in (b"400", b"403", b"405", b"431")
     assert b"Traceback" not in found
@@ -138,7 +138,7 @@ def test_an_endless_body_is_cut_off(view):
     "begin", [b"", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n", f"POST /stop HTTP/1.1\r\n{HEAD}Content-Length: 20\r\n\r\n{{".encode()]
 )
 def test_who_does_not_finish_a_request_is_hung_up_on(view, monkeypatch, begin):
-    monkeypatch.setattr(serving, "LONGEST_REQUEST_S", 0.3)
+    monkeypatch.setattr(server, "LONGEST_REQUEST_S", 0.3)
     with connected(view[0]) as client:
         client.sendall(begin)
         client.settimeout(30.0)
@@ -146,7 +146,7 @@ def test_who_does_not_finish_a_request_is_hung_up_on(view, monkeypatch, begin):
 
 
 def test_a_response_ends_its_connection_and_a_stream_outlasts_a_request(view, monkeypatch):
-    monkeypatch.setattr(serving, "LONGEST_REQUEST_S", 0.3)
+    monkeypatch.setattr(server, "LONGEST_REQUEST_S", 0.3)
     assert b"connection: close" in answered(view[0], b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n").lower()
     with stream_of(view[0]) as page:
         assert json.loads(page.recv())["kind"] == "hello"
@@ -156,7 +156,7 @@ def test_a_response_ends_its_connection_and_a_stream_outlasts_a_request(view, mo
 
 
 def test_more_connections_than_there_may_be_are_closed_and_pages_go_on(view, monkeypatch):
-    monkeypatch.setattr(serving, "MOST_CONNECTIONS", 20)
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 20)
     with ExitStack() as crowd:
         page = crowd.enter_context(stream_of(view[0]))
         page.recv()

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.vision.board import Board
-from rfca_rig.vision.board_sheet import MARGIN_M, board_picture
+from rfca_rig.vision.board import MARGIN_M, Board, board_picture
 
 Floats = NDArray[np.float64]
 FINER = 2

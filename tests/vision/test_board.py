@@ -10,9 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.errors import BadInput
-from rfca_rig.vision.board import Board, parse_board
-from rfca_rig.vision.board_photo import BoardPhoto, find_board
-from rfca_rig.vision.board_sheet import MARGIN_M, board_pdf, board_picture, board_png
+from rfca_rig.vision.board import MARGIN_M, Board, BoardPhoto, board_pdf, board_picture, board_png, find_board, parse_board
 
 
 @given(st.integers(4, 40), st.integers(4, 40), st.integers(5, 60), st.integers(40, 80), st.sampled_from(["4x4", "5x5", "6x6"]))

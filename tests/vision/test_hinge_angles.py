@@ -9,8 +9,8 @@ from rfca_rig.vision.camera_model import Floats
 from rfca_rig.vision.hinge_angles import HingeAngles, hinge_angles
 from rfca_rig.vision.identify import IdentifiedMarks, identify
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark, mark_positions
+from rfca_rig.vision.leg_photo import draw_overlay
 from rfca_rig.vision.marks import Mark, find_marks
-from rfca_rig.vision.overlay import draw_overlay
 from tests.vision.drawing import Look, draw
 from tests.vision.scenes import LENGTHS_M, PLAN, camera, pose
 

@@ -54,7 +54,7 @@ class StrokeMotion:
     end_s: float
     strokes_before: tuple[int, ...] = ()
 
-    def simulated(self, supposed: ModelPoint) -> SimulatedStroke:
+    def simulate(self, supposed: ModelPoint) -> SimulatedStroke:
         """Simulate the stroke on a grid of half milliseconds from the start. Raises SimulationFailed."""
         # Two samples beyond the end, so that interpolation at the last measured moment never leaves the grid.
         t_s = GRID_S * np.arange(0, int(np.ceil(self.end_s / GRID_S)) + 2, dtype=np.float64)
@@ -200,7 +200,7 @@ class StrokeProblem:
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:
         """Root mean square of simulated minus measured by channel, sample by sample. Raises SimulationFailed."""
-        simulated = [turn.simulated(supposed) for turn in self.turns]
+        simulated = [turn.simulate(supposed) for turn in self.turns]
         misses: dict[str, list[Floats]] = {}
         for stroke, trace in self._all_traces():
             misses.setdefault(trace.channel, []).append(trace.misses(simulated[stroke.turn]))
@@ -235,7 +235,7 @@ def _attempt(job: tuple[ModelPoint, StrokeMotion]) -> SimulatedStroke | None:
     """None where the model cannot be computed; the solver then rejects this point."""
     supposed, turn = job
     try:
-        return turn.simulated(supposed)
+        return turn.simulate(supposed)
     except SimulationFailed:
         return None
 

@@ -117,7 +117,7 @@ class ValleyRow:
     time_std_s: float
     fz_std_N: float
 
-    def simulated(self, supposed: ModelPoint) -> Valley | Undetermined:
+    def simulate(self, supposed: ModelPoint) -> Valley | Undetermined:
         """The model's valley at this condition, by the same estimator as for a recorded one. Raises SimulationFailed."""
         t_s = GRID_S * np.arange(-round(BEFORE_S / GRID_S), int(DURATION_FACTOR * self.time_s / GRID_S) + 1, dtype=np.float64)
         stroke = simulate_stroke_at_speed(supposed.rig, self.height_m + supposed.height_offset_m, self.speed_rad_s, t_s)
@@ -195,7 +195,7 @@ def fit_valleys(
 def _attempt(job: tuple[ModelPoint, ValleyRow]) -> Floats | None:
     supposed, row = job
     try:
-        valley = row.simulated(supposed)
+        valley = row.simulate(supposed)
     except SimulationFailed:
         return None
     if isinstance(valley, Undetermined):

@@ -237,6 +237,6 @@ def list_estimated_errors(adjusted: Adjustment) -> tuple[EstimatedSystematicErro
     first, systematic_errors = adjusted.balance.curve_size, adjusted.balance.systematic_errors.each
     values, std = adjusted.point.p[first:], np.sqrt(np.diag(adjusted.covariance))[first:]
     return tuple(
-        EstimatedSystematicError(d.says, d.unit, *d.shown(float(v), float(s)), d.scale * d.std, float(v) / d.std)
+        EstimatedSystematicError(d.says, d.unit, *d.convert(float(v), float(s)), d.scale * d.std, float(v) / d.std)
         for d, v, s in zip(systematic_errors, values, std, strict=True)
     )

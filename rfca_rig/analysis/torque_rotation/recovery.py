@@ -178,7 +178,7 @@ class Errors:
         C[:, places, places] = others**2
         return C
 
-    def scaled_by_logs(self, steps: dict[str, float]) -> "Errors":
+    def scale_by_logs(self, steps: dict[str, float]) -> "Errors":
         """The same with these logarithms added. Limits from below, because computed tables have no noise and the adjustment needs some."""
         return Errors(
             max(self.hinge_std_rad * float(np.exp(steps.get("hinge", 0.0))), LEAST_HINGE_RAD),
@@ -219,7 +219,7 @@ def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tup
     names = [name for name, there in _learnable(data).items() if there]
 
     def cost(logs: Floats) -> float:
-        trial = errors.scaled_by_logs(dict(zip(names, logs, strict=True)))
+        trial = errors.scale_by_logs(dict(zip(names, logs, strict=True)))
         rows = stack_rows(adjusted.balance, rewhiten_groups(parts, groups, moved, trial.covariance(data, lengths)), adjusted.point.p)
         return trial.misfit() - rows.log_likelihood()
 
@@ -228,7 +228,7 @@ def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tup
     found = minimize(
         cost, first[0], method="Nelder-Mead", options={"xatol": SEARCH_TOLERANCE, "fatol": SEARCH_TOLERANCE, "initial_simplex": first}
     )
-    return errors.scaled_by_logs(dict(zip(names, found.x, strict=True))), -float(found.fun)
+    return errors.scale_by_logs(dict(zip(names, found.x, strict=True))), -float(found.fun)
 
 
 def _learnable(data: StageData) -> dict[str, bool]:

@@ -41,7 +41,7 @@ class SystematicError:
     recording: int = ALL_RECORDINGS
     is_log: bool = False
 
-    def shown(self, value: float, std: float) -> tuple[float, float]:
+    def convert(self, value: float, std: float) -> tuple[float, float]:
         """Value and standard deviation in its unit."""
         # First-order propagation: the deviation of exp(v) is exp(v) times that of v.
         grown = float(np.exp(value)) if self.is_log else 1.0

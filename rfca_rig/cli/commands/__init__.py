@@ -1,1 +1,1 @@
-"""The commands, one module each, named as the command. Entry point: `cli.main`."""
+"""The commands, each in a module of its name or of a related command. Entry point: `cli.main`."""

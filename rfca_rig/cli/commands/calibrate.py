@@ -12,8 +12,7 @@ from rfca_rig.cli.options import Json
 if TYPE_CHECKING:
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.camera_file import CameraFile, PlaneSection
-    from rfca_rig.vision.board import Board
-    from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto
+    from rfca_rig.vision.board import Board, BoardPhoto, RefusedPhoto
     from rfca_rig.vision.camera_calibration import CameraCalibration
     from rfca_rig.vision.plane_of_motion import BoardPlacement
 
@@ -75,8 +74,8 @@ def camera(
 
     Example: rfca-rig calibrate camera board/ --plane plane.jpg --board-at 20,15
     """
-    from rfca_rig.cli.terminal import make_marked_say
-    from rfca_rig.cli.writable import out_file
+    from rfca_rig.cli.options import out_file
+    from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.description.camera_file import camera_file, write_camera_file
     from rfca_rig.errors import BadInput
     from rfca_rig.vision.board import parse_board
@@ -104,10 +103,10 @@ def camera(
 
 
 def _make_board(board: "Board", path: Path) -> None:
-    from rfca_rig.cli.writable import out_file
+    from rfca_rig.cli.options import out_file
     from rfca_rig.errors import BadInput
     from rfca_rig.recording.atomic import write_atomically
-    from rfca_rig.vision.board_sheet import board_pdf, board_png
+    from rfca_rig.vision.board import board_pdf, board_png
 
     makers = {".pdf": board_pdf, ".png": board_png}
     if path.suffix.lower() not in makers:
@@ -131,7 +130,7 @@ def _find_board_in(file: Path, board: "Board", say: "Say") -> "BoardPhoto | Refu
     """The board in a file; a damaged picture is refused like one without a board."""
     from rfca_rig.drivers.photo_files import read_picture
     from rfca_rig.errors import BadInput
-    from rfca_rig.vision.board_photo import BoardPhoto, RefusedPhoto, find_board
+    from rfca_rig.vision.board import BoardPhoto, RefusedPhoto, find_board
 
     try:
         result = find_board(read_picture(file), board, file.name)
@@ -180,7 +179,7 @@ def _plane(photo: Path, calibration: "CameraCalibration", board: "Board", place:
     from rfca_rig.description.camera_file import plane_section
     from rfca_rig.drivers.photo_files import read_picture
     from rfca_rig.errors import BadInput
-    from rfca_rig.vision.board_photo import RefusedPhoto, find_board
+    from rfca_rig.vision.board import RefusedPhoto, find_board
     from rfca_rig.vision.plane_of_motion import find_plane, with_origin_at
 
     found = find_board(read_picture(photo), board, photo.name)

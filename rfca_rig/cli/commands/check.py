@@ -79,7 +79,7 @@ def _check_campaign(folder: Path, as_json: bool) -> None:
 
 def _check_experiment(folder: Path, as_json: bool) -> None:
     """Checks recordings of a mechanism, with its model."""
-    from rfca_rig.cli.lines import print_lines
+    from rfca_rig.cli.terminal import print_lines
     from rfca_rig.diagnosis.mechanisms.check import check_experiment
     from rfca_rig.errors import BadInput
 

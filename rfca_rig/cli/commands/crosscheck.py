@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.lines import print_lines
-from rfca_rig.cli.options import Json, Rig
-from rfca_rig.cli.writable import out_file
+from rfca_rig.cli.options import Json, Rig, out_file
+from rfca_rig.cli.terminal import print_lines
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.crosscheck import CheckedCondition
@@ -35,9 +34,8 @@ def crosscheck(
     """
     from rfca_rig.analysis.crosscheck import check_condition, check_own_contact
     from rfca_rig.analysis.mujoco_leg import load_mujoco
-    from rfca_rig.cli.first_compile import announce_first_compile
     from rfca_rig.cli.paths import find_file
-    from rfca_rig.cli.progress import progress
+    from rfca_rig.cli.progress import announce_first_compile, progress
     from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig

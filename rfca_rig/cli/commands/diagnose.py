@@ -1,34 +1,107 @@
 """rfca-rig diagnose"""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.commands.diagnose_each import diagnose_each
-from rfca_rig.cli.executors import Cluster, Workers
-from rfca_rig.cli.options import AsIs, Json, Pdf, Rig, Runs, Seed
-from rfca_rig.cli.writable import out_folder
+from rfca_rig.cli.executors import Cluster, Workers, open_executor
+from rfca_rig.cli.options import AsIs, Json, Pdf, Rig, Runs, Seed, out_folder
+from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
-    from rfca_rig.cli.commands.close_the_loop import ClosedLoop
+    from rfca_rig.cli.close_the_loop import ClosedLoop
     from rfca_rig.diagnosis.result import Diagnosis
+    from rfca_rig.executors.mapping import TaskExecutor
     from rfca_rig.mechanism.plant import Plant
     from rfca_rig.protocol.plan import Limits
     from rfca_rig.recording.model import Recording
+
+
+ANSWER = "diagnosis.json"
+
+Job = Callable[[tuple[Path, Path]], str | None]
+
+
+def diagnose_each(paths: Sequence[Path], out: Path, job: Job, workers: int | None, cluster: str | None, as_json: bool) -> None:
+    """A folder for each path under `out`; an existing one stays. Raises RigError where some could not be diagnosed.
+
+    `job` makes one diagnosis of (recordings, folder), and returns the reason where the recordings cannot be used.
+    """
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.errors import RigError, Stopped
+    from rfca_rig.recording.atomic import refresh_nfs_cache, remove_leftovers
+
+    folders = _folders(paths, out)
+    out.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(out)
+    try:
+        with progress(quiet=as_json) as bars, open_executor(workers, cluster, bars.report, out) as executor:
+            failed = _diagnose_all(folders, job, executor, bars.report)
+    except KeyboardInterrupt:
+        raise Stopped("stopped by the operator; the same command goes on where it stood") from None
+    # Workers on other computers wrote the answers; this computer may not see the new folders yet.
+    refresh_nfs_cache(out)
+    answers = {name: json.loads((out / name / ANSWER).read_text(encoding="utf-8")) for name in folders if name not in failed}
+    if as_json:
+        typer.echo(json.dumps(answers, indent=1))
+    else:
+        for name, answer in answers.items():
+            typer.echo(f"{name}: {_in_words(answer)}")
+    if failed:
+        name, why = min(failed.items())
+        raise RigError(f"{len(failed)} of {len(folders)} could not be diagnosed, as {name}: {why}")
+
+
+def _folders(paths: Sequence[Path], out: Path) -> dict[str, tuple[Path, Path]]:
+    """For each name the path of its recordings, and the folder of its diagnosis."""
+    from rfca_rig.errors import BadInput
+
+    folders: dict[str, tuple[Path, Path]] = {}
+    for path in paths:
+        name = path.resolve().parent.name if path.is_file() else path.resolve().name
+        if name in folders:
+            raise BadInput(f"{path}: {folders[name][0]} is called {name} too, and --each gives a folder to each name; rename one of them")
+        folders[name] = (path.resolve(), out.resolve() / name)
+    return folders
+
+
+def _diagnose_all(
+    folders: dict[str, tuple[Path, Path]], job: Job, executor: "TaskExecutor", report_progress: ProgressReport
+) -> dict[str, str]:
+    """Diagnoses what is missing; returns the reason, by name, for each that failed."""
+    from rfca_rig.executors.mapping import TaskFailure, map_unordered
+
+    to_do = [each for each in folders.values() if not (each[1] / ANSWER).is_file()]
+    before = len(folders) - len(to_do)
+    failed: dict[str, str] = {}
+    report_progress("diagnoses", before, len(folders))
+    for number, ((_, into), result) in enumerate(map_unordered(executor, job, to_do), start=before + 1):
+        why = result.reason if isinstance(result, TaskFailure) else result
+        if why is not None:
+            failed[into.name] = why
+        report_progress("diagnoses", number, len(folders))
+    return failed
+
+
+def _in_words(answer: dict[str, Any]) -> str:
+    named = [f"{effect['id']} ({100.0 * effect['probability']:.1f} %)" for effect in answer["effects"]]
+    # Files of rfca-diagnosis/1 have no grades.
+    return ", ".join([answer.get("grade", answer["verdict"]), *named])
 
 
 def _list_effects(wanted: bool) -> None:
     """The catalogue of the leg and of pendulums with what each is; names alone of mechanisms, whose effects depend on the model."""
     if not wanted:
         return
-    from rfca_rig.cli.lines import print_lines
     from rfca_rig.cli.names import MECHANISM_EFFECTS
+    from rfca_rig.cli.terminal import print_lines
     from rfca_rig.model.catalogue import catalogue
 
     print_lines((f"{name:<30}{effect.left_out}" for name, effect in sorted(catalogue().items())), indent=" " * 30)
@@ -83,7 +156,7 @@ def diagnose(
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
     from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model, pendulum_among
-    from rfca_rig.cli.printing import Printing
+    from rfca_rig.cli.options import Printing
     from rfca_rig.diagnosis.candidate_effects import check_known
     from rfca_rig.errors import BadInput
     from rfca_rig.reports.provenance import command_line
@@ -117,7 +190,7 @@ def diagnose(
     elif not close_the_loop:
         diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is), asked)
     else:
-        from rfca_rig.cli.commands.close_the_loop import ClosedLoop
+        from rfca_rig.cli.close_the_loop import ClosedLoop
         from rfca_rig.cli.trusted_code import find_rig
 
         # The command is stored with the result, without options at their defaults.
@@ -131,7 +204,7 @@ def diagnose(
 def diagnose_quietly(without: tuple[str, ...], as_is: bool, job: tuple[Path, Path]) -> str | None:
     """One diagnosis without output; returns the reason where the recordings cannot be used."""
     from rfca_rig.errors import RigError
-    from rfca_rig.recording.atomic_dir import atomic_directory
+    from rfca_rig.recording.atomic import atomic_directory
 
     recordings, folder = job
     try:
@@ -185,7 +258,7 @@ class DiagnoseOptions:
 def _in_rounds(loop: "ClosedLoop", asked: DiagnoseOptions) -> "Diagnosis":
     """The last diagnosis, after the proposed experiments."""
     from rfca_rig.campaign.opening import open_with_nominal_model
-    from rfca_rig.cli.commands.close_the_loop import close_the_loop
+    from rfca_rig.cli.close_the_loop import close_the_loop
     from rfca_rig.description.rig_file import read_rig
 
     recordings = open_with_nominal_model(asked.paths, asked.as_is)

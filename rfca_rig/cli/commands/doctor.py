@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.encoding import takes_colours
-from rfca_rig.cli.options import Json
-from rfca_rig.cli.writable import out_folder
+from rfca_rig.cli.options import Json, out_folder
+from rfca_rig.cli.terminal import takes_colours
 
 if TYPE_CHECKING:
     from rfca_rig.description.rig_file import RigFile
@@ -75,7 +74,7 @@ def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
 def _lines(finding: "Finding") -> Iterator[str]:
     """At most 80 columns; colours only on a terminal, which typer detects."""
     first, *rest = wrap(finding.seen, WIDTH - len(INDENT), break_on_hyphens=False)
-    yield f"{_coloured(finding.colour.value)}{finding.subject:<{SUBJECT_WIDTH}}{first}"
+    yield f"{_color(finding.colour.value)}{finding.subject:<{SUBJECT_WIDTH}}{first}"
     yield from (INDENT + line for line in rest)
     if finding.fix:
         yield from (INDENT + line for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False))
@@ -83,7 +82,7 @@ def _lines(finding: "Finding") -> Iterator[str]:
         yield from _command_lines(command)
 
 
-def _coloured(colour: str) -> str:
+def _color(colour: str) -> str:
     padding = " " * (COLOUR_WIDTH - len(colour))
     return (typer.style(colour, fg=colour) if takes_colours() else colour) + padding
 

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort
-from rfca_rig.cli.writable import out_folder
+from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort, out_folder
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.phases import Undetermined

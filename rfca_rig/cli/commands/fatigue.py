@@ -55,7 +55,7 @@ def run(
     from rfca_rig.cli.run_experiment import run_and_record
     from rfca_rig.cli.run_options import RunOptions, make_run_config
     from rfca_rig.description.protocol_file import read_fatigue
-    from rfca_rig.protocol.fatigue import fatigue_plan
+    from rfca_rig.protocol.experiments import fatigue_plan
 
     viewing = parse_viewing(view, view_port, pace)
     asked = RunOptions(rig, protocol, model, runs, seed, operator, sample, is_dry=dry_run, is_quiet=as_json, viewing=viewing)
@@ -76,7 +76,7 @@ def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
 def say_bending(config: "RunConfig") -> None:
     """Prints how far the model bends the leg in a cycle, before anything moves."""
     from rfca_rig.bench.expectation import predict_bending
-    from rfca_rig.cli.terminal import make_marked_say
+    from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.protocol.cycles import cycles_in
 
     for height_m, speed_rad_s in sorted({(stage.height_m, stage.speed_rad_s) for stage in cycles_in(config.plan)}):

@@ -9,10 +9,9 @@ import typer
 
 from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.executors import Cluster, open_executor
-from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.names import FIT_PARAMETERS
-from rfca_rig.cli.options import AsIs, Json
-from rfca_rig.cli.writable import out_file
+from rfca_rig.cli.options import AsIs, Json, out_file
+from rfca_rig.cli.terminal import print_lines
 from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
@@ -102,8 +101,7 @@ def fit(
 
 def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: bool) -> None:
     """The same for a pendulum's recordings."""
-    from rfca_rig.campaign.pendulum import read_pendulum_campaign
-    from rfca_rig.campaign.pendulum_model import write_pendulum_model
+    from rfca_rig.campaign.pendulum import read_pendulum_campaign, write_pendulum_model
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT, fit_pendulum, update_known_to
 

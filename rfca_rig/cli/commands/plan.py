@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Json, Model, Rig
+from rfca_rig.cli.terminal import print_lines
 
 if TYPE_CHECKING:
     from rfca_rig.cli.run_config import RunConfig
@@ -47,8 +47,8 @@ def plan(
     Example: rfca-rig plan table2 --rig calibration/my-rig.toml
     """
     from rfca_rig.cli.preflight import check_before_run
+    from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.cli.run_options import RunOptions, make_run_config
-    from rfca_rig.cli.terminal import make_marked_say
     from rfca_rig.description.planning import read_plan
 
     config = make_run_config(RunOptions(rig, protocol, model, Path("runs"), is_dry=True), read_plan)

@@ -9,9 +9,9 @@ import typer
 
 from rfca_rig.cli.commands import diagnose
 from rfca_rig.cli.executors import Cluster, Workers, open_executor
-from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.names import CASE_KINDS
 from rfca_rig.cli.options import Json, Pdf
+from rfca_rig.cli.terminal import print_lines
 
 if TYPE_CHECKING:
     from rfca_rig.exam.scored import ExamResult
@@ -44,7 +44,7 @@ def prove(
 
     Example: rfca-rig prove --out exam --seed 1 --cases 40
     """
-    from rfca_rig.cli.printing import Printing
+    from rfca_rig.cli.options import Printing
     from rfca_rig.exam.scored import score_exam, score_exam_so_far
     from rfca_rig.reports.exam.files import write_exam
 

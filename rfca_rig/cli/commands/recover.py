@@ -74,7 +74,7 @@ def _older(path: Path) -> "Recording":
     """Recovers a run of an older version, which left a folder beside the file that it should have become."""
     from rfca_rig.bench.stage_photos import read_missing_photos
     from rfca_rig.errors import BadInput
-    from rfca_rig.recording.older_partial import partial_of, recover_partial
+    from rfca_rig.recording.run_folder import partial_of, recover_partial
     from rfca_rig.recording.store import read_recording, write_recording
 
     if not partial_of(path).is_dir():

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import AsIs, Json, Model, Pdf
-from rfca_rig.cli.writable import out_folder
+from rfca_rig.cli.options import AsIs, Json, Model, Pdf, out_folder
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.compare import Table2
@@ -80,9 +79,8 @@ def refuse_leg_options(given: Mapping[str, bool]) -> None:
 
 def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:
     """The same for a pendulum's recordings."""
-    from rfca_rig.campaign.pendulum import read_pendulum_campaign
-    from rfca_rig.campaign.pendulum_model import with_model_file
-    from rfca_rig.cli.printing import Printing
+    from rfca_rig.campaign.pendulum import read_pendulum_campaign, with_model_file
+    from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
     from rfca_rig.reports.strokes.motions import pendulum_report
@@ -100,7 +98,7 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
 def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None, pdf: bool) -> None:
     """The same for recordings of a mechanism."""
     from rfca_rig.campaign.experiment import read_experiment
-    from rfca_rig.cli.printing import Printing
+    from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
     from rfca_rig.reports.strokes.motions import mechanism_report
@@ -162,7 +160,7 @@ def write(
         Take values of a campaign that are probably in another unit.
     """
     from rfca_rig.campaign.opening import open_recordings, open_with_nominal_model
-    from rfca_rig.cli.printing import Printing
+    from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.reports.provenance import command_line, origin_of

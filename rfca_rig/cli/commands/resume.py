@@ -44,8 +44,8 @@ def resume(
     from rfca_rig.bench.resume import read_interrupted_run
     from rfca_rig.cli.attach_view import parse_viewing
     from rfca_rig.cli.commands.fatigue import say_bending
+    from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.cli.run_experiment import run_and_record
-    from rfca_rig.cli.terminal import make_marked_say
 
     begun = read_interrupted_run(run.parent if run.suffix == ".h5" else run)
     config = replace(_order(begun, rig, as_json, dry_run), viewing=parse_viewing(view, view_port, pace), operator=operator)
@@ -70,11 +70,11 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
     from dataclasses import replace
 
     from rfca_rig.bench.resume import read_compatible_rig
-    from rfca_rig.cli.commands.close_the_loop import nominal_model_of
+    from rfca_rig.cli.close_the_loop import nominal_model_of
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.trusted_code import check_trusted, find_rig
     from rfca_rig.errors import BadInput
-    from rfca_rig.protocol.remaining import make_remaining_plan
+    from rfca_rig.protocol.written_plan import make_remaining_plan
 
     stored, remaining_plan = begun.header.provenance, make_remaining_plan(begun.plan, begun.done)
     if not remaining_plan.stages:

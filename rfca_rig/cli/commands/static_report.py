@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.options import AsIs, Json, Model, Pdf
-from rfca_rig.cli.writable import out_folder
+from rfca_rig.cli.options import AsIs, Json, Model, Pdf, out_folder
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.torque_rotation.static_result import StaticResult
@@ -48,7 +47,7 @@ def report(
     from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
     from rfca_rig.analysis.torque_rotation.systematics import Instruments
     from rfca_rig.campaign.opening import open_recordings
-    from rfca_rig.cli.printing import Printing
+    from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.reports.provenance import command_line, origin_of
     from rfca_rig.reports.static.files import summary, write_static_report

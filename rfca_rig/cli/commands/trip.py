@@ -14,8 +14,7 @@ def trip(code: Annotated[str, typer.Argument(metavar="CODE", help="Such as F-02;
 
     Example: rfca-rig trip F-02
     """
-    from rfca_rig.errors import BadInput
-    from rfca_rig.trip_codes import Trip
+    from rfca_rig.errors import BadInput, Trip
 
     known = [str(one) for one in Trip]
     if not code:

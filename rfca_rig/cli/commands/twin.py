@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from rfca_rig.cli.help import Command
-from rfca_rig.cli.lines import print_lines
 from rfca_rig.cli.options import Rig, Seed
+from rfca_rig.cli.terminal import print_lines
 from rfca_rig.errors import BadInput, DeviceError, Stopped
 
 RDT_PORT, COMMAND_PORT, HTTP_PORT = 49152, 49151, 8080
@@ -61,14 +61,13 @@ def serve(
     """
     from rfca_rig.bench.fault_injection import faults_of_served_rig
     from rfca_rig.bench.served import Openings, open_served
-    from rfca_rig.cli.first_compile import COMPILE_NOTICE
-    from rfca_rig.cli.terminal import make_marked_say
+    from rfca_rig.cli.progress import COMPILE_NOTICE, make_marked_say
     from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.model.compiled import is_warm
-    from rfca_rig.twin_server.fault_schedule import parse_fault_events
-    from rfca_rig.twin_server.listening import is_loopback
+    from rfca_rig.twin_server.faults import parse_fault_events
+    from rfca_rig.twin_server.tcp import is_loopback
 
     say = make_marked_say("SIM", quiet)
     orders = parse_fault_events(fault or [])

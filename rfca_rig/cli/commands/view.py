@@ -21,7 +21,7 @@ def view(
 
     check_view_is_installed()
     # After the check: this import needs the packages of the extra.
-    from rfca_rig.view.replaying import replay
+    from rfca_rig.view.replay import replay
 
     with suppress(KeyboardInterrupt):
         replay(run, port, lambda url: typer.echo(f"open {url} (^C here ends it)", err=True))

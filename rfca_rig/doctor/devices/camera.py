@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from rfca_rig.bench.cameras import make_camera
 from rfca_rig.clock import Clock
-from rfca_rig.description.camera_sections import OpenCvCameraSection
+from rfca_rig.description.camera_file import OpenCvCameraSection
 from rfca_rig.doctor.devices.can import shorten_error
 from rfca_rig.doctor.finding import Finding, green, red, yellow
 from rfca_rig.drivers.roles import Photo, Photographer
@@ -71,7 +71,7 @@ def _one_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:
     camera.begin()
     until_s = clock.now_s() + limit_s
     while clock.now_s() < until_s:
-        if photo := camera.taken():
+        if photo := camera.fetch_photo():
             return photo
         clock.wait_until(clock.now_s() + LOOK_EVERY_S)
     raise DeviceError(f"the camera gave no photo within {limit_s:g} s; check its cable and power")

@@ -238,7 +238,7 @@ class Listener:
         except (can.CanError, OSError) as error:
             self.failed = f"a question was not sent: {shorten_error(error)}"
 
-    def seen(self) -> CanBusObservation:
+    def observe(self) -> CanBusObservation:
         return CanBusObservation(None, len(self.frames), self.error_frames, self.went_off, self.failed)
 
 

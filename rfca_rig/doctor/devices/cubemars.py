@@ -15,9 +15,9 @@ from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_drives import MitRanges, error_text
 from rfca_rig.codecs.cubemars_mit import MitReply, Special, decode_reply, encode_special
 from rfca_rig.codecs.cubemars_servo import Packet, Status
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.doctor.devices.can import LISTEN_S, Listener, ReceivedFrame, mean_period_s
 from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
+from rfca_rig.errors import MalformedFrame
 
 MIT_DRIVE, MIT_ERROR = "drive", "drive error"
 

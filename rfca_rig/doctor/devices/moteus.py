@@ -7,12 +7,12 @@ from math import nan
 import can
 
 from rfca_rig.codecs import moteus
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.moteus import Read, Reply, Route
 from rfca_rig.codecs.moteus_registers import Mode, Register, Width, fault_text, mode_text
 from rfca_rig.doctor.devices.can import Listener, ReceivedFrame
 from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
 from rfca_rig.drivers.motors.moteus_replies import OWN_ID
+from rfca_rig.errors import MalformedFrame
 
 DRIVE, ERROR = "drive", "drive error"
 

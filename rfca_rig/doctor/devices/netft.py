@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netft_configuration import CalibrationInfo, NetFtConfiguration
 from rfca_rig.codecs.rdt import (
     ERROR,
@@ -24,7 +23,7 @@ from rfca_rig.drivers.force_sensors.netft import NetFtBox, NetFtSettings, refuse
 from rfca_rig.drivers.force_sensors.records import RecordSequence
 from rfca_rig.drivers.ports import Datagrams, UdpDatagrams
 from rfca_rig.drivers.roles import concatenate_blocks
-from rfca_rig.errors import DeviceError, RigError
+from rfca_rig.errors import DeviceError, MalformedFrame, RigError
 
 BOX, STREAM, RATE, STATUS = "sensor's box", "sensor's records", "sensor's rate", "sensor's status"
 # Without bit 31, the summary error, which every error sets.

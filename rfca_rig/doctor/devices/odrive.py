@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 
 import can
 
-from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
-from rfca_rig.codecs.malformed import MalformedFrame
-from rfca_rig.codecs.odrive_meanings import state_text
+from rfca_rig.codecs import cansimple
+from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED, error_text, part_error_text, state_text
 from rfca_rig.codecs.odrive_messages import (
     BROADCAST_NODE,
     AxisState,
@@ -23,13 +22,12 @@ from rfca_rig.codecs.odrive_messages import (
 )
 from rfca_rig.doctor.devices.can import LISTEN_S, Listener, ReceivedFrame, mean_period_s
 from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow
+from rfca_rig.errors import MalformedFrame
 
 DRIVE, ERROR, ENCODER, TORQUE = "drive", "drive error", "drive's encoder", "drive's torque"
 # Factors between measured and configured period: the driver refuses the first, the second gets a warning.
 REFUSED_PERIOD_RATIO, WARNING_PERIOD_RATIO = 2.0, 1.2
 SAVE = "odrv0.save_configuration()"
-WATCHDOG = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
-ERROR_TEXT = {OdriveFirmware.V0_5: odrive_older_meanings.error_text, OdriveFirmware.V0_6: odrive_meanings.error_text}
 
 ANSWER_S = 0.1
 # Messages that only a drive sends, and sends unasked: they identify an ODrive.
@@ -102,10 +100,10 @@ def _identity(seen: OdriveSeen, wanted: OdriveWanted) -> Finding:
 
 
 def _error(seen: OdriveSeen, beat: Heartbeat, wanted: OdriveWanted) -> Finding:
-    parts = {error.part: odrive_older_meanings.part_error_text(error.part, error.word) for error in seen.part_errors}
-    errors = "; ".join([ERROR_TEXT[wanted.dialect](beat.error), *(parts.get(part, f"{part} error") for part in beat.failed)])
+    parts = {error.part: part_error_text(error.part, error.word) for error in seen.part_errors}
+    errors = "; ".join([error_text(beat.error, wanted.dialect), *(parts.get(part, f"{part} error") for part in beat.failed)])
     # An expired watchdog is the normal state after a program ended, so it is only a warning.
-    if beat.error == WATCHDOG[wanted.dialect] and not beat.failed:
+    if beat.error == WATCHDOG_EXPIRED[wanted.dialect] and not beat.failed:
         return yellow(ERROR, errors, "nothing else is wrong: the next run clears it; by hand, in odrivetool:", "odrv0.clear_errors()")
     if beat.error or beat.failed:
         return red(ERROR, errors, "remove the cause, then clear it, in odrivetool:", "odrv0.clear_errors()")

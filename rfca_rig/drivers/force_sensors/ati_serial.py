@@ -225,7 +225,7 @@ class AtiSerialSensor:
 
 def _no_answer(command: AtiCommand, answer: bytes, settings: AtiSerialSettings) -> str:
     request = f"to {bytes(command).decode()!r}" if command else "to a carriage return"
-    reply = f"it said {answer[-40:]!r}" if answer else "it said nothing"
+    reply = f"but sent {answer[-40:]!r}" if answer else "and sent nothing"
     return (
         f"F/T controller on {settings.address or 'its serial port'} gives no prompt {request} within {ANSWER_S:g} s, {reply}; "
         f"check its power, the cable, and that it is set to {settings.bits_per_s} bit/s"

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.malformed import MalformedFrame
 from rfca_rig.codecs.netft_configuration import (
     CALIBRATION_BYTES,
     MAX_PAGE_BYTES,
@@ -30,10 +29,11 @@ from rfca_rig.codecs.netft_configuration import (
     encode_command,
 )
 from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request, status_text
+from rfca_rig.drivers.device_time import wrap_to_signed
 from rfca_rig.drivers.force_sensors.records import RecordSequence, StatusCounter
 from rfca_rig.drivers.ports import Datagrams
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth, concatenate_blocks
-from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.errors import BadInput, DeviceError, MalformedFrame
 
 TIMEOUT_S = 2.0
 # Relative tolerance: counts per unit are converted between units, which leaves rounding errors.
@@ -297,7 +297,7 @@ class NetFtSensor:
         steps = (records.ft_sequence[1:] - records.ft_sequence[:-1]).view(np.int32)
         # Only neighbouring records: a lost record would look like a larger step.
         self._check_rate(steps[numbers[1:] - numbers[:-1] == 1])
-        since = 1 if self._last_ft is None else _signed_difference(int(records.ft_sequence[0]) - self._last_ft)
+        since = 1 if self._last_ft is None else wrap_to_signed(int(records.ft_sequence[0]) - self._last_ft)
         self._stalled += int((steps <= 0).sum()) + (since <= 0)
         self._last_ft = int(records.ft_sequence[-1])
 
@@ -370,8 +370,3 @@ def _select(records: Records, rows: NDArray[np.int64]) -> Records:
 
 def _samples(records: Records, numbers: NDArray[np.int64], host_s: float, period_s: float) -> ForceSamples:
     return ForceSamples(np.full(len(numbers), host_s), (numbers - 1).astype(np.float64) * period_s, numbers, records.status, records.counts)
-
-
-def _signed_difference(difference: int) -> int:
-    """Signed difference of two 32 bit counters."""
-    return (difference + (1 << 31)) % (1 << 32) - (1 << 31)

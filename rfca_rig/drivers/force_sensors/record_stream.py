@@ -127,7 +127,7 @@ class RecordStream(ABC, Generic[Keys]):
         while answer not in received:
             if self._clock.now_s() > until_s:
                 raise DeviceError(
-                    f"force sensor on {self.keys.port} does not answer {command!r} with {answer!r} within {ANSWER_S:g} s, it said "
+                    f"force sensor on {self.keys.port} does not answer {command!r} with {answer!r} within {ANSWER_S:g} s, but sent "
                     f"{received[-40:]!r}; check its power, the cable, and port and bits_per_s under [force_sensor]"
                 )
             self._clock.wait_until(self._clock.now_s() + POLL_S)

@@ -14,8 +14,7 @@ from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_drives import GAIN_Nm_S_PER_RAD, MitRanges, mit_ranges
 from rfca_rig.codecs.cubemars_mit import MitCommand, Special, decode_reply, encode_command, encode_special
 from rfca_rig.codecs.cubemars_servo import STATUS_A, STATUS_DEG, Status
-from rfca_rig.codecs.malformed import MalformedFrame
-from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.errors import BadInput, DeviceError, MalformedFrame
 
 # From 127 on the drive id could equal the first byte of a command, and an echoed command would pass for a reply.
 MAX_MIT_ID = 126

@@ -172,8 +172,8 @@ class CubemarsMitMotor:
             # The drive answers both torque-off frames, so two requests are noted afterwards.
             send_stop(self._bus, self._clock, self._last_word.frames())
         finally:
-            self._replies.asked()
-            self._replies.asked()
+            self._replies.note_query()
+            self._replies.note_query()
 
     def prove_watchdog(self, limit_s: float) -> float:
         """Sends nothing for `limit_s`, then asks once; returns the time in s, within which the motor was disabled.
@@ -275,7 +275,7 @@ class CubemarsMitMotor:
 
     def _send(self, data: bytes | bytearray) -> None:
         send(self._bus, self._message(data))
-        self._replies.asked()
+        self._replies.note_query()
 
     def _message(self, data: bytes | bytearray) -> can.Message:
         return can.Message(arbitration_id=self._settings.drive_id, data=data, is_extended_id=False)

@@ -60,9 +60,9 @@ class MitReplies:
         self.heard = 0
         # The next reply counts, even if its request has the same time as an older one.
         self.at_s = -np.inf
-        self._told_errors = self._is_cut = False
+        self._reports_errors = self._is_cut = False
 
-    def asked(self) -> None:
+    def note_query(self) -> None:
         """Notes a frame sent to the drive: each one is answered."""
         if not self._asked_s:
             self._whole_s = self._clock.now_s()
@@ -120,8 +120,8 @@ class MitReplies:
 
     def _follow(self, reply: MitReply, t_s: float) -> None:
         self.reply = reply
-        self._is_cut |= self._told_errors and reply.error is None
-        self._told_errors |= reply.error is not None
+        self._is_cut |= self._reports_errors and reply.error is None
+        self._reports_errors |= reply.error is not None
         if t_s <= self.at_s:
             # Two requests at the same time: the second reply is the same.
             return

@@ -65,7 +65,7 @@ class DriveReports:
         self.heard = 0
         self._foreign: set[int] = set()
 
-    def asked(self) -> None:
+    def note_query(self) -> None:
         """Notes a request that was sent; the next report answers it."""
         self._asked_s = self._clock.now_s()
         # Silence counts from the first request that is still open, not from the last one.

@@ -134,7 +134,7 @@ class MoteusMotor:
         self._note_request()
 
     def _note_request(self) -> None:
-        self._replies.asked()
+        self._replies.note_query()
         self._asked = True
 
     def disable(self) -> None:

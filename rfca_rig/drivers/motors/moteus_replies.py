@@ -138,7 +138,7 @@ class MoteusReplies:
         self._refusals: dict[int, int] = {}
         self.answers = 0
 
-    def asked(self) -> None:
+    def note_query(self) -> None:
         """Notes that a state query has been sent."""
         self._asked_s.append(self._clock.now_s())
 

@@ -5,8 +5,8 @@ from math import isfinite
 import can
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs import cansimple, odrive_meanings, odrive_older_meanings
-from rfca_rig.codecs.odrive_meanings import result_text, state_text
+from rfca_rig.codecs import cansimple
+from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED, error_text, part_error_text, result_text, state_text
 from rfca_rig.codecs.odrive_messages import AxisState, ControlMode, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart
 from rfca_rig.drivers.can_frames import send, send_stop
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, find_wrong_period
@@ -19,9 +19,6 @@ __all__ = ["OdriveMotor", "OdriveSettings"]
 # Poll interval while waiting, and the time given to a drive to answer a request for part errors, in s.
 POLL_S = 2e-3
 PART_ERROR_S = 0.05
-# The two firmware dialects use different bits for the same error.
-WATCHDOG_EXPIRED = {OdriveFirmware.V0_5: odrive_older_meanings.WATCHDOG_EXPIRED, OdriveFirmware.V0_6: odrive_meanings.WATCHDOG_EXPIRED}
-ERROR_TEXT = {OdriveFirmware.V0_5: odrive_older_meanings.error_text, OdriveFirmware.V0_6: odrive_meanings.error_text}
 
 
 class OdriveMotor:
@@ -143,10 +140,9 @@ class OdriveMotor:
         """Text of the drive's error word and of its parts' error words, as far as they are known."""
         errors = self._reports.part_errors
         parts = [
-            odrive_older_meanings.part_error_text(part, errors[part]) if part in errors else f"{part} error, which one is not reported"
-            for part in beat.failed
+            part_error_text(part, errors[part]) if part in errors else f"{part} error, which one is not reported" for part in beat.failed
         ]
-        return "; ".join([ERROR_TEXT[self._settings.dialect](beat.error), *parts])
+        return "; ".join([error_text(beat.error, self._settings.dialect), *parts])
 
     def _beat(self) -> Heartbeat:
         if self._reports.beat is None:

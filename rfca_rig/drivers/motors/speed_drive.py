@@ -274,7 +274,7 @@ class SpeedDrive(ABC, Generic[Keys]):
     def _ask(self) -> None:
         for message in self.to_ask() if self._period_s is None else ():
             send(self._bus, message, WATCHDOG_REMEDY)
-        self._reports.asked()
+        self._reports.note_query()
         self._has_asked = True
 
     def _wait_and_drain(self) -> None:

@@ -1,16 +1,37 @@
-"""The two experiments of a campaign, simulated on a world: a stroke, and a table of static stages."""
+"""The exam's simulator: seven rods in relative angles, integrated by drift-kick-drift with a fixed step.
+
+A step is half a drift, one solve for the change of all rates with hinge damping half implicit, and half a drift. It is second order.
+The step is fixed, so halving it is the whole convergence test. The simulator shares no code, coordinates, integrator, friction law or
+memory law with the model that the diagnosis uses.
+
+The two experiments of a campaign run on it: a stroke, and a table of static stages. The sensor model makes recorded columns of their true
+forces, with sensor faults and noise.
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.simulator.engine import Traces, simulate
-from rfca_rig.exam.simulator.sensor import Noise, record_columns, sense
-from rfca_rig.exam.simulator.world import HINGES, World
+from rfca_rig.errors import SimulationFailed
+from rfca_rig.exam.simulator.compiled import jit_cached
+from rfca_rig.exam.simulator.step import FIRST_ANGLE, run
+from rfca_rig.exam.simulator.world import GRAVITY_M_S2, HINGES, World
 
 Floats = NDArray[np.float64]
+
+FINE_STEP_S = 5e-5
+# The leg is released before the recording starts, so that it hangs still when the command begins at t = 0.
+RELEASED_S = -0.6
+
+# Resolution of a recorded force and torque.
+COUNT_N, COUNT_NM = 0.005, 5e-5
+ENCODER_RAD = 2.0 * np.pi / 2**16
+# Steps per sample for a ringing sensor; 40 instead change a force by 1e-5 of itself.
+PIECES = 20
+NOISE_FX_N, NOISE_TY_NM = 0.1, 0.006
+NOISE_ANGLE_RAD, NOISE_SPEED_RAD_S, NOISE_MOTOR_NM = 1e-4, 0.01, 0.05
 
 # Half of this step changes a valley by less than 1e-4 of its force.
 STEP_S = 1e-4
@@ -26,6 +47,244 @@ STAGES = (*((angle, "loading") for angle in LOADING_RAD), *((angle, "unloading")
 MOVE_RAD_S, HOLD_S, READ_S = 1.0, 0.8, 0.1
 # Standard deviation of a hinge angle read from a photo.
 PHOTO_DEG = 0.15
+
+
+@dataclass(frozen=True)
+class Traces:
+    """True signals of one simulation, before the sensor.
+
+    All are (m,) at the times `t_s`, except `joint_angles_rad` (m, 7), the angles of the shaft and of the six hinges. `force_y_N` and
+    `force_d_N` are the force of the mount on the leg, along y and d (downwards).
+    """
+
+    t_s: Floats
+    force_y_N: Floats
+    force_d_N: Floats
+    leg_torque_Nm: Floats
+    motor_torque_Nm: Floats
+    motor_angle_rad: Floats
+    motor_speed_rad_s: Floats
+    joint_angles_rad: Floats
+
+
+def simulate(world: World, knots: Floats, t_s: Floats, width_s: float = 1e-4, step_s: float = FINE_STEP_S) -> Traces:
+    """Simulate a leg that is released straight at -0.6 s and then driven.
+
+    Parameters
+    ----------
+    world : World
+        The rig.
+    knots : (2, k) array
+        Times in s and commanded speeds in rad/s, linear in between.
+    t_s : (m,) array
+        Sample times, ascending.
+    width_s : float
+        Each sample is the mean over this time around it, at least one step on either side.
+    step_s : float
+        Step of the integrator; the method is of second order.
+
+    Returns
+    -------
+    Traces
+        The true signals at `t_s`.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the state is no longer finite.
+    """
+    rod, mount = _rod(world), _mount(world)
+    drive = np.array([getattr(world.drive, name) for name in _DRIVE])
+    phi, motor = _at_release(world, rod)
+    middle = (t_s - RELEASED_S) / step_s
+    half = max(round(0.5 * width_s / step_s), 1)
+    # Step k covers k to k + 1 steps after the release. These 2 * half steps are therefore symmetric about the sample.
+    window = np.round(middle)[:, None] + np.array([-half, half - 1])
+    out = np.zeros((len(t_s), FIRST_ANGLE + rod.shape[1]))
+    steps = int(window[-1, 1]) + 1
+    if not run(rod, _hinge(world), _floor(world), drive, mount, knots, phi, motor, RELEASED_S, step_s, steps, window, out):
+        raise SimulationFailed(f"the exam's simulator left the finite numbers {1e3 * world.mount.height_m:.0f} mm above the ground")
+    fy, fd, leg, torque, angle, speed = out[:, :FIRST_ANGLE].T
+    return Traces(t_s, fy, fd, leg, torque, angle, speed, out[:, FIRST_ANGLE:])
+
+
+# The order is that of the entries of `drive` in engine_drive.
+_DRIVE = (
+    "start_angle_rad",
+    "kp_Nm_s_per_rad",
+    "ki_Nm_per_rad",
+    "rotor_kg_m2",
+    "shaft_Nm_per_rad",
+    "shaft_Nm_s_per_rad",
+    "shaft_gap_rad",
+    "shaft_loss_s_per_rad",
+    "ripple_share",
+    "ripple_cycles",
+    "ripple_phase_rad",
+    "cable_Nm",
+    "limit_Nm",
+    "cogging_Nm",
+    "cogging_cycles",
+    "hose_Nm_per_rad",
+)
+
+
+def _rod(world: World) -> Floats:
+    """Lengths, masses, centres of mass and moments of inertia about these, (4, 7); the tip mass is merged into the last rod."""
+    length, mass = np.array(world.links.length_m), np.array(world.links.mass_kg)
+    centre, inertia = length / 2.0, mass * length**2 / 12.0
+    tip, whole = world.links.tip_mass_kg, mass[-1] + world.links.tip_mass_kg
+    merged = (mass[-1] * centre[-1] + tip * length[-1]) / whole
+    # Parallel axis theorem: rod and point mass about their common centre of mass.
+    inertia[-1] += mass[-1] * (merged - centre[-1]) ** 2 + tip * (length[-1] - merged) ** 2
+    centre[-1], mass[-1] = merged, whole
+    return np.array([length, mass, centre, inertia])
+
+
+def _hinge(world: World) -> Floats:
+    # The fields of `Hinges` are in the order of the columns in engine_hinge. Row 0 is the shaft, which has no spring.
+    columns = [getattr(world.hinges, field.name) for field in fields(world.hinges)]
+    return np.vstack([np.zeros(len(columns)), np.array(columns).T])
+
+
+def _floor(world: World) -> Floats:
+    # The fields of `Floor` are in the order of the entries in engine_floor. The last two hold how far and how fast the floor shakes.
+    return np.array([float(getattr(world.floor, field.name)) for field in fields(world.floor)] + [world.mount.height_m, 0.0, 0.0])
+
+
+def _mount(world: World) -> Floats:
+    mount, links = world.mount, world.links
+    pull = GRAVITY_M_S2 * np.array([np.sin(mount.lean_rad), np.cos(mount.lean_rad)])
+    drag = links.drag_N_s2_per_m3, links.drag_power
+    frame = mount.frame_kg, mount.frame_N_per_m, mount.frame_N_s_per_m, mount.frame_lean_rad, mount.frame_felt_share
+    return np.array([links.end_radius_m, *drag, *pull, *frame])
+
+
+def _at_release(world: World, rod: Floats) -> tuple[Floats, Floats]:
+    """Angles (n,) and motor state (4,) of the straight leg, with the drive's springs deflected so that they carry its weight."""
+    drive, start = world.drive, world.drive.start_angle_rad
+    angles = np.zeros(rod.shape[1] + (world.mount.frame_kg > 0.0))
+    along = rod[1] @ (np.concatenate([[0.0], np.cumsum(rod[0])[:-1]]) + rod[2])
+    weight = GRAVITY_M_S2 * along * np.cos(start + world.mount.lean_rad)
+    # The PI loop gives torque only for an angle error, so the motor starts below its command by weight / ki.
+    motor = start + (weight / drive.ki_Nm_per_rad if drive.ki_Nm_per_rad > 0.0 else 0.0)
+    # The shaft spring acts only beyond its play.
+    angles[0] = motor + (weight / drive.shaft_Nm_per_rad + drive.shaft_gap_rad if drive.shaft_Nm_per_rad > 0.0 else 0.0)
+    return angles, np.array([start, 0.0, motor, 0.0])
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of one sample."""
+
+    fy_N: float = 0.10
+    fz_N: float = 0.15
+    tx_Nm: float = 0.006
+
+
+def sense(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
+    """(fy, fz, tx), each (m,) in N and N m, as a sensor without noise reports them.
+
+    fz points down: the leg's weight is positive. The faults act in the order that `Sensing` lists.
+    """
+    sensing, t = world.sensing, traces.t_s
+    fy, fz = traces.force_y_N, -traces.force_d_N
+    # The sensor's origin is below the shaft, so fy adds its moment.
+    tx = traces.leg_torque_Nm + world.mount.below_shaft_m * fy
+    turned = traces.motor_angle_rad - world.drive.start_angle_rad
+    fz = fz + sensing.cogging_N * np.sin(sensing.cogging_cycles * turned)
+    fy, fz, tx = sensing.gain * fy, sensing.gain * fz * (1.0 + sensing.curvature_per_N * np.abs(fz)), sensing.gain * tx
+    fz = apply_play(fz, sensing.play_N)
+    fz = fz + sensing.creep_share * lag_first_order(t, fz, sensing.creep_s) if sensing.creep_share != 0.0 else fz
+    fy, fz, tx = fy + sensing.fy_per_fz * fz, fz + sensing.fz_per_fy * fy, tx + sensing.tx_per_fy_m * fy + sensing.tx_per_fz_m * fz
+    # The torque tx rings with the direction y, in which it has its lever.
+    across_Hz = sensing.ringing_Hz * sensing.y_frequency_ratio
+    fy, fz, tx = (
+        filter_second_order(t, x, frequency_Hz, sensing.ringing_ratio)
+        for x, frequency_Hz in ((fy, across_Hz), (fz, sensing.ringing_Hz), (tx, across_Hz))
+    )
+    fy, fz, tx = (delay(t, lag_first_order(t, x, sensing.lag_s), sensing.clock_offset_s + sensing.clock_rate * t) for x in (fy, fz, tx))
+    fz = fz + sensing.drift_N_per_s * t + sensing.hum_N * np.sin(2.0 * np.pi * sensing.hum_Hz * t)
+    fz = np.clip(fz, -sensing.clip_N, sensing.clip_N)
+    fz = np.where(np.abs(fz) < sensing.dead_N, 0.0, fz)
+    return fy, np.round(fz / sensing.digit_N) * sensing.digit_N if sensing.digit_N > 0.0 else fz, tx
+
+
+def lag_first_order(t_s: Floats, x: Floats, tau_s: float) -> Floats:
+    """First-order low-pass tau y' = x - y of x (m,) at times (m,), bilinear (second order); settled at the first sample."""
+    if tau_s <= 0.0:
+        return x
+    y = x.copy()
+    for i in range(1, len(x)):
+        share = (t_s[i] - t_s[i - 1]) / tau_s
+        y[i] = ((1.0 - 0.5 * share) * y[i - 1] + 0.5 * share * (x[i] + x[i - 1])) / (1.0 + 0.5 * share)
+    return y
+
+
+def delay(t_s: Floats, x: Floats, offset_s: float | Floats) -> Floats:
+    """x (m,) at times (m,) as it was `offset_s` before, linear between samples; `offset_s` is one number or (m,). The ends are held."""
+    return np.interp(t_s - offset_s, t_s, x) if np.any(offset_s) else x
+
+
+def filter_second_order(t_s: Floats, x: Floats, frequency_Hz: float, ratio: float) -> Floats:
+    """x (m,) filtered by a mass on a spring with damping ratio `ratio`, in short drift-kick-drift steps; at rest at the first sample."""
+    if frequency_Hz <= 0.0:
+        return x
+    y = x.copy()
+    integrate_second_order(t_s, x, 2.0 * np.pi * frequency_Hz, ratio, y)
+    return y
+
+
+@jit_cached
+def integrate_second_order(t_s: Floats, x: Floats, rate: float, ratio: float, y: Floats) -> None:
+    """Integrate y'' = w^2 (x - y) - 2 d w y' into y (m,), with x (m,) linear between samples at t_s (m,) and PIECES steps for each.
+
+    w is `rate` in rad/s, d is `ratio`. Second order: half a drift, a kick with half-implicit damping, half a drift.
+    """
+    place, speed = x[0], 0.0
+    for i in range(1, x.size):
+        h = (t_s[i] - t_s[i - 1]) / PIECES
+        for piece in range(PIECES):
+            place += 0.5 * h * speed
+            now = x[i - 1] + (x[i] - x[i - 1]) * (piece + 0.5) / PIECES
+            speed = (speed * (1.0 - h * ratio * rate) + h * rate * rate * (now - place)) / (1.0 + h * ratio * rate)
+            place += 0.5 * h * speed
+        y[i] = place
+
+
+def apply_play(x: Floats, half_width: float) -> Floats:
+    """x (m,) behind a play of this half width: the output stays until it is dragged."""
+    if half_width == 0.0:
+        return x
+    y = x.copy()
+    for i in range(1, len(x)):
+        y[i] = min(max(y[i - 1], x[i] - half_width), x[i] + half_width)
+    return y
+
+
+def record_columns(world: World, traces: Traces, noise: Noise, random: np.random.Generator) -> dict[str, Floats]:
+    """Columns (m,) of a dynamic recording, with noise and finite resolution."""
+    m = len(traces.t_s)
+    fy, fz, tx = sense(world, traces)
+
+    def noisy(x: Floats | float, std: float, digit: float) -> Floats:
+        return np.asarray(np.round((x + random.normal(0.0, std, m)) / digit) * digit)
+
+    return {
+        # The order of the columns is the order of the random draws: another one would change every recording of a seed.
+        "t_s": traces.t_s,
+        "shaft_angle_rad": noisy(traces.motor_angle_rad, NOISE_ANGLE_RAD, ENCODER_RAD),
+        "shaft_speed_rad_s": noisy(traces.motor_speed_rad_s, NOISE_SPEED_RAD_S, 1e-4),
+        "motor_torque_Nm": noisy(traces.motor_torque_Nm, NOISE_MOTOR_NM, 1e-3),
+        "fx_N": noisy(0.0, NOISE_FX_N, COUNT_N),
+        "fy_N": noisy(fy, noise.fy_N, COUNT_N),
+        "fz_N": noisy(fz, noise.fz_N, COUNT_N),
+        "tx_Nm": noisy(tx, noise.tx_Nm, COUNT_NM),
+        "ty_Nm": noisy(0.0, NOISE_TY_NM, COUNT_NM),
+        "tz_Nm": noisy(0.0, NOISE_TY_NM, COUNT_NM),
+    }
+
+
 # A reading averages a tenth of a second, so its noise is smaller than that of a sample.
 STATIC_NOISE = Noise(fy_N=0.01, fz_N=0.015, tx_Nm=6e-4)
 

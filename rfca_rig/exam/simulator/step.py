@@ -65,14 +65,14 @@ def advance_command(drive: Floats, knots: Floats, motor: Floats, t: float, h: fl
 
 
 @jit_internal
-def pi_torque(drive: Floats, motor: Floats, told_before: float, angle: float, speed: float, h: float) -> tuple[float, float]:
+def pi_torque(drive: Floats, motor: Floats, command_before: float, angle: float, speed: float, h: float) -> tuple[float, float]:
     """Torque of the PI speed loop at mid-step in N m, and by how much it falls per rad/s of speed.
 
-    `drive` is (16,), `motor` (4,) with the command after the step, `told_before` the commanded angle before it. `angle` is the
+    `drive` is (16,), `motor` (4,) with the command after the step, `command_before` the commanded angle before it. `angle` is the
     rotor's at mid-step, `speed` before the step.
     """
-    command = 0.5 * (told_before + motor[COMMAND_ANGLE])
-    demand = drive[KI] * (command - angle) + drive[KP] * ((motor[COMMAND_ANGLE] - told_before) / h - speed)
+    command = 0.5 * (command_before + motor[COMMAND_ANGLE])
+    demand = drive[KI] * (command - angle) + drive[KP] * ((motor[COMMAND_ANGLE] - command_before) / h - speed)
     cogging = drive[COGGING] * np.sin(drive[COGS] * (angle - drive[START]))
     # A saturated motor no longer reacts to speed, so its implicit share is zero.
     if abs(demand) > drive[LIMIT]:
@@ -96,13 +96,13 @@ def shaft_torque(drive: Floats, angle: float, speed: float) -> tuple[float, floa
 
 
 @jit_internal
-def turn_rotor(drive: Floats, motor: Floats, told_before: float, back: float, h: float) -> float:
+def turn_rotor(drive: Floats, motor: Floats, command_before: float, back: float, h: float) -> float:
     """Advance a rotor under PI control by one step, in `motor` (4,); returns the motor's torque in N m.
 
-    `back` is the torque of the twisted shaft on the rotor, `told_before` the commanded angle before the step.
+    `back` is the torque of the twisted shaft on the rotor, `command_before` the commanded angle before the step.
     """
     angle = motor[MOTOR_ANGLE] + 0.5 * h * motor[MOTOR_SPEED]
-    push, falling = pi_torque(drive, motor, told_before, angle, motor[MOTOR_SPEED], h)
+    push, falling = pi_torque(drive, motor, command_before, angle, motor[MOTOR_SPEED], h)
     # Implicit in the falling torque: stiff controllers would otherwise limit the step.
     gained = h * (push - back) / (drive[ROTOR] + 0.5 * h * falling)
     motor[MOTOR_SPEED] += gained

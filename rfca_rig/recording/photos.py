@@ -1,13 +1,43 @@
-"""Photos on their way from the control process to the recorder, sent by a thread so that the control loop never waits."""
+"""Photos of static stages: lossless PNG files, and their way to the recorder.
 
+A thread sends them, so that the control loop never waits.
+"""
+
+import importlib
 import queue
 import threading
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rfca_rig.recording.picture import Picture
+from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.layout import PHOTOS
+
+# PNG compression, 0 to 9: camera noise hardly compresses, and a higher level takes many times longer.
+PACKING = 1
+Picture = NDArray[np.uint8]
+
+
+def next_photo(folder: Path) -> int:
+    """Number of the run's next photo."""
+    return max((int(file.stem) for file in (folder / PHOTOS).glob("*.png") if file.stem.isdecimal()), default=0) + 1
+
+
+def photo_name(number: int) -> str:
+    """Path of a photo in the run's folder."""
+    return f"{PHOTOS}/{number:03d}.png"
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Returns when the picture (rows, columns, 3) is on disk. Raises RigError, DiskFull."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # Imported only here: the recorder of a run without camera starts sooner.
+    cv2 = importlib.import_module("cv2")
+    encoded = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, PACKING])[1]
+    write_atomically(path, encoded.tobytes())
 
 
 @dataclass(frozen=True)
@@ -17,7 +47,7 @@ class AnnouncedPhoto:
     name: str
     shape: tuple[int, ...]
 
-    def received(self, parent: Connection) -> Picture:
+    def receive(self, parent: Connection) -> Picture:
         """The photo (rows, columns, 3). Raises EOFError, OSError where the sender dies meanwhile."""
         return np.frombuffer(parent.recv_bytes(), np.uint8).reshape(self.shape)
 

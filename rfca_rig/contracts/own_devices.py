@@ -1,14 +1,21 @@
-"""Force sensor conformance tests on the plug-in sensor of a rig file and its twin."""
+"""Conformance tests on the plug-in drive and force sensor of a rig file, and their twins."""
 
+from typing import Any
+
+import can
 import numpy as np
 import pytest
 
-from rfca_rig.clock import TwinClock
+from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, NoisyPort, constant
+from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.description.force_sensor_sections import ForceSensorKeys
+from rfca_rig.description.motor_sections import MotorKeys
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.drivers.force_sensors.record_stream import RecordStream
+from rfca_rig.drivers.roles import ShaftMotor
+from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.wires import serial_line
 
 LATENCY_S = 0.02
@@ -17,14 +24,16 @@ LOST_S = 0.05
 # Relative resolution of a single-precision value, as share of the range.
 SINGLE_PRECISION_RESOLUTION = 2e-7
 
+SILENT_S = 0.3
+
 
 class TestOurForceSensor(ForceSensorContract):
     """Runs the tests without noise, under a prescribed wrench."""
 
     @pytest.fixture
-    def rig(self, described: RigFile) -> ForceSensorRig:
-        assert isinstance(described.force_sensor, ForceSensorKeys), "[force_sensor] is not of a file of its own"
-        keys, clock, (host, device) = described.force_sensor, TwinClock(), serial_line()
+    def rig(self, own_rig: RigFile) -> ForceSensorRig:
+        assert isinstance(own_rig.force_sensor, ForceSensorKeys), "[force_sensor] is not of a file of its own"
+        keys, clock, (host, device) = own_rig.force_sensor, TwinClock(), serial_line()
         port = NoisyPort(host)
         sensor, twin = keys.driver(port, clock), twin_of(keys)(device, keys, (0.0,) * 6, np.random.default_rng(1))
         # A driver that is no `RecordStream` has no fixed record length; 64 bytes stand for it.
@@ -46,3 +55,32 @@ class TestOurForceSensor(ForceSensorContract):
             time_step_s=2e-6,
         )
         return rig
+
+
+class TestOurMotor(MotorContract):
+    """Runs the tests. A twin may widen tolerances in `tolerances`, if its protocol is coarser than most."""
+
+    @pytest.fixture(autouse=True)
+    def _of_the_rig_file(self, own_rig: RigFile) -> None:
+        assert isinstance(own_rig.motor, MotorKeys), "[motor] is not of a file of its own"
+        self.keys = own_rig.motor
+        twin_class = twin_of(self.keys)
+        self.TELLS_TEMPERATURE = getattr(twin_class, "tells_temperature", False)
+        for name, value in getattr(twin_class, "tolerances", {}).items():
+            setattr(self, name, value)
+
+    def driver(self, bus: can.BusABC, clock: Clock) -> ShaftMotor:
+        return self.keys.driver(bus, clock, SILENT_S)
+
+    def twin(self, bus: can.BusABC, watchdog_s: float | None) -> Any:
+        return twin_of(self.keys)(bus, self.keys, LoopGains(), watchdog_s)
+
+    def leave_stale_set_point(self, bus: can.BusABC) -> None:
+        for message in self.twin(bus, None).stale_set_point():
+            bus.send(message)
+
+    def fail(self, twin: Any) -> str:
+        return str(twin.fail())
+
+    def refuse(self, twin: Any) -> str:
+        return str(twin.refuse())

@@ -8,9 +8,10 @@ from typing import Any
 
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.campaign.opening import open_with_nominal_model
+from rfca_rig.cli.progress import make_marked_say
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.run_experiment import run_and_record
-from rfca_rig.cli.terminal import Say, make_marked_say
+from rfca_rig.cli.terminal import Say
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.planning import read_plan
 from rfca_rig.description.rig_file import RigFile, read_rig

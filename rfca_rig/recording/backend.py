@@ -1,18 +1,21 @@
-"""The control loop's end of the recorder process: handing over takes microseconds, and every loss is reported."""
+"""Where the control loop hands its blocks: the interface, a recorder in the same process, and the client of a recorder process.
+
+With a process of its own, handing over takes microseconds, and every loss is reported.
+"""
 
 import subprocess
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
+from typing import Protocol
 
 from rfca_rig.clock import WallClock
-from rfca_rig.errors import DiskFull, RigError, Tripped
+from rfca_rig.errors import DiskFull, RigError, Trip, Tripped
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import JournalBlock, frame_block
-from rfca_rig.recording.photo_sender import PhotoSender
-from rfca_rig.recording.picture import Picture, next_photo, photo_name
+from rfca_rig.recording.photos import PhotoSender, Picture, next_photo, photo_name
 from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, spawn_recorder
-from rfca_rig.trip_codes import Trip
+from rfca_rig.recording.run_writer import RunWriter
 
 # 20 s of a sensor at 15 kHz.
 QUEUE_BYTES = 16 << 20
@@ -25,8 +28,78 @@ PATIENT_S = 30.0  # for which a twin's time stands still before the run ends
 PAUSE_S = 0.002
 
 
+class RunBackend(Protocol):
+    """Records a run; `acknowledged` stages are on disk."""
+
+    @property
+    def acknowledged(self) -> int: ...
+
+    @property
+    def backlog_bytes(self) -> int:
+        """Handed over, and not on its way to the disk yet."""
+        ...
+
+    def give(self, block: JournalBlock) -> None:
+        """Hands over a block. Raises what ends the run: DiskFull, Tripped where the recorder cannot keep up, RigError where it has died."""
+        ...
+
+    def keep_photo(self, picture: Picture) -> str:
+        """Takes over a photo (rows, columns, 3) of the stage that ends next; the caller must not change it any more.
+
+        Returns its path in the run's folder. The stage is acknowledged when the photo, too, is on disk. Raises as `give` does.
+        """
+        ...
+
+    def finish(self, why: str) -> None:
+        """Returns when everything is on disk; a stage in progress is cut short for the reason `why`.
+
+        May be called any number of times. Raises RigError where something could not be recorded.
+        """
+        ...
+
+
+class InProcessRecorder:
+    """Writes at once, in the caller's own time: for tests, and systems on which no process can be started."""
+
+    def __init__(self, folder: Path) -> None:
+        self._writer = RunWriter(folder)
+        self._photos = count(next_photo(folder))
+        self._is_open = True
+
+    @property
+    def acknowledged(self) -> int:
+        return self._writer.acknowledged
+
+    @property
+    def backlog_bytes(self) -> int:
+        return 0
+
+    def give(self, block: JournalBlock) -> None:
+        self._writer.take(block)
+        self._writer.flush()
+        # No work is left over: the order of events is then the same every time.
+        self._writer.work_off()
+        self._check()
+
+    def keep_photo(self, picture: Picture) -> str:
+        name = photo_name(next(self._photos))
+        self._writer.keep_picture(name, picture)
+        self._check()
+        return name
+
+    def _check(self) -> None:
+        # Raised only after the block was written, in the room of the reserve.
+        if self._writer.complaint:
+            raise DiskFull(self._writer.complaint)
+
+    def finish(self, why: str) -> None:
+        if self._is_open:
+            self._is_open = False
+            self._writer.close(why)
+
+
 class RecorderClient:
-    """Implements `keeper.RunBackend` with a process of its own, which survives this one.
+    """Implements `RunBackend` with a process of its own, which survives this one.
 
     A recorder so far behind that the queue is full ends the run. With `patient`, for rigs whose time stands still meanwhile, the caller
     waits instead.

@@ -1,0 +1,338 @@
+"""CAN buses that other processes join: by TCP (socketcand), or by a serial adapter on a pseudo terminal (slcan, fdcanusb)."""
+
+import os
+import pty
+import tty
+from dataclasses import dataclass
+
+import can
+
+from rfca_rig.codecs import fdcanusb, slcan, socketcand
+from rfca_rig.codecs.classic_can import ClassicFrame
+from rfca_rig.codecs.fdcanusb import FdFrame
+from rfca_rig.errors import MalformedFrame
+from rfca_rig.twin_server.tcp import TcpClient, accept_all, is_http, listening_tcp
+from rfca_rig.twins.wires import CanEnd
+
+NEVER = float("inf")
+# Clients expect the answer to `rawmode` alone in their next read, so frames are held back for this long.
+FRAME_DELAY_S = 0.05
+
+# Limit of the send queue in bytes.
+MAX_QUEUED_BYTES = 1 << 18
+VERSION, SERIAL_NUMBER = b"V1013", b"NTWIN"
+
+
+class SharedWire:
+    """Every end receives what the others send, as on a real bus."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._ends: list[CanEnd] = []
+
+    def join(self) -> CanEnd:
+        end = CanEnd(self._name, self._ends)
+        self._ends.append(end)
+        return end
+
+    def leave(self, end: CanEnd) -> None:
+        """Removes an end. May be called more than once."""
+        if end in self._ends:
+            self._ends.remove(end)
+            end.shutdown()
+
+
+def message_of(frame: ClassicFrame) -> can.Message:
+    """Converts a classic frame to a python-can message."""
+    return can.Message(
+        arbitration_id=frame.can_id,
+        data=frame.data,
+        dlc=frame.length,
+        is_extended_id=frame.extended,
+        is_remote_frame=frame.remote,
+    )
+
+
+def is_classic(message: can.Message) -> bool:
+    """Whether `frame_of` can convert the message: neither CAN FD nor an error frame."""
+    return not message.is_fd and not message.is_error_frame
+
+
+def frame_of(message: can.Message) -> ClassicFrame:
+    """Converts a python-can message, which must be classic, to a frame."""
+    remote = message.is_remote_frame
+    return ClassicFrame(message.arbitration_id, b"" if remote else bytes(message.data), message.is_extended_id, remote, message.dlc)
+
+
+@dataclass
+class _Member:
+    """A client, its end of the bus, and the time from which it is sent frames; never unless it requested raw mode."""
+
+    client: TcpClient
+    end: CanEnd
+    frames_from_s: float = NEVER
+    is_open: bool = False
+    rest: bytes = b""
+
+
+class SocketcandPort:
+    """Answers `open`, `rawmode`, `bcmmode`, `echo` and `send`; everything else is refused with an `error` message.
+
+    Every bus name leads to the same bus. Frames carry the time since the epoch; `epoch_s` is that of the clock's zero.
+    """
+
+    def __init__(self, wire: SharedWire, host: str, port: int, epoch_s: float) -> None:
+        self._wire = wire
+        self._epoch_s = epoch_s
+        self._listening = listening_tcp(host, port)
+        self._host, self.port = self._listening.getsockname()
+        self._members: list[_Member] = []
+
+    def address(self) -> str:
+        return f"socketcand {self._host}:{self.port}, any channel name"
+
+    def poll(self, now_s: float) -> None:
+        for client in accept_all(self._listening, len(self._members)):
+            client.send(socketcand.GREETING)
+            self._members.append(_Member(client, self._wire.join()))
+        for member in self._members:
+            self._listen_to(member, now_s)
+            self._send_frames(member, now_s)
+            member.client.flush(now_s)
+        self._remove_closed()
+
+    def _listen_to(self, member: _Member, now_s: float) -> None:
+        received = member.client.receive()
+        if not received:
+            return
+        # The body of a browser's request may hold valid messages; none of it is obeyed.
+        if is_http(member.rest + received):
+            member.client.open = False
+            return
+        try:
+            messages, member.rest = socketcand.split(member.rest + received)
+        # A client that does not follow the protocol is disconnected.
+        except MalformedFrame:
+            member.client.open = False
+            return
+        for words in messages:
+            self._obey(member, words, now_s)
+
+    def _obey(self, member: _Member, words: list[str], now_s: float) -> None:
+        command = words[0] if words else ""
+        if command == "send" and member.is_open:
+            self._send(member, words)
+        elif command == "open":
+            member.is_open = True
+            member.client.send(socketcand.OK)
+        elif command in {"rawmode", "bcmmode"} and member.is_open:
+            # Only raw mode receives frames; `bcmmode` switches them off again.
+            member.frames_from_s = now_s + FRAME_DELAY_S if command == "rawmode" else NEVER
+            member.client.send(socketcand.OK)
+        elif command == "echo":
+            member.client.send(b"< echo >")
+        else:
+            member.client.send(socketcand.error("unknown command" if member.is_open else "open a bus first"))
+
+    def _send(self, member: _Member, words: list[str]) -> None:
+        try:
+            member.end.send(message_of(socketcand.decode_send(words)))
+        except MalformedFrame:
+            member.client.send(socketcand.error("could not parse send command"))
+
+    def _send_frames(self, member: _Member, now_s: float) -> None:
+        # Frames wait at the end of the bus until then.
+        if now_s < member.frames_from_s < NEVER:
+            return
+        while (message := member.end.recv(timeout=0)) is not None:
+            # The protocol carries neither remote frames nor CAN FD.
+            if member.frames_from_s < NEVER and is_classic(message) and not message.is_remote_frame:
+                member.client.send(socketcand.encode_frame(frame_of(message), self._epoch_s + now_s))
+
+    def _remove_closed(self) -> None:
+        for member in [member for member in self._members if not member.client.open]:
+            self._members.remove(member)
+            self._wire.leave(member.end)
+            member.client.close()
+
+    def close(self) -> None:
+        for member in self._members:
+            member.client.open = False
+        self._remove_closed()
+        self._listening.close()
+
+
+class PseudoTerminal:
+    """Raw byte stream without echo or translation. The client's side stays open here too, so that clients may come and go."""
+
+    def __init__(self) -> None:
+        self._device_side, self._client_side = pty.openpty()
+        tty.setraw(self._client_side)
+        os.set_blocking(self._device_side, False)
+        self.path = os.ttyname(self._client_side)
+        self._open = True
+
+    def read(self) -> bytes:
+        """All bytes that have arrived; never waits."""
+        try:
+            return os.read(self._device_side, 1 << 16)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> int:
+        """Sends bytes; returns how many fitted. The line holds a few kilobytes until the client reads."""
+        try:
+            return os.write(self._device_side, data)
+        except BlockingIOError:
+            return 0
+
+    def close(self) -> None:
+        """Closes both sides. May be called any number of times."""
+        if self._open:
+            self._open = False
+            os.close(self._device_side)
+            os.close(self._client_side)
+
+
+class SlcanPort:
+    """Answers open, close, bit rate, version, serial number, status and frames; a bell character refuses everything else."""
+
+    def __init__(self, wire: SharedWire) -> None:
+        self._wire = wire
+        self._end = wire.join()
+        self._terminal = PseudoTerminal()
+        self._rest = b""
+        self._waiting = bytearray()
+        self._channel_open = False
+        self._listen_only = False
+
+    def address(self) -> str:
+        return f"slcan {self.path}"
+
+    @property
+    def path(self) -> str:
+        return self._terminal.path
+
+    def poll(self, now_s: float) -> None:  # noqa: ARG002 (a serial adapter has no clock)
+        self._receive()
+        self._queue_frames()
+        del self._waiting[: self._terminal.write(bytes(self._waiting)) if self._waiting else 0]
+
+    def _receive(self) -> None:
+        try:
+            lines, self._rest = slcan.split(self._rest + self._terminal.read())
+        except MalformedFrame:
+            self._rest = b""
+            self._waiting += slcan.REFUSED
+            return
+        for line in lines:
+            if line:
+                self._waiting += self._answer(line)
+
+    def _answer(self, line: str) -> bytes:
+        letter = line[0]
+        if letter in slcan.FRAME_LETTERS:
+            return self._send(line)
+        if letter in "OLC":
+            self._channel_open, self._listen_only = letter != "C", letter == "L"
+            # Frames from before the channel was opened are not delivered.
+            self._waiting.clear()
+            return slcan.END
+        answer = {"V": VERSION, "N": SERIAL_NUMBER, "F": b"F00"}.get(letter, b"" if letter in "SsZMmXW" else None)
+        return slcan.REFUSED if answer is None else answer + slcan.END
+
+    def _send(self, line: str) -> bytes:
+        if not self._channel_open or self._listen_only:
+            return slcan.REFUSED
+        try:
+            frame = slcan.decode_frame(line)
+        except MalformedFrame:
+            return slcan.REFUSED
+        self._end.send(message_of(frame))
+        return b"Z\r" if frame.extended else b"z\r"
+
+    def _queue_frames(self) -> None:
+        """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
+        while (message := self._end.recv(timeout=0)) is not None:
+            if self._channel_open and is_classic(message) and len(self._waiting) < MAX_QUEUED_BYTES:
+                self._waiting += slcan.encode_frame(frame_of(message))
+
+    def close(self) -> None:
+        self._wire.leave(self._end)
+        self._terminal.close()
+
+
+class FdcanusbPort:
+    """Answers `can on`, `can off` and `can send`, and forwards every frame of the bus; refuses everything else.
+
+    Every sent line carries a checksum. Once a received line had one, all must have one, as on the UART of a moteus.
+    """
+
+    def __init__(self, wire: SharedWire) -> None:
+        self._wire = wire
+        self._end = wire.join()
+        self._terminal = PseudoTerminal()
+        self._rest = b""
+        self._waiting = bytearray()
+        self._checksums_asked = False
+
+    def address(self) -> str:
+        return f"fdcanusb {self.path}"
+
+    @property
+    def path(self) -> str:
+        return self._terminal.path
+
+    def poll(self, now_s: float) -> None:  # noqa: ARG002 (a serial adapter has no clock)
+        self._receive()
+        self._queue_frames()
+        del self._waiting[: self._terminal.write(bytes(self._waiting)) if self._waiting else 0]
+
+    def _receive(self) -> None:
+        try:
+            lines, self._rest = fdcanusb.split(self._rest + self._terminal.read())
+        except MalformedFrame as error:
+            lines, self._rest = [], b""
+            self._waiting += fdcanusb.encode_line(f"ERR {error}")
+        for received in lines:
+            self._waiting += fdcanusb.encode_line(self._answer(received))
+
+    def _answer(self, line: bytes) -> str:
+        try:
+            text, has_checksum = fdcanusb.parse_line(line)
+            # As soon as a client has sent a checksum, lines without one are refused as damaged.
+            if self._checksums_asked and not has_checksum:
+                return "ERR checksum required"
+            self._checksums_asked |= has_checksum
+            if text in {"can on", "can off"}:
+                return "OK"
+            frame = fdcanusb.decode_send(text)
+        except MalformedFrame as error:
+            return f"ERR {error}"
+        self._end.send(_message_of(frame))
+        return "OK"
+
+    def _queue_frames(self) -> None:
+        """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
+        while (message := self._end.recv(timeout=0)) is not None:
+            # The adapter carries CAN-FD frames only.
+            if message.is_fd and not message.is_error_frame and len(self._waiting) < MAX_QUEUED_BYTES:
+                self._waiting += fdcanusb.encode_received(_frame_of(message))
+
+    def close(self) -> None:
+        self._wire.leave(self._end)
+        self._terminal.close()
+
+
+def _message_of(frame: FdFrame) -> can.Message:
+    return can.Message(
+        arbitration_id=frame.can_id,
+        data=frame.data,
+        is_extended_id=frame.extended,
+        is_fd=True,
+        bitrate_switch=frame.bitrate_switch,
+    )
+
+
+def _frame_of(message: can.Message) -> FdFrame:
+    return FdFrame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.bitrate_switch)
