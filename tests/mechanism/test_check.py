@@ -2,13 +2,18 @@
 
 import json
 import shutil
+import sys
 from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
 import pytest
 
+from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.check import check_experiment
+from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
+from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.inverse_dynamics import States, balance_torques
 from rfca_rig.mechanism.load import load_mechanism
 from tests.cli.typed import typed
@@ -118,6 +123,21 @@ def test_a_wrong_sign_or_unit_is_one_warning_with_the_fix(folder, changes, fix):
     edit(folder / "experiment.toml", *changes)
     (said,) = warnings(until_priors(folder))
     assert fix in said
+
+
+@pytest.mark.parametrize("use", [diagnose_mechanism, fit_mechanism])
+def test_a_misread_column_is_neither_diagnosed_nor_fitted(folder, monkeypatch, use):
+    edit(folder / "experiment.toml", *reverse("tau3"))
+    experiment = read_experiment(folder)
+    with pytest.raises(BadInput, match=r"experiment.toml: set sign = 1 in commands\[3\] \(tau3\); .* take it with --as-is"):
+        use(experiment, lambda *_: None)
+
+    def stop(*_):
+        raise SimulationFailed("it came to the windows")
+
+    monkeypatch.setattr(sys.modules[use.__module__], "make_problem", stop)
+    with pytest.raises(SimulationFailed, match="it came to the windows"):
+        use(experiment, lambda *_: None, as_is=True)
 
 
 def test_a_prior_without_an_object_is_warned_of_and_a_wrong_sign_only_once(folder):

@@ -285,7 +285,7 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     from rfca_rig.reports.diagnosis.tables import describe_law, write_law_table
 
     with progress(asked.quiet) as bars:
-        found = diagnose_mechanism(read_experiment(asked.paths[0]), bars.share, asked.without, asked.law_at)
+        found = diagnose_mechanism(read_experiment(asked.paths[0]), bars.share, asked.without, asked.law_at, asked.as_is)
     diagnosis = _write_imported(found.diagnosis, asked)
     _write_plant(found.plant, asked.out, "model.xml", "laws.py", found.stated)
     measured = [asked.out / name for name in ("measured-law.xml", "measured_law.py", "measured-law.csv")]

@@ -82,7 +82,7 @@ def fit(
         _fit_pendulum(pendulum, _names(parameters), out, as_json)
         return
     if mechanism is not None:
-        _fit_mechanism(mechanism, _names(parameters), _names(effects), out, as_json)
+        _fit_mechanism(mechanism, _names(parameters), _names(effects), out, as_is, as_json)
         return
     comparison = StrokeComparison(shaft.value, StrokeWindow(tuple(_names(phases)), 1e-3 * after_touchdown))
     # Only for its check: a misspelt parameter must be refused before the recordings are read.
@@ -114,7 +114,7 @@ def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: boo
     _print_windows(found.fit, PENDULUM_FIT, folder, out, as_json)
 
 
-def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path | None, as_json: bool) -> None:
+def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path | None, as_is: bool, as_json: bool) -> None:
     """The same for recordings of a mechanism, with the named effects."""
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.progress import progress
@@ -125,7 +125,7 @@ def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path
     if out is not None and out.suffix != ".xml":
         raise BadInput(f"{out}: the model of a mechanism is MJCF; name a file that ends with .xml")
     with progress(quiet=as_json) as bars:
-        found = fit_mechanism(read_experiment(folder), bars.share, names, effects)
+        found = fit_mechanism(read_experiment(folder), bars.share, names, effects, as_is)
     beyond = () if out is None else write_amended_model(found.plant, out)
     if beyond:
         typer.echo(f"{out}: MJCF does not hold {', '.join(beyond)}; see the fitted values", err=True)

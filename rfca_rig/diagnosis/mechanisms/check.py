@@ -12,7 +12,14 @@ from rfca_rig.description.toml import read_toml
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data.observations import rms
 from rfca_rig.diagnosis.data.windows import WINDOWS_OF_CONDITION
-from rfca_rig.diagnosis.mechanisms.column_checks import CheckLine, check_commands, check_corrections, check_signals, check_speeds
+from rfca_rig.diagnosis.mechanisms.column_checks import (
+    CheckLine,
+    check_commands,
+    check_corrections,
+    check_signals,
+    check_speeds,
+    describe_correction,
+)
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.problem import (
     MechanismProblem,
@@ -91,6 +98,22 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
     words = f"{problem.simulator.integrator} with steps of {1e3 * step_s:g} ms, whose error is below a tenth of noise and usual model error"
     yield CheckLine("integrator", "step", words, values={"step_s": step_s})
     yield _check_conditions(problem, experiment)
+
+
+def refuse_misread_columns(experiment: Experiment, mechanism: Mechanism) -> None:
+    """Refuse recordings of which a column probably has another sign or unit than stated.
+
+    Raises
+    ------
+    BadInput
+        With what to write instead, where the torques of the nominal model balance far better with it.
+    """
+    described = read_toml(experiment.path, ExperimentFile)
+    roles = assign_roles(experiment, mechanism)
+    corrections = find_corrections(described, roles, estimate_states(experiment, roles), compare_speeds(experiment))
+    if corrections:
+        more = f" ({len(corrections) - 1} more: rfca-rig check {experiment.path.parent})" if len(corrections) > 1 else ""
+        raise BadInput(f"{experiment.path}: {describe_correction(corrections[0])}{more}; correct it, or take it with --as-is")
 
 
 def _describe_model(mechanism: Mechanism) -> CheckLine:

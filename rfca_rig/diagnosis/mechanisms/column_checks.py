@@ -163,7 +163,12 @@ def check_commands(described: ExperimentFile, experiment: Experiment, gains: Seq
 def check_corrections(corrections: Sequence[Correction]) -> Iterator[CheckLine]:
     """A warning for every sign or unit with which the torques balance far better."""
     for one in corrections:
-        words = ", or ".join(reading.words for reading in (one.reading, *one.alternatives))
-        better = f"torques of the model then miss the recorded motion by {100.0 * one.after:.0f} % instead of {100.0 * one.before:.0f} %"
-        message = f"set {words}; {better}"
-        yield CheckLine("reading", "signs and units", message, is_warning=True, values={"before": one.before, "after": one.after})
+        values = {"before": one.before, "after": one.after}
+        yield CheckLine("reading", "signs and units", describe_correction(one), is_warning=True, values=values)
+
+
+def describe_correction(one: Correction) -> str:
+    """What to write instead, and by how much better the torques balance with it."""
+    words = ", or ".join(reading.words for reading in (one.reading, *one.alternatives))
+    better = f"torques of the model then miss the recorded motion by {100.0 * one.after:.0f} % instead of {100.0 * one.before:.0f} %"
+    return f"set {words}; {better}"

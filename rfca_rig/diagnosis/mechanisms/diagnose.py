@@ -12,6 +12,7 @@ from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, propose_motion
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.joint_law import MeasuredJointLaw, measure_joint_law, parse_place
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT
@@ -53,7 +54,9 @@ class MechanismDiagnosis:
 
 
 @single_threaded_blas()
-def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Collection[str] = (), law_at: str = "") -> MechanismDiagnosis:
+def diagnose_mechanism(
+    experiment: Experiment, progress: Progress, without: Collection[str] = (), law_at: str = "", as_is: bool = False
+) -> MechanismDiagnosis:
     """The diagnosis of recordings of a mechanism.
 
     Parameters
@@ -66,16 +69,21 @@ def diagnose_mechanism(experiment: Experiment, progress: Progress, without: Coll
         Ids of effects that are not looked for.
     law_at
         Where a law is measured too, as of `parse_place`, if not empty.
+    as_is
+        Take columns that probably have another sign or unit than stated, too.
 
     Raises
     ------
     BadInput
-        Where recordings and model do not fit together, or the recordings are too short.
+        Where recordings and model do not fit together, a column is probably misread, or the recordings are too short.
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
     progress("reading", 0.0)
-    problem = make_problem(experiment, load_mechanism(experiment.model))
+    mechanism = load_mechanism(experiment.model)
+    if not as_is:
+        refuse_misread_columns(experiment, mechanism)
+    problem = make_problem(experiment, mechanism)
     # Names given by the user are checked before the long search.
     problem.check_effects("--without", without)
     place = parse_place(law_at, problem.simulator.mechanism) if law_at else None

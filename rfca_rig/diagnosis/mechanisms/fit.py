@@ -10,6 +10,7 @@ from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
 from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, fit_effects, summarize
@@ -32,7 +33,9 @@ class MechanismFit:
 
 
 @single_threaded_blas()
-def fit_mechanism(experiment: Experiment, progress: Progress, names: Collection[str] = (), effects: Sequence[str] = ()) -> MechanismFit:
+def fit_mechanism(
+    experiment: Experiment, progress: Progress, names: Collection[str] = (), effects: Sequence[str] = (), as_is: bool = False
+) -> MechanismFit:
     """The nominal values of [known_to] and the sizes of effects fitted to all recordings, each with its prior.
 
     Parameters
@@ -45,15 +48,20 @@ def fit_mechanism(experiment: Experiment, progress: Progress, names: Collection[
         What to fit, for example "link1.mass_relative", or "mass_relative" for that of all bodies; all that [known_to] lists if empty.
     effects
         Ids of the effects that are in the model, of `list_effects`.
+    as_is
+        Take columns that probably have another sign or unit than stated, too.
 
     Raises
     ------
     BadInput
-        Where nothing is to be fitted, a name is unknown, or recordings and model do not fit together.
+        Where nothing is to be fitted, a name is unknown, a column is probably misread, or recordings and model do not fit together.
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    problem = make_problem(experiment, load_mechanism(experiment.model))
+    mechanism = load_mechanism(experiment.model)
+    if not as_is:
+        refuse_misread_columns(experiment, mechanism)
+    problem = make_problem(experiment, mechanism)
     problem.check_effects("--effects", effects)
     space = _select(problem.space, names)
     if not (space.parameters or effects):
