@@ -67,6 +67,7 @@ def netft_client():
     return connected
 
 
+@pytest.mark.realtime
 def test_pynetft_streams_at_7000_records_a_second_and_biases(netft_client):
     with serving() as server:
         client = netft_client(server)
