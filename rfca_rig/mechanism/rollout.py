@@ -216,7 +216,8 @@ def simulate_plant(
     start = None if position is None or speed is None else (position - plant.zero_offset, speed)
     path_q, path_w, path_s, touch_s = _integrate(plant, trace, steps, start, since_s, sample_s, _prescribe(plant, prescribed, steps))
     if not (np.isfinite(path_q[-1]).all() and np.isfinite(path_w[-1]).all()):
-        raise SimulationFailed(f"the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
+        where = plant.mechanism.path
+        raise SimulationFailed(f"{where}: the simulation diverges with steps of {h:g} s; look for a slipped decimal point in the model")
     read_w = path_w
     if plant.speed_lag_s > 0.0:
         read_w = path_w.copy()
