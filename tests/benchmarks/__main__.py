@@ -1,13 +1,17 @@
-"""Speed of the parts that people wait for, as ratios within one run: python -m tests.benchmarks [--short]
+"""Speed of the parts that people wait for, as ratios within one run: python -m tests.benchmarks [--short] [--check | --record NAME]
 
-Absolute times depend on the machine and are printed for orientation only.
+Absolute times depend on the machine and are printed for orientation only. `history.csv` holds the ratios of earlier versions, one row each:
+`--record` appends one. `--check` ends with exit code 1 where a ratio is worse than the median of the last rows by more than WORSE in two
+measurements, one right after the other.
 """
 
 import argparse
+import csv
 import statistics
+import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +25,8 @@ from tests.model.legs import PAPER
 from tests.model.lsoda import ICE, fz_by_lsoda
 
 SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
+HISTORY = Path(__file__).with_name("history.csv")
+WORSE, LAST_ROWS = 0.15, 5  # share of a ratio; rows of the history that count
 T = np.arange(1, 1401) * 1e-3
 
 
@@ -38,7 +44,40 @@ def median_s(work: Callable[[], object], rounds: int) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true", help="fewer rounds")
-    rounds = 3 if parser.parse_args().short else 11
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--check", action="store_true", help="compare with the history")
+    what.add_argument("--record", metavar="NAME", help="append the ratios to the history, for example under a version")
+    asked = parser.parse_args()
+    rounds = 3 if asked.short else 11
+    ratios = measure(rounds)
+    if asked.record:
+        with HISTORY.open("a", encoding="utf-8", newline="") as file:
+            csv.writer(file).writerow([asked.record, *(f"{value:.4g}" for value in ratios.values())])
+    if asked.check:
+        history = read_history()
+        slower = find_slower(history, ratios)
+        if slower:
+            print(f"{', '.join(slower)}: more than {WORSE:.0%} worse than before; measured once more")
+            slower = sorted(set(slower) & set(find_slower(history, measure(rounds))))
+        for name in slower:
+            print(f"{name}: more than {WORSE:.0%} worse than the history twice in a row; find the change, or state it with --record")
+        sys.exit(bool(slower))
+
+
+def read_history() -> list[dict[str, float]]:
+    """The ratios of earlier versions, oldest first."""
+    with HISTORY.open(encoding="utf-8", newline="") as file:
+        return [{name: float(value) for name, value in row.items() if name != "version"} for row in csv.DictReader(file)]
+
+
+def find_slower(history: Sequence[Mapping[str, float]], ratios: Mapping[str, float]) -> list[str]:
+    """Names of the ratios that are worse than the median of the last rows by more than WORSE; larger is worse."""
+    usual = {name: [row[name] for row in history[-LAST_ROWS:]] for name in ratios}
+    return sorted(name for name, value in ratios.items() if usual[name] and value > (1.0 + WORSE) * statistics.median(usual[name]))
+
+
+def measure(rounds: int) -> dict[str, float]:
+    """The ratios, printed with the times that they come from; larger is worse."""
     stroke_s = median_s(lambda: simulate_stroke_at_speed(PAPER, 0.215, 2.433, T), 5 * rounds)
     ice_s = median_s(lambda: simulate_stroke_at_speed(ICE, 0.215, 2.433, T), 5 * rounds)
     lsoda_s = median_s(lambda: fz_by_lsoda(ICE, 0.215, 2.433, T, 1e-5), rounds)
@@ -48,6 +87,7 @@ def main() -> None:
     print(f"the same without friction                  {1e3 * ice_s:8.2f} ms   {lsoda_s / ice_s:8.1f} times as fast as LSODA")
     print(f"a run on the twin, {rig_s:.1f} s of rig time       {run_s:8.2f} s    {rig_s / run_s:8.1f} x real time")
     print(f"a report over 4 recordings                 {report_s:8.2f} s    {report_s / stroke_s:8.0f} strokes' worth")
+    return {"stroke_per_lsoda": ice_s / lsoda_s, "run_in_strokes": run_s / stroke_s, "report_in_strokes": report_s / stroke_s}
 
 
 def _run(rounds: int) -> tuple[float, float]:
