@@ -1,7 +1,7 @@
 """Sphinx configuration of the documentation site.
 
 `python -m sphinx -W --keep-going docs OUT` builds it, with the extra `docs` and without network. The pages are Markdown; those of the
-reference are filled from the code by `reference_pages`.
+reference are filled from the code by `reference_pages`, and notebooks are executed.
 """
 
 import sys
@@ -15,11 +15,17 @@ sys.path.insert(0, str(Path(__file__).parent))  # for reference_pages
 
 project = "rfca-rig"
 version = release = rfca_rig.__version__
-extensions = ["myst_parser", "reference_pages"]
+extensions = ["myst_nb", "reference_pages"]
 exclude_patterns = ["examples"]
 
 # Links to headings, as in mechanisms.md#files.
 myst_heading_anchors = 4
+# Each build executes the notebooks, since their results depend on the package; -D nb_execution_mode=off builds the rest quickly.
+nb_execution_mode = "force"
+# A diagnosis takes a minute of CPU time; machines of CI are slow and shared.
+nb_execution_timeout = 1800
+nb_execution_raise_on_error = nb_execution_in_temp = True
+
 # --view stays two hyphens.
 smartquotes = False
 

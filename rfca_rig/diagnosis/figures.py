@@ -40,9 +40,18 @@ def _by_signal(found: ModelSelectionResult, name: str, before: Floats, after: Fl
 
 def make_overlays(found: ModelSelectionResult, accepted: Hypothesis, experiment: str) -> tuple[SignalOverlay, ...]:
     """Measured means (m,) with both models, condition by condition and signal by signal."""
-    rows, columns = found.dataset.rows, (found.dataset.rows.measured, found.nominal.predicted, accepted.rows)
+    rows, nominal = found.dataset.rows, found.nominal.predicted
+    places = [(label, np.flatnonzero(rows.label == number)) for number, label in enumerate(rows.labels) if label.experiment == experiment]
     return tuple(
-        SignalOverlay(label.condition, label.signal, rows.t_s[here], *(column[here] for column in columns))
-        for number, label in enumerate(rows.labels)
-        if label.experiment == experiment and len(here := np.flatnonzero(rows.label == number))
+        SignalOverlay(
+            label.condition,
+            label.signal,
+            rows.t_s[here],
+            rows.measured[here],
+            nominal[here],
+            accepted.rows[here],
+            phase=rows.phase[here],
+        )
+        for label, here in places
+        if len(here)
     )

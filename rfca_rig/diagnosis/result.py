@@ -63,11 +63,15 @@ class Value:
 
 @dataclass(frozen=True)
 class Criterion:
-    """One of the conditions that an identified effect must meet, with the value that was found in words."""
+    """One of the conditions that an identified effect must meet, with the value that was found in words.
+
+    `required` is the limit in words; where `found` states it too, it is at the end of `found`.
+    """
 
     name: str
     passed: bool
     found: str
+    required: str = ""
 
 
 @dataclass(frozen=True)
@@ -137,12 +141,16 @@ def join_not_seen(first: Sequence[NotSeen], second: Sequence[NotSeen]) -> tuple[
 
 @dataclass(frozen=True)
 class Rival:
-    """One hypothesis with its probability; `ids` is empty for nothing missing, and ("unknown",) for something unlisted."""
+    """One hypothesis with its probability; `ids` is empty for nothing missing, and ("unknown",) for something unlisted.
+
+    `prior` is its probability before the data, None where unknown.
+    """
 
     ids: tuple[str, ...]
     probability: float
     log_evidence: float
     model_error: float
+    prior: float | None = None
 
 
 @dataclass(frozen=True)
@@ -156,7 +164,10 @@ class BeforeAfter:
 
 @dataclass(frozen=True)
 class SignalOverlay:
-    """Mean signal of one condition with both models, all (m,); `starts_s` are the times where windows start from the measured state."""
+    """Mean signal of one condition with both models, all (m,).
+
+    `starts_s` are the times where windows start from the measured state. `phase` (m,) names the phase of each row, (0,) where unknown.
+    """
 
     condition: str
     signal: str
@@ -165,6 +176,7 @@ class SignalOverlay:
     before: Floats
     after: Floats
     starts_s: Floats = field(default_factory=lambda: np.empty(0))
+    phase: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
 
 
 @dataclass(frozen=True)
@@ -198,6 +210,8 @@ class Diagnosis:
         A law that was measured on request.
     believed_values, priors
         The nuisance parameters after and before the fit, with standard deviations.
+    nuisance_units
+        Their units, where their names do not carry them; "" for a ratio.
     settings
         What the answer rests on: model error, scatter, priors.
     """
@@ -233,3 +247,4 @@ class Diagnosis:
     recordings: tuple[Diagnosed, ...] = ()
     stated_law: StatedLaw | None = None
     priors: Mapping[str, Value] = field(default_factory=dict)
+    nuisance_units: Mapping[str, str] = field(default_factory=dict)

@@ -56,6 +56,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         next_experiment=None,
         believed_values=nuisance_values(explanation),
         priors=nuisance_priors(explanation),
+        nuisance_units={one.name: one.unit for one in explanation.fitted.coordinates.space.parameters},
         overlays=make_overlays(found, explanation, experiment),
         settings=_settings(found, effects),
         found_effects=present_effects(used),

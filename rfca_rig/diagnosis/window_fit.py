@@ -262,6 +262,7 @@ def _compare(
             if here.size:
                 here = here[np.argsort(rows.t_s[here], kind="stable")]
                 errors.append(error(name, signal, here))
-                overlays.append(SignalOverlay(name, signal, rows.t_s[here], rows.measured[here], nominal[here], after[here], starts_s))
+                columns = (rows.measured[here], nominal[here], after[here], starts_s, rows.phase[here])
+                overlays.append(SignalOverlay(name, signal, rows.t_s[here], *columns))
     totals = [error(ALL, signal, np.flatnonzero(rows.signal == signal)) for signal in signals]
     return tuple(errors), tuple(totals), tuple(overlays)

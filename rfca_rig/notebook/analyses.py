@@ -24,6 +24,7 @@ from rfca_rig.notebook.display import Row, html_table, make_axes, make_frame, sh
 from rfca_rig.notebook.recordings import OpenedRecordings, open_path
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.diagnosis.files import write_diagnosis
+from rfca_rig.reports.diagnosis.tables import all_misfits
 from rfca_rig.reports.strokes.writing import write_report
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ class DiagnosisResult:
 
     def _error_rows(self) -> list[Row]:
         rows: list[Row] = []
-        for name, one in self.diagnosis.fit.items():
+        for name, one in all_misfits(self.diagnosis).items():
             held_out = self.diagnosis.held_out.get(f"held_out_{name}")
             rows.append(
                 {

@@ -1,16 +1,28 @@
 """Provenance at the foot of every page: the command that makes it again, the recordings with their hashes, the version."""
 
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path, PurePath
 
 from rfca_rig import __version__
 from rfca_rig.bench.provenance import NOT_A_CHECKOUT, UNKNOWN, source_state
 from rfca_rig.campaign.fingerprint import fingerprint
+from rfca_rig.clock import TwinClock
 from rfca_rig.recording.model import Recording
 
 PROGRAM = "rfca-rig"
+NOT_STATED = "not stated"
+SIMULATED_TIME = "simulated time, which has no date"
+# Different dates, operators ... of several recordings that the head of a page lists.
+MOST_FACTS = 3
+# Pages on the same recordings: words of a link, usual folder, and the command that makes one.
+PAGES = {
+    "report.html": ("Compared with the model", "report", "report"),
+    "run.html": ("How the run went", "report", ""),
+    "diagnosis.html": ("Diagnosis", "diagnosis", "diagnose"),
+}
 
 
 @dataclass(frozen=True)
@@ -25,24 +37,41 @@ class Origin:
     version: str = __version__
     again: str = "to the same bytes"
 
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """What the head of every page states: when, who, on which specimen and rig, and the version. Several recordings are joined."""
+        names = {"Date": "date", "Operator": "operator", "Specimen": "specimen", "Rig": "rig"} if self.recordings else {}
+        each = {name: list(dict.fromkeys(getattr(one, field) for one in self.recordings)) for name, field in names.items()}
+        joined = [(name, ", ".join(filter(None, values[:MOST_FACTS])), len(values)) for name, values in each.items()]
+        shown = [(name, (text or NOT_STATED) + (" ..." if count > MOST_FACTS else "")) for name, text, count in joined]
+        return [*shown, ("Version", f"rfca-rig {self.version}")]
+
 
 @dataclass(frozen=True)
 class RecordingSource:
-    """One recording: SIM, REAL or IMPORT (`mark`), where it was read, and a hash; `hashed` names the files that the hash covers."""
+    """One recording: SIM, REAL or IMPORT (`mark`), where it was read, and a hash; `hashed` names the files that the hash covers.
+
+    `date`, `operator`, `specimen` and `rig` are as recorded, "" where not stated.
+    """
 
     mark: str
     title: str
     path: str = ""
     hashed: str = ""
     sha256: str = ""
+    date: str = ""
+    operator: str = ""
+    specimen: str = ""
+    rig: str = ""
 
 
 @dataclass(frozen=True)
 class PageLink:
-    """Link to a page in the same folder."""
+    """Link to a page at a relative path; where there is none yet, `file` is "" and `command` makes it."""
 
     file: str
     words: str
+    command: str = ""
 
 
 @dataclass(frozen=True)
@@ -91,19 +120,19 @@ def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recordin
     OSError
         Where a recording cannot be read for its hash.
     """
-    found = tuple(_recording_source(path, recording.source, recording.title) for path, recording in zip(paths, recordings, strict=False))
-    later = tuple(RecordingSource(recording.source, recording.title) for recording in recordings[len(paths) :])
+    found = tuple(recording_source(recording, path) for path, recording in zip(paths, recordings, strict=False))
+    later = tuple(recording_source(recording) for recording in recordings[len(paths) :])
     return Origin(command, (*found, *later), version_text())
 
 
 def origin_of_import(command: str, path: Path, title: str) -> Origin:
     """Origin of a page about imported data, read at `path`. Raises OSError."""
-    return Origin(command, (_recording_source(path, "IMPORT", title),), version_text())
+    return Origin(command, (_with_hash(RecordingSource("IMPORT", title), path),), version_text())
 
 
 def origin_in_memory(recordings: Sequence[Recording]) -> Origin:
     """Origin of a page about recordings in memory, which have neither path nor hash."""
-    return Origin("", tuple(RecordingSource(recording.source, recording.title) for recording in recordings))
+    return Origin("", tuple(recording_source(recording) for recording in recordings))
 
 
 def version_text() -> str:
@@ -115,6 +144,55 @@ def version_text() -> str:
     return f"{__version__}, git {revision[:12]}{', changed since' if state['git_dirty'] == 'yes' else ''}"
 
 
-def _recording_source(path: Path, mark: str, title: str) -> RecordingSource:
+def recording_source(recording: Recording, path: Path | None = None) -> RecordingSource:
+    """What a recording states of itself, and where it was read. Raises OSError where it cannot be read for its hash."""
+    known = recording.provenance
+    source = RecordingSource(
+        recording.source,
+        recording.title,
+        date=date_text(known.get("started_at", "")),
+        operator=known.get("operator", ""),
+        specimen=known.get("sample", ""),
+        rig=known.get("rig", ""),
+    )
+    return source if path is None else _with_hash(source, path)
+
+
+def _with_hash(source: RecordingSource, path: Path) -> RecordingSource:
     known = fingerprint(path)
-    return RecordingSource(mark, title, path_text(path), known.of, known.sha256)
+    return replace(source, path=path_text(path), hashed=known.of, sha256=known.sha256)
+
+
+def date_text(started_at: str) -> str:
+    """Date and time of an ISO 8601 text, to the minute; on the clock of simulated time, which has no date, that."""
+    if started_at.startswith(f"{TwinClock().started_at():%Y-%m-%dT%H:%M}"):
+        return SIMULATED_TIME
+    try:
+        return f"{datetime.fromisoformat(started_at):%Y-%m-%d %H:%M %Z}".strip()
+    except ValueError:
+        return started_at
+
+
+def find_pages(out: Path, origin: Origin, own: Collection[str]) -> tuple[PageLink, ...]:
+    """Links to pages on the same recordings: beside `out`, or in the usual folders next to it. Where there is none, the command for it.
+
+    Parameters
+    ----------
+    out
+        Folder of the new page.
+    origin
+        Origin of the new page; another one is on the same recordings if it holds one of their hashes.
+    own
+        File names that the same command writes.
+    """
+    hashes = [one.sha256 for one in origin.recordings if one.sha256]
+    paths = " ".join(shlex.quote(one.path) for one in origin.recordings if one.path)
+    links = []
+    for name, (words, folder, command) in PAGES.items():
+        candidates = [place for place in (out / name, out.parent / folder / name) if name not in own and place.is_file()]
+        found = next((place for place in candidates if any(one in place.read_text("utf-8") for one in hashes)), None)
+        if found is not None:
+            links.append(PageLink(found.name if found.parent == out else f"../{folder}/{name}", words))
+        elif command and paths and not any(page in own for page in PAGES if PAGES[page][2] == command):
+            links.append(PageLink("", words, f"{PROGRAM} {command} {paths}"))
+    return tuple(links)

@@ -3,13 +3,16 @@
 Measured is a dark thin line over simulated, a broad lighter one. The two differ in greyscale and for every kind of colour vision. Both have
 a contrast of at least 3 : 1 to the paper and to each other (WCAG 2, graphics), and both remain visible where they coincide.
 
-Also small multiples on one scale, decimation of lines, inline SVG without ids that two figures could share, and pictures as files.
+Inline figures refer to the colours by name, so that a page in dark mode replaces them. Also panels on one scale, values that a pointer
+shows, decimation of lines, inline SVG without ids that two figures could share, and pictures as files.
 """
 
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from html import escape
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,7 +21,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
@@ -54,10 +56,24 @@ FORMATS = (".svg", ".png", ".pdf")
 
 Floats = NDArray[np.float64]
 
-# Sizes in inches of the whole figure, a panel, and the margins for labels and titles.
+# The same on dark paper, with the contrasts of the light colours.
+DARK = {
+    "measured": "#cfe2fa",
+    "simulated": "#a8670f",
+    "edge": "#f0c78a",
+    "other": "#d678a8",
+    "bad": "#ff9a5c",
+    "alike": "#47648a",
+    "pale": "#2c2f34",
+    "faint": "#8d8d8d",
+    "paper": "#15171a",
+}
+
+# Sizes in inches of a figure across the page, and of a panel, with its margins for tick labels and titles.
 WIDTH_IN = 8.6
-PANEL_IN = 1.3
-LEFT_IN, BOTTOM_IN, TOP_IN, GAP_IN = 0.62, 0.5, 0.26, 0.28
+PANEL_IN, LEFT_IN, BOTTOM_IN, TOP_IN, RIGHT_IN = (4.2, 1.95), 0.68, 0.46, 0.24, 0.1
+# Values that a pointer finds along one panel.
+HOVERS = 24
 
 # Paths of 400 characters or more; on shorter ones little is saved.
 LINE = re.compile(r' d="(M [\d. ML\n-]{400,}?)\s*"')
@@ -139,41 +155,64 @@ def envelope(x: Floats, y: Floats, columns: int) -> tuple[Floats, Floats]:
     return x[keep], y[keep]
 
 
-def height_in(count: int, across: int) -> float:
-    """Height in inches of a figure of `count` panels, `across` side by side."""
-    # -(-a // b) is a divided by b, rounded up.
-    return BOTTOM_IN + -(-count // across) * (TOP_IN + PANEL_IN)
+@dataclass(frozen=True)
+class Hover:
+    """Text that a pointer shows between `left` and `right`, in the data coordinates of `axes`."""
+
+    axes: Axes
+    left: float
+    right: float
+    text: str
 
 
-def make_panels(count: int, across: int) -> tuple[Figure, list[Axes]]:
-    """A figure of `count` panels, `across` side by side, with axes row by row; all share the scales of the first."""
-    high_in = height_in(count, across)
-    figure = Figure(figsize=(WIDTH_IN, high_in))
-    width_in = (WIDTH_IN - LEFT_IN - (across - 1) * GAP_IN - 0.05) / across
-    panels: list[Axes] = []
-    for place in range(count):
-        row, column = divmod(place, across)
-        left_in, top_in = LEFT_IN + column * (width_in + GAP_IN), high_in - TOP_IN - row * (PANEL_IN + TOP_IN)
-        box = (left_in / WIDTH_IN, (top_in - PANEL_IN + 0.06) / high_in, width_in / WIDTH_IN, (PANEL_IN - 0.06) / high_in)
-        first = panels[0] if panels else None
-        panels.append(figure.add_axes(box, sharex=first, sharey=first))
-    return figure, panels
+@dataclass(frozen=True)
+class Panel:
+    """One of several figures on a common scale: its title and inline SVG.
+
+    `wide` scrolls on a narrow screen; `ended` marks a stroke that was cut short.
+    """
+
+    title: str
+    svg: str
+    wide: bool = False
+    ended: bool = False
 
 
-def mark_axes(panels: Sequence[Axes], across: int, below: str, beside: str) -> None:
-    """Labels the outer panels: `below` and `beside` are the quantities with their units."""
-    for place, axes in enumerate(panels):
-        axes.tick_params(labelleft=place % across == 0, labelbottom=place + across >= len(panels))
-        if place % across == 0:
-            axes.set_ylabel(beside)
-        if place + across >= len(panels):
-            axes.set_xlabel(below)
+def make_panel(quantity: str, x_name: str, size_in: tuple[float, float] = PANEL_IN) -> tuple[Figure, Axes]:
+    """A figure of one panel. `quantity` with its unit is above the axis, where no tick label pushes it out of the figure."""
+    (wide, high), figure = size_in, Figure(figsize=size_in)
+    box = (LEFT_IN / wide, BOTTOM_IN / high, (wide - LEFT_IN - RIGHT_IN) / wide, (high - BOTTOM_IN - TOP_IN) / high)
+    axes = figure.add_axes(box)
+    # parse_math=False: a "$" in a name is a character.
+    axes.set_title(quantity, loc="left", x=-LEFT_IN / (wide - LEFT_IN - RIGHT_IN), fontsize=9.2, pad=3.5, parse_math=False)
+    axes.set_xlabel(x_name, labelpad=2.0)
+    return figure, axes
 
 
-def set_panel_title(axes: Axes, text: str) -> Text:
-    """Sets a title above the panel, aligned left."""
-    # parse_math=False: a "$" in a label is a character.
-    return axes.set_title(text, loc="left", fontsize=8.8, pad=3.0, parse_math=False)
+def hover_values(axes: Axes, x: Floats, x_unit: str, series: Mapping[str, Floats], unit: str, count: int = HOVERS) -> list[Hover]:
+    """Values of lines over equal stretches of x, each taken in the middle of its stretch.
+
+    Parameters
+    ----------
+    axes
+        Where the lines are drawn.
+    x
+        Positions (m,), ascending, with their unit in `x_unit`.
+    series
+        Values (m,) by the name of their line, in `unit`; NaN where unknown.
+    count
+        Number of stretches.
+    """
+    if len(x) < 2:
+        return []
+    found, edges = [], np.linspace(x[0], x[-1], count + 1)
+    for left, right in pairwise(edges.tolist()):
+        at = int(np.argmin(np.abs(x - 0.5 * (left + right))))
+        if not left <= x[at] <= right:
+            continue
+        values = ", ".join(f"{name} {values[at]:.3g}" for name, values in series.items() if np.isfinite(values[at]))
+        found.append(Hover(axes, left, right, f"{x[at]:.3f} {x_unit}: {values} {unit}".strip().replace("-", "\u2212")))
+    return found
 
 
 def compress_paths(svg: str) -> str:
@@ -203,7 +242,7 @@ def _number(tenths: int) -> str:
     return f"-{text}" if tenths < 0 else text
 
 
-def inline_svg(figure: Figure, salt: str, label: str) -> str:
+def inline_svg(figure: Figure, salt: str, label: str, hovers: Sequence[Hover] = ()) -> str:
     """The figure as an <svg> element. The same figure and `salt` give the same bytes.
 
     Parameters
@@ -214,6 +253,8 @@ def inline_svg(figure: Figure, salt: str, label: str) -> str:
         Seed of the ids of clip paths and markers; it must differ between the figures of one page.
     label
         Description for screen readers, escaped for an attribute.
+    hovers
+        Values that a pointer shows.
     """
     drawn = io.StringIO()
     # fonttype "none" keeps text as text, which can be searched and takes fewer bytes. No date, so that the bytes are reproducible.
@@ -221,9 +262,28 @@ def inline_svg(figure: Figure, salt: str, label: str) -> str:
         figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     svg = drawn.getvalue()
     size = re.search(r'viewBox="[^"]*"', svg)
-    body = svg[svg.index(">", svg.index("<svg")) + 1 :]
-    box = size.group(0) if size else ""
-    return f'<svg {box} role="img" aria-label="{label}">{compress_paths(_slim(body))}'.strip()
+    body = _name_colours(compress_paths(_slim(svg[svg.index(">", svg.index("<svg")) + 1 :])))
+    # The width in points: on a narrow screen a figure scrolls rather than becoming too small to read.
+    style = f'style="--width: {72.0 * figure.get_figwidth():.0f}px"'
+    pointed = "".join(_hover_area(hover, figure) for hover in hovers)
+    end = body.rindex("</svg>")
+    return f'<svg {size[0] if size else ""} role="img" aria-label="{label}" {style}>{body[:end]}{pointed}{body[end:]}'.strip()
+
+
+def _hover_area(hover: Hover, figure: Figure) -> str:
+    """A transparent rectangle over the panel's height with its text, in points from the top left corner."""
+    points = 72.0 / figure.dpi
+    (left, right), box = (hover.axes.transData.transform([[x, 0.0] for x in (hover.left, hover.right)])[:, 0] * points, hover.axes.bbox)
+    top = 72.0 * figure.get_figheight() - box.y1 * points
+    place = f'x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{box.height * points:.1f}"'
+    return f'<rect class="hover" {place}><title>{escape(hover.text)}</title></rect>'
+
+
+def _name_colours(svg: str) -> str:
+    """The drawing with palette colours as variables of the page's style sheet, and black as the colour of the text."""
+    for name, value in {**colours(), "soft": "#555555"}.items():
+        svg = svg.replace(value, f"var(--{name})")
+    return re.sub(r"#000000\b", "currentColor", svg)
 
 
 def _slim(body: str) -> str:

@@ -1,16 +1,19 @@
 """Loads the templates and style sheets of the pages, which are in this package."""
 
-from collections.abc import Iterable
+import re
 from dataclasses import dataclass
 from functools import cache
+from html import unescape
 from importlib import resources
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 
 from rfca_rig import __version__
-from rfca_rig.reports.style import colours
+from rfca_rig.reports.style import DARK, colours
 from rfca_rig.reports.table import Foot, Table, TableCell, TableColumn, TableRow, cell, foot_cell, head_span
 from rfca_rig.reports.text import MARK_MEANINGS, MINUS, NO_BREAK, NOTHING, in_thousands
+
+HEADING = re.compile(r"<h2>(.*?)</h2>", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -86,16 +89,20 @@ def template(name: str) -> Template:
 
 @cache
 def _environment() -> Environment:
-    """Environment of all templates, with colours, meanings of the marks, version and the filters `words` and `by_stem`."""
+    """Environment of all templates, with colours, meanings of the marks, version and the filters."""
     # StrictUndefined: a misspelt name fails in tests instead of leaving a gap in a page.
     environment = Environment(
         loader=FunctionLoader(beside), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["words"] = lambda id_: id_.replace("_", " ")
-    environment.filters["by_stem"] = by_stem
+    environment.filters["with_anchors"] = with_anchors
+    environment.filters["contents"] = contents
     environment.globals |= {
         "beside": beside,
-        "colours": colours(),
+        "palette": colours(),
+        "dark_palette": DARK,
+        # By name, so that keys follow the page into dark mode.
+        "colours": {name: f"var(--{name})" for name in colours()},
         "mark_meanings": MARK_MEANINGS,
         "shown_cells": cells_as_text,
         "version": __version__,
@@ -103,13 +110,16 @@ def _environment() -> Environment:
     return environment
 
 
-def by_stem(files: Iterable[str]) -> list[str]:
-    """File names joined by stem, as in "values.csv/.tex", "static.json"."""
-    stems: dict[str, list[str]] = {}
-    for file in files:
-        stem, dot, ending = file.rpartition(".")
-        stems.setdefault(stem, []).append(dot + ending)
-    return [stem + "/".join(endings) for stem, endings in stems.items()]
+def contents(body: str) -> list[tuple[str, str]]:
+    """Anchor and text of each second-level heading of a page's body, in their order."""
+    titles = [re.sub(r"<[^>]*>", "", title) for title in HEADING.findall(body)]
+    return [(re.sub(r"\W+", "-", unescape(title).lower()).strip("-"), title) for title in titles]
+
+
+def with_anchors(body: str) -> str:
+    """The body with an id on every second-level heading, for the list of contents."""
+    anchors = iter(contents(body))
+    return HEADING.sub(lambda found: f'<h2 id="{next(anchors)[0]}">{found[1]}</h2>', body)
 
 
 def beside(name: str) -> str:

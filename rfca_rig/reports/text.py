@@ -1,6 +1,7 @@
 """Text of the pages: numbers with typographic signs, and sentences on compared strokes."""
 
 import re
+from math import floor, isfinite, log10
 
 from rfca_rig.analysis.compare import ComparedCondition
 from rfca_rig.analysis.matched_simulation import Shaft
@@ -41,6 +42,7 @@ UNIT_WORDS = {"Nm": "N m", "pct": "%", "Ns": "N s"} | {
     unit: unit
     for unit in ("N", "m", "mm", "ppm", "kHz", "s", "ms", "kg", "g", "rad", "deg", "Hz", "V", "A", "W", "J", "K", "degC", "relative")
 }
+SIGNAL_WORDS = {"shaft_angle_rad": "shaft angle less command"}
 POWERS = {"": "", "2": "²", "3": "³", "1p5": "^1.5"}
 # speed_m_s: the only quotients that names write without "per".
 SPEEDS = (["m", "s"], ["mm", "s"], ["rad", "s"], ["deg", "s"])
@@ -51,6 +53,23 @@ def number(value: float | None, digits: int) -> str:
     if value is None:
         return NOTHING
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", MINUS)
+
+
+def format_significant(value: float | None, digits: int = 3) -> str:
+    """A value with `digits` significant digits, without an exponent; an en dash for an unknown one."""
+    if value is None or not isfinite(value):
+        return NOTHING
+    return format_decimals(value, decimals(value, digits))
+
+
+def decimals(size: float, digits: int) -> int:
+    """Decimals that show `size` with so many significant digits; negative where it is rounded to tens or hundreds."""
+    return digits - 1 - floor(log10(abs(size))) if size and isfinite(size) else 0
+
+
+def format_decimals(value: float, places: int) -> str:
+    """A value with `places` decimals; negative ones round to tens or hundreds."""
+    return number(round(value, places), max(places, 0)) if isfinite(value) else NOTHING
 
 
 def in_thousands(text: str) -> str:
@@ -130,6 +149,11 @@ def words_and_unit(name: str) -> tuple[str, str]:
         start = len(tokens)
     words = re.sub(r"\bhinge(\d)", r"hinge \1", " ".join(tokens[:start]))
     return words, _join_units(tokens[start:])
+
+
+def signal_words(signal: str) -> str:
+    """A signal in words. The shaft's is compared as its deviation from the command, and must say so."""
+    return SIGNAL_WORDS.get(signal) or words_and_unit(signal)[0]
 
 
 def name_with_unit(name: str) -> str:

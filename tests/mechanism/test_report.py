@@ -87,7 +87,7 @@ def test_without_priors_the_nominal_model_alone_is_shown(folder, tmp_path, monke
     assert "fitted values" not in page
     assert not (tmp_path / "report" / "mechanism-values.csv").exists()
     assert "held_out" not in (tmp_path / "report" / "mechanism-errors.csv").read_text(encoding="utf-8")
-    drawn = page.partition("<h2>Signals")[2]
+    drawn = page.partition(">Signals</h2>")[2]
     assert "#d07f0e" not in drawn  # nothing is drawn as fitted
 
 
@@ -122,7 +122,7 @@ def test_of_many_recordings_those_are_drawn_that_the_model_misses_most(tmp_path)
     write_motions(MotionsReport("motions of a mechanism", "arm", "model.xml", "mechanism", "f/1", 0.5), fit, tmp_path, Origin())
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert f"Of {len(names)} recordings the {MOST_SHOWN} are drawn" in page
-    pictures = page.partition("<h2>Signals")[2]
+    pictures = page.partition(">Signals</h2>")[2]
     for name, size in sizes.items():
         assert (name in pictures) == (size > 3.0)
     assert 'class="marked"' in page and "probably lacks an effect" in page

@@ -2,6 +2,8 @@
 
 from html.parser import HTMLParser
 
+# Tables beside a page are links that a reader may follow; a page is whole without them.
+FILES = (".csv", ".tex", ".json")
 VOID = {"meta", "br", "img"}
 
 
@@ -24,7 +26,8 @@ class Outline(HTMLParser):
 
     def _note(self, tag, attrs):
         self.ids += [value for name, value in attrs if name == "id"]
-        self.fetched += [value for name, value in attrs if name in ("src", "href", "xlink:href", "data", "srcset")]
+        found = [value for name, value in attrs if name in ("src", "href", "xlink:href", "data", "srcset")]
+        self.fetched += [value for value in found if tag != "a" or not value.endswith(FILES)]
         assert tag not in self.forbidden
 
     def handle_endtag(self, tag):

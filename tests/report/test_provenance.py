@@ -6,9 +6,9 @@ import subprocess
 from pathlib import Path
 
 from rfca_rig.campaign.fingerprint import fingerprint
+from rfca_rig.clock import TwinClock
 from rfca_rig.recording.store import write_recording
-from rfca_rig.reports.provenance import command_line, origin_of, version_text
-from rfca_rig.reports.templates import by_stem
+from rfca_rig.reports.provenance import NOT_STATED, Origin, command_line, date_text, origin_in_memory, origin_of, version_text
 from tests.report.recordings import recording, stages
 
 SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
@@ -43,5 +43,16 @@ def test_the_version_says_the_state_of_the_source():
     assert re.fullmatch(r"\d+\.\d+\.\d+(, git [0-9a-f]{12}(, changed since)?)?", version_text())
 
 
-def test_files_that_differ_in_their_ending_are_named_once():
-    assert by_stem(["table2.csv", "table2.tex", "run-2-stages.csv", "table2.json"]) == ["table2.csv/.tex/.json", "run-2-stages.csv"]
+def test_the_head_states_date_operator_specimen_rig_and_version():
+    known = {"started_at": "2026-11-03T14:05:09+00:00", "operator": "Ada", "sample": "leg 4", "rig": "bench"}
+    one, other = recording(static=stages(), provenance=known), recording(static=stages(), provenance={**known, "operator": "Bo"})
+    facts = dict(origin_in_memory([one, other]).facts)
+    assert [facts[name] for name in ("Date", "Operator", "Specimen", "Rig")] == ["2026-11-03 14:05 UTC", "Ada, Bo", "leg 4", "bench"]
+    assert dict(origin_in_memory([recording(static=stages())]).facts)["Specimen"] == NOT_STATED
+    assert [name for name, _ in Origin().facts] == ["Version"]
+
+
+def test_simulated_time_is_no_date():
+    started = TwinClock().started_at().isoformat()
+    assert date_text(started) == "simulated time, which has no date"
+    assert date_text("yesterday") == "yesterday"

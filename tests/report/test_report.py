@@ -254,3 +254,9 @@ def test_a_folder_that_cannot_be_made_is_said_in_one_line(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(RigError, match=r"file/out: the folder for the report cannot be made"):
         write_report([recording(static=stages())], tmp_path / "file" / "out")
+
+
+def test_the_title_of_a_campaign_is_said_once(tmp_path):
+    folder = written(tmp_path, recording(strokes(), title="Table II"))
+    opening = (folder / "report.html").read_text().partition("<body>")[2].partition("<table")[0]
+    assert opening.count("Table II") == 1

@@ -3,7 +3,9 @@
 import re
 from importlib import resources
 
+import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from rfca_rig.reports import style
 
@@ -31,6 +33,49 @@ def contrast(one, other):
 )
 def test_lines_stand_out_three_to_one(one, other):
     assert contrast(getattr(style, one), getattr(style, other)) >= 3.0
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("measured", "paper"), ("simulated", "paper"), ("measured", "simulated"), ("other", "paper"), ("faint", "paper")]
+)
+def test_lines_stand_out_on_dark_paper_too(one, other):
+    assert set(style.DARK) == set(style.colours())
+    assert contrast(style.DARK[one], style.DARK[other]) >= 3.0
+
+
+def test_text_stands_out_on_dark_paper():
+    dark = text_of("dark.css")
+    for name in ("ink", "soft"):
+        assert contrast(re.search(rf"--{name}: (#\w+);", dark)[1], style.DARK["paper"]) >= 4.5
+    for name in ("b1", "b2", "b3"):
+        assert contrast(re.search(rf"--{name}: (#\w+);", dark)[1], "#ececea") >= 4.5
+
+
+def test_figures_follow_the_page_into_dark_mode_and_scroll_before_they_shrink():
+    figure, axes = style.make_panel("force (N)", "time (s)")
+    axes.plot([0.0, 1.0], [0.0, 1.0], color=style.MEASURED)
+    axes.margins(x=0.0)
+    svg = style.inline_svg(figure, "salt", "a line", style.hover_values(axes, np.linspace(0.0, 1.0, 9), "s", {"a": np.arange(9.0)}, "N", 3))
+    assert style.MEASURED not in svg and "var(--measured)" in svg and "#000000" not in svg
+    assert f"--width: {72.0 * style.PANEL_IN[0]:.0f}px" in svg and "min-width: var(--width, 0)" in text_of("base.css")
+    # A phone is 390 px wide, less margins of 15 px.
+    assert 72.0 * style.PANEL_IN[0] <= 360.0
+    assert [float(x) for x in re.findall(r"<title>([\d.]+) s: a", svg)] == [0.125, 0.5, 0.875]
+    left = 72.0 * style.LEFT_IN
+    first = re.search(r'<rect class="hover" x="([\d.]+)"', svg)
+    assert float(first[1]) == pytest.approx(left, abs=0.06)
+
+
+@pytest.mark.parametrize("values", [(-0.0025, 0.0), (-12000.0, 9000.0), (0.0, 1.0)])
+def test_no_label_of_a_panel_is_cut(values):
+    with style.drawing():
+        figure, axes = style.make_panel("residual of shaft angle less command (rad)", "time (s)")
+        axes.plot([0.0, 1.0], values)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        renderer = canvas.get_renderer()
+        box = figure.get_tightbbox(renderer)
+    assert box.x0 >= 0.0 and box.y0 >= 0.0 and box.x1 <= style.PANEL_IN[0] and box.y1 <= style.PANEL_IN[1]
 
 
 def test_text_stands_out_four_and_a_half_to_one():

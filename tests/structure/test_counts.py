@@ -7,10 +7,10 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 640,
-    "lines": 88_600,
-    "lines of code": 56_400,
+    "lines": 89_300,
+    "lines of code": 56_900,
     "modules with one user, in their package": 70,
-    "functions": 6_060,
+    "functions": 6_080,
     "private functions with one use": 960,
     "public class names defined more than once": 0,
     "functions named by a past participle": 96,

@@ -261,13 +261,13 @@ def _criteria(one: ScaledHypothesis, supported: Sequence[Supported]) -> tuple[Cr
     misfit = one.misfit if one.ids else one.misfit_of_all
     least = min((effect.probability for effect in supported), default=1.0)
     strained = describe_strain(one)
-    probable = Criterion(
-        "probability", least >= IDENTIFIED_PROBABILITY, f"{least:.3f} that every effect is there, {IDENTIFIED_PROBABILITY:g} needed"
-    )
+    needed, at_most = f"{IDENTIFIED_PROBABILITY:g} needed", f"{USUAL_MISFIT:g} at most"
+    near = f"each within {IMPLAUSIBLE:g} prior standard deviations"
+    probable = Criterion("probability", least >= IDENTIFIED_PROBABILITY, f"{least:.3f} that every effect is there, {needed}", needed)
     return (
         *((probable,) if supported else ()),
-        Criterion(HELD_OUT, misfit <= USUAL_MISFIT, f"{misfit:.2f} of what noise and a usual model error make, {USUAL_MISFIT:g} at most"),
-        Criterion("plausible values", not strained, strained or "all nuisance parameters are near their priors"),
+        Criterion(HELD_OUT, misfit <= USUAL_MISFIT, f"{misfit:.2f} of what noise and a usual model error make, {at_most}", at_most),
+        Criterion("plausible values", not strained, strained or "all nuisance parameters are near their priors", near),
     )
 
 
@@ -342,7 +342,10 @@ def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
     joint[UNKNOWN] = [(unknown.log_evidence + float(np.log(PRIOR_UNKNOWN)), unknown.log_evidence, unknown.error)]
     logs = {ids: float(logsumexp([entry[0] for entry in entries])) for ids, entries in joint.items()}
     total = float(logsumexp(list(logs.values())))
-    rivals = [Rival(ids, float(np.exp(logs[ids] - total)), max(entries)[1], max(entries)[2]) for ids, entries in joint.items()]
+    rivals = [
+        Rival(ids, float(np.exp(logs[ids] - total)), evidence, error, float(np.exp(log_joint - evidence)))
+        for ids, (log_joint, evidence, error) in ((ids, max(entries)) for ids, entries in joint.items())
+    ]
     return tuple(sorted(rivals, key=lambda rival: -rival.probability))
 
 
@@ -368,7 +371,13 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
     nothing = float(np.prod([one.probability if one.grade == "nothing missing" else 1.0 - one.probability for one in each]))
     pairs = [(a, b) for a in forces.rivals[:MOST_RIVALS] for b in shaft.rivals[:MOST_RIVALS]]
     rivals = [
-        Rival((*a.ids, *b.ids), a.probability * b.probability, a.log_evidence + b.log_evidence, max(a.model_error, b.model_error))
+        Rival(
+            (*a.ids, *b.ids),
+            a.probability * b.probability,
+            a.log_evidence + b.log_evidence,
+            max(a.model_error, b.model_error),
+            None if a.prior is None or b.prior is None else a.prior * b.prior,
+        )
         for a, b in pairs
     ]
     return Decision(

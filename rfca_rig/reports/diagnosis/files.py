@@ -13,6 +13,7 @@ from rfca_rig.reports.diagnosis.json_file import as_json
 from rfca_rig.reports.diagnosis.page import page
 from rfca_rig.reports.diagnosis.tables import (
     SIGMA,
+    acceptance_table,
     before_after_table,
     describe_law,
     describe_moved_prior,
@@ -20,14 +21,16 @@ from rfca_rig.reports.diagnosis.tables import (
     entries,
     format_p_value,
     format_probability,
-    format_significant,
     format_with_interval_90,
+    hypotheses_table,
     nominal_values_table,
     parameters_table,
+    residual_map_table,
+    signals_table,
 )
-from rfca_rig.reports.provenance import Origin
-from rfca_rig.reports.table import table_files, write_all
-from rfca_rig.reports.text import count_noun, words_and_unit
+from rfca_rig.reports.provenance import Origin, PageContext, find_pages
+from rfca_rig.reports.table import as_csv, table_files, write_all
+from rfca_rig.reports.text import count_noun, format_significant, signal_words, words_and_unit
 
 WIDTH = 80
 MOST_LINES = 15
@@ -87,7 +90,7 @@ def _value_text(name: str, value: Value) -> str:
 
 def _place(what: str, place: Located) -> str:
     size = f"{format_significant(place.size)} {place.unit}, {format_significant(place.sigmas, 2)} sigma"
-    where = f"{words_and_unit(place.signal)[0]}, {place.experiment}, {place.phase}"
+    where = f"{signal_words(place.signal)}, {place.experiment}, {place.phase}"
     return f"{what}: {where}: {size}, {count_noun(len(place.conditions), 'condition')}, p {format_p_value(place.p_value)}"
 
 
@@ -140,5 +143,9 @@ def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = Non
         detection_limits_table(diagnosis),
         before_after_table(diagnosis),
     )
-    contents = {"diagnosis.json": as_json(diagnosis), **table_files(tables)}
-    write_all(out, {"diagnosis.html": page(diagnosis, origin or Origin(), tuple(contents)), **contents})
+    # For programs only: long, or with the same content as a figure.
+    plain = (signals_table(diagnosis), residual_map_table(diagnosis), hypotheses_table(diagnosis), acceptance_table(diagnosis))
+    contents = {"diagnosis.json": as_json(diagnosis), **table_files(tables), **{f"{one.name}.csv": as_csv(one) for one in plain}}
+    known = origin or Origin()
+    context = PageContext(known, find_pages(out, known, ("diagnosis.html",)))
+    write_all(out, {"diagnosis.html": page(diagnosis, context, tuple(contents)), **contents})

@@ -10,6 +10,7 @@ import numpy as np
 
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MapCell, NamedEffect, Value
+from rfca_rig.reports.diagnosis.tables import all_misfits
 
 FORMAT = "rfca-diagnosis/2"
 # More than a diagnosis knows, and few enough that rounding errors of different machines do not show.
@@ -44,7 +45,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "sentence": diagnosis.sentence,
         "gates": [asdict(criterion) for criterion in diagnosis.criteria],
         "rivals": [
-            {"ids": r.ids, "probability": r.probability, "log_evidence": r.log_evidence, "model_error": r.model_error}
+            {"ids": r.ids, "probability": r.probability, "log_evidence": r.log_evidence, "model_error": r.model_error, "prior": r.prior}
             for r in diagnosis.rivals
         ],
         "believed_values": {name: _value(value) for name, value in diagnosis.believed_values.items()},
@@ -122,8 +123,8 @@ def _value(value: Value) -> dict[str, float]:
 
 
 def _misfits(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Misfits before and after: forces with their noise floor, errors of the valley, which have none, without."""
-    forces = {**diagnosis.fit, **diagnosis.held_out}
+    """Misfits before and after: signals with their noise floor, errors of the valley, which have none, without."""
+    forces = {**all_misfits(diagnosis), **diagnosis.held_out}
     floored = {name: _before_after(each) | {"noise_floor": each.noise_floor} for name, each in forces.items()}
     return floored | {name: _before_after(each) for name, each in diagnosis.valley.items()}
 

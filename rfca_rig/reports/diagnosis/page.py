@@ -6,33 +6,42 @@ Residual map of a diagnosis: where model and recordings differ by signal, phase 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, log10
 from typing import Any
 
-from rfca_rig.analysis.fitting.parameters import PARAMETERS
 from rfca_rig.analysis.phases import PHASES
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import Diagnosis, Located, MapCell, NamedEffect, NotSeen, Rival, Value
-from rfca_rig.reports.diagnosis.pictures import draw_law, pictures_of
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.reports.diagnosis.pictures import draw_forest, draw_law, draw_residual, pictures_of
 from rfca_rig.reports.diagnosis.tables import (
     SIGMA,
+    STDS_90,
+    acceptance_table,
+    all_misfits,
     before_after_table,
-    decimals,
     describe_effect,
     describe_law,
     describe_moved_prior,
     entries,
-    format_decimals,
     format_p_value,
     format_probability,
-    format_significant,
     format_with_interval_90,
     hypothesis,
     sizes,
 )
-from rfca_rig.reports.provenance import Origin
+from rfca_rig.reports.provenance import PROGRAM, PageContext
 from rfca_rig.reports.templates import template
-from rfca_rig.reports.text import NOTHING, count_noun, keep_units_together, name_with_unit, words_and_unit
+from rfca_rig.reports.text import (
+    NOTHING,
+    count_noun,
+    decimals,
+    format_decimals,
+    format_significant,
+    keep_units_together,
+    signal_words,
+    words_and_unit,
+)
 
 # Borders of the colours, in standard deviations of the expected difference.
 EDGES = (2.0, 3.0, 5.0, 10.0)
@@ -57,7 +66,17 @@ NOTHING_LEFT = {
     "nothing missing": "Nothing beyond noise, scatter and the model\u2019s usual error.",
     "unexplained": "The whole difference shown above.",
 }
-MEMORY = "The force differs between a rising and a falling argument: no single curve is right, and the band holds both dotted branches."
+NEXT_STEPS = {
+    "identified": "Add the effect to your model: the fitted model file beside this page has it. Check it on a condition not used here.",
+    "mostly": "Use the fitted model file beside this page as a first correction; what remains is listed below.",
+    "family": "Do not add a law yet: these data do not tell which one.",
+    "nothing missing": "Keep the model. Effects above the detection limits below are excluded.",
+    "unexplained": "Do not correct the model yet. Inspect the rig where the difference was located.",
+    "not enough data": "Record more: at least three conditions, each with repeats.",
+}
+# Axes of forest plots: prior standard deviations, and decades of probability.
+FOREST_STDS = (-4.0, 4.0)
+LEAST_DECADE = -6.0
 # Of the alternative hypotheses, the page lists so many at most, and none below this probability.
 SHOWN_RIVALS = 7
 NEGLIGIBLE = 0.001
@@ -85,7 +104,8 @@ def condition_grid(conditions: Sequence[str], times: int) -> Grid:
     distinct = tuple(dict.fromkeys(conditions))
     beside = Grid(("",), distinct, {("", label): label for label in distinct})
     below = Grid(distinct, ("",), {(label, ""): label for label in distinct})
-    grids = [beside, *_cross_grids(distinct)]
+    # Without a unit in common, labels are too long to stand side by side.
+    grids = [*([beside] if _without_unit(distinct)[0] else []), *_cross_grids(distinct)]
     fitting = [grid for grid in grids if times * len(grid.columns) <= MOST_COLUMNS]
     # A list of all conditions below each other always fits.
     return min(fitting, key=lambda grid: len(grid.rows), default=below) if len(distinct) > 1 else below
@@ -134,9 +154,12 @@ class MapRow:
 
 @dataclass(frozen=True)
 class Map:
-    """Map of one experiment: each phase spans `columns`, each signal its rows; `corner` is the unit of the columns."""
+    """Map of signals of one experiment, with both in its `name`: each phase spans `columns`, each signal its rows.
 
-    experiment: str
+    `corner` is the unit of the columns.
+    """
+
+    name: str
     corner: str
     phases: tuple[str, ...]
     columns: tuple[str, ...]
@@ -145,10 +168,18 @@ class Map:
 
 
 def maps_of(diagnosis: Diagnosis) -> list[Map]:
-    """One map for each experiment in the cells."""
+    """Maps of each experiment: one for all signals that have the same phases, so that none has empty columns."""
     located = frozenset((p.signal, p.experiment, p.phase, condition) for p in diagnosis.located for condition in p.conditions)
-    experiments = dict.fromkeys(cell.experiment for cell in diagnosis.cells)
-    return [_map(name, [cell for cell in diagnosis.cells if cell.experiment == name], located) for name in experiments]
+    phases: dict[tuple[str, str], dict[str, None]] = {}
+    for cell in diagnosis.cells:
+        phases.setdefault((cell.experiment, cell.signal), {})[cell.phase] = None
+    groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for (experiment, signal), found in phases.items():
+        groups.setdefault((experiment, tuple(sorted(found, key=_place_on_map))), []).append(signal)
+    return [
+        _map(experiment, [cell for cell in diagnosis.cells if cell.experiment == experiment and cell.signal in signals], located)
+        for (experiment, _), signals in groups.items()
+    ]
 
 
 def band(sigmas: float) -> int:
@@ -161,8 +192,15 @@ def _map(experiment: str, cells: Sequence[MapCell], located: frozenset[tuple[str
     grid = condition_grid([cell.condition for cell in cells], len(phases))
     unit, columns = _without_unit(grid.columns)
     signals = dict.fromkeys(cell.signal for cell in cells)
-    rows = tuple((name_with_unit(s), _rows([cell for cell in cells if cell.signal == s], phases, grid, located)) for s in signals)
-    return Map(experiment, unit, tuple(phases), columns, rows, any(grid.rows))
+    rows = tuple(
+        (
+            ", ".join(filter(None, (signal_words(s), words_and_unit(s)[1]))),
+            _rows([cell for cell in cells if cell.signal == s], phases, grid, located),
+        )
+        for s in signals
+    )
+    name = f"{experiment}: {', '.join(signal_words(signal) for signal in signals)}"
+    return Map(name, unit, tuple(phases), columns, rows, any(grid.rows))
 
 
 def _place_on_map(phase: str) -> tuple[int, str]:
@@ -196,29 +234,37 @@ def _without_unit(columns: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
     return unit, tuple(label.partition(" ")[0] for label in columns)
 
 
-def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str:
+def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) -> str:
     """The page as HTML.
 
     Parameters
     ----------
     diagnosis
         The result to show.
-    origin
-        Command, recordings and version for the foot of the page.
+    context
+        Origin of the page, and links to others.
     files
         Names of the files beside the page, which it links.
     """
     probability = diagnosis.probability
     shown_rivals, other_rivals = _rivals(diagnosis.rivals)
+    differing = {one.signal for one in (*diagnosis.located, *diagnosis.remaining)}
+    pictures = pictures_of(diagnosis.overlays, differing)
+    next_step, next_command = describe_next_step(diagnosis)
     return template("diagnosis.html").render(
         sheets=("verdict.css", "diagnosis.css"),
-        origin=origin,
+        origin=context.origin,
+        links=context.links,
         files=files,
         title=diagnosis.title,
         grade=diagnosis.grade,
         grade_meaning=GRADE_WORDS[diagnosis.grade][0],
         probability_of=GRADE_WORDS[diagnosis.grade][1],
         sentence=_text(diagnosis.sentence),
+        evidence=_text(describe_evidence(diagnosis)),
+        next_step=next_step,
+        next_command=next_command,
+        residual=draw_residual(diagnosis),
         probability=None if probability is None else format_probability(probability),
         maps=maps_of(diagnosis),
         band_words=BAND_WORDS,
@@ -233,8 +279,9 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
         law=None if diagnosis.stated_law is None else _law(diagnosis.stated_law),
         moved_priors=[describe_moved_prior(one) for one in diagnosis.moved_priors],
         before_after=before_after_table(diagnosis),
-        pictures=pictures_of(diagnosis.overlays),
-        criteria=[{"name": one.name, "passed": one.passed, "found": _text(one.found)} for one in diagnosis.criteria],
+        pictures=[one for one in pictures if not one.summary],
+        folded=[one for one in pictures if one.summary],
+        acceptance=acceptance_table(diagnosis),
         rivals=shown_rivals,
         other_rivals=other_rivals,
         ruled_out=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is not None],
@@ -243,18 +290,54 @@ def page(diagnosis: Diagnosis, origin: Origin, files: Sequence[str] = ()) -> str
         unexplained=[_text(text) for text in diagnosis.unexplained],
         next_experiment=entries(diagnosis.next_experiment or {}),
         remarks=[_text(text) for text in diagnosis.remarks],
-        nominal=[_nuisance(name, value, diagnosis.priors.get(name)) for name, value in diagnosis.believed_values.items()],
+        nominal=_nuisances(diagnosis),
         settings=entries(diagnosis.settings),
     )
 
 
-def _nuisance(name: str, value: Value, prior: Value | None) -> tuple[str, str, str, str]:
-    """A nuisance parameter: words, unit, value after the fit, value before it."""
-    words, unit = words_and_unit(name)
-    # Parameters of the fit state their unit, which their names need not carry.
-    if name in PARAMETERS:
-        unit = PARAMETERS[name].unit
-    return words, unit, format_with_interval_90(value), "" if prior is None else format_with_interval_90(prior)
+def describe_evidence(diagnosis: Diagnosis) -> str:
+    """Where the mismatch was located, and what the stated effects do to it, in one sentence; "" where nothing was located."""
+    if not diagnosis.located:
+        return ""
+    place = max(diagnosis.located, key=lambda one: one.sigmas)
+    sentence = (
+        f"It shows in {signal_words(place.signal)}, {place.phase}: {format_significant(place.size)} {place.unit} rms, "
+        f"{format_significant(place.sigmas, 2)} times what noise, scatter and the usual model error can do"
+    )
+    misfit = all_misfits(diagnosis).get(f"rms_{place.signal}")
+    if misfit is None or not diagnosis.effects or not isfinite(misfit.after):
+        return f"{sentence}."
+    change = f"{format_significant(misfit.before, 2)} to {format_significant(misfit.after, 2)} {place.unit}"
+    return f"{sentence}. With the effect, the signal's misfit falls from {change} rms."
+
+
+def describe_next_step(diagnosis: Diagnosis) -> tuple[str, str]:
+    """What to do with the answer in words, and the command for it, "" where none does it."""
+    proposal, step = diagnosis.next_experiment, NEXT_STEPS[diagnosis.grade]
+    if proposal is None:
+        return step, ""
+    if proposal.get("protocol") is None:
+        return f"{step} Then do the experiment at the end of this page.", ""
+    command = f"{PROGRAM} {proposal.get('kind')} run --protocol next-experiment.toml"
+    return f"{step} Then record the proposed experiment:", command
+
+
+def _nuisances(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """Nuisance parameters in prior standard deviations from their priors, as a forest plot, with values in their units."""
+    found = []
+    for name, value in diagnosis.believed_values.items():
+        words, unit = words_and_unit(name)
+        unit = diagnosis.nuisance_units.get(name, unit).replace("m1.5", "m^1.5")
+        prior = diagnosis.priors.get(name)
+        texts = {"name": words, "unit": unit, "value": format_with_interval_90(value), "prior": "", "forest": ""}
+        if prior is not None and prior.std > 0.0 and isfinite(value.value):
+            z, half = (value.value - prior.value) / prior.std, STDS_90 * value.std / prior.std
+            half = half if isfinite(half) else 0.0
+            texts["prior"] = format_with_interval_90(prior)
+            told = f"{words}: {texts['value']} {unit}, prior {texts['prior']} {unit}"
+            texts["forest"] = draw_forest((-STDS_90, 0.0, STDS_90), (z - half, z, z + half), FOREST_STDS, told, 0.0)
+        found.append(texts)
+    return found
 
 
 def _text(text: str) -> str:
@@ -263,7 +346,7 @@ def _text(text: str) -> str:
 
 def _place(place: Located, diagnosis: Diagnosis) -> dict[str, str]:
     return {
-        "signal": words_and_unit(place.signal)[0],
+        "signal": signal_words(place.signal),
         "experiment": place.experiment,
         "phase": place.phase,
         "size": keep_units_together(f"{format_significant(place.size)} {place.unit}"),
@@ -287,9 +370,30 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "left_out": effect.left_out,
         "probability": format_probability(effect.probability),
         "wording": _text(effect.wording),
-        "parameters": [(*words_and_unit(name), format_with_interval_90(value)) for name, value in effect.parameters.items()],
+        "parameters": [_parameter(effect.id, name, value) for name, value in effect.parameters.items()],
         "cannot_tell_from": [{"id": other, "left_out": describe_effect(other)} for other in effect.cannot_tell_from],
     }
+
+
+def _parameter(effect_id: str, name: str, value: Value) -> dict[str, str]:
+    """A parameter with its plausible range as the prior, where the catalogue has one."""
+    words, unit = words_and_unit(name)
+    texts = {"name": words, "unit": unit, "value": format_with_interval_90(value), "range": "", "forest": ""}
+    known = catalogue().get(effect_id)
+    plausible = next((one for one in known.parameters if one.name == name), None) if known else None
+    if plausible is None or not isfinite(value.value):
+        return texts
+    half = STDS_90 * value.std if isfinite(value.std) else 0.0
+    ends = [plausible.low, plausible.high, value.value - half, value.value, value.value + half]
+    texts["range"] = f"{format_significant(plausible.low)} to {format_significant(plausible.high)}"
+    told = f"{words}: {texts['value']} {unit}, plausible {texts['range']} {unit}"
+    # A range over more than a decade is drawn on a logarithmic axis.
+    if min(ends) > 0.0 and plausible.high > 10.0 * plausible.low:
+        ends = [log10(end) for end in ends]
+    low, high, *posterior = ends
+    axis = (min(ends), max(ends))
+    texts["forest"] = draw_forest((low, 0.5 * (low + high), high), (posterior[0], posterior[1], posterior[2]), axis, told)
+    return texts
 
 
 def _law(stated: StatedLaw) -> dict[str, Any]:
@@ -319,12 +423,19 @@ def _rivals(rivals: Sequence[Rival]) -> tuple[list[dict[str, Any]], str]:
 
 
 def _rival(rival: Rival, best_evidence: float) -> dict[str, Any]:
+    name, probability = hypothesis(rival.ids), format_probability(rival.probability)
+    prior = "" if rival.prior is None else format_probability(rival.prior)
+    # Decades of probability: those of rivals differ by orders of magnitude.
+    at, before = (max(log10(max(p, 1e-300)), LEAST_DECADE) for p in (rival.probability, rival.prior or 1.0))
+    told = f"{name}: {probability}" + (f", before the data {prior}" if prior else "")
+    bar = None if rival.prior is None else (before, before, before)
     return {
-        "name": hypothesis(rival.ids),
-        "probability": format_probability(rival.probability),
-        "bar": round(100.0 * rival.probability, 1),
+        "name": name,
+        "probability": probability,
+        "prior": prior or NOTHING,
+        "forest": draw_forest(bar, (at, at, at), (LEAST_DECADE, 0.0), told),
         "behind": format_significant(rival.log_evidence - best_evidence) if rival.log_evidence < best_evidence else "0",
-        "model_error": f"{format_significant(100.0 * rival.model_error, 2)} %",
+        "model_error": f"{format_significant(100.0 * rival.model_error, 2)}\u00a0%",
     }
 
 

@@ -1,6 +1,6 @@
-"""Figures of a diagnosis: signals before and after, as small multiples on one scale, and measured residual laws."""
+"""Figures of a diagnosis: the located residual, signals before and after in panels on one scale, forest plots, measured laws."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -10,29 +10,34 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, MeasuredLaw
-from rfca_rig.diagnosis.result import SignalOverlay
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, SignalOverlay
 from rfca_rig.reports.style import (
     ALIKE,
     FAINT,
     MEASURED,
     OTHER,
+    PALE,
     SIMULATED,
     SMALL,
+    Panel,
     drawing,
     envelope,
+    hover_values,
     inline_svg,
-    make_panels,
-    mark_axes,
-    set_panel_title,
+    make_panel,
 )
-from rfca_rig.reports.text import count_noun, name_with_unit, words_and_unit
+from rfca_rig.reports.text import count_noun, format_significant, keep_units_together, signal_words, words_and_unit
 
 Floats = NDArray[np.float64]
+Interval = tuple[float, float, float]
 
 DASHES = (0, (3.2, 1.8))
-# Resolution of a line, over all panels side by side together: two points for each column keep every peak.
-COLUMNS = 210
-USUAL_ACROSS, MOST_ACROSS = 3, 4
+# Resolution of a line in a panel: two points for each column keep every peak.
+COLUMNS = 90
+# Curves that differ by less than this share of the signal's range (rms) are not told apart by eye: a panel is 90 points high, and
+# the broad line takes 2.8 of them, 3 %.
+COINCIDE = 0.02
+RESIDUAL_IN = (4.7, 2.1)
 # Share of a panel's height that marks the start of a window.
 TICK = 0.045
 
@@ -57,61 +62,175 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Picture:
-    """One signal's panels as inline SVG."""
+    """The panels of one signal. Where all curves coincide, `summary` says so in words, and a page folds the panels; else it is empty."""
 
     signal: str
-    svg: str
-    caption: str
+    panels: tuple[Panel, ...]
+    caption: str = ""
+    summary: str = ""
 
 
-def pictures_of(overlays: Sequence[SignalOverlay], across: int | None = None) -> list[Picture]:
-    """One picture for each signal, in the order of the overlays; `across` panels side by side, None for as many as suit the conditions."""
+def pictures_of(overlays: Sequence[SignalOverlay], never_folded: Collection[str] = ()) -> list[Picture]:
+    """One picture for each signal, in the order of the overlays; those in `never_folded` show a difference, however small it looks."""
     signals = dict.fromkeys(overlay.signal for overlay in overlays)
-    return [_picture(name, [each for each in overlays if each.signal == name], across) for name in signals]
+    return [_picture(name, [each for each in overlays if each.signal == name], name in never_folded) for name in signals]
 
 
-def _picture(signal: str, overlays: Sequence[SignalOverlay], across: int | None) -> Picture:
-    conditions = count_noun(len(overlays), "condition")
-    caption = f"Means over the repeats of {conditions}, all on one scale; how far repeats scatter is in the noise floor of the table above."
-    return Picture(
-        name_with_unit(signal), _draw_panels(signal, overlays, across or _across([overlay.condition for overlay in overlays])), caption
+def _picture(signal: str, overlays: Sequence[SignalOverlay], is_kept: bool) -> Picture:
+    unit, fit = words_and_unit(signal)[1], residuals_of(overlays)
+    largest = max(fit.before, fit.after if np.isfinite(fit.after) else 0.0)
+    coincide = np.isfinite(largest) and largest < COINCIDE * _span(np.concatenate([each.measured for each in overlays]))
+    caption = f"Means over the repeats, {count_noun(len(overlays), 'condition')} on one scale."
+    summary = f"{signal_words(signal)}: all curves coincide, rms {format_significant(largest, 2)} {unit} at most".rstrip()
+    limits = [_limits(np.concatenate(list(values))) for values in ((o.t_s for o in overlays), _all_lines(overlays))]
+    panels = tuple(_panel(number, overlay, limits) for number, overlay in enumerate(overlays))
+    return Picture(_quantity(signal), panels, caption, "" if is_kept or not coincide else summary)
+
+
+def _all_lines(overlays: Sequence[SignalOverlay]) -> Iterator[Floats]:
+    for overlay in overlays:
+        yield from (overlay.measured, overlay.before, overlay.after)
+
+
+def residuals_of(overlays: Sequence[SignalOverlay]) -> BeforeAfter:
+    """Rms of measured less simulated over all rows of the overlays, before and after; NaN where one is unknown everywhere."""
+    before, after = (
+        np.concatenate([each.measured - model for each, model in zip(overlays, models, strict=True)])
+        for models in ([each.before for each in overlays], [each.after for each in overlays])
     )
+    return BeforeAfter(_rms(before), _rms(after))
 
 
-def _draw_panels(signal: str, overlays: Sequence[SignalOverlay], across: int) -> str:
-    with drawing():
-        figure, panels = make_panels(len(overlays), across)
-        for axes, overlay in zip(panels, overlays, strict=True):
-            _draw(axes, overlay, COLUMNS // across)
-        words, unit = words_and_unit(signal)
-        mark_axes(panels, across, "time (s)", f"{words} ({unit})" if unit else words)
-        label = f"{words_and_unit(signal)[0]} over time at {len(overlays)} conditions: measured, nominal model, model accepted"
-        return inline_svg(figure, f"before and after {signal}", escape(label, quote=True))
+def _rms(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-def _across(conditions: Sequence[str]) -> int:
-    """Panels side by side: as many as the first height has conditions, so that a row shows one height; else three."""
-    alike = sum(label.split(", ")[0] == conditions[0].split(", ")[0] for label in conditions)
-    return alike if 1 < alike <= MOST_ACROSS else min(USUAL_ACROSS, len(conditions))
+def _span(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.ptp(known)) if known.size else 0.0
 
 
-def _draw(axes: Axes, overlay: SignalOverlay, columns: int) -> None:
-    """Draws one condition. Lines of models are interrupted where a window starts from the measured state again, all lines in gaps."""
-    t_s, starts_s = overlay.t_s, overlay.starts_s
+def _limits(values: Floats) -> tuple[float, float]:
+    """Limits of an axis for all panels, from finite values; (0, 1) where there are none."""
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+
+
+def _quantity(signal: str) -> str:
+    words, unit = signal_words(signal), words_and_unit(signal)[1]
+    return f"{words} ({unit})" if unit else words
+
+
+def _panel(number: int, overlay: SignalOverlay, limits: Sequence[tuple[float, float]]) -> Panel:
+    """One condition. Lines of models are interrupted where a window starts from the measured state again, all lines in gaps."""
+    t_s, starts_s, unit = overlay.t_s, overlay.starts_s, words_and_unit(overlay.signal)[1]
     windows = np.searchsorted(t_s, starts_s)
     gaps = 1 + np.flatnonzero(np.diff(t_s) > 1.5 * np.median(np.diff(t_s))) if starts_s.size else windows
-    # Drawn from back to front: the measured line is the thinnest, and must stay visible where all coincide.
-    for values, color, lw, dashes, breaks in (
-        (overlay.after, SIMULATED, 2.8, "-", windows),
-        (overlay.before, OTHER, 1.1, DASHES, windows),
-        (overlay.measured, MEASURED, 0.8, "-", gaps),
-    ):
-        x, y = _with_breaks(t_s, values, breaks, columns)
-        if x.size:
-            axes.plot(x, y, color=color, lw=lw, ls=dashes)
-    axes.vlines(starts_s, 0.0, TICK, transform=axes.get_xaxis_transform(), color=FAINT, lw=0.6)
-    set_panel_title(axes, overlay.condition)
-    axes.margins(x=0.0, y=0.06)
+    with drawing():
+        figure, axes = make_panel(_quantity(overlay.signal), "time (s)")
+        # Drawn from back to front: the measured line is the thinnest, and must stay visible where all coincide.
+        for values, color, lw, dashes, breaks in (
+            (overlay.after, SIMULATED, 2.8, "-", windows),
+            (overlay.before, OTHER, 1.1, DASHES, windows),
+            (overlay.measured, MEASURED, 0.8, "-", gaps),
+        ):
+            x, y = _with_breaks(t_s, values, breaks, COLUMNS)
+            if x.size:
+                axes.plot(x, y, color=color, lw=lw, ls=dashes)
+        axes.vlines(starts_s, 0.0, TICK, transform=axes.get_xaxis_transform(), color=FAINT, lw=0.6)
+        (first_s, last_s), (low, high) = limits
+        margin = 0.06 * (high - low) or 1.0
+        axes.set_xlim(first_s, last_s)
+        axes.set_ylim(low - margin, high + margin)
+        lines = {"measured": overlay.measured, "before": overlay.before, "after": overlay.after}
+        hovers = hover_values(axes, t_s, "s", lines, unit)
+        label = f"{signal_words(overlay.signal)} over time at {overlay.condition}: measured, nominal model, model accepted"
+        svg = inline_svg(figure, f"before and after {overlay.signal} {number}", escape(label, quote=True), hovers)
+    return Panel(overlay.condition, svg)
+
+
+def draw_residual(diagnosis: Diagnosis) -> Picture | None:
+    """The residual before and after, over time, where the mismatch is largest; None without curves.
+
+    It is the located signal and phase with the most standard deviations, or, where nothing was located, the largest cell of the map, in
+    the condition with the largest residual. The phase is shaded.
+    """
+    drawn = {(one.signal, one.condition): one for one in diagnosis.overlays}
+    signals = {signal for signal, _ in drawn}
+    places = [(one.sigmas, one.signal, one.phase, one.conditions) for one in diagnosis.located if one.signal in signals]
+    if not places:
+        places = [(c.sigmas, c.signal, c.phase, (c.condition,)) for c in diagnosis.cells if c.signal in signals and np.isfinite(c.sigmas)]
+    if not places:
+        return None
+    _, signal, phase, conditions = max(places, key=lambda place: place[0])
+    there = [drawn[signal, name] for name in conditions if (signal, name) in drawn]
+    if not there:
+        return None
+    overlay = max(there, key=lambda one: float(np.nan_to_num(np.abs(one.measured - one.before)).max(initial=0.0)))
+    inside = overlay.phase == phase if overlay.phase.size else np.zeros(len(overlay.t_s), dtype=bool)
+    unit, words = words_and_unit(signal)[1], signal_words(signal)
+    before, after = overlay.measured - overlay.before, overlay.measured - overlay.after
+    shown = inside if inside.any() else np.ones(len(overlay.t_s), dtype=bool)
+    numbers = " and ".join(
+        f"{format_significant(_rms(values[shown]), 2)} {unit} {when}".replace("  ", " ")
+        for values, when in ((before, "before"), (after, "after"))
+        if np.isfinite(values[shown]).any()
+    )
+    windows = np.searchsorted(overlay.t_s, overlay.starts_s)
+    with drawing():
+        figure, axes = make_panel(f"residual of {words} ({unit})" if unit else f"residual of {words}", "time (s)", RESIDUAL_IN)
+        for begin_s, end_s in _stretches(overlay.t_s, inside):
+            axes.axvspan(begin_s, end_s, color=PALE, lw=0.0)
+        axes.axhline(0.0, color=FAINT, lw=0.6)
+        for values, color, lw, dashes in ((after, SIMULATED, 2.4, "-"), (before, OTHER, 1.4, DASHES)):
+            x, y = _with_breaks(overlay.t_s, values, windows, COLUMNS)
+            if x.size:
+                axes.plot(x, y, color=color, lw=lw, ls=dashes)
+        axes.margins(x=0.0, y=0.08)
+        hovers = hover_values(axes, overlay.t_s, "s", {"residual before": before, "after": after}, unit)
+        label = escape(f"residual of {words} over time at {overlay.condition}, before and after", quote=True)
+        svg = inline_svg(figure, "residual located", label, hovers)
+    where = f"{phase}, shaded" if inside.any() else phase
+    others = f" The worst of {len(conditions)} conditions where it shows." if len(conditions) > 1 else ""
+    caption = f"Measured less simulated at {overlay.condition}. Rms ({where}): {numbers}.{others}"
+    return Picture(f"Residual of {words}", (Panel("", svg),), keep_units_together(caption))
+
+
+def _stretches(t_s: Floats, inside: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Begin and end of each unbroken stretch of `inside` (m,), at times t_s (m,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
+    return [(float(t_s[begin]), float(t_s[end - 1])) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def draw_forest(prior: Interval | None, posterior: Interval, axis: tuple[float, float], words: str, marker: float | None = None) -> str:
+    """One row of a forest plot as inline SVG: the prior as a broad grey bar, the posterior as a dot with its interval, on a common axis.
+
+    Parameters
+    ----------
+    prior, posterior
+        Low end, middle and high end; None without a prior.
+    axis
+        The ends of the axis. What lies beyond is drawn at its end.
+    words
+        What a pointer shows, and a screen reader reads.
+    marker
+        Where a vertical line stands; None for none.
+    """
+    low, high = axis
+
+    def at(value: float) -> str:
+        return f"{4.0 + 172.0 * min(max((value - low) / (high - low), 0.0), 1.0):.1f}"
+
+    parts = [] if marker is None else [f'<path class="zero" d="M{at(marker)} 0V18"/>']
+    if prior is not None:
+        # A prior of one number becomes a short bar, which is still seen.
+        begin, end = (at(prior[0]), at(prior[2])) if prior[0] < prior[2] else (at(prior[1]), f"{float(at(prior[1])) + 3.0:.1f}")
+        parts.append(f'<path class="prior" d="M{begin} 9H{end}"/>')
+    parts.append(f'<path class="posterior" d="M{at(posterior[0])} 9H{at(posterior[2])}"/>')
+    parts.append(f'<circle class="posterior" cx="{at(posterior[1])}" cy="9" r="3.5"/>')
+    text = escape(words, quote=True)
+    return f'<svg class="forest" viewBox="0 0 180 18" role="img" aria-label="{text}"><title>{text}</title>{"".join(parts)}</svg>'
 
 
 def _with_breaks(t_s: Floats, values: Floats, breaks: NDArray[np.intp], columns: int) -> tuple[Floats, Floats]:

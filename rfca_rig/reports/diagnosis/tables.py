@@ -6,16 +6,26 @@ Tables hold parameters with intervals, nuisance parameters, misfits before and a
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from math import floor, isfinite, log10
+from math import isfinite
 from pathlib import Path
 
 from rfca_rig.diagnosis.residual_force.law import MeasuredLaw, StatedLaw
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, MovedPrior, Value
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.reports.diagnosis.pictures import residuals_of
 from rfca_rig.reports.table import Table, TableColumn, TableRow, places
 from rfca_rig.reports.table import Value as Shown
-from rfca_rig.reports.text import NO_BREAK, NOTHING, name_with_unit, number, words_and_unit
+from rfca_rig.reports.text import (
+    NO_BREAK,
+    NOTHING,
+    decimals,
+    format_decimals,
+    format_significant,
+    name_with_unit,
+    signal_words,
+    words_and_unit,
+)
 
 # Half of a 90 % interval of a normal distribution, in standard deviations.
 STDS_90 = 1.645
@@ -27,6 +37,10 @@ UNLISTED = "something that the catalogue does not list"
 MOST_PLACES = 4
 ALL_DATA, HELD_OUT, PRIOR = "all data", "predicted from the others", "prior"
 
+ACCEPTANCE = ("test", "required", "observed", "result")
+HYPOTHESES = ("missing", "prior_probability", "probability", "log_evidence", "model_error")
+MAP = ("experiment", "signal", "phase", "condition", "size", "sigmas")
+SIGNALS = ("condition", "signal", "t_s", "measured", "nominal", "amended")
 PARAMETERS = (
     TableColumn("effect", "Effect"),
     TableColumn("parameter", "Parameter"),
@@ -37,23 +51,6 @@ PARAMETERS = (
     TableColumn("high_90", role="kept"),
     TableColumn("probability", role="kept"),
 )
-
-
-def format_significant(value: float | None, digits: int = 3) -> str:
-    """A value with `digits` significant digits, without an exponent; an en dash for an unknown one."""
-    if value is None or not isfinite(value):
-        return NOTHING
-    return format_decimals(value, decimals(value, digits))
-
-
-def decimals(size: float, digits: int) -> int:
-    """Decimals that show `size` with so many significant digits; negative where it is rounded to tens or hundreds."""
-    return digits - 1 - floor(log10(abs(size))) if size and isfinite(size) else 0
-
-
-def format_decimals(value: float, places: int) -> str:
-    """A value with `places` decimals; negative ones round to tens or hundreds."""
-    return number(round(value, places), max(places, 0)) if isfinite(value) else NOTHING
 
 
 def format_with_interval_90(value: Value) -> str:
@@ -165,6 +162,56 @@ def nominal_values_table(diagnosis: Diagnosis) -> Table:
     return Table("believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows)
 
 
+def acceptance_table(diagnosis: Diagnosis) -> Table:
+    """Acceptance tests with what they require and what was observed; a marked row was failed."""
+    rows = tuple(
+        TableRow(
+            {
+                "test": one.name,
+                "required": one.required,
+                "observed": one.found.removesuffix(f", {one.required}") if one.required else one.found,
+                "result": "passed" if one.passed else "failed",
+            },
+            marked=not one.passed,
+        )
+        for one in diagnosis.criteria
+    )
+    columns = tuple(TableColumn(key, head) for key, head in zip(ACCEPTANCE, ("Test", "Required", "Observed", "Result"), strict=True))
+    return Table("acceptance-tests", "What an identified effect must pass.", columns, rows)
+
+
+def hypotheses_table(diagnosis: Diagnosis) -> Table:
+    """All hypotheses that the diagnosis lists, with prior and posterior probability, and log evidence relative to the best."""
+    best = max((rival.log_evidence for rival in diagnosis.rivals), default=0.0)
+    rows = tuple(
+        TableRow({
+            "missing": hypothesis(one.ids),
+            "prior_probability": one.prior,
+            "probability": one.probability,
+            "log_evidence": one.log_evidence - best,
+            "model_error": one.model_error,
+        })
+        for one in diagnosis.rivals
+    )  # fmt: skip
+    return Table("hypotheses", "", tuple(TableColumn(key) for key in HYPOTHESES), rows)
+
+
+def residual_map_table(diagnosis: Diagnosis) -> Table:
+    """Cells of the map: rms difference to the nominal model, in the unit of the signal's name, and relative to the expected one."""
+    rows = tuple(TableRow({key: getattr(cell, key) for key in MAP}) for cell in diagnosis.cells)
+    return Table("residual-map", "", tuple(TableColumn(key) for key in MAP), rows)
+
+
+def signals_table(diagnosis: Diagnosis) -> Table:
+    """All curves of the page: means over the repeats, with the nominal and the amended model, in the unit of the signal's name."""
+    rows = tuple(
+        TableRow(dict(zip(SIGNALS, (one.condition, one.signal, *values), strict=True)))
+        for one in diagnosis.overlays
+        for values in zip(*(part.tolist() for part in (one.t_s, one.measured, one.before, one.after)), strict=True)
+    )
+    return Table("signals", "", tuple(TableColumn(key) for key in SIGNALS), rows)
+
+
 def _value_cells(name: str, value: Value) -> dict[str, Shown]:
     words, unit = words_and_unit(name)
     half = STDS_90 * value.std
@@ -177,8 +224,9 @@ def _value_cells(name: str, value: Value) -> dict[str, Shown]:
 
 def before_after_table(diagnosis: Diagnosis) -> Table:
     """Misfits before and after: forces signal by signal, then the valley of Table II; held-out values beside fitted ones."""
-    names = dict.fromkeys([*diagnosis.fit, *(name.removeprefix("held_out_") for name in diagnosis.held_out)])
-    rows = [_row("signals", name, diagnosis.fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
+    fit = all_misfits(diagnosis)
+    names = dict.fromkeys([*fit, *(name.removeprefix("held_out_") for name in diagnosis.held_out)])
+    rows = [_row("signals", name, fit.get(name), diagnosis.held_out.get(f"held_out_{name}")) for name in names]
     rows += [_row("Table II", name, each) for name, each in diagnosis.valley.items()]
     held_out = (
         (TableColumn("held_out_before", "before", over=HELD_OUT), TableColumn("held_out_after", "after", over=HELD_OUT))
@@ -202,6 +250,12 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
     return Table("before-after", caption + (note if diagnosis.held_out else ""), columns, tuple(rows))
 
 
+def all_misfits(diagnosis: Diagnosis) -> dict[str, BeforeAfter]:
+    """Rms misfits by signal; those of signals that are only drawn, as the shaft's, are taken from their curves."""
+    drawn = {f"rms_{name}": [one for one in diagnosis.overlays if one.signal == name] for name in (o.signal for o in diagnosis.overlays)}
+    return {**diagnosis.fit, **{name: residuals_of(overlays) for name, overlays in drawn.items() if name not in diagnosis.fit}}
+
+
 def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | None = None) -> TableRow:
     """One line. All its numbers have as many decimals as the smallest one needs for two digits, so that they can be compared."""
     floors = [each.noise_floor for each in (fit, held_out) if each is not None and each.noise_floor is not None]
@@ -212,7 +266,7 @@ def _row(of: str, name: str, fit: BeforeAfter | None, held_out: BeforeAfter | No
         "held_out_before": held_out.before if held_out else None,
         "held_out_after": held_out.after if held_out else None,
     }
-    words, unit = words_and_unit(name.removeprefix("rms_"))
+    words, unit = signal_words(name.removeprefix("rms_")), words_and_unit(name)[1]
     digits = max((places(number, 2) for number in numbers.values() if number is not None), default=0)
     return TableRow({"of": of, "difference": words, "unit": unit, **numbers}, digits=min(max(digits, 1), MOST_PLACES))
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.errors import TRIP
-from rfca_rig.reports.provenance import PageContext
+from rfca_rig.reports.provenance import PageContext, date_text
 from rfca_rig.reports.run import pictures
 from rfca_rig.reports.run.parts import RunStory
 from rfca_rig.reports.run.tables import MOST_ROWS, checks_table, clocks_table, conditions_table, events_table, stages_table
@@ -26,7 +26,7 @@ DEVICES = ("motor_", "sensor_", "camera")
 HEALTH = ("sensor_records", "tare_drift")  # begin like a device, and say how the run went
 # Keys that another part of the page shows.
 SHOWN_ELSEWHERE = (
-    "events", "limits", "resumed", "ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms",
+    "events", "limits", "resumed", "started_at", "ended", "exit_status", "reason", "ended_at", "lasted_s", "worst_loop_gap_ms",
     "ended_in_stage", "standstill", "tare_drift", "sensor_records", "recorder_samples", "interrupted",
 )  # fmt: skip
 
@@ -54,7 +54,7 @@ def health(story: RunStory) -> Pairs:
     texts = {
         "ended": _end_text(known),
         "in or after": known.get("ended_in_stage", ""),
-        "began": known.get("started_at", ""),
+        "began": date_text(known.get("started_at", "")),
         "lasted": f"{float(known['lasted_s']):.1f} s" if "lasted_s" in known else "",
         "shaft, once the torque was gone": known.get("standstill", ""),
         "longest gap of the control loop": _gap(story),
@@ -160,7 +160,7 @@ def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: 
         stages=_first_and_marked(stages),
         stages_file=next((name for name in files if name.endswith("-stages.csv")), ""),
         left_out=max(len(stages.rows) - MOST_ROWS, 0),
-        traces=pictures.draw_traces(shown, story.rig) if shown else "",
+        traces=pictures.draw_traces(shown, story.rig),
         traced=_traces_caption(len(shown), sum(part.trace is not None for part in story.parts)),
         static=pictures.draw_static_forces(stages_shown) if stages_shown else "",
         static_count=_of(len(stages_shown), len(recording.static), "stage"),

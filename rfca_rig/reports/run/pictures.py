@@ -23,12 +23,12 @@ from rfca_rig.reports.style import (
     MEASURED,
     PAPER,
     SIMULATED,
+    Panel,
     drawing,
     envelope,
+    hover_values,
     inline_svg,
-    make_panels,
-    mark_axes,
-    set_panel_title,
+    make_panel,
 )
 from rfca_rig.reports.table import Table
 from rfca_rig.reports.text import in_thousands
@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 # Limits that keep the page readable and small.
 MOST_TRACES = 40
 MOST_STAGES = 60
-ACROSS = 5
+TRACE_IN, TRACE_HOVERS = (2.9, 1.55), 12
 # Resolution of lines, two points for each column: of a small panel, and of a figure across the page.
 TRACE_COLUMNS = 60
 CYCLE_COLUMNS = 300
@@ -59,31 +59,35 @@ def select_traces(parts: Sequence[RunPart]) -> list[RunPart]:
     return [part for place, part in enumerate(with_trace) if place in evenly or part.ended]
 
 
-def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> str:
-    """fz over time, each stroke in its own panel, over the stroke that the model predicts for the commanded motion."""
-    label = f"fz over time of {len(parts)} strokes, measured and expected"
-    across = min(ACROSS, max(len(parts), 3))
+def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> list[Panel]:
+    """fz over time, each stroke in its own panel on one scale, over the stroke that the model predicts for the commanded motion."""
+    traces = [(part, part.trace) for part in parts if part.trace is not None]
+    last_s = max((float(trace.t_s[-1]) for _, trace in traces), default=1.0)
+    first_s = min((float(trace.t_s[0]) for _, trace in traces), default=0.0)
+    panels: list[Panel] = []
+    limits_N = (np.inf, -np.inf)
     with drawing():
-        figure, panels = make_panels(len(parts), across)
-        for axes, part in zip(panels, parts, strict=True):
-            _trace(axes, part, rig)
-        mark_axes(panels, across, "time (s)", "fz (N)")
-        return inline_svg(figure, "traces", escape(label, quote=True))
-
-
-def _trace(axes: Axes, part: RunPart, rig: RigModel | None) -> None:
-    trace = part.trace
-    assert trace is not None
-    condition = _height_and_speed(part.label)
-    if rig is not None and condition is not None:
-        expected = _predict_stroke(rig, *condition, round(float(trace.t_s[-1]), 2))
-        if expected is not None:
-            axes.plot(*envelope(*expected, TRACE_COLUMNS), color=SIMULATED, lw=1.9, solid_capstyle="round")
-    axes.plot(*envelope(trace.t_s, trace.fz_N, TRACE_COLUMNS), color=MEASURED, lw=0.8)
-    axes.margins(x=0.0, y=0.06)
-    above = set_panel_title(axes, part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (" ✗" if part.ended else ""))
-    if part.ended:
-        above.set_color(BAD)
+        drawn = []
+        for part, trace in traces:
+            figure, axes = make_panel("fz (N)", "time (s)", TRACE_IN)
+            condition = _height_and_speed(part.label)
+            expected = None if rig is None or condition is None else _predict_stroke(rig, *condition, round(float(trace.t_s[-1]), 2))
+            values = {"measured": trace.fz_N}
+            if expected is not None:
+                axes.plot(*envelope(*expected, TRACE_COLUMNS), color=SIMULATED, lw=1.9, solid_capstyle="round")
+                values["expected"] = np.interp(trace.t_s, *expected, left=np.nan, right=np.nan)
+            axes.plot(*envelope(trace.t_s, trace.fz_N, TRACE_COLUMNS), color=MEASURED, lw=0.8)
+            axes.margins(x=0.0, y=0.06)
+            low, high = axes.get_ylim()
+            limits_N = (min(low, limits_N[0]), max(high, limits_N[1]))
+            drawn.append((part, figure, axes, hover_values(axes, trace.t_s, "s", values, "N", TRACE_HOVERS)))
+        for part, figure, axes, hovers in drawn:
+            axes.set_xlim(first_s, last_s)
+            axes.set_ylim(limits_N)
+            title = part.label.removeprefix("flap ").replace(", repeat ", ", no. ") + (" ✗" if part.ended else "")
+            label = escape(f"fz over time, {title}, measured and expected", quote=True)
+            panels.append(Panel(title, inline_svg(figure, f"trace {len(panels)}", label, hovers), ended=bool(part.ended)))
+    return panels
 
 
 def _height_and_speed(label: str) -> tuple[float, float] | None:

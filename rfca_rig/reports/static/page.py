@@ -94,9 +94,7 @@ def page(
         origin=context.origin,
         files=files,
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)),
-        sources=[
-            {"name": s.name, "mark": s.recording.source, "holds": count_noun(len(s.recording.static), "static stage")} for s in sources
-        ],
+        sources=[{"mark": s.recording.source, "text": f"{s.name}: {count_noun(len(s.recording.static), 'static stage')}"} for s in sources],
         values=_values(result),
         standfirst=_standfirst(result),
         remarks=[keep_units_together(_signs(text)) for text in remarks(result)],

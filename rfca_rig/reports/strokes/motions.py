@@ -25,7 +25,7 @@ from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
 from rfca_rig.reports.provenance import Origin
-from rfca_rig.reports.style import BOTTOM_IN, FAINT, MEASURED, OTHER, PANEL_IN, SIMULATED, WIDTH_IN, drawing, inline_svg
+from rfca_rig.reports.style import FAINT, MEASURED, OTHER, SIMULATED, WIDTH_IN, Panel, drawing, inline_svg
 from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, as_csv, table_files, write_all
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import MINUS, name_with_unit, words_and_unit
@@ -34,13 +34,12 @@ Floats = NDArray[np.float64]
 
 # Points of one series in one panel.
 MOST_POINTS = 400
-LEFT_IN, BETWEEN_IN, RIGHT_IN, TOP_IN = 0.76, 0.32, 0.2, 0.08
+LEFT_IN, BETWEEN_IN, RIGHT_IN, TOP_IN, BOTTOM_IN, PANEL_IN = 0.76, 0.32, 0.2, 0.08, 0.5, 1.3
 POSITION, SPEED = "_position_", "_speed_"
 
 PAGE = "report.html"
 # Recordings whose signals are drawn: those with the largest errors.
 MOST_SHOWN = 12
-ACROSS = 2
 
 ERRORS = "Rms error"
 ALWAYS = (
@@ -92,7 +91,7 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
         if with_fit:
             residuals.append((SIMULATED, np.concatenate([one.measured - one.after for one in here])))
         series = [_Series(color, position, speed, residual) for color, residual in residuals]
-        found.append(Picture(name_with_unit(signal), _draw(signal, position_name, series), ""))
+        found.append(Picture(name_with_unit(signal), (Panel("", _draw(signal, position_name, series), wide=True),)))
     return found
 
 
@@ -117,7 +116,7 @@ def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
         unit = "m" if one.is_slide else "rad"
         name = f"{one.joint} force_N" if one.is_slide else f"{one.joint} torque_Nm"
         series = [_Series(MEASURED, one.position, one.speed, one.remainder)]
-        found.append(Picture(name_with_unit(name), _draw(name, f"{one.joint}{POSITION}{unit}", series), ""))
+        found.append(Picture(name_with_unit(name), (Panel("", _draw(name, f"{one.joint}{POSITION}{unit}", series), wide=True),)))
     return found
 
 
@@ -244,7 +243,7 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
         tables=tables,
         correlated=[describe_pair(pair).replace(" -", f" {MINUS}") for pair in fit.correlated],
         drawn=f"Of {recordings} recordings the {shown} are drawn that the model misses most." if shown < recordings else "",
-        pictures=pictures_of(overlays, min(ACROSS, shown)),
+        pictures=pictures_of(overlays),
         residuals=draw_signal_residuals(fit.overlays, with_fit=bool(fit.shifts)),
     )
     write_all(out, {PAGE: page, **contents})

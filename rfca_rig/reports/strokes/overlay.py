@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.compare import ComparedCondition
 from rfca_rig.analysis.phases import StrokePhases, StrokeRegion
 from rfca_rig.analysis.valley import Valley
-from rfca_rig.reports.style import FAINT, MEASURED, SIMULATED, SIMULATED_EDGE, SMALL, drawing, envelope, inline_svg
+from rfca_rig.reports.style import FAINT, MEASURED, SIMULATED, SIMULATED_EDGE, SMALL, Hover, drawing, envelope, hover_values, inline_svg
 
 Floats = NDArray[np.float64]
 
@@ -69,7 +69,8 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
         for axes in (force, residual):
             axes.set_xlim(-REST_DRAWN_S, end_s)
         low, high = force.get_ylim()
-        svg = inline_svg(figure, salt, f"fz over time at {compared.condition.label}, measured and simulated, with the residual below")
+        words = f"fz over time at {compared.condition.label}, measured and simulated, with the residual below"
+        svg = inline_svg(figure, salt, words, _hovers(force, compared))
     return OverlayDrawing(svg, high - low, limit_N, beyond_N, compared.mean_phases().regions(end_s))
 
 
@@ -117,6 +118,15 @@ def _border_words(phases: StrokePhases, end_s: float) -> list[tuple[float, str, 
         (phases.lift_off_s, "lift-off", "right" if last else "left"),
     ]
     return [each for each in words if each[0] <= end_s]
+
+
+def _hovers(axes: Axes, compared: ComparedCondition) -> list[Hover]:
+    """fz of the first repeat and of the stroke simulated for it, as a pointer shows them."""
+    for repeat, model in zip(compared.repeats, (*compared.simulated, *compared.simulated[-1:] * len(compared.repeats)), strict=False):
+        if len(repeat.t_s):
+            simulated_N = np.interp(repeat.t_s, model.stroke.t_s, model.stroke.fz_N, right=np.nan)
+            return hover_values(axes, repeat.t_s, "s", {"measured": repeat.fz_N, "simulated": simulated_N}, "N")
+    return []
 
 
 def _draw_residual(axes: Axes, compared: ComparedCondition, limit_N: float, columns: int) -> None:

@@ -207,7 +207,9 @@ def page(sources: Sequence[ComparedSource], table: Table2, peaks: Table, shaft: 
         links=context.links,
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)) or "Nothing recorded",
         standfirst=_standfirst(table),
-        sources=[_source(source) for source in sources],
+        sources=[_source(source, is_alone=len(sources) == 1) for source in sources],
+        # A campaign of that name says so in its title already.
+        valley_heading="The valley of fz" if any("Table II" in source.name for source in sources) else "The valley of fz, as in Table II",
         table=as_table(table, SHAFT_WORDS[shaft]),
         peaks=peaks,
         figures=_figures(sources, shaft),
@@ -229,14 +231,16 @@ def _standfirst(table: Table2) -> str:
     )
 
 
-def _source(source: ComparedSource) -> dict[str, Any]:
+def _source(source: ComparedSource, is_alone: bool) -> dict[str, Any]:
+    """Mark, name and content of a source. The name of a single one is the title of the page."""
     recording = source.recording
     contents = []
     if recording.strokes:
         contents.append(f"{count_noun(len(recording.strokes), 'stroke')} at {count_noun(len(source.compared), 'condition')}")
     if recording.static:
         contents.append(count_noun(len(recording.static), "static stage"))
-    return {"name": source.name, "mark": recording.source, "holds": " and ".join(contents) or "nothing recorded"}
+    holds = " and ".join(contents) or "nothing recorded"
+    return {"mark": recording.source, "text": holds if is_alone else f"{source.name}: {holds}"}
 
 
 def _figures(sources: Sequence[ComparedSource], shaft: Shaft) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from rfca_rig.analysis.compare import Table2
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording.model import Recording
-from rfca_rig.reports.provenance import Origin, PageContext, PageLink, origin_in_memory
+from rfca_rig.reports.provenance import Origin, PageContext, PageLink, find_pages, origin_in_memory
 from rfca_rig.reports.run.page import page as run_page
 from rfca_rig.reports.run.page import tables_of
 from rfca_rig.reports.run.parts import story_of
@@ -66,13 +66,16 @@ def write_report(
     sources = compare_sources(recordings, shaft, given, watcher)
     table = Table2(tuple(row for source in sources for row in source.rows))
     run_sources = _run_pages(sources)
-    runs = {name: _run(name, source, page_origin, place) for place, (name, source) in enumerate(run_sources)}
+    found = find_pages(out_dir, page_origin, ("report.html", "run.html"))
+    runs = {name: _run(name, source, page_origin, place, found) for place, (name, source) in enumerate(run_sources)}
     links = tuple(PageLink(name, f"How {source.name} went" if len(run_sources) > 1 else "How the run went") for name, source in run_sources)
     shown = as_table(table, SHAFT_WORDS[shaft])
     peaks = tuple(row for source in sources for row in source.peaks)
     shown_peaks = peaks_as_table(peaks, SHAFT_WORDS[shaft])
     contents = {
-        "report.html": page(sources, table, shown_peaks, shaft, PageContext(page_origin, links, None if given is None else given.file)),
+        "report.html": page(
+            sources, table, shown_peaks, shaft, PageContext(page_origin, (*links, *found), None if given is None else given.file)
+        ),
         **table_files((shown, shown_peaks)),
         "table2.json": as_json(table),
         "peak-forces.json": peaks_as_json(peaks),
@@ -86,7 +89,7 @@ def _run_pages(sources: Sequence[ComparedSource]) -> list[tuple[str, ComparedSou
     return [(f"run-{number}.html" if len(sources) > 1 else "run.html", source) for number, source in enumerate(sources, start=1)]
 
 
-def _run(name: str, source: ComparedSource, origin: Origin, place: int) -> dict[str, str]:
+def _run(name: str, source: ComparedSource, origin: Origin, place: int, found: tuple[PageLink, ...]) -> dict[str, str]:
     """The page on one run and its tables, by file name."""
     story = story_of(source.recording)
     tables = tables_of(story)
@@ -94,7 +97,8 @@ def _run(name: str, source: ComparedSource, origin: Origin, place: int) -> dict[
     # Empty tables are left out: static stages, strokes and cycles have different ones.
     files = table_files(_with_stem(name.removesuffix(".html"), table) for table in written if table.rows)
     own = replace(origin, recordings=origin.recordings[place : place + 1])
-    return {name: run_page(story, tables, PageContext(own, (PageLink("report.html", "Held against the model"),)), tuple(files)), **files}
+    links = (PageLink("report.html", "Compared with the model"), *found)
+    return {name: run_page(story, tables, PageContext(own, links), tuple(files)), **files}
 
 
 def _with_stem(stem: str, table: Table) -> Table:
