@@ -48,6 +48,7 @@ def complete_html(app: Sphinx, failure: Exception | None) -> None:
         'role="heading">': 'role="heading" aria-level="2">',
         "<pre>": '<pre tabindex="0">',
         '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
+        '<div class="cell_output': '<div tabindex="0" class="cell_output',
     }
     if failure is None and app.builder.format == "html":
         for page in Path(app.outdir).rglob("*.html"):
