@@ -101,6 +101,7 @@ def test_so_it_is_deep_in_a_soft_floor_where_friction_acts_higher_and_leaving_is
     assert difference_pct(without.fz_N, checked.theirs.fz_N) > 3.0
 
 
+@pytest.mark.slow
 @needs_mujoco
 def test_a_leg_that_is_bent_at_rest_agrees_with_mujoco():
     bent = replace(PAPER, leg=replace(PAPER.leg, rest_angles_rad=(0.02, -0.03, 0.05, 0.0, 0.01, -0.02)))
@@ -110,6 +111,7 @@ def test_a_leg_that_is_bent_at_rest_agrees_with_mujoco():
     assert difference_pct(straight.fz_N, checked.theirs.fz_N) > 3.0
 
 
+@pytest.mark.slow
 @needs_mujoco
 def test_what_difference_there_is_comes_from_the_tolerance():
     checked = check_condition(PAPER, QUICK, SWEEP_DEG)
@@ -197,6 +199,7 @@ def test_a_recording_that_ends_before_the_valley_has_no_loading_phase():
     assert short.summary()["valley_mujoco"] is None
 
 
+@pytest.mark.slow
 @needs_mujoco
 def test_the_command_answers_a_program_and_draws(typed, tmp_path):
     answer = json.loads(typed("--json", "--picture", tmp_path / "p.svg"))
@@ -207,6 +210,7 @@ def test_the_command_answers_a_program_and_draws(typed, tmp_path):
     assert "235 mm, 3.276 rad/s" in (tmp_path / "p.svg").read_text()
 
 
+@pytest.mark.slow
 @needs_mujoco
 def test_the_command_answers_a_person(typed):
     said = typed().splitlines()

@@ -92,6 +92,7 @@ def one_row(formula) -> Toy:
     return Toy(formula, np.zeros(1, dtype=np.intp))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shaft", ["commanded", "average", "recorded"])
 def test_known_parameters_are_found_again(shaft):
     result = fit_recordings([recording(1)], (), StrokeComparison(shaft))

@@ -161,6 +161,7 @@ def fitted(problem, id_, name, low, high):
     return start * found.x[-1], 2 * found.cost / problem.measured.size
 
 
+@pytest.mark.slow
 def test_in_a_real_pendulum_the_friction_that_was_left_out_explains_most_and_other_effects_do_not():
     problem = make_swing_problem(
         read_pendulum_campaign(DATA / "simple")

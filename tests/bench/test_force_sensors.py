@@ -77,6 +77,7 @@ def test_the_calibration_file_counts_from_the_folder_of_the_rig_file(tmp_path, m
         assert bench.sensor.identity()["serial_number"] == "MADE-UP-1"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", list(SECTIONS))
 def test_every_sensor_feels_the_same_plant(tmp_path, device):
     """Lifted off the ground at rest, all that is felt is the leg's weight of 0.32 kg."""

@@ -47,6 +47,7 @@ def rig_with(folder: Path, motor: str) -> RigFile:
     return read_rig(written(folder, motor))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("motor", "make", "rate_Hz"), [(MIT, "CubeMars AK, MIT mode", 500.0), (SERVO, "CubeMars AK, servo mode", 500.0)], ids=["mit", "servo"]
 )

@@ -100,6 +100,7 @@ def test_a_shaft_that_has_turned_once_more_is_the_same_shaft(tmp_path):
     assert np.isfinite(read(photographed(tmp_path, shaft_angle_rad=np.radians(450.0)), tmp_path).hinge_deg).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [

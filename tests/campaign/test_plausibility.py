@@ -172,6 +172,7 @@ def test_a_slip_is_found_with_the_unit_that_was_meant(right, name):
     assert unit in found[0].words
 
 
+@pytest.mark.slow
 def test_commands_refuse_a_slip_and_as_is_takes_it(tmp_path, monkeypatch, capsys):
     folder = tmp_path / "campaign"
     shutil.copytree(CAMPAIGN, folder)

@@ -35,6 +35,7 @@ def call(monkeypatch, capsys, tmp_path):
     return lambda *words: typed(monkeypatch, capsys, "calibrate", "camera", *words)
 
 
+@pytest.mark.slow
 def test_from_photos_to_a_camera_before_the_plane(call, photos, tmp_path):
     said = call(photos, "--plane", photos.parent / "plane.jpg", "--board-at", "20,15", "--out", tmp_path / "camera.toml")
     assert said.exit_code == 0, said.err
@@ -71,6 +72,7 @@ def test_the_shaft_axis_by_its_pixel_and_the_result_as_json(call, photos, tmp_pa
     assert read_camera_file(tmp_path / "c.toml").model().project(np.zeros(2)) == pytest.approx([200.5, 150.25], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_without_a_plane_the_file_says_what_is_missing(call, photos, tmp_path):
     said = call(photos, "--out", "c.toml")
     assert said.exit_code == 0
@@ -79,6 +81,7 @@ def test_without_a_plane_the_file_says_what_is_missing(call, photos, tmp_path):
         read_camera_file(tmp_path / "c.toml").model()
 
 
+@pytest.mark.slow
 def test_a_part_of_the_picture_that_no_board_was_in_is_told(call, photos):
     """Of these the board's corners reach no farther than a part of the height."""
     said = call(*(photos / f"board-{at}.png" for at in (0, 1, 2, 3, 4, 6)), "--out", "c.toml")

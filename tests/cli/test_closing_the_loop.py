@@ -45,6 +45,7 @@ def loop(tmp_path, rounds=3, rig="twin"):
     return ClosedLoop(CALIBRATION / f"{rig}.toml", rounds, tmp_path / "runs", tmp_path, None, quiet=False)
 
 
+@pytest.mark.slow
 def test_it_ends_when_one_class_is_left(tmp_path, first, capsys):
     answers = Answers(tmp_path, OPEN, OPEN, DONE)
     assert close_the_loop(loop(tmp_path), [first], answers.first, answers) is DONE
@@ -59,6 +60,7 @@ def test_it_ends_when_one_class_is_left(tmp_path, first, capsys):
     assert lines[-1] == "SIM nothing is left open"
 
 
+@pytest.mark.slow
 def test_it_ends_when_the_rounds_are_used_up(tmp_path, first, capsys):
     answers = Answers(tmp_path, OPEN, OPEN)
     close_the_loop(loop(tmp_path, rounds=1), [first], answers.first, answers)
@@ -72,6 +74,7 @@ def test_it_ends_when_a_person_is_asked(tmp_path, first, capsys):
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.slow
 def test_new_runs_believe_what_the_first_recording_believes(tmp_path, first):
     leg = {**first.nominal["leg"], "k0_Nm_per_rad": 10.5}
     other = replace(first, nominal={**first.nominal, "leg": leg})

@@ -61,6 +61,7 @@ def test_every_command_explains_itself(monkeypatch, capsys, words):
     assert "Usage" in said.out
 
 
+@pytest.mark.slow
 def test_a_dynamic_run_prints_the_plan_the_valleys_and_the_next_command(here, monkeypatch, capsys):
     said = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2)
     assert said.exit_code == 0
@@ -73,6 +74,7 @@ def test_a_dynamic_run_prints_the_plan_the_valleys_and_the_next_command(here, mo
     assert sorted(file.name for file in run.iterdir()) == FILES
 
 
+@pytest.mark.slow
 def test_what_it_says_to_type_next_works(here, monkeypatch, capsys):
     said = typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2)
     words = said.err.splitlines()[-1].split("next: rfca-rig ")[1].split()
@@ -84,6 +86,7 @@ def test_what_it_says_to_type_next_works(here, monkeypatch, capsys):
     assert hashlib.sha256((here / words[1] / "run.h5").read_bytes()).hexdigest() in page
 
 
+@pytest.mark.slow
 def test_json_owns_the_output(here, monkeypatch, capsys):
     said = typed(monkeypatch, capsys, "dynamic", "run", "--height", 235, "--speed", 3.276, "--repeats", 1, "--json")
     assert said.err == ""
@@ -135,6 +138,7 @@ def test_a_leg_that_never_touches_is_said_so(monkeypatch, capsys):
     assert "never touches the ground, no valley" in said.out
 
 
+@pytest.mark.slow
 def test_import_then_report_equals_reporting_the_folder_itself(here, monkeypatch, capsys):
     assert typed(monkeypatch, capsys, "import", SMALL).exit_code == 0
     assert typed(monkeypatch, capsys, "report", "runs/IMPORT-small-campaign", "--out", "a").exit_code == 0
@@ -144,6 +148,7 @@ def test_import_then_report_equals_reporting_the_folder_itself(here, monkeypatch
         assert one == other, name
 
 
+@pytest.mark.slow
 def test_twin_and_import_in_one_report(here, monkeypatch, capsys):
     typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 1)
     said = typed(monkeypatch, capsys, "report", SMALL, *sorted((here / "runs").iterdir()), "--out", "both", "--json")
@@ -202,6 +207,7 @@ def one_stroke(monkeypatch, capsys):
     return json.loads(said.out)["run"]
 
 
+@pytest.mark.slow
 def test_a_model_file_takes_the_place_of_the_believed_one(here, monkeypatch, capsys):
     model, words = slippery(here), ("--height", 215, "--speed", 3.249)
     plain = json.loads(typed(monkeypatch, capsys, "predict", *words, "--json").out)
@@ -231,6 +237,7 @@ def test_the_plan_is_held_against_the_given_model(here, monkeypatch, capsys):
     assert re.findall(expects, given) != re.findall(expects, plain)
 
 
+@pytest.mark.slow
 def test_a_report_against_a_model_file_says_so(here, monkeypatch, capsys):
     model, run = slippery(here), one_stroke(monkeypatch, capsys)
     plain = json.loads(typed(monkeypatch, capsys, "report", run, "--json").out)
@@ -241,6 +248,7 @@ def test_a_report_against_a_model_file_says_so(here, monkeypatch, capsys):
     assert str(here) not in page
 
 
+@pytest.mark.slow
 def test_a_fitted_model_file_is_one(here, monkeypatch, capsys):
     run = one_stroke(monkeypatch, capsys)
     said = typed(monkeypatch, capsys, "fit", run, "--parameters", "height", "--out", "fitted.toml")

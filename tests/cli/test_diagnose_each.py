@@ -4,6 +4,8 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from tests.cli.typed import typed
 from tests.report.test_diagnosis_page import NAMED
 
@@ -12,6 +14,7 @@ CAMPAIGN = Path(__file__).parents[1] / "data" / "small-campaign"
 ANSWER = {"format": "rfca-diagnosis/1", "verdict": "named", "effects": [{"id": "tip_mass", "probability": 0.987}]}
 
 
+@pytest.mark.slow
 def test_what_is_there_stays_and_what_cannot_be_diagnosed_is_told(monkeypatch, capsys, tmp_path):
     for name in ("done", "empty", "void"):
         (tmp_path / "runs" / name).mkdir(parents=True)
@@ -40,6 +43,7 @@ def test_a_law_is_measured_of_one_diagnosis(monkeypatch, capsys, tmp_path):
     assert said.exit_code == 2 and "--law measures the law of one diagnosis; leave out --each and --close-the-loop" in said.err
 
 
+@pytest.mark.slow
 def test_the_measured_law_of_an_earlier_diagnosis_does_not_stay(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("rfca_rig.diagnosis.diagnose.diagnose", lambda *_: replace(NAMED, found_effects=(), next_experiment=None))
     (tmp_path / "measured-law.toml").write_text("of an earlier diagnosis")

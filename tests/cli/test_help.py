@@ -52,6 +52,7 @@ def test_every_command_stands_in_one_group_of_the_help(monkeypatch, capsys):
         assert re.findall(r"^  ([a-z]+)  ", section, re.MULTILINE) == list(members)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", list(every_command()), ids=" ".join)
 def test_no_help_names_a_type_of_python_or_a_unit_in_words(monkeypatch, capsys, path):
     text = help_of(monkeypatch, capsys, *path)

@@ -81,6 +81,7 @@ def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(monkeypa
     assert sorted(folder.name for folder in (out / "diagnoses").iterdir()) == ["case-0001", "case-0002", "case-0003"]
 
 
+@pytest.mark.slow
 def test_what_is_written_and_said(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(prove_command, "diagnose_as_typed", wants_more_data)
     said = prove(monkeypatch, capsys, tmp_path / "exam", *EXAM, "--workers", 1)

@@ -149,6 +149,7 @@ def test_what_a_limit_stopped_goes_on_only_when_told_so(stopped, monkeypatch, ca
     assert "flapping 215 mm 3.249 rad per s, 1 strokes" in said.err
 
 
+@pytest.mark.slow
 def test_a_dry_run_leaves_the_run_as_it_is(stopped, monkeypatch, capsys):
     run = stopped("")
     before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file() and file.name != ".ballast"}
@@ -200,6 +201,7 @@ def test_stage_files_that_are_not_those_of_the_plan_are_refused(stopped, monkeyp
     assert "its stage files are not what its plan begins with" in typed(monkeypatch, capsys, "resume", run).err
 
 
+@pytest.mark.slow
 def test_events_tell_both_clocks_of_every_part(stopped, monkeypatch, capsys):
     run = stopped("stopped by the operator")
     assert typed(monkeypatch, capsys, "resume", run, "--operator", "Ada").exit_code == 0
@@ -215,6 +217,7 @@ def test_events_tell_both_clocks_of_every_part(stopped, monkeypatch, capsys):
     assert typed(monkeypatch, capsys, "check", run).exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_part_that_records_nothing_leaves_the_run_with_what_it_had(stopped, monkeypatch, capsys):
     """Unlike a run that never recorded anything, which leaves nothing behind."""
     run = stopped("stopped by the operator")

@@ -45,6 +45,7 @@ def test_an_interrupted_run_is_recovered_and_what_it_says_to_type_next_works(her
     assert "restore stages/0002.h5 from a copy" in again.err
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_stops_the_run_in_one_line_and_the_rest_is_kept(here, monkeypatch, capsys):
     disk = FullDisk(here, 5_300_000)
     monkeypatch.setattr("rfca_rig.cli.run_experiment.can_be_started", lambda: False)
@@ -67,6 +68,7 @@ def test_a_disk_without_room_for_the_plan_is_told_before_anything_moves(here, mo
     assert list(here.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_run_says_where_it_comes_from(here, monkeypatch, capsys):
     run = Path(
         json.loads(typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 1, "--json").out)["run"]
@@ -94,6 +96,7 @@ def test_a_run_says_where_it_comes_from(here, monkeypatch, capsys):
     assert all(moment.tzinfo for _, moment in clocks)
 
 
+@pytest.mark.slow
 def test_who_was_at_the_rig_and_with_which_specimen_is_as_was_said(here, monkeypatch, capsys):
     words = ("--height", 215, "--speed", 3.249, "--repeats", 1, "--operator", "M. Kölle", "--sample", "leg 7")
     typed(monkeypatch, capsys, "dynamic", "run", *words)
@@ -102,6 +105,7 @@ def test_who_was_at_the_rig_and_with_which_specimen_is_as_was_said(here, monkeyp
     assert (known["operator"], known["sample"]) == ("M. Kölle", "leg 7")
 
 
+@pytest.mark.slow
 def test_a_simulated_run_is_the_same_in_every_byte_of_every_file(here, monkeypatch, capsys):
     for _ in range(2):
         typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2, "--seed", 7)

@@ -42,6 +42,7 @@ def test_a_table_of_the_newest_in_80_columns(here, monkeypatch, capsys):
     assert {folder.name for folder in Path("runs").glob("SIM-a*") if folder.name[-3:] < "018"} <= set(lines), "long names stay whole"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "found"),
     [
@@ -75,6 +76,7 @@ def test_nothing_found_says_so_and_an_empty_folder_says_what_to_type(here, monke
     assert list((here / "new").iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "said"),
     [

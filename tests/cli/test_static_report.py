@@ -29,6 +29,7 @@ def test_the_small_campaign_gives_its_hinges_back(tmp_path, monkeypatch, capsys)
     assert (tmp_path / "out" / "static.html").is_file()
 
 
+@pytest.mark.slow
 def test_predict_takes_the_model_that_it_leaves(tmp_path, monkeypatch, capsys):
     typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path)
     model = tmp_path / "model.toml"
@@ -40,6 +41,7 @@ def test_predict_takes_the_model_that_it_leaves(tmp_path, monkeypatch, capsys):
     assert read_model_file(model).known_to.k2_relative < 0.02
 
 
+@pytest.mark.slow
 def test_the_measured_curve_goes_wherever_a_model_goes(tmp_path, monkeypatch, capsys):
     typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path)
     law, curve = tmp_path / "model.toml", tmp_path / "model-curve.toml"
@@ -55,6 +57,7 @@ def test_the_measured_curve_goes_wherever_a_model_goes(tmp_path, monkeypatch, ca
     assert again.k0_Nm_per_rad == pytest.approx(read_model_file(law).leg.k0_Nm_per_rad, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_rest_angles_are_found_where_it_is_stated_how_far_they_may_be_off(tmp_path, monkeypatch, capsys):
     typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path)
     model = tmp_path / "model.toml"
@@ -71,6 +74,7 @@ def test_rest_angles_are_found_where_it_is_stated_how_far_they_may_be_off(tmp_pa
     assert len(read_model_file(tmp_path / "rest" / "model-curve.toml").leg.rest_angles_deg) == 6
 
 
+@pytest.mark.slow
 def test_stated_errors_of_angles_and_gain_are_used(tmp_path, monkeypatch, capsys):
     def half(*options):
         said = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path, "--json", *options)
@@ -107,6 +111,7 @@ def test_what_cannot_go_together_is_refused(tmp_path, monkeypatch, capsys):
     assert "--model" in said
 
 
+@pytest.mark.slow
 def test_a_recording_that_believes_nothing_needs_a_model(tmp_path, monkeypatch, capsys):
     write_recording(recording(plain(), sections={}, known_to={}), tmp_path / "run.h5")
     assert "give a model with --model" in lines_of(monkeypatch, capsys, tmp_path / "out", tmp_path / "run.h5")

@@ -100,6 +100,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_other_photos(here, m
         assert first != other
 
 
+@pytest.mark.slow
 def test_what_is_said_of_each_photo(here, monkeypatch, capsys):
     said = static_run(here, monkeypatch, capsys, (75.0, "loading"))
     (line,) = [line for line in said.err.splitlines() if line.startswith("SIM photos/")]
@@ -115,6 +116,7 @@ def without_camera(here):
     return here / "blind.toml"
 
 
+@pytest.mark.slow
 def test_a_rig_without_a_camera_measures_forces_as_ever(here, monkeypatch, capsys):
     said = static_run(here, monkeypatch, capsys, (75.0, "loading"), words=("--rig", without_camera(here)))
     assert said.exit_code == 0
@@ -126,6 +128,7 @@ def test_a_rig_without_a_camera_measures_forces_as_ever(here, monkeypatch, capsy
     assert 0.1 < stage.held_s < 10.0
 
 
+@pytest.mark.slow
 def test_a_protocol_may_do_without_photos(here, monkeypatch, capsys):
     said = static_run(here, monkeypatch, capsys, (75.0, "loading"), head=HEAD.replace("photo = true", "photo = false"))
     assert said.exit_code == 0
@@ -197,6 +200,7 @@ def run_and_card(here, two_stages):
     return run, here / "card"
 
 
+@pytest.mark.slow
 def test_photos_taken_by_hand_are_read_afterwards(here, monkeypatch, capsys, run_and_card):
     run, card = run_and_card
     before = (run / "run.h5").read_bytes()
@@ -226,6 +230,7 @@ def test_photos_in_the_wrong_order_give_no_angles_and_one_too_few_leaves_nothing
     assert sorted((here / "runs").iterdir()) == there
 
 
+@pytest.mark.slow
 def test_a_run_that_trips_keeps_its_stages_with_their_photos_read(here, monkeypatch, capsys):
     text = (ROOT / "calibration" / "twin.toml").read_text().replace("torque_limit_Nm = 40.0", "torque_limit_Nm = 2.8")
     camera = (ROOT / "calibration" / "twin-camera.toml").read_text()

@@ -17,6 +17,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_fault_trips_the_run_which_keeps_what_it_had_and_can_go_on_without_it(here, monkeypatch, capsys):
     said = typed(monkeypatch, capsys, *RUN, "--fault", "force-silent@3")
     assert said.exit_code == 3

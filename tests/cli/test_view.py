@@ -86,6 +86,7 @@ def test_a_folder_that_is_no_run_is_one_line(monkeypatch, capsys, tmp_path):
     assert said.exit_code == 2 and "is not there" in said.err
 
 
+@pytest.mark.slow
 def test_a_recording_is_served_until_the_key_is_pressed():
     words = [sys.executable, "-c", "from rfca_rig.cli.main import run; run()", "view", str(SMALL)]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as serving:

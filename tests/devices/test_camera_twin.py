@@ -99,6 +99,7 @@ def test_the_same_chance_gives_the_same_picture():
     assert not np.array_equal(first, rendered(ALL, seed=2, ground=0.12))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [field.name for field in fields(ImageDisturbance) if field.name != "hidden_share"])
 def test_every_disturbance_changes_the_picture(name):
     turned = cv2.Rodrigues(np.array([0.3, 0.0, 0.0]))[0] @ straight_on().rotation

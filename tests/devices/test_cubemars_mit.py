@@ -87,6 +87,7 @@ def test_gains_are_taken_off_before_the_mode_is_entered_and_before_it_is_left() 
                 assert abs(orders[at - 1].torque_Nm) < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", list(MIT_RANGES))
 def test_every_model_turns_at_the_speed_that_was_asked_for(model: str) -> None:
     with rig(settings=MitSettings(1, model), model=model) as r:

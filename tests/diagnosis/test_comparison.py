@@ -57,6 +57,7 @@ def moved(one, x, nuisance_shifts):
     return other
 
 
+@pytest.mark.slow
 def test_a_law_that_holds_has_one_size_everywhere_and_leaves_noise(gained):
     support = gained.support(("sensor_gain",))
     assert gained.best.ids == ("sensor_gain",)
@@ -66,6 +67,7 @@ def test_a_law_that_holds_has_one_size_everywhere_and_leaves_noise(gained):
     assert gained.law_error(gained.best) < 0.2
 
 
+@pytest.mark.slow
 def test_a_law_that_does_not_hold_explains_less_and_leaves_misfit(uneven, gained):
     assert uneven.best.ids == ("sensor_gain",)
     assert uneven.explained_share(uneven.best) < 0.8 < gained.explained_share(gained.best)

@@ -36,6 +36,7 @@ THREE = ((215.0, 2.433), (215.0, 3.249), (235.0, 2.478))
 EFFECTS = [catalogue()[name] for name in SEEN_ON_THE_SHAFT]
 
 
+@pytest.mark.slow
 def test_a_drive_that_sags_is_looked_for_though_the_forces_look_a_little_like_a_soft_shaft():
     rig = replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=5.0, ki_Nm_per_rad=40.0),))
     strokes = recorded(rig, [(215.0, 2.433)])

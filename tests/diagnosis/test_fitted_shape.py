@@ -24,6 +24,7 @@ def found():
     return found_among(flaps_of(recorded(rig, [(205.0, 2.0), (205.0, 4.0), (220.0, 3.0)], with_shaft=False)), ["ground_stribeck"])
 
 
+@pytest.mark.slow
 def test_a_law_of_another_exponent_is_fitted_with_its_size_and_its_exponent(found):
     best = found.named[0]
     sizes, shape = estimate_sizes(compare(found), best, 0)

@@ -41,6 +41,7 @@ def share_within(optimizer, base):
     return norm.logcdf(IMPLAUSIBLE, posterior.mean[place], np.sqrt(posterior.covariance[place, place]))
 
 
+@pytest.mark.slow
 def test_nothing_missing_does_not_stand_on_hinges_damped_as_nobody_believes(far):
     optimizer, base, damped, _ = far
     nothing, (named,) = weigh_models(optimizer, base, [damped], 20)
@@ -64,6 +65,7 @@ def test_it_does_where_the_effect_needs_what_nobody_believes_as_well(far):
     assert nothing.marginal.log_evidence == pytest.approx(optimizer.log_evidence(base))
 
 
+@pytest.mark.slow
 def test_a_value_within_belief_keeps_its_evidence():
     optimizer, base, damped, heavy = fits_of(1.5)
     nothing, _ = weigh_models(optimizer, base, [damped, heavy], 20)

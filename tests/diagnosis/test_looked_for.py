@@ -75,6 +75,7 @@ def test_one_that_is_in_no_catalogue_is_refused_before_anything_is_read(monkeypa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_answer_says_so_and_does_not_speak_of_them(monkeypatch, capsys, tmp_path):
     (case,) = draw_cases(7, {POOR_DATA: 1})
     write_campaign(case, tmp_path / "campaign")

@@ -151,6 +151,7 @@ def test_dry_friction_of_the_pins_has_memory_as_a_function_of_the_angle(tmp_path
     assert law.memory.log_evidence_gain > 50.0
 
 
+@pytest.mark.slow
 def test_a_stribeck_law_of_the_models_own_kind_is_within_its_band():
     slips = np.linspace(-3.0, 3.0, 121)
     shares = tuple(float(value) for value in 0.4 * np.exp(-((slips / 0.3) ** 2)))
@@ -174,6 +175,7 @@ def crosstalk():
     return found_among(flaps_of(sensed), ["sensor_crosstalk"])
 
 
+@pytest.mark.slow
 def test_a_curved_channel_is_measured_as_a_function_of_its_reading(crosstalk):
     law = measure_law(crosstalk, "fz_N", crosstalk.nothing)
     assert law.argument == "reading_N"
@@ -197,6 +199,7 @@ def test_an_argument_that_a_place_lacks_is_refused(crosstalk):
         measure_law(crosstalk, "hinges", crosstalk.nothing, ["load_N"])
 
 
+@pytest.mark.slow
 def test_the_friction_of_a_real_servo_is_measured_over_its_speed():
     problem = make_swing_problem(read_pendulum_campaign(PENDULUM), WINDOW_S, BIN_S)
     coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))

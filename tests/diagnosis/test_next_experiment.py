@@ -79,6 +79,7 @@ def proposed(case, limits=None, enough=True):
     return propose_experiment(case.body, case.verdicts, enough, limits)
 
 
+@pytest.mark.slow
 def test_a_small_lag_and_a_clock_are_told_apart_by_a_tap():
     case = left(present("sensor_lag", time_constant_s=0.001), ["sensor_lag", "clock_offset"], as_good_as_all)
     proposal = proposed(case)
@@ -86,11 +87,13 @@ def test_a_small_lag_and_a_clock_are_told_apart_by_a_tap():
     assert proposal["separates"] == [["sensor_lag", "clock_offset", 10.0]]
 
 
+@pytest.mark.slow
 def test_a_gain_and_a_spring_that_the_rig_cannot_tell_apart_are_told_apart_by_a_known_weight():
     case = left(present("sensor_gain", factor=1.006), ["sensor_gain", "stiffness_hardening"], as_good_as_all)
     assert proposed(case)["kind"] == "known weight on each axis"
 
 
+@pytest.mark.slow
 def test_a_gain_large_enough_shows_under_a_high_rack_where_the_leg_weighs_and_its_springs_do_little(gain_or_spring):
     proposal = proposed(gain_or_spring)
     assert proposal["kind"] == "dynamic"
@@ -102,6 +105,7 @@ def test_a_rack_or_a_start_angle_is_told_by_a_gauge():
     assert proposed(case)["kind"] == "gauge block"
 
 
+@pytest.mark.slow
 def test_a_drive_seen_at_one_speed_only_is_asked_at_another():
     rig = replace(RIG, effects=(present("motor_speed_droop", kp_Nm_s_per_rad=5.0, ki_Nm_per_rad=40.0),))
     strokes = recorded(rig, ONE_SPEED)
@@ -128,6 +132,7 @@ def test_too_few_conditions_ask_for_one_that_is_unlike_them(nothing_open):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [LIMITS, replace(LIMITS, force_N=45.0), replace(LIMITS, speed_rad_s=2.0)], ids=["all", "force", "speed"])
 def test_no_option_passes_the_rigs_limits(gain_or_spring, limits):
     case, facts = gain_or_spring, replace(RIG_FILE.facts(), limits=limits)

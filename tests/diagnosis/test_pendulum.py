@@ -51,6 +51,7 @@ def test_friction_left_out_of_a_real_pendulum_is_stated_as_large_as_the_authors_
     assert not {"joint_friction", "joint_stribeck"} & {other.id for other in simple.not_seen}
 
 
+@pytest.mark.slow
 def test_what_is_printed_beside_the_name_hangs_together(simple):
     named = [effect.id for effect in simple.effects]
     assert [present.id for present in simple.found_effects] == named
@@ -89,6 +90,7 @@ def test_a_real_rod_that_nothing_drives_loses_energy_by_some_friction_or_drag(fr
     assert "torque_scale" not in free.settings["effects_tried"]
 
 
+@pytest.mark.slow
 def test_a_real_rod_that_nothing_drives_is_said_to_dissipate_in_its_joint(free):
     assert states_only(free, {"hinge_viscous_damping", "joint_friction", "joint_stribeck"}, "joint_dissipation")
 
@@ -170,6 +172,7 @@ def recorded(seed: int, pendulum: Pendulum, effects: tuple[PresentEffect, ...]) 
     return PendulumRun(f"sine {seed}, repeat 1", f"sine {seed}", 1, t_s, *noisy, torque)
 
 
+@pytest.mark.slow
 def test_of_a_simulated_pendulum_nothing_is_claimed_where_believed_values_alone_are_off():
     link = BELIEVED.links[0]
     other = Pendulum((replace(link, mass_kg=1.03 * link.mass_kg, inertia_kg_m2=1.03 * link.inertia_kg_m2, torque_offset_Nm=0.02),))
@@ -189,6 +192,7 @@ def test_in_a_simulated_pendulum_what_was_left_out_is_named_or_one_that_cannot_b
         assert effect.parameters[name].value == pytest.approx(value, rel=0.1)
 
 
+@pytest.mark.slow
 def test_too_short_a_recording_is_not_enough_data():
     campaign = simulated(PresentEffect("joint_friction", (("torque_Nm", 0.1),)))
     run = campaign.runs[0]

@@ -37,6 +37,7 @@ def search(effects, candidates=CANDIDATES, tables=False, config=SearchConfig()):
     return search_models(make_leg_dataset(parts), coordinates, [catalogue()[name] for name in candidates], lambda *_: None, config=config)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects", [(HEAVY,), (HEAVY, LEAKING)], ids=["one", "two"])
 def test_the_effects_that_are_missing_are_the_most_probable_set(effects):
     found = search(effects)
@@ -62,6 +63,7 @@ def test_an_effect_that_promises_too_little_is_not_fitted():
     assert search((HEAVY,), config=SearchConfig(worth_a_fit=np.inf, worth_beside_a_good_fit=np.inf)).named == ()
 
 
+@pytest.mark.slow
 def test_the_static_approach_is_learnt_from_what_fits_well():
     found = search((HEAVY,), ("tip_mass",), tables=True)
     assert {table.moves for table in select_tables(found.dataset.parts)} == {SOFTLY}
@@ -120,6 +122,7 @@ def looped():
     return state.with_fits([state.optimizer.converge(model_selection._fit(state.optimizer, state, start, 5))])
 
 
+@pytest.mark.slow
 def test_an_effect_is_exchanged_for_one_of_its_family_that_explains_more(looped):
     found = exchange(looped, "hinge_coulomb_friction", "tip_mass")
     assert looped.best.ids == ("spring_hysteresis",) and found.best.ids == ("hinge_coulomb_friction",)
@@ -161,6 +164,7 @@ def test_an_effect_gives_way_to_one_that_does_the_same_as_a_strained_nuisance(mo
     assert exchange(state, "height_offset").best.ids == ("height_offset",)
 
 
+@pytest.mark.slow
 def test_a_fit_with_implausible_nuisances_starts_again_at_their_prior_means(monkeypatch):
     state = begun_with(HEAVY, "tip_mass", KNOWN_TO)
     fit, starts = model_selection._fit, []
@@ -174,6 +178,7 @@ def test_a_fit_with_implausible_nuisances_starts_again_at_their_prior_means(monk
     assert [start.x.tolist() for start in starts] == [far.at_prior_means.tolist()]
 
 
+@pytest.mark.slow
 def test_a_set_that_wins_by_its_last_steps_is_compared_with_its_parts_too(monkeypatch):
     """As if, after the parts of the best set had been fitted, two effects turned out better than the one that is missing."""
     learn, nest, nested, pairs = model_selection._learn, model_selection._fit_nested, [], []

@@ -151,6 +151,7 @@ def test_where_nothing_is_concealed_nothing_is_stated():
     assert decision.grade == "nothing missing" and decision.effects == ()
 
 
+@pytest.mark.slow
 def test_a_force_that_no_effect_of_the_catalogue_makes_is_left_unexplained():
     """A steady push. The search comes as far as sets of three effects."""
     decision = diagnosed(lambda _: 0.5)

@@ -3,6 +3,7 @@
 import re
 
 import can
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -30,6 +31,7 @@ def heard(draw) -> ReceivedFrame:
     return ReceivedFrame(draw(st.floats(0.0, 1.0)), message)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(st.lists(heard(), max_size=20).map(lambda frames: sorted(frames, key=lambda one: one.at_s)))
 def test_any_frames_are_judged(frames):

@@ -9,6 +9,7 @@ from tests.engine.test_stops import ends_without_torque, tapped
 from tests.recording.dying import FullDisk, instead
 
 
+@pytest.mark.slow
 def test_the_motor_is_off_and_the_stages_before_are_kept(tmp_path):
     rig = twin_rig()
     with recorder_on(rig, tmp_path / "run") as (bench, recorder, kept):

@@ -22,6 +22,7 @@ def flapped(tmp_path_factory):
     return run(tmp_path_factory.mktemp("run") / "run", twin_rig(), repeats=2)
 
 
+@pytest.mark.slow
 def test_every_record_of_the_sensor_arrives_once(flapped):
     recording, health = flapped
     assert (health.lost, health.duplicate, health.out_of_order, health.malformed) == (0, 0, 0, 0)
@@ -78,6 +79,7 @@ def test_repeats_differ_as_floors_do(flapped):
     assert 0.01 < abs(depths[0] - depths[1]) < 3.0
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(tmp_path):
     rig = changed(twin_rig(), "motor", encoder_period_ms=1.0)
     for name, seed in (("a", 5), ("b", 5), ("c", 6)):

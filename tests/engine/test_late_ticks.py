@@ -38,11 +38,13 @@ def swept(tmp_path, hesitant: bool) -> tuple[float, float]:
     return float(shaft.t_s[-1]), float(np.ptp(shaft.columns["shaft_angle_rad"].raw))
 
 
+@pytest.mark.slow
 def test_a_stroke_is_as_long_and_as_wide_as_on_a_computer_that_is_never_late(tmp_path):
     in_time, late = swept(tmp_path / "a", False), swept(tmp_path / "b", True)
     assert late == pytest.approx(in_time, abs=0.03)
 
 
+@pytest.mark.slow
 def test_the_longest_gap_between_commands_is_known(tmp_path):
     """Ticks of 2 to 10 ms, now and then 8 ms late."""
     rig = twin_rig()

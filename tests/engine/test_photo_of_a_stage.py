@@ -109,6 +109,7 @@ def test_a_frozen_camera_ends_its_stage_in_the_time_it_says_and_the_next_one_at_
     assert max(later - earlier for earlier, later in pairwise(commanded_s)) < 0.05  # the watchdog's share
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("after_s", "average_s", "lasts_s"), [(0.0, 0.3, 0.3), (0.2, 0.3, 0.3), (1.5, 0.3, 1.5)])
 def test_the_photo_is_taken_while_the_mean_is_and_waited_for_no_longer_than_it_takes(tmp_path, after_s, average_s, lasts_s):
     recorded, commanded_s, over_s = run(tmp_path, lambda clock: Later(clock, after_s), 50.0, average_s=average_s)
@@ -119,6 +120,7 @@ def test_the_photo_is_taken_while_the_mean_is_and_waited_for_no_longer_than_it_t
     assert max(later - earlier for earlier, later in pairwise(commanded_s)) < 0.05
 
 
+@pytest.mark.slow
 def test_a_photo_that_came_too_late_is_no_other_stage_s(tmp_path):
     recorded, _, _ = run(tmp_path, lambda clock: Later(clock, LIMIT_S + 0.5, 0.1), 50.0, 55.0)
     assert [stage.photo and stage.photo.name for stage in recorded] == [None, "photo-2"]
@@ -144,6 +146,7 @@ def test_without_a_camera_or_without_the_wish_no_photo_is_asked_for(tmp_path):
     assert next(iter(over_s.values())) - recorded[0].start_s == pytest.approx(0.1, abs=2 * HOLD_PERIOD_S)
 
 
+@pytest.mark.slow
 def test_the_dwell_comes_between_settling_and_the_mean(tmp_path):
     starts_s, stood_s = [], []
     for dwell_s in (0.0, 0.7):

@@ -158,6 +158,7 @@ def test_a_latched_monitor_condition_is_only_a_warning(tmp_path):
         assert len(recorder.strokes) == 1
 
 
+@pytest.mark.slow
 def test_the_operator_s_key_stops_the_run_and_keeps_what_is_done(tmp_path):
     rig = twin_rig()
     plan = one_condition(rig, repeats=2)

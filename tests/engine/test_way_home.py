@@ -67,6 +67,7 @@ def home_from_mid_stroke(folder, forwards):
     return force_N
 
 
+@pytest.mark.slow
 def test_it_goes_on_forwards_and_the_force_only_falls(tmp_path):
     force_N = home_from_mid_stroke(tmp_path / "run", forwards=True)
     assert force_N[0] > 40.0

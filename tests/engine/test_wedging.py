@@ -33,6 +33,7 @@ def test_a_small_step_back_passes():
     check_plan(plan, predict_loads(plan, twin_rig().model()))
 
 
+@pytest.mark.slow
 def test_the_force_limit_trips_in_flight_and_what_was_measured_is_kept(tmp_path):
     with recorder_on(twin_rig(), tmp_path / "run") as (bench, recorder, _):
         with pytest.raises(Tripped, match=r"force 30\d\.\d N, limit 300 N"):

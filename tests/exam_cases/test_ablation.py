@@ -82,6 +82,7 @@ def test_nothing_missing_is_counted_by_itself(exam):
     assert f"{len(visible)} as nothing missing" in found.words
 
 
+@pytest.mark.slow
 def test_one_that_cannot_be_diagnosed_is_told_and_tried_again(exam):
     folder, visible = fresh(exam)
 

@@ -104,6 +104,7 @@ def test_strength_is_what_shifts_the_forces():
     assert sizes == sorted(sizes)
 
 
+@pytest.mark.slow
 def test_what_believed_values_can_imitate_is_hardly_left():
     """A little more damping is within what damping is known to; play is not."""
     case = draw_cases(1, {cases.SINGLE: 1})[0]

@@ -87,6 +87,7 @@ def test_damping_takes_energy_away():
     assert energy[-1] < energy[0] - 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", [None, *EFFECTS])
 def test_half_the_step_changes_nothing_that_a_sensor_could_see(effect):
     world = nominal_world(0.215)
@@ -123,6 +124,7 @@ def test_a_twisted_shaft_bends_by_the_torque_over_its_stiffness():
     assert traces.motor_angle_rad[0] - traces.joint_angles_rad[0, 0] == pytest.approx(traces.leg_torque_Nm[0] / 50.0, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_frame_carries_the_leg_at_rest_where_it_is_told():
     values = {"frequency_Hz": 15.0, "moving_mass_kg": 3.0, "damping_ratio": 0.1}
     plain, yielding = (

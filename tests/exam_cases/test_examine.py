@@ -58,6 +58,7 @@ def exam(done, tmp_path) -> Path:
     return shutil.copytree(done, tmp_path / "exam")
 
 
+@pytest.mark.slow
 def test_one_who_wants_more_data_is_right_about_poor_data(exam):
     assert score_exam(exam).marks.outcomes == {cases.POOR_DATA: {"right": 2}}
 
@@ -115,6 +116,7 @@ def test_what_was_half_done_is_done_again_and_the_rest_stays(exam):
     assert [said for said in told if said[0] == "campaigns diagnosed"] == [("campaigns diagnosed", 1, 2), ("campaigns diagnosed", 2, 2)]
 
 
+@pytest.mark.slow
 def test_a_sealing_that_was_interrupted_is_completed_against_its_hashes(exam):
     seals, truths = (exam / "seals.txt").read_bytes(), open_all(exam)
     (exam / "sealed" / "case-0002.sealed").unlink()
@@ -177,6 +179,7 @@ def test_what_is_diagnosed_so_far_is_marked_and_the_other_truths_stay_sealed(exa
         score_exam_so_far(exam)
 
 
+@pytest.mark.slow
 def test_workers_have_one_thread_each(exam):
     shutil.rmtree(exam / "diagnoses")
     before = os.environ.get("OPENBLAS_NUM_THREADS")

@@ -55,6 +55,7 @@ def exam(tmp_path):
     return answered
 
 
+@pytest.mark.slow
 def test_what_is_proposed_is_done_until_the_verdict_is_right(exam):
     folder, truths = exam(STROKE)
     follow_up(folder, naming(truths, 2, STROKE), InProcessExecutor())
@@ -65,6 +66,7 @@ def test_what_is_proposed_is_done_until_the_verdict_is_right(exam):
     assert sorted(path.name for path in added.glob("next-*")) == ["next-01-dynamic-01.csv", "next-01-dynamic-02.csv"]
 
 
+@pytest.mark.slow
 def test_a_static_proposal_is_done_in_its_own_stages(exam):
     folder, truths = exam(REVERSAL)
     follow_up(folder, naming(truths, 2, REVERSAL), InProcessExecutor())
@@ -72,6 +74,7 @@ def test_a_static_proposal_is_done_in_its_own_stages(exam):
     assert [stage.shaft_angle_rad for stage in recording.static] == pytest.approx([1.92, 1.92], abs=0.03)  # a soft drive sags
 
 
+@pytest.mark.slow
 def test_a_case_that_nothing_settles_counts_as_given_up(exam):
     folder, truths = exam(None)
     follow_up(folder, naming(truths, 99, None), InProcessExecutor())

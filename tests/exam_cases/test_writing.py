@@ -88,6 +88,7 @@ def test_nothing_in_the_folder_tells(written):
         assert word not in text
 
 
+@pytest.mark.slow
 def test_truths_are_sealed_and_open(tmp_path):
     folders = write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 2})
     truths = open_all(tmp_path / "out")
@@ -125,6 +126,7 @@ def test_a_folder_in_use_and_an_unknown_kind_are_refused(tmp_path):
         write_cases(tmp_path / "new", 1, {"odd": 1})
 
 
+@pytest.mark.slow
 def test_a_folder_of_diagnoses_is_marked(tmp_path):
     folders = write_cases(tmp_path / "out", 1, {cases.POOR_DATA: 2})
     told = tmp_path / "told" / folders[0].name

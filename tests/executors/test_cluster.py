@@ -53,6 +53,7 @@ def test_workers_use_one_thread_each(workers):
     assert {told for _, told in map_unordered(workers, work.threads, range(4))} == {(1, "1")}
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_the_piece_that_it_had(workers, tmp_path):
     killer = threading.Thread(target=kill_the_one_at, args=(tmp_path / "2",))
     killer.start()
@@ -62,6 +63,7 @@ def test_a_killed_worker_costs_the_piece_that_it_had(workers, tmp_path):
     assert begun(tmp_path) == {0: 1, 1: 1, 2: 2, 3: 1, 4: 1, 5: 1}
 
 
+@pytest.mark.slow
 def test_a_piece_that_ends_its_worker_twice_is_given_up_and_the_rest_is_done(workers):
     results = dict(map_unordered(workers, work.kills_at_three, range(6)))
     failed = results.pop(3)

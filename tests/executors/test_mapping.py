@@ -53,6 +53,7 @@ def test_what_raises_is_told_with_its_trace_and_the_rest_is_done(two):
     assert isinstance(failed, TaskFailure) and failed.reason == "ZeroDivisionError: three" and "fails_at_three" in failed.trace
 
 
+@pytest.mark.slow
 def test_a_piece_that_ends_its_process_twice_is_given_up_and_the_rest_is_done(two):
     results = dict(map_unordered(two, work.kills_at_three, range(6)))
     failed = results.pop(3)
@@ -60,6 +61,7 @@ def test_a_piece_that_ends_its_process_twice_is_given_up_and_the_rest_is_done(tw
     assert isinstance(failed, TaskFailure) and failed.reason.startswith("2 workers were lost over it")
 
 
+@pytest.mark.slow
 def test_a_result_that_cannot_travel_is_the_fault_of_its_piece_only(two):
     results = dict(map_unordered(two, work.returns_what_cannot_travel, range(6)))
     assert isinstance(results.pop(3), TaskFailure) and results == {number: number for number in (0, 1, 2, 4, 5)}

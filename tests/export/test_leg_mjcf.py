@@ -95,6 +95,7 @@ def exported(tmp_path_factory):
     return place / "mjcf"
 
 
+@pytest.mark.slow
 def test_the_folder_is_an_experiment_whose_model_predicts_its_strokes(exported):
     experiment = read_experiment(exported)
     mechanism = load_mechanism(experiment.model)

@@ -44,6 +44,7 @@ def test_a_silence_that_trips_at_every_tick_or_never_is_refused(tmp_path, silenc
         rig_with(tmp_path, SECTIONS["mit"] + f"guardian_silence_ms = {silence_ms}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "guarded"), [("guardian_silence_ms = 50.0", "disables the motor after 50 ms of silence"), ("guardian = false", "none")]
 )

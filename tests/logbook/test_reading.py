@@ -41,6 +41,7 @@ def as_listed(entry: Entry) -> dict[str, object]:
     }
 
 
+@pytest.mark.slow
 def test_a_run_is_listed_as_it_was_recorded(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = ("--height", 215, "--speed", 3.249, "--repeats", 2, "--operator", "M. Kölle", "--sample", "leg 7")

@@ -65,6 +65,7 @@ def reverse(*columns):
     return [(f'column = "{column}", unit', f'column = "{column}", sign = -1, unit') for column in columns]
 
 
+@pytest.mark.slow
 def test_sound_recordings_have_a_line_for_each_thing_and_no_warning(folder):
     lines = list(check_experiment(folder))
     assert not [line for line in lines if line.is_warning]
@@ -87,6 +88,7 @@ def test_sound_recordings_have_a_line_for_each_thing_and_no_warning(folder):
     assert found["integrator", "step"] == {"step_s": 0.004}
 
 
+@pytest.mark.slow
 def test_errors_of_the_prediction_are_in_the_unit_of_the_column(folder):
     in_deg = {line.name: line.values for line in check_experiment(folder) if line.about == "prediction"}
     edit_column(folder, "q1", np.radians)
@@ -96,6 +98,7 @@ def test_errors_of_the_prediction_are_in_the_unit_of_the_column(folder):
     assert in_rad["q2"]["miss"] == pytest.approx(in_deg["q2"]["miss"], rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "fix"),
     [
@@ -140,6 +143,7 @@ def test_a_misread_column_is_neither_diagnosed_nor_fitted(folder, monkeypatch, u
         use(experiment, lambda *_: None, as_is=True)
 
 
+@pytest.mark.slow
 def test_a_prior_without_an_object_is_warned_of_and_a_wrong_sign_only_once(folder):
     edit(folder / "experiment.toml", *reverse("q2"), ("[known_to]", "[known_to]\nzero_offset_m = 0.1"))
     sign, prior = warnings(check_experiment(folder))
@@ -147,6 +151,7 @@ def test_a_prior_without_an_object_is_warned_of_and_a_wrong_sign_only_once(folde
     assert prior == "known_to zero_offset_m: the model has no slides; remove it"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "change", "files", "said"),
     [
@@ -163,6 +168,7 @@ def test_a_column_that_is_dead_coarse_wrapped_or_has_a_gap_is_warned_of(folder, 
     assert any(said in warning for warning in warnings(until_priors(folder)))
 
 
+@pytest.mark.slow
 def test_a_recording_that_is_too_short_and_too_few_stretches_are_warned_of(folder):
     edit(folder / "experiment.toml", ('file = "run2.csv",', 'file = "run2.csv", to_s = 0.5,'))
     short, few = warnings(check_experiment(folder))
@@ -213,6 +219,7 @@ def test_a_time_in_another_unit_is_seen_in_the_speeds_too(folder, monkeypatch, c
     assert 'set unit = "s" in [time]' in " ".join(typed(monkeypatch, capsys, "check", folder).out.split())
 
 
+@pytest.mark.slow
 def test_the_terminal_and_json_say_the_same(folder, monkeypatch, capsys):
     edit(folder / "experiment.toml", *reverse("w2"))
     shown = typed(monkeypatch, capsys, "check", folder)

@@ -38,6 +38,7 @@ def sizes(effect):
     return {name: value.value for name, value in effect.parameters.items()}
 
 
+@pytest.mark.slow
 def test_commands_that_were_held_act_half_a_sample_late_unless_the_file_says_so(tmp_path):
     """The arm's controller holds its torques. Taken as lines from row to row, they look 1 ms late: the first effect to be named."""
     folder = campaign(tmp_path / "arm", replace(NOMINAL, angle_error_rad=0.0), seeds=(0,))
@@ -148,6 +149,7 @@ def test_two_windows_are_not_enough_data(short):
     assert diagnosed(short).grade == "not enough data"
 
 
+@pytest.mark.slow
 def test_of_more_windows_than_asked_for_a_few_of_every_recording_are_used(tmp_path):
     folder = campaign(tmp_path / "arm", NOMINAL, seconds=4.0)
     experiment = read_experiment(folder)

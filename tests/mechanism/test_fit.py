@@ -38,6 +38,7 @@ def fitted(folder, **asked):
     return found
 
 
+@pytest.mark.slow
 def test_nominal_values_are_found_within_their_errors(off):
     found = fitted(off, names=["mass_relative", "joint1.zero_offset_rad"]).fit
     shifts = {shift.name: shift for shift in found.shifts}
@@ -49,6 +50,7 @@ def test_nominal_values_are_found_within_their_errors(off):
     assert all(error.fitted < error.held_out < error.nominal for error in found.totals if error.signal.endswith("_rad"))
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_named_is_found_and_stands_in_the_amended_model(dry, tmp_path, monkeypatch, capsys):
     words = ("fit", dry, "--effects", "joint_friction_of_one", "--parameters", "mass_relative", "--out", tmp_path / "model.xml", "--json")
     found = json.loads(typed(monkeypatch, capsys, *words).out)
@@ -70,6 +72,7 @@ def test_friction_of_joints_that_have_none_is_at_the_end_of_its_range(dry):
     assert sizes[1].value == pytest.approx(0.4, rel=0.1)
 
 
+@pytest.mark.slow
 def test_values_that_do_the_same_are_said_to(dry, monkeypatch, capsys):
     said = typed(monkeypatch, capsys, "fit", dry, "--effects", "joint_friction_of_one")
     assert said.exit_code == 0
@@ -79,6 +82,7 @@ def test_values_that_do_the_same_are_said_to(dry, monkeypatch, capsys):
     assert "joint2_position_rad" in said.out
 
 
+@pytest.mark.slow
 def test_what_mjcf_does_not_hold_of_a_fit_is_said(off, tmp_path, monkeypatch, capsys):
     said = typed(monkeypatch, capsys, "fit", off, "--parameters", "zero_offset_rad", "--out", tmp_path / "model.xml")
     assert "MJCF does not hold zero offsets of the readings" in said.err
@@ -92,6 +96,7 @@ def without_priors(folder, to):
     return to
 
 
+@pytest.mark.slow
 def test_an_effect_is_fitted_where_all_nominal_values_count_as_exact(dry, tmp_path):
     found = fitted(without_priors(dry, tmp_path / "arm"), effects=["joint_friction_of_one"]).fit
     assert found.shifts == ()
@@ -99,6 +104,7 @@ def test_an_effect_is_fitted_where_all_nominal_values_count_as_exact(dry, tmp_pa
     assert np.isfinite([error.held_out for error in found.totals]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -117,6 +123,7 @@ def test_what_makes_no_sense_is_one_line(dry, tmp_path, monkeypatch, capsys, wor
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_nothing_to_fit_is_said(dry, tmp_path, monkeypatch, capsys):
     answer = typed(monkeypatch, capsys, "fit", without_priors(dry, tmp_path / "arm"))
     assert answer.exit_code == 2

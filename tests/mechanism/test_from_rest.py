@@ -40,6 +40,7 @@ def changed(folder, tmp_path, old, new):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_recording_is_one_window_from_rest_that_the_right_model_predicts(folder):
     problem = problem_of(folder)
     assert [len(condition.windows) for condition in problem.conditions] == [1, 1, 1, 1]

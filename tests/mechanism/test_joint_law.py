@@ -131,6 +131,7 @@ def short(tmp_path_factory):
     return problem_of(tmp_path_factory.mktemp("short") / "arm", Arm(), seconds=1.4)
 
 
+@pytest.mark.slow
 def test_an_effect_of_all_joints_stays_in_the_others(short):
     mechanism, place = short.simulator.mechanism, parse_place("joint2.speed", short.simulator.mechanism)
     for name in ("joint_friction", "joint_stribeck", "joint_hysteresis"):

@@ -77,6 +77,7 @@ def test_motions_keep_to_the_recorded_range_and_to_the_recorded_commands(experim
             assert (np.abs(each.window.trace.command).max(axis=0) <= problem.usual.command).all()
 
 
+@pytest.mark.slow
 def test_a_motion_that_needs_larger_commands_is_not_proposed(experiment):
     mechanism = load_mechanism(experiment.model)
     problem = make_problem(experiment, mechanism)

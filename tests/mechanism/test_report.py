@@ -76,6 +76,7 @@ def test_another_model_takes_the_place_of_the_nominal_one(folder, tmp_path, monk
     assert "report arm --model amended.xml" in page
 
 
+@pytest.mark.slow
 def test_without_priors_the_nominal_model_alone_is_shown(folder, tmp_path, monkeypatch, capsys):
     shutil.copytree(folder, tmp_path / "arm")
     text = (tmp_path / "arm" / "experiment.toml").read_text(encoding="utf-8")
@@ -91,6 +92,7 @@ def test_without_priors_the_nominal_model_alone_is_shown(folder, tmp_path, monke
     assert "#d07f0e" not in drawn  # nothing is drawn as fitted
 
 
+@pytest.mark.slow
 def test_dry_friction_is_a_step_of_the_torque_that_the_model_lacks(folder):
     first, second, third = compare_mechanism(read_experiment(folder), lambda *_: None).joints
     fast = np.abs(second.speed) > 0.5

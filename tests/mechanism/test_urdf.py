@@ -77,6 +77,7 @@ def folder(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_a_urdf_is_drafted_and_checked(folder):
     path = folder / "experiment.toml"
     text = path.read_text(encoding="utf-8")

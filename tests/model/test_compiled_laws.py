@@ -35,6 +35,7 @@ def compiled_laws(cache: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbc") if "laws" in path.parts}
 
 
+@pytest.mark.slow
 def test_a_second_process_takes_over_what_the_first_compiled_and_does_not_mix_the_laws_up(tmp_path):
     first = call_both(tmp_path)
     backlash, stop = map(float, first.split())

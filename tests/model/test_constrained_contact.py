@@ -45,6 +45,7 @@ def distances(rigid, mu):
     return [np.abs(compliant(k, mu).normal_N.sum(axis=1) - rigid.lambda_N)[loading].max() for k in (1e5, 1e6, 1e7)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stroke", "mu"), [("on_ice", 0.0), ("sliding", 0.2)])
 def test_a_stiffer_floor_comes_to_the_constraint_as_fast_as_its_depth_vanishes(stroke, mu, request):
     """Depth under a given force goes with stiffness^(-2/3): a factor 4.64 for each power of ten."""
@@ -78,6 +79,7 @@ def test_friction_of_a_sliding_tip_takes_more_torque(on_ice, sliding):
 DIP = KnownMotion(lambda t: 0.5 + 0.4 * np.sin(4 * t) ** 2, lambda t: 1.6 * np.sin(8 * t), lambda t: 12.8 * np.cos(8 * t))
 
 
+@pytest.mark.slow
 def test_the_constraint_comes_and_goes_with_the_sign_of_lambda():
     rigid = simulate_on_rigid_floor(SHORT_LEG, HEIGHT_M, DIP, np.linspace(0.0, 0.75, 301))
     assert rigid.ended is EndReason.TIME
@@ -88,6 +90,7 @@ def test_the_constraint_comes_and_goes_with_the_sign_of_lambda():
     assert rigid.tip_depth_m[-1] < -1e-3
 
 
+@pytest.mark.slow
 def test_a_run_ends_where_the_tip_stops_sliding():
     rigid = simulate_on_rigid_floor(SHORT_LEG, HEIGHT_M, DIP, np.linspace(0.0, 0.75, 301), friction_coefficient=0.2)
     assert rigid.ended is EndReason.SLIDING

@@ -62,6 +62,7 @@ def draw_paths(seed):
     return ends - ends[:, :1], loads
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_friction_gives_back_no_energy_on_random_closed_paths(seed):
     paths = zip(*draw_paths(seed), strict=True)

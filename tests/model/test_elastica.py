@@ -32,6 +32,7 @@ def test_the_closed_form_bends_a_little_as_a_textbook_beam_does():
     assert LENGTH_M - x == pytest.approx(force**2 * LENGTH_M**5 / (15 * EI**2), rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("direction_deg", "slope_deg"), CASES)
 def test_place_and_slope_of_the_tip_are_those_of_elliptic_integrals(direction_deg, slope_deg):
     assert errors(direction_deg, slope_deg, 100).max() < 1e-3
@@ -45,6 +46,7 @@ def test_one_richardson_step_is_good_to_a_millionth(direction_deg, slope_deg):
     assert tip.slope_rad == pytest.approx(np.radians(slope_deg), rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("direction_deg", "slope_deg"), [(179.9, 60), (179.99, 110), (179, 170)])
 def test_a_strip_pushed_nearly_straight_back_buckles(direction_deg, slope_deg):
     assert errors(direction_deg, slope_deg, 100).max() < 2e-3

@@ -45,6 +45,7 @@ def test_strain_and_moment_of_a_strip_bent_round_a_drum():
     assert CFSP.breaking_moment_Nm == pytest.approx(651e6 * 2 * 0.0254 * 0.0008**2 / 6)  # strength times section modulus
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("phi", [np.zeros(6), BENT], ids=["straight", "bent"])
 def test_stiffness_by_perturbation_is_that_of_a_dense_solution(reading, phi):

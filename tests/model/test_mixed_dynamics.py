@@ -94,6 +94,7 @@ def test_a_driven_double_pendulum_swings_like_the_compiled_chain_and_needs_the_s
     assert ours.tau_Nm[:, 0] == pytest.approx(theirs.force[:, 2], abs=5e-3)
 
 
+@pytest.mark.slow
 def test_power_of_all_drives_goes_into_motion_height_and_springs_and_is_lost_in_the_hinges():
     rig = pendulum(3, 0.2, 0.3, hinge_damping=0.01, k0=1.5)
     drives = [KnownMotion(lambda t: 0.5 * np.sin(3 * t), lambda t: 1.5 * np.cos(3 * t), lambda t: -4.5 * np.sin(3 * t))]

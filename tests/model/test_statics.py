@@ -102,6 +102,7 @@ def test_exact_angles_give_back_the_force(estimator):
     assert estimate.condition_number == pytest.approx(estimate.singular_values[0] / estimate.singular_values[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", [tip_force, tip_force_weighing_angles])
 def test_the_standard_errors_are_the_scatter_of_noisy_photographs(estimator):
     random, noise = np.random.default_rng(11), np.radians(0.05)

@@ -86,6 +86,7 @@ def test_the_energy_is_the_integral_of_the_torque(curve, x):
     assert springs_J(make_chain(rig, NO_GROUND_M), q)[0] == pytest.approx(expected, abs=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("curves", [[SOFTENING], [ONE_SIDED_WAY, *[SOFTENING] * 5]])
 def test_a_free_leg_without_damping_keeps_its_energy(curves):
     rig = with_curves(*curves)

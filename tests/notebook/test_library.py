@@ -134,12 +134,14 @@ def test_a_plan_has_a_row_per_stage_and_refuses_what_passes_a_limit():
         rr.plan(height_mm=215, speed_rad_s=50.0)
 
 
+@pytest.mark.slow
 def test_a_run_on_the_twin_prints_nothing_and_gives_its_recording(here, capsys):
     done = rr.run(height_mm=215, speed_rad_s=2.433, repeats=1, runs="own")
     assert len(done) == 1 and done.path.parent == Path("own")
     assert capsys.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_a_report_is_a_page_and_a_table(here, flapped):
     written = rr.report(flapped, out=here / "report")
     assert written.page.is_file() and len(written.table()) == 1

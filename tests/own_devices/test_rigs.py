@@ -33,6 +33,7 @@ FOLDER = Path("runs") / "SIM-flapping-215-mm-3.249-rad-per-s-001"
 VALLEY = r"valley \(([\d.]+) s, (-[\d.]+) N\)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("section", "make"), [("motor", "CANopen drive, CiA 402"), ("force_sensor", "Bota Systems, serial")])
 def test_a_whole_run_in_which_only_one_device_is_hers(section, make, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -53,6 +54,7 @@ def test_a_whole_run_in_which_only_one_device_is_hers(section, make, tmp_path, m
     assert typed(monkeypatch, capsys, "check", FOLDER).exit_code == 0  # a recording needs none of her files
 
 
+@pytest.mark.slow
 def test_a_run_with_both_trips_at_her_limits_and_does_not_go_on_with_another_driver(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     rig = rig_with(tmp_path, "motor", "force_sensor", change=("following_error_deg = 20.0", "following_error_deg = 3.0"))

@@ -45,6 +45,7 @@ def test_a_sound_run_has_a_line_for_each_of_its_files(whole: Path):
     assert findings["stages/0002.h5"] == "0 strokes, 1 static stages, 1 raw, 180 samples"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_a_flipped_bit_is_found_in_its_file(whole: Path, name: str):
     file = whole / name
@@ -182,6 +183,7 @@ def empty_sums(folder: Path) -> None:
     (folder / "SHA256SUMS").write_text("")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("edits", "damaged"),
     [
@@ -225,6 +227,7 @@ def test_an_edit_is_found_whatever_became_of_the_hashes(whole: Path, tmp_path: P
         assert "recover cannot make it again" in again.err
 
 
+@pytest.mark.slow
 def test_a_crash_while_a_run_is_resumed_is_no_edit(whole: Path, tmp_path: Path):
     """Whatever is gone then, recover makes again."""
 
@@ -239,6 +242,7 @@ def test_a_crash_while_a_run_is_resumed_is_no_edit(whole: Path, tmp_path: Path):
         assert damaged_files(folder) == []
 
 
+@pytest.mark.slow
 def test_a_crash_while_a_run_is_closed_is_no_damage(tmp_path: Path, monkeypatch, capsys):
     """Check finds no damage and names recover, which makes the run whole: at every 40th write of the closing, and at each of the last."""
 
@@ -294,6 +298,7 @@ def test_each_file_is_compared_with_its_checksum_once(whole: Path, monkeypatch):
     assert sorted(compared) == ["0001.h5", "0002.h5", "run.h5"]
 
 
+@pytest.mark.slow
 def test_edits_of_every_kind_are_found_and_check_and_recover_agree(tmp_path: Path):
     """Every 20th of the catalogue; `python -m tests.benchmarks.edits` does all."""
     finish_run(tmp_path / "run", (1, 2, 3), tmp_path / "older")

@@ -194,6 +194,7 @@ def places(folder: Path, count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.unique(np.linspace(0, ends[-1], count, dtype=int)), ends
 
 
+@pytest.mark.slow
 def test_a_journal_cut_at_any_of_six_bytes(tmp_path: Path):
     where, ends = places(tmp_path / "run", 6)
     for place in where:
@@ -208,6 +209,7 @@ def test_a_journal_cut_at_over_200_bytes(tmp_path: Path):
         cut_at(tmp_path / "run", tmp_path / "copy", place, ends)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.999])
 def test_a_stage_file_half_written_is_passed_over_and_its_journal_taken(tmp_path: Path, share: float):
     journal = crashed(tmp_path / "run")
@@ -217,6 +219,7 @@ def test_a_stage_file_half_written_is_passed_over_and_its_journal_taken(tmp_path
     assert len(found.raw[-1].streams["force"].t_s) == TICKS * PER_TICK
 
 
+@pytest.mark.slow
 def test_recovering_twice_gives_the_same_bytes(tmp_path: Path):
     crashed(tmp_path / "run")
     shutil.copytree(tmp_path / "run", tmp_path / "copy")
@@ -233,6 +236,7 @@ def test_a_journal_of_nonsense_in_whole_blocks_is_one_line(tmp_path: Path):
         recovered(tmp_path / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [0, 1, 3])
 def test_a_crash_while_the_file_of_one_stage_is_made_and_the_next_goes_on_costs_neither(tmp_path: Path, steps: int):
     """As on a real rig, whose next stage does not wait."""

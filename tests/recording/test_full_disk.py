@@ -85,6 +85,7 @@ def test_no_room_for_the_ballast_is_no_beginning(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_hdf5_on_a_disk_that_fills_up_at_any_of_its_writes_is_one_line_and_takes_nothing_down(tmp_path: Path):
     """In a process of its own, because HDF5 takes a process down only when it exits."""
     program = f"""

@@ -96,6 +96,7 @@ def test_a_recording_that_leads_elsewhere_or_claims_too_much_is_refused(hostile)
         read_recording(path)
 
 
+@pytest.mark.slow
 def test_no_command_hands_out_what_the_file_leads_to(hostile, monkeypatch, capsys, tmp_path):
     path, words = hostile
     out = tmp_path / "csv"

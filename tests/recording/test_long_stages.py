@@ -79,6 +79,7 @@ def journal_of(path: Path, blocks: int) -> int:
     return path.stat().st_size
 
 
+@pytest.mark.slow
 def test_the_length_of_a_stage_costs_no_memory(tmp_path: Path):
     peaks = []
     for number, blocks in enumerate((60, 480)):

@@ -40,6 +40,7 @@ def test_every_picture_is_there_as_it_was(tmp_path: Path, kind: type):
     assert sorted(file.name for file in (tmp_path / "run" / "photos").iterdir()) == ["001.png", "002.png", "003.png"]
 
 
+@pytest.mark.slow
 @needs_process
 def test_a_large_photo_from_a_camera_that_gives_it_turned_round_is_as_it_was(tmp_path: Path):
     """Larger than the queue, and not in one piece in memory."""

@@ -31,6 +31,7 @@ def keeper(tmp_path: Path):
     keeper._let_go() if not keeper._child.closed else None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("patient", [True, False])
 def test_it_writes_the_bytes_that_would_be_written_without_it(tmp_path: Path, patient: bool):
     run_folder.create(tmp_path / "run", header())

@@ -216,6 +216,7 @@ def named_page():
     return page(NAMED, PageContext(Origin()))
 
 
+@pytest.mark.slow
 def test_json_has_the_keys_that_other_programs_read(tmp_path):
     document = written_json(tmp_path, NAMED)
     assert list(document)[: len(KEYS)] == KEYS
@@ -250,6 +251,7 @@ def test_what_is_not_known_is_null_and_never_nan(tmp_path):
     assert not re.search(r"\bnan\b|\binf\b|\bNone\b(?! proposed)", read(page(holes, PageContext(Origin()))))
 
 
+@pytest.mark.slow
 def test_a_measured_law_is_drawn_and_told(tmp_path):
     stated = StatedLaw(law(), ("hinge_backlash",), CURVE)
     measured = replace(NAMED, stated_law=stated)
@@ -289,6 +291,7 @@ def test_rivals_have_names(ids, said):
     assert hypothesis(ids) == said
 
 
+@pytest.mark.slow
 def test_the_page_says_everything_once_needed(named_page):
     text = read(named_page)
     for said in (
@@ -470,6 +473,7 @@ def test_numbers_show_what_is_known_of_them():
     ]
 
 
+@pytest.mark.slow
 def test_a_graded_answer_says_what_remains_and_which_prior_moved(tmp_path):
     text = read(page(MOSTLY, PageContext(Origin())))
     for words in ("mostly", "83", "What remains", "hinge damping moved to", "6.0 prior deviations"):
@@ -481,6 +485,7 @@ def test_a_graded_answer_says_what_remains_and_which_prior_moved(tmp_path):
     assert any(line.startswith("MOSTLY (91.0") or line.startswith("MOSTLY (91") for line in terminal_lines(MOSTLY))
 
 
+@pytest.mark.slow
 def test_a_family_is_given_with_its_members_and_a_place_with_its_probability():
     text = read(page(FAMILY, PageContext(Origin())))
     assert "a filter or a delay (sensor)" in text and "clock_offset , sensor_lag" in text

@@ -123,6 +123,7 @@ def test_shares_in_words():
     assert (share_text(0.8, trimmed=False), share_text(float("nan"))) == ("80.0\u00a0%", "\u2013")
 
 
+@pytest.mark.slow
 def test_effects_that_were_taken_out_are_told_with_what_they_were_called(exam, shown, tmp_path):
     assert "its catalogue does not hold" not in shown and json.loads(as_json(exam))["taken_out"] is None
     called = WronglyNamed("case-0007", "tip_mass", ("height_offset",), 0.95)

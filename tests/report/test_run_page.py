@@ -113,6 +113,7 @@ def test_a_plan_of_another_version_is_done_without():
     assert story.plan is None and "plan text" not in text and "of 4" not in text
 
 
+@pytest.mark.slow
 def test_long_runs_stay_light():
     base = runs.done()
     many = tuple(replace(base.strokes[0], repeat=number) for number in range(1, 91))

@@ -53,6 +53,7 @@ def test_the_page_stands_alone_and_says_what_was_found(tmp_path, quiet):
     assert "no loop is seen" in outline.text
 
 
+@pytest.mark.slow
 def test_the_same_table_gives_the_same_bytes(tmp_path, quiet):
     for name in ("one", "two"):
         written(tmp_path / name, quiet)
@@ -101,6 +102,7 @@ def test_a_stage_that_lacks_an_angle_has_no_bend(tmp_path, quiet):
     assert "the bend from first to last link is not known" in page
 
 
+@pytest.mark.slow
 def test_a_law_that_fails_is_told_first_and_drawn_second(tmp_path):
     world = with_effect(nominal_world(0.215), "hinge_backlash", {"half_gap_deg": 1.2})
     _, page = written(tmp_path, noisy(by_exam(world), np.random.default_rng(5)))
@@ -131,6 +133,7 @@ def test_photos_are_shrunk_into_the_page_and_missing_ones_are_said(tmp_path, qui
     assert str(tmp_path) not in page
 
 
+@pytest.mark.slow
 def test_hinges_that_soften_leave_no_model_behind(tmp_path, quiet):
     world = nominal_world(0.215)
     softening = by_exam(replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=(14.0,) * 6, k2_per_rad2=(-0.7,) * 6)))

@@ -81,6 +81,7 @@ def test_order_changes_no_byte(unbroken, tmp_path):
     assert told[0] == ("cases", 0, 12) and told[-1] == ("cases", 12, 12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["kill", "^C"])
 def test_a_stopped_sweep_goes_on_where_it_stood_to_the_same_bytes(unbroken, tmp_path, how):
     out = tmp_path / "sweep"

@@ -116,6 +116,7 @@ def test_an_interrupt_ends_the_server_with_130_and_leaves_nothing_behind():
         os.kill(server.process.pid, 0)
 
 
+@pytest.mark.slow
 def test_a_server_that_is_told_to_terminate_does():
     with serving("--seconds", "60") as server:
         server.process.send_signal(signal.SIGTERM)

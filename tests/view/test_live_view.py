@@ -46,6 +46,7 @@ def unwatched(tmp_path_factory):
     return (folder / "run.h5").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte(tmp_path, unwatched):
     plan = one_condition(RIG)
     with (
@@ -69,6 +70,7 @@ def test_a_page_sees_all_of_a_run_and_the_recording_is_the_same_to_the_last_byte
     assert low <= stroke.channel("fz_N")[1].min() + 1e-4 and high >= stroke.channel("fz_N")[1].max() - 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "after", "last"),
     [("safe point", Rest, MoveShaft), ("now", Rest, Rest)],
@@ -91,6 +93,7 @@ def test_a_stop_from_the_page_ends_the_run_as_the_key_does(tmp_path, how, after,
     assert sum(isinstance(stage, Flap) for stage in done) == len(strokes) <= 1
 
 
+@pytest.mark.slow
 def test_a_view_that_is_killed_costs_the_run_nothing(tmp_path, unwatched):
     plan = one_condition(RIG)
     with recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept), viewed(bench, plan) as (view, supervision, _):

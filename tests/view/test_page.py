@@ -229,6 +229,7 @@ def test_the_player_of_a_recording_fits_a_phone(show):
     page.set_viewport_size(DESKTOP)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1920, 1080), (820, 1180), (1180, 820)])
 def test_nothing_runs_out_of_the_page_at_any_size(show, width, height):
     shown = show()

@@ -132,6 +132,7 @@ class TestReplay:
         assert heard(shown, "seek") == [{"kind": "seek", "at_s": pytest.approx(at_s)}]
         assert shown.page.evaluate("rfcaView.replay.wantedS") == pytest.approx(at_s)
 
+    @pytest.mark.slow
     def test_speed_is_asked_for(self, show):
         shown = replayed(show)
         heard(shown, "play")

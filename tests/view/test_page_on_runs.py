@@ -159,6 +159,7 @@ def test_the_token_is_in_no_request_s_address_and_leaves_the_address_bar(watched
     assert len(addresses) > 10 and not [address for address in addresses if "t" * 32 in address]
 
 
+@pytest.mark.slow
 def test_without_the_right_token_the_page_stays_empty_and_says_so(watched):
     with replayed(SMALL) as url:
         for address in (url[:-1], url + "%00(", url.partition("#")[0]):

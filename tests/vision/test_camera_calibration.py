@@ -118,6 +118,7 @@ def one_photo(**changes):
     return board_photo(BOARD, TRUE, *tilted_all_ways(BOARD)[1], np.random.default_rng(2), **changes)
 
 
+@pytest.mark.slow
 def test_a_blurred_photo_is_refused():
     refused = find_board(one_photo(blur_px=2.7), BOARD, "b")
     assert isinstance(refused, RefusedPhoto)
@@ -125,6 +126,7 @@ def test_a_blurred_photo_is_refused():
     assert isinstance(find_board(one_photo(blur_px=1.5), BOARD, "b"), BoardPhoto)
 
 
+@pytest.mark.slow
 def test_a_shaken_photo_is_refused_though_half_of_its_edges_are_sharp():
     sharp = board_photo(BOARD, TRUE, np.eye(3), centred(BOARD, np.eye(3), np.array([0.0, 0.0, 0.4])), np.random.default_rng(2))
     shaken = cv2.blur(sharp, (9, 1))
@@ -140,6 +142,7 @@ def test_width_of_an_edge_is_that_of_its_blur():
     assert found.edge_px == pytest.approx(2.563 * np.hypot(1.5, 0.6), rel=0.08)
 
 
+@pytest.mark.slow
 def test_too_little_of_the_board_is_refused():
     photo = one_photo()
     nothing = find_board(np.full_like(photo, 80), BOARD, "b")
@@ -152,6 +155,7 @@ def test_too_little_of_the_board_is_refused():
     assert "corners" in few.why
 
 
+@pytest.mark.slow
 def test_another_board_is_no_board():
     other = find_board(one_photo(), parse_board("10x7,25,18,5x5"), "b")
     assert isinstance(other, RefusedPhoto)

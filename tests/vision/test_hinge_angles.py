@@ -55,6 +55,7 @@ def test_lengths_that_are_a_little_wrong_do_not_bend_angles() -> None:
     assert np.abs(as_numbers(result.link_rad) - angles).max() < np.radians(0.01)
 
 
+@pytest.mark.slow
 def test_scatter_is_what_the_covariance_says() -> None:
     random, angles = np.random.default_rng(6), pose(np.random.default_rng(4))
     errors = random.normal(0.0, [0.05, 0.08], (400, 8, 2))
@@ -98,6 +99,7 @@ def from_photo(look: Look, seed: int) -> tuple[Floats, HingeAngles, IdentifiedMa
     return np.diff(angles, prepend=0.0), result, identified
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_disturbed_photos_give_angles_as_good_as_they_say(seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -48,6 +48,7 @@ def test_whole_legs_are_read_in_any_order_of_marks(seed: int) -> None:
     assert result.doubts == ()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(0, 3), st.integers(0, 4))
 @settings(max_examples=80, deadline=None)
 def test_with_marks_gone_and_red_things_about_nothing_wrong_is_told(seed: int, gone: int, more: int) -> None:

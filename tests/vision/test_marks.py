@@ -29,6 +29,7 @@ def errors(marks: tuple[Mark, ...], true_px: Floats, of: tuple[int, ...] = tuple
     return miss, miss / np.array([mark.std_px for mark in nearest])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "look",
     [Look(), Look(noise_counts=6.0), Look(defocus_px=3.5), Look(light_fall=1.0), Look(exposure=3.0), Look(exposure=0.3)],
@@ -50,6 +51,7 @@ def test_a_glint_across_a_mark_does_not_split_or_move_it() -> None:
     assert np.abs(sigmas).max() < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_partly_hidden_mark_keeps_its_middle_and_says_what_is_hidden(seed: int) -> None:
     covered = (1, 3, 6)
@@ -84,6 +86,7 @@ def test_refuses_other_pictures_and_marks_too_small() -> None:
         find_marks(np.zeros((30, 40, 3), np.uint8), 3.0)
 
 
+@pytest.mark.slow
 def test_a_mark_that_touches_another_red_disc_is_not_measured() -> None:
     random, model = np.random.default_rng(4), camera(1000)
     angles = pose(random)

@@ -34,6 +34,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_hinge_angles_from_mujocos_photos(photos: Path, seed: int) -> None:
     model, angles = scene(seed)

@@ -90,6 +90,7 @@ def test_strokes_of_the_measured_curve_are_those_of_the_law_to_a_tenth_of_a_perc
     assert curve["valley_time_s"] == pytest.approx(law["valley_time_s"], abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["softening", "play"])
 def test_a_curve_that_is_no_cubic_is_met_within_its_band_from_the_first_angles_on(tmp_path, case):
     gap = float(np.radians(1.2))

@@ -64,6 +64,7 @@ def test_a_floor_that_is_not_level_is_told():
     assert any("slope of the floor would be +" in said for said in remarks(of("ground_tilt", slope=0.03)))
 
 
+@pytest.mark.slow
 def test_repeats_that_agree_narrow_the_errors_and_repeats_that_do_not_widen_them():
     rng = np.random.default_rng(9)
     alike = [recording(noisy(plain(), rng), f"run {i}") for i in range(3)]

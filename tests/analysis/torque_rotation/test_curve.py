@@ -71,6 +71,7 @@ def test_correlation_of_angles_between_shared_marks():
     assert correlation[2, :] == pytest.approx([1 / 6, -2 / 3, 1.0, -2 / 3, 1 / 6])
 
 
+@pytest.mark.slow
 @needs_mujoco
 @pytest.mark.parametrize(("heights_m", "most_touching"), [((0.215, 0.235), 1), ((0.15, 0.17), 3)])
 def test_friction_of_any_sign_and_several_ends_on_the_floor(heights_m, most_touching):
@@ -95,6 +96,7 @@ def test_ends_that_seem_to_hang_clear_of_a_floor_said_to_be_deeper_are_found():
     assert result.values.k0_Nm_per_rad == pytest.approx(11.0, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "k0_rel"),
     [

@@ -30,6 +30,7 @@ def found_in(stages, known_to=STATED, sections=SECTIONS, marks_deg=0.1):
     return evaluate([recording(stages)], StageAssumptions(sections, known_to, Instruments(marks_deg=marks_deg)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rest_deg", [ONE, ALL, tuple(-angle for angle in ALL)], ids=["one", "all", "all the other way"])
 def test_rest_angles_are_recovered_to_a_tenth_of_a_degree_beside_the_curve(rest_deg):
     """16 stages, each hinge angle with the 0.1 degrees of a photo."""
@@ -43,6 +44,7 @@ def test_rest_angles_are_recovered_to_a_tenth_of_a_degree_beside_the_curve(rest_
     assert remarks(result) == []
 
 
+@pytest.mark.slow
 def test_their_errors_cover_what_marks_and_photos_do_to_them():
     """Marks that sit beside their hinges look like rest angles; how far they may is what limits these."""
     rng, pulls, common = np.random.default_rng(4), [], []
@@ -56,6 +58,7 @@ def test_their_errors_cover_what_marks_and_photos_do_to_them():
     assert 0.5 < np.sqrt(np.mean(np.square(common))) < 1.6
 
 
+@pytest.mark.slow
 def test_better_marks_give_better_rest_angles():
     stages = noisy(stages_with(ONE), np.random.default_rng(1))
     coarse, fine = (found_in(stages, marks_deg=marks_deg).rests[0] for marks_deg in (0.1, 0.02))
@@ -72,6 +75,7 @@ def test_a_common_rest_angle_and_the_stiffness_at_rest_stand_in_for_each_other_i
     assert exact.rests == (None, None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rest_deg", "said"),
     [(ONE, "Hinge 4 looks as if it rests at +1."), (ALL, "All hinges look as if they rest at +1.")],

@@ -79,6 +79,7 @@ def test_the_laws_of_hinges_are_found():
     assert {effect.id for effect in OF_HINGES} == laws
 
 
+@pytest.mark.slow
 def test_a_law_that_is_softer_on_the_way_out_would_be_seen():
     assert least_work_of(numba.njit(soften_on_the_way_out), forget)(np.zeros(8), 10, STEPS, 1) < -0.01
 

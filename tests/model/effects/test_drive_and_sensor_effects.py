@@ -80,6 +80,7 @@ def test_a_shaft_with_play_rests_with_the_play_taken_up_and_turns_back_through_i
     assert over.q_rad[-1, 0] - (1.3 + 0.06 * 9.9) == pytest.approx(-gap, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_shaft_with_play_gives_no_energy_back_in_closed_loops_and_never_pulls():
     random = np.random.default_rng(3)
     gap = np.radians(1.0)

@@ -155,6 +155,7 @@ def test_a_rigid_link_on_the_flank_of_a_bump_is_pushed_along_its_normal():
     assert stroke.fy_N == pytest.approx(normal * slope / np.hypot(1.0, slope), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("friction", "height_mm"), [(0.0, 4.0), (0.0, -4.0), (0.1, 4.0)])
 def test_a_leg_that_bounces_on_a_bump_keeps_its_energy_and_loses_some_by_friction(friction, height_mm):
     """The leg falls from straight onto the flank, where its tip goes to and fro; all that damps is taken out."""
