@@ -165,7 +165,7 @@ def _with_hash(source: RecordingSource, path: Path) -> RecordingSource:
 
 def date_text(started_at: str) -> str:
     """Date and time of an ISO 8601 text, to the minute; on the clock of simulated time, which has no date, that."""
-    if started_at.startswith(f"{TwinClock().started_at():%Y-%m-%dT%H:%M}"):
+    if started_at.startswith(f"{TwinClock().start_time():%Y-%m-%dT%H:%M}"):
         return SIMULATED_TIME
     try:
         return f"{datetime.fromisoformat(started_at):%Y-%m-%d %H:%M %Z}".strip()

@@ -50,7 +50,7 @@ def told(acquired, box) -> tuple[str, int]:
     return box.recvfrom(100)[1]
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize("in_one", [1, 40])
 def test_every_record_arrives_while_this_process_computes(in_one):
     """Pure Python that never pauses is what starves a reading thread."""

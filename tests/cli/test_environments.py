@@ -203,7 +203,7 @@ def test_an_extra_that_is_missing_is_named(monkeypatch, capsys, tmp_path, packag
 
 def test_a_library_that_cannot_be_loaded_is_no_mistake_of_the_program(monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "cv2", None)
-    monkeypatch.delitem(sys.modules, "rfca_rig.vision.board_sheet", raising=False)
+    monkeypatch.delitem(sys.modules, "rfca_rig.vision.board", raising=False)
     said = typed(monkeypatch, capsys, "calibrate", "camera", "--make-board", tmp_path / "board.pdf")
     assert said.exit_code == 1
     assert "a library cannot be loaded" in said.err
