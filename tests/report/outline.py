@@ -3,7 +3,7 @@
 from html.parser import HTMLParser
 
 # Tables beside a page are links that a reader may follow; a page is whole without them.
-FILES = (".csv", ".tex", ".json")
+FILES = (".csv", ".tex", ".json", ".h5")
 VOID = {"meta", "br", "img"}
 
 

@@ -53,6 +53,6 @@ def test_the_head_states_date_operator_specimen_rig_and_version():
 
 
 def test_simulated_time_is_no_date():
-    started = TwinClock().started_at().isoformat()
+    started = TwinClock().start_time().isoformat()
     assert date_text(started) == "simulated time, which has no date"
     assert date_text("yesterday") == "yesterday"
