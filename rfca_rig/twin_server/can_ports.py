@@ -3,6 +3,7 @@
 import os
 import pty
 import tty
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import can
@@ -194,8 +195,8 @@ class PseudoTerminal:
             os.close(self._client_side)
 
 
-class SlcanPort:
-    """Answers open, close, bit rate, version, serial number, status and frames; a bell character refuses everything else."""
+class _SerialAdapter(ABC):
+    """A CAN adapter on a pseudo terminal: one end of the bus, and the bytes that wait for the client."""
 
     def __init__(self, wire: SharedWire) -> None:
         self._wire = wire
@@ -203,11 +204,6 @@ class SlcanPort:
         self._terminal = PseudoTerminal()
         self._rest = b""
         self._waiting = bytearray()
-        self._channel_open = False
-        self._listen_only = False
-
-    def address(self) -> str:
-        return f"slcan {self.path}"
 
     @property
     def path(self) -> str:
@@ -217,6 +213,30 @@ class SlcanPort:
         self._receive()
         self._queue_frames()
         del self._waiting[: self._terminal.write(bytes(self._waiting)) if self._waiting else 0]
+
+    @abstractmethod
+    def _receive(self) -> None:
+        """Answers what the client sent."""
+
+    @abstractmethod
+    def _queue_frames(self) -> None:
+        """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
+
+    def close(self) -> None:
+        self._wire.leave(self._end)
+        self._terminal.close()
+
+
+class SlcanPort(_SerialAdapter):
+    """Answers open, close, bit rate, version, serial number, status and frames; a bell character refuses everything else."""
+
+    def __init__(self, wire: SharedWire) -> None:
+        super().__init__(wire)
+        self._channel_open = False
+        self._listen_only = False
+
+    def address(self) -> str:
+        return f"slcan {self.path}"
 
     def _receive(self) -> None:
         try:
@@ -252,41 +272,23 @@ class SlcanPort:
         return b"Z\r" if frame.extended else b"z\r"
 
     def _queue_frames(self) -> None:
-        """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
         while (message := self._end.recv(timeout=0)) is not None:
             if self._channel_open and is_classic(message) and len(self._waiting) < MAX_QUEUED_BYTES:
                 self._waiting += slcan.encode_frame(frame_of(message))
 
-    def close(self) -> None:
-        self._wire.leave(self._end)
-        self._terminal.close()
 
-
-class FdcanusbPort:
+class FdcanusbPort(_SerialAdapter):
     """Answers `can on`, `can off` and `can send`, and forwards every frame of the bus; refuses everything else.
 
     Every sent line carries a checksum. Once a received line had one, all must have one, as on the UART of a moteus.
     """
 
     def __init__(self, wire: SharedWire) -> None:
-        self._wire = wire
-        self._end = wire.join()
-        self._terminal = PseudoTerminal()
-        self._rest = b""
-        self._waiting = bytearray()
+        super().__init__(wire)
         self._checksums_asked = False
 
     def address(self) -> str:
         return f"fdcanusb {self.path}"
-
-    @property
-    def path(self) -> str:
-        return self._terminal.path
-
-    def poll(self, now_s: float) -> None:  # noqa: ARG002 (a serial adapter has no clock)
-        self._receive()
-        self._queue_frames()
-        del self._waiting[: self._terminal.write(bytes(self._waiting)) if self._waiting else 0]
 
     def _receive(self) -> None:
         try:
@@ -313,15 +315,10 @@ class FdcanusbPort:
         return "OK"
 
     def _queue_frames(self) -> None:
-        """Queues frames of the bus for the client. Like a real adapter, it drops frames if the client does not read."""
         while (message := self._end.recv(timeout=0)) is not None:
             # The adapter carries CAN-FD frames only.
             if message.is_fd and not message.is_error_frame and len(self._waiting) < MAX_QUEUED_BYTES:
                 self._waiting += fdcanusb.encode_received(_frame_of(message))
-
-    def close(self) -> None:
-        self._wire.leave(self._end)
-        self._terminal.close()
 
 
 def _message_of(frame: FdFrame) -> can.Message:
