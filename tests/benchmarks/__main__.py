@@ -18,6 +18,7 @@ import numpy as np
 
 from rfca_rig.campaign.opening import open_recordings
 from rfca_rig.engine.run import run_plan
+from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.reports.strokes.writing import write_report
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
@@ -97,19 +98,15 @@ def find_slower(history: Sequence[Mapping[str, float]], ratios: Mapping[str, flo
 def measure(rounds: int) -> dict[str, float]:
     """The ratios, printed with the times that they come from; larger is worse."""
 
-    def strokes() -> None:
+    def strokes(rig: RigModel = PAPER) -> None:
         for _ in range(STROKES):
-            simulate_stroke_at_speed(PAPER, 0.215, 2.433, T)
-
-    def strokes_on_ice() -> None:
-        for _ in range(STROKES):
-            simulate_stroke_at_speed(ICE, 0.215, 2.433, T)
+            simulate_stroke_at_speed(rig, 0.215, 2.433, T)
 
     recordings = open_recordings([SMALL])
     with tempfile.TemporaryDirectory() as folder:
         report_s, report_ratio = compare_s(lambda: write_report(recordings, Path(folder)), strokes, rounds)
     run_s, run_ratio = compare_s(run_on_twin, strokes, rounds)
-    ice_s, ice_ratio = compare_s(strokes_on_ice, lambda: fz_by_lsoda(ICE, 0.215, 2.433, T, 1e-5), 3 * rounds)
+    ice_s, ice_ratio = compare_s(lambda: strokes(ICE), lambda: fz_by_lsoda(ICE, 0.215, 2.433, T, 1e-5), 3 * rounds)
     stroke_s, rig_s = median_s(strokes, 5 * rounds) / STROKES, run_on_twin()
     ratios = {
         "stroke_per_lsoda": ice_ratio / STROKES,
