@@ -30,6 +30,7 @@ from rfca_rig.description.camera_file import CameraFile
 from rfca_rig.description.cluster_file import ClusterFile
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.protocol_file import DynamicFile, FatigueFile, StaticFile
+from rfca_rig.description.rig_draft import list_limits
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.model.catalogue import catalogue, families_of
 from rfca_rig.model.effect import Effect, Parameter
@@ -191,16 +192,7 @@ def _type_of(value: Schema) -> str:
 
 
 def _limits(value: Schema) -> str:
-    signs = {"exclusiveMinimum": "> ", "minimum": ">= ", "exclusiveMaximum": "< ", "maximum": "<= "}
-    found = []
-    for choice in _choices(value):
-        if "const" in choice or "enum" in choice:
-            found.append(", ".join(f"`{json.dumps(each)}`" for each in choice.get("enum", [choice.get("const")])))
-        found += [f"{sign}{choice[key]:g}" for key, sign in signs.items() if key in choice]
-        if choice.get("type") == "array":
-            found += [f"each {limits}" for limits in (_limits(choice.get("items", {})),) if limits]
-            found += [f"{choice[key]} or {word}" for key, word in (("minItems", "more"), ("maxItems", "fewer")) if key in choice]
-    return ", ".join(found).replace("<", "&lt;").replace(">", "&gt;")
+    return ", ".join(f"`{limit}`" for limit in list_limits(value))
 
 
 def _default(value: Schema, required: bool) -> str:

@@ -24,6 +24,7 @@ from rfca_rig.cli.commands import (
     export,
     fatigue,
     fit,
+    init,
     plan,
     predict,
     prove,
@@ -67,7 +68,7 @@ app.add_typer(fatigue.app, name="fatigue", cls=CommandGroup)
 app.add_typer(twin.app, name="twin", cls=CommandGroup)
 app.add_typer(calibrate.app, name="calibrate", cls=CommandGroup)
 app.add_typer(export.app, name="export", cls=CommandGroup)
-app.command("init", cls=Command)(schema.init)
+app.command("init", cls=Command)(init.init)
 app.command("import", cls=Command)(export.import_folder)
 app.command("resume", cls=Command)(resume.resume)
 app.command("recover", cls=Command)(recover.recover)

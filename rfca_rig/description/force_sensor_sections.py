@@ -24,15 +24,17 @@ class NetFtSection(Section):
     """
 
     device: Literal["ati-net-ft"]
-    counts_per_N: Positive
-    counts_per_Nm: Positive
-    rate_Hz: Annotated[float, Field(gt=0, le=7912)]
-    host: str = "192.168.1.1"
-    port: Port = 49152
-    configuration: Literal["http", "commands", "unchecked"] = "http"
-    http_port: Port = 80
-    command_port: Port = 49151
-    buffered: bool = True
+    counts_per_N: Positive = Field(description="on the configuration page of the box")
+    counts_per_Nm: Positive = Field(description="on the configuration page of the box")
+    rate_Hz: Annotated[float, Field(gt=0, le=7912)] = Field(description="RDT output rate of the box")
+    host: str = Field(default="192.168.1.1", description="address of the box")
+    port: Port = Field(default=49152, description="port of its RDT stream")
+    configuration: Literal["http", "commands", "unchecked"] = Field(
+        default="http", description="where the settings of the box are checked before each stream"
+    )
+    http_port: Port = Field(default=80, description="port of its configuration page")
+    command_port: Port = Field(default=49151, description="port of its command interface")
+    buffered: bool = Field(default=True, description="many records per datagram, as many as the RDT buffer size of the box")
 
 
 class AtiSerialSection(Section):
@@ -43,12 +45,12 @@ class AtiSerialSection(Section):
     """
 
     device: Literal["ati-serial"]
-    counts_per_N: Positive
-    counts_per_Nm: Positive
-    rate_Hz: Positive
-    port: str = "/dev/ttyUSB0"
-    bits_per_s: Annotated[int, Field(gt=0)] = 38_400
-    record: Literal["ascii", "binary", "binary-checksum"] = "ascii"
+    counts_per_N: Positive = Field(description="in the calibration certificate")
+    counts_per_Nm: Positive = Field(description="in the calibration certificate")
+    rate_Hz: Positive = Field(description="rate at which the controller sends; a run measures it")
+    port: str = Field(default="/dev/ttyUSB0", description="serial port")
+    bits_per_s: Annotated[int, Field(gt=0)] = Field(default=38_400, description="of the serial line")
+    record: Literal["ascii", "binary", "binary-checksum"] = Field(default="ascii", description="form of a record")
 
     def settings(self) -> AtiSerialSettings:
         """The settings for the driver."""
@@ -74,10 +76,14 @@ class AtiDaqSection(Section):
     """
 
     device: Literal["ati-daq"]
-    calibration_file: Annotated[str, Field(min_length=1)]
-    rate_Hz: Annotated[float, Field(gt=0, le=40_000)]
-    unloaded_V: Annotated[tuple[float, ...], Field(strict=False, min_length=6, max_length=7)] = (0.0,) * 6
-    channels: str = "Dev1/ai0:5"
+    calibration_file: Annotated[str, Field(min_length=1)] = Field(
+        description="the .cal file of the transducer, from the folder of this file"
+    )
+    rate_Hz: Annotated[float, Field(gt=0, le=40_000)] = Field(description="samples/s of each channel")
+    unloaded_V: Annotated[tuple[float, ...], Field(strict=False, min_length=6, max_length=7)] = Field(
+        default=(0.0,) * 6, description="voltages of the unloaded sensor, in the order of the channels"
+    )
+    channels: str = Field(default="Dev1/ai0:5", description="six differential inputs, and a seventh for a thermistor")
 
 
 class OwnForceSensorSection(Section):

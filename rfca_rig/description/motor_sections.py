@@ -24,12 +24,14 @@ class MotorSection(Section):
 
     needs_guardian: ClassVar[bool] = False
 
-    direction: Literal[1, -1]
-    interface: str = "socketcan"
-    channel: str = "can0"
-    bitrate: Annotated[int, Field(gt=0)] = 1_000_000
-    guardian: bool | None = None
-    guardian_silence_ms: Annotated[float, Field(ge=20, le=300)] = 100.0
+    direction: Literal[1, -1] = Field(description="-1 where the drive counts up while the leg turns up")
+    interface: str = Field(default="socketcan", description="interface of python-can")
+    channel: str = Field(default="can0", description="channel of that interface")
+    bitrate: Annotated[int, Field(gt=0)] = Field(default=1_000_000, description="bits/s of the bus")
+    guardian: bool | None = Field(default=None, description="for drives without a watchdog: whether a guardian owns the bus of a real rig")
+    guardian_silence_ms: Annotated[float, Field(ge=20, le=300)] = Field(
+        default=100.0, description="time without a command after which the guardian removes the torque"
+    )
 
     @field_validator("guardian")
     @classmethod
@@ -63,12 +65,14 @@ class OdriveSection(MotorSection):
     """
 
     device: Literal["odrive"]
-    node_id: Annotated[int, Field(ge=0, le=63)]
-    gear_ratio: Positive
-    zero_turns: float
-    encoder_period_ms: Positive
-    dialect: Literal["0.5", "0.6"] = "0.6"
-    torque_constant_Nm_per_A: Positive | None = None
+    node_id: Annotated[int, Field(ge=0, le=63)] = Field(description="axis0.config.can.node_id of the drive")
+    gear_ratio: Positive = Field(description="turns of the motor per turn of the shaft")
+    zero_turns: float = Field(description="encoder reading with the leg horizontal, in turns of the motor")
+    encoder_period_ms: Positive = Field(description="period of the cyclic message 0x09, as set in the drive")
+    dialect: Literal["0.5", "0.6"] = Field(default="0.6", description="of the firmware")
+    torque_constant_Nm_per_A: Positive | None = Field(
+        default=None, description="for dialect 0.5: motor.config.torque_constant of the drive"
+    )
 
     @model_validator(mode="after")
     def _check_torque_is_reported(self) -> "OdriveSection":
@@ -92,11 +96,11 @@ class CubemarsMitSection(MotorSection):
     needs_guardian: ClassVar[bool] = True
 
     device: Literal["cubemars-mit"]
-    drive_id: Annotated[int, Field(ge=1, le=126)]
-    model: str
-    zero_rad: float
-    speed_gain_Nm_s_per_rad: Annotated[float, Field(gt=0, le=5)] = 5.0
-    angle_gain_per_s: Positive = 20.0
+    drive_id: Annotated[int, Field(ge=1, le=126)] = Field(description="number of the drive on the bus")
+    model: str = Field(description="type plate, which determines the scale of every value", json_schema_extra={"enum": list(MIT_RANGES)})
+    zero_rad: float = Field(description="reading with the leg horizontal")
+    speed_gain_Nm_s_per_rad: Annotated[float, Field(gt=0, le=5)] = Field(default=5.0, description="kd of the drive")
+    angle_gain_per_s: Positive = Field(default=20.0, description="converts an angle error into a speed")
 
     @field_validator("model")
     @classmethod
@@ -116,12 +120,12 @@ class CubemarsServoSection(MotorSection):
     needs_guardian: ClassVar[bool] = True
 
     device: Literal["cubemars-servo"]
-    drive_id: Annotated[int, Field(ge=0, le=255)]
-    gear_ratio: Positive
-    pole_pairs: Annotated[int, Field(gt=0)]
-    torque_constant_Nm_per_A: Positive
-    zero_deg: float
-    status_period_ms: Positive
+    drive_id: Annotated[int, Field(ge=0, le=255)] = Field(description="number of the drive on the bus")
+    gear_ratio: Positive = Field(description="turns of the motor per turn of the shaft")
+    pole_pairs: Annotated[int, Field(gt=0)] = Field(description="of the motor; CubeMarsTool shows them")
+    torque_constant_Nm_per_A: Positive = Field(description="of the motor, before the gear; in its data sheet")
+    zero_deg: float = Field(description="reading with the leg horizontal")
+    status_period_ms: Positive = Field(description="period of the status message, as set in the drive")
 
     @property
     def reports_Hz(self) -> float:
@@ -136,14 +140,14 @@ class MoteusSection(MotorSection):
     """
 
     device: Literal["moteus"]
-    drive_id: Annotated[int, Field(ge=1, le=127)]
-    gear_ratio: Positive = 1.0
-    zero_turns: float
-    watchdog_ms: Positive = 100.0
-    torque_limit_Nm: Positive | None = None
-    can_prefix: Annotated[int, Field(ge=0, le=0x1FFF)] = 0
-    data_bitrate: Annotated[int, Field(gt=0)] = 5_000_000
-    bitrate_switch: bool = True
+    drive_id: Annotated[int, Field(ge=1, le=127)] = Field(description="id.id of the drive")
+    gear_ratio: Positive = Field(default=1.0, description="of a gear beyond motor_position.rotor_to_output_ratio")
+    zero_turns: float = Field(description="position with the leg horizontal, in turns of the output")
+    watchdog_ms: Positive = Field(default=100.0, description="time for which the drive continues without a command")
+    torque_limit_Nm: Positive | None = Field(default=None, description="sent with every command; without it the limit of the drive holds")
+    can_prefix: Annotated[int, Field(ge=0, le=0x1FFF)] = Field(default=0, description="id.can_prefix of the drive")
+    data_bitrate: Annotated[int, Field(gt=0)] = Field(default=5_000_000, description="bits/s of the data phase")
+    bitrate_switch: bool = Field(default=True, description="whether the data phase is faster")
 
     @property
     def fd_bitrate(self) -> int | None:

@@ -38,4 +38,5 @@ _ESCAPES = {ord('"'): '\\"', ord("\\"): "\\\\", **{code: f"\\u{code:04x}" for co
 
 def _number(value: float) -> str:
     """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy gives."""
-    return str(np.format_float_scientific(value, DECIMALS, trim="0") if not 1e-3 <= abs(value) < 1e5 else round(value, DECIMALS))
+    is_scientific = value != 0.0 and not 1e-3 <= abs(value) < 1e5
+    return str(np.format_float_scientific(value, DECIMALS, trim="0") if is_scientific else round(value, DECIMALS))

@@ -62,12 +62,17 @@ def _describe(host: str, says: NetFtConfiguration | CalibrationInfo) -> str:
     return f"{name} at {host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = {says.counts_per_Nm:.10g}"
 
 
+def look_for_box() -> BoxObservation:
+    """Asks for the configuration page of a Net F/T at its default address."""
+    return look_at_box(NETFT_AS_DELIVERED, HttpBox(NETFT_AS_DELIVERED, timeout_s=NETFT_WITHIN_S))
+
+
 def scan(runs: Path, clock: Clock) -> Iterator[Finding]:
     """Yields all findings as they come. Sends only a request for the configuration page of a Net F/T at its default address."""
     yield from judge_found_interfaces(tuple(look_at_can_interface(name) for name in can_interfaces()))
     yield from judge_found_adapters(look_for_adapters())
     ports = look_for_serial_ports()
     yield from [judge_found_port(port) for port in ports] or [judge_no_ports()]
-    yield judge_found_sensor(look_at_box(NETFT_AS_DELIVERED, HttpBox(NETFT_AS_DELIVERED, timeout_s=NETFT_WITHIN_S)))
+    yield judge_found_sensor(look_for_box())
     yield judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, NETFT_RATE_Hz)
     yield from check_computer(runs, clock, None)
