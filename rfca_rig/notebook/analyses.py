@@ -200,7 +200,9 @@ class ReportResult:
         return html_table(str(self.page), self._rows())
 
 
-def diagnose(*sources: Source, without: Sequence[str] = (), law_at: str = "", progress: bool = True) -> DiagnosisResult:
+def diagnose(
+    *sources: Source, without: Sequence[str] = (), law_at: str = "", as_is: bool = False, progress: bool = True
+) -> DiagnosisResult:
     """Say which physics the model of recordings lacks, with size and probability.
 
     Parameters
@@ -211,6 +213,8 @@ def diagnose(*sources: Source, without: Sequence[str] = (), law_at: str = "", pr
         Ids of effects that are known to be absent.
     law_at
         Place where a law is measured as well, see `docs/measured-laws.md`.
+    as_is
+        Take values that are probably in another unit or of another sign; otherwise they are refused with a guess.
     progress
         Show a bar, where tqdm is installed.
 
@@ -224,13 +228,15 @@ def diagnose(*sources: Source, without: Sequence[str] = (), law_at: str = "", pr
     one = _with_own_model(sources)
     with show_progress("diagnosis", progress) as move:
         if isinstance(one, Experiment):
-            return DiagnosisResult(diagnose_mechanism(one, move, without, law_at).diagnosis)
+            return DiagnosisResult(diagnose_mechanism(one, move, without, law_at, as_is).diagnosis)
         if isinstance(one, PendulumCampaign):
             return DiagnosisResult(diagnose_pendulum(one, move, without, law_at))
-        return DiagnosisResult(diagnose_leg(_recordings(sources), move, None, without, law_at))
+        return DiagnosisResult(diagnose_leg(_recordings(sources, as_is), move, None, without, law_at))
 
 
-def fit(*sources: Source, parameters: Sequence[str] = (), effects: Sequence[str] = (), progress: bool = True) -> FittedResult:
+def fit(
+    *sources: Source, parameters: Sequence[str] = (), effects: Sequence[str] = (), as_is: bool = False, progress: bool = True
+) -> FittedResult:
     """Fit values of the nominal model to recordings.
 
     Parameters
@@ -241,6 +247,8 @@ def fit(*sources: Source, parameters: Sequence[str] = (), effects: Sequence[str]
         Names of the values; all that `known_to` lists if empty.
     effects
         Of a mechanism: ids of effects that are put into the model.
+    as_is
+        Take values that are probably in another unit or of another sign; otherwise they are refused with a guess.
     progress
         Show a bar, where tqdm is installed.
 
@@ -254,10 +262,10 @@ def fit(*sources: Source, parameters: Sequence[str] = (), effects: Sequence[str]
         raise BadInput("effects: are for recordings of a mechanism (experiment.toml); leave them out here")
     with show_progress("fit", progress) as move:
         if isinstance(one, Experiment):
-            return _of_windows(fit_mechanism(one, move, list(parameters), list(effects)).fit)
+            return _of_windows(fit_mechanism(one, move, list(parameters), list(effects), as_is).fit)
         if isinstance(one, PendulumCampaign):
             return _of_windows(fit_pendulum(one, move, list(parameters)).fit)
-        found = fit_recordings(_recordings(sources), list(parameters))
+        found = fit_recordings(_recordings(sources, as_is), list(parameters))
     return FittedResult(found, tuple(vars(value) for value in found.parameters))
 
 
@@ -267,7 +275,7 @@ def _of_windows(found: WindowFit) -> FittedResult:
     return FittedResult(found, shifts + sizes)
 
 
-def report(*sources: Source, out: str | Path = "report") -> ReportResult:
+def report(*sources: Source, out: str | Path = "report", as_is: bool = False) -> ReportResult:
     """Compare recordings of a leg with their nominal model, and write the report.
 
     Parameters
@@ -276,13 +284,15 @@ def report(*sources: Source, out: str | Path = "report") -> ReportResult:
         Opened recordings or paths.
     out
         Folder of the report.
+    as_is
+        Take values that are probably in another unit; otherwise they are refused with a guess.
 
     Raises
     ------
     BadInput
         Where the recordings cannot be used; of pendulums and mechanisms the command `rfca-rig report` writes the page.
     """
-    written = write_report(_recordings(sources), Path(out))
+    written = write_report(_recordings(sources, as_is), Path(out))
     return ReportResult(written.pages[0], written.table)
 
 
@@ -312,8 +322,8 @@ def _with_own_model(sources: Sequence[Source]) -> PendulumCampaign | Experiment 
     return None if isinstance(content, Recording) else content
 
 
-def _recordings(sources: Sequence[Source]) -> list[Recording]:
-    return open_with_nominal_model(_paths(sources), as_is=False)
+def _recordings(sources: Sequence[Source], as_is: bool) -> list[Recording]:
+    return open_with_nominal_model(_paths(sources), as_is)
 
 
 def _paths(sources: Sequence[Source]) -> list[Path]:

@@ -2,9 +2,11 @@
 
 import builtins
 import importlib
+import re
 import subprocess
 import sys
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from matplotlib import pyplot
 
 import rfca_rig as rr
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.notebook import display
+from rfca_rig.notebook import analyses, display
 from tests.mechanism.arm import Arm, record, write_campaign
 
 DATA = Path(__file__).parents[1] / "data"
@@ -209,3 +211,19 @@ def test_progress_moves_a_bar(capsys):
         move("reading", 0.25)
         move("fitting", 0.5)
     assert "50%" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("use", "inner"), [(rr.diagnose, "diagnose_leg"), (rr.fit, "fit_recordings"), (rr.report, "write_report")])
+def test_a_value_in_another_unit_is_taken_only_as_it_is(tmp_path, monkeypatch, use, inner):
+    copytree(SMALL, tmp_path / "slipped")
+    description = tmp_path / "slipped" / "campaign.toml"
+    description.write_text(re.sub(r"height_mm = (2\d\d)\.0", r"height_mm = 0.\1", description.read_text()))
+    with pytest.raises(BadInput, match="height"):
+        use(tmp_path / "slipped")
+
+    def stop(*_):
+        raise RigError("it came to the analysis")
+
+    monkeypatch.setattr(analyses, inner, stop)
+    with pytest.raises(RigError, match="it came to the analysis"):
+        use(tmp_path / "slipped", as_is=True)
