@@ -40,7 +40,8 @@ class Prior(Generic[S]):
     """The parameters of one fit around a first point.
 
     A point x (p,) counts prior standard deviations, so that one step length suits all. The value is centre + std x, or centre exp(std x)
-    for relative parameters, which keeps them positive. `std` (p,) falls back to `spread` where `has_prior` (p,) is False.
+    for relative parameters, which keeps them positive. Below the lowest possible value it is that value: the residuals no longer depend on
+    x, and the prior leads back. `std` (p,) falls back to `spread` where `has_prior` (p,) is False.
     """
 
     parameters: tuple[FitParameter[S], ...]
@@ -62,7 +63,8 @@ class Prior(Generic[S]):
         """The values at x, (p,), in the parameters' units."""
         # np.where evaluates both branches: without the inner one, exp could overflow for parameters that are not relative.
         relative = self._is_relative
-        return np.where(relative, self.centres * np.exp(np.where(relative, self.std * x, 0.0)), self.centres + self.std * x)
+        values = np.where(relative, self.centres * np.exp(np.where(relative, self.std * x, 0.0)), self.centres + self.std * x)
+        return np.maximum(values, self._lowest)
 
     def point(self, name: str, value: float) -> float:
         """The coordinate x at which parameter `name` has `value`."""
@@ -84,9 +86,7 @@ class Prior(Generic[S]):
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper x, each (p,)."""
-        # Relative parameters are positive anyway; a floor applies to shifted ones alone.
-        floors = [-np.inf if p.relative else (p.lowest - c) / s for p, c, s in zip(self.parameters, self.centres, self.std, strict=True)]
-        return np.maximum(-MAX_SHIFT_STD, floors), np.full(len(self.std), MAX_SHIFT_STD)
+        return np.maximum(-MAX_SHIFT_STD, (self._lowest - self.centres) / self.std), np.full(len(self.std), MAX_SHIFT_STD)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -95,6 +95,11 @@ class Prior(Generic[S]):
     @property
     def _is_relative(self) -> NDArray[np.bool_]:
         return np.array([parameter.relative for parameter in self.parameters])
+
+    @property
+    def _lowest(self) -> Floats:
+        # Relative parameters are positive anyway; a limit applies to shifted ones alone.
+        return np.array([-np.inf if parameter.relative else parameter.lowest for parameter in self.parameters])
 
     def _per_x(self, values: Floats) -> Floats:
         return np.where(self._is_relative, np.abs(values), 1.0)
