@@ -15,6 +15,7 @@ from rfca_rig.campaign.experiment_layout import FILE_NAME, ExperimentFile
 from rfca_rig.campaign.recorded_columns import ColumnRequest
 from rfca_rig.campaign.recorded_files import read_columns
 from rfca_rig.campaign.table import select_samples
+from rfca_rig.description.sections import AboutSection
 from rfca_rig.description.toml import place_of, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.contact_law import SphereOnPlane
@@ -87,6 +88,7 @@ class Experiment:
     contacts: tuple[SphereOnPlane, ...] = ()
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     starts_at_rest: bool = False
+    about: AboutSection = field(default_factory=AboutSection)
 
 
 def read_experiment(folder: Path) -> Experiment:
@@ -126,6 +128,7 @@ def read_experiment(folder: Path) -> Experiment:
         ),
         alike=dict(described.alike),
         starts_at_rest=described.start.state == "at rest",
+        about=described.about,
     )
 
 

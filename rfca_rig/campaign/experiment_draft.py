@@ -19,6 +19,7 @@ from rfca_rig.campaign.experiment_layout import (
     TIME_UNITS,
 )
 from rfca_rig.campaign.recorded_files import find_recordings, list_columns
+from rfca_rig.description.sections import AboutSection
 from rfca_rig.description.toml_writing import format_value
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import Mechanism
@@ -57,6 +58,9 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
         f"format = {format_value(FORMAT)}",
         f"title = {format_value(folder.resolve().name)}",
         f"model = {format_value(Path(os.path.relpath(mechanism.path, folder)).as_posix())}",
+        "",
+        "# For the head of every page; remove the signs # in front.",
+        *(f'# about.{name} = ""' for name in AboutSection.model_fields),
         "",
         f"# Columns of {files[0].relative_to(folder).as_posix()}, with their smallest and largest values:",
         *(f"#   {note}" for note in columns.notes),

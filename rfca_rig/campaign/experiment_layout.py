@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from rfca_rig.campaign.pendulum_layout import RunSection, Text
-from rfca_rig.description.sections import NotNegative, Positive, Section
+from rfca_rig.description.sections import AboutSection, NotNegative, Positive, Section
 from rfca_rig.recording.layout import EXPERIMENT
 
 FORMAT = "rfca-experiment/1"
@@ -257,6 +257,7 @@ class ExperimentFile(Section):
 
     format: Literal["rfca-experiment/1"]
     title: Annotated[str, Field(max_length=1000)] = Field(description="name of the experiment")
+    about: AboutSection = AboutSection()
     model: Text = Field(description="MJCF or URDF file, relative to this folder")
     time: TimeSection
     signals: Annotated[tuple[SignalSection, ...], Field(strict=False, min_length=1)]

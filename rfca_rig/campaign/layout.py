@@ -5,7 +5,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from rfca_rig.description.sections import DriveSection, GroundSection, KnownToSection, LegSection, Positive, Section, SensorSection
+from rfca_rig.description.sections import (
+    AboutSection,
+    DriveSection,
+    GroundSection,
+    KnownToSection,
+    LegSection,
+    Positive,
+    Section,
+    SensorSection,
+)
 
 FORMAT = "rfca-campaign/1"
 FILE_NAME = "campaign.toml"
@@ -60,6 +69,7 @@ class CampaignFile(Section):
 
     format: Literal["rfca-campaign/1"]
     title: Annotated[str, Field(max_length=1000)]
+    about: AboutSection = AboutSection()
     leg: LegSection
     ground: GroundSection
     sensor: SensorSection

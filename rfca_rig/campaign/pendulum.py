@@ -32,7 +32,7 @@ The folder holds pendulum.toml and a CSV file per run:
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -49,7 +49,7 @@ from rfca_rig.campaign.pendulum_layout import (
     PendulumRunSection,
 )
 from rfca_rig.campaign.table import CsvTable, numbers, read_table, select_samples
-from rfca_rig.description.sections import Section
+from rfca_rig.description.sections import AboutSection, Section
 from rfca_rig.description.toml import place_of, read_toml
 from rfca_rig.description.toml_writing import comment, format_value, table
 from rfca_rig.errors import BadInput
@@ -85,6 +85,7 @@ class PendulumCampaign:
     known_to: dict[str, float]
     noise_std: dict[str, float]
     runs: tuple[PendulumRun, ...]
+    about: AboutSection = field(default_factory=AboutSection)
 
 
 def read_pendulum_campaign(folder: Path) -> PendulumCampaign:
@@ -101,6 +102,7 @@ def read_pendulum_campaign(folder: Path) -> PendulumCampaign:
         known_to=described.known_to.model_dump(exclude_none=True),
         noise_std=described.noise_std.model_dump(exclude_none=True),
         runs=tuple(_run(folder, described, run) for run in described.runs),
+        about=described.about,
     )
 
 

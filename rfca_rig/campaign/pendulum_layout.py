@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from rfca_rig.description.sections import NotNegative, Positive, Section
+from rfca_rig.description.sections import AboutSection, NotNegative, Positive, Section
 from rfca_rig.recording.layout import PENDULUM
 
 FORMAT = "rfca-pendulum/1"
@@ -120,6 +120,7 @@ class PendulumFile(Section):
 
     format: Literal["rfca-pendulum/1"]
     title: Annotated[str, Field(max_length=1000)]
+    about: AboutSection = AboutSection()
     link1: LinkSection
     link2: LinkSection | None = None
     known_to: KnownToPendulum = KnownToPendulum()

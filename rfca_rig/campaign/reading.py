@@ -252,6 +252,9 @@ def _provenance(folder: Path, campaign: CampaignFile, extra: dict[str, Extra]) -
     """Source of the numbers: the description verbatim, a hash per file, and data without another place in the format."""
     hashes = {run.file: hashlib.sha256((folder / run.file).read_bytes()).hexdigest() for run in campaign.runs}
     found = {"format": FORMAT, FILE_NAME: read_text(folder / FILE_NAME), "sha256": json.dumps(hashes)}
+    about = campaign.about
+    stated = {"started_at": about.date, "operator": about.operator, "sample": about.specimen, "rig": about.rig}
+    found |= {name: text for name, text in stated.items() if text}
     if extra:
         found["static_extra_columns"] = json.dumps(extra, ensure_ascii=False)
     return found

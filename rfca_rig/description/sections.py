@@ -5,6 +5,7 @@ Every key carries its unit. Numbers must be finite, and unknown keys are refused
 
 import math
 from collections.abc import Iterator, Mapping
+from datetime import date
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler, field_validator, model_validator
@@ -160,6 +161,21 @@ class TorqueRotationSection(Section):
         return [knots_from(self.angles_deg, torques, f"the curve of hinge {hinge}") for hinge, torques in each]
 
 
+class AboutSection(Section):
+    """[about]: who measured what and when, as it stands in the head of every page."""
+
+    date: Annotated[str, Field(max_length=100)] = Field(default="", description="day or time of the measurement, as 2026-03-14")
+    operator: Annotated[str, Field(max_length=200)] = Field(default="", description="who measured")
+    specimen: Annotated[str, Field(max_length=200)] = Field(default="", description="what was measured")
+    rig: Annotated[str, Field(max_length=200)] = Field(default="", description="on which rig")
+
+    @field_validator("date", mode="before")
+    @classmethod
+    def _as_text(cls, value: Any) -> Any:
+        # TOML has dates of its own; both ways of writing mean the same.
+        return value.isoformat() if isinstance(value, date) else value
+
+
 class LegSection(Section):
     """[leg]: straight links from the shaft outwards, one torsion spring per hinge, all hinges alike unless their curves differ.
 
@@ -271,7 +287,7 @@ class GroundSection(Section):
 
 
 class NoiseStd(Section):
-    """One standard deviation of a single sample, per channel; None where it is not stated."""
+    """One standard deviation of a single sample, per channel; a channel without a key states none."""
 
     fx_N: NotNegative | None = None
     fy_N: NotNegative | None = None

@@ -10,10 +10,11 @@ from rfca_rig import __version__
 from rfca_rig.bench.provenance import NOT_A_CHECKOUT, UNKNOWN, source_state
 from rfca_rig.campaign.fingerprint import fingerprint
 from rfca_rig.clock import TwinClock
+from rfca_rig.description.sections import AboutSection
 from rfca_rig.recording.model import Recording
 
 PROGRAM = "rfca-rig"
-NOT_STATED = "not stated"
+NOT_STATED = "Not stated"
 SIMULATED_TIME = "simulated time, which has no date"
 # Different dates, operators ... of several recordings that the head of a page lists.
 MOST_FACTS = 3
@@ -43,8 +44,9 @@ class Origin:
         names = {"Date": "date", "Operator": "operator", "Specimen": "specimen", "Rig": "rig"} if self.recordings else {}
         each = {name: list(dict.fromkeys(getattr(one, field) for one in self.recordings)) for name, field in names.items()}
         joined = [(name, ", ".join(filter(None, values[:MOST_FACTS])), len(values)) for name, values in each.items()]
-        shown = [(name, (text or NOT_STATED) + (" ..." if count > MOST_FACTS else "")) for name, text, count in joined]
-        return [*shown, ("Version", f"rfca-rig {self.version}")]
+        shown = [(name, text + (" ..." if count > MOST_FACTS else "")) for name, text, count in joined if text]
+        absent = ", ".join(name.lower() for name, text, _ in joined if not text)
+        return [*shown, *([(NOT_STATED, absent)] if absent else []), ("Version", f"rfca-rig {self.version}")]
 
 
 @dataclass(frozen=True)
@@ -125,9 +127,9 @@ def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recordin
     return Origin(command, (*found, *later), version_text())
 
 
-def origin_of_import(command: str, path: Path, title: str) -> Origin:
+def origin_of_import(command: str, path: Path, title: str, about: AboutSection) -> Origin:
     """Origin of a page about imported data, read at `path`. Raises OSError."""
-    return Origin(command, (_with_hash(RecordingSource("IMPORT", title), path),), version_text())
+    return Origin(command, (_with_hash(RecordingSource("IMPORT", title, **about.model_dump()), path),), version_text())
 
 
 def origin_in_memory(recordings: Sequence[Recording]) -> Origin:
@@ -164,10 +166,12 @@ def _with_hash(source: RecordingSource, path: Path) -> RecordingSource:
 
 
 def date_text(started_at: str) -> str:
-    """Date and time of an ISO 8601 text, to the minute; on the clock of simulated time, which has no date, that."""
+    """Date and time of an ISO 8601 text, to the minute, or a date alone; on the clock of simulated time, which has no date, that."""
     if started_at.startswith(f"{TwinClock().start_time():%Y-%m-%dT%H:%M}"):
         return SIMULATED_TIME
     try:
+        if len(started_at) == len("2026-03-14"):
+            return f"{datetime.fromisoformat(started_at):%Y-%m-%d}"
         return f"{datetime.fromisoformat(started_at):%Y-%m-%d %H:%M %Z}".strip()
     except ValueError:
         return started_at

@@ -85,7 +85,7 @@ RUNS = "runs/dynamic-04.csv"
 TOMLS: dict[str, tuple[Change, str]] = {
     "another format": (swap("rfca-campaign/1", "rfca-campaign/2"), f"{TOML}:1: format: should be 'rfca-campaign/1', not 'rfca-"),
     "misspelt key": (swap("friction_coefficient", "friction_coeficient"), "18: ground.friction_coeficient: unknown key; did you mean "),
-    "unknown section": (swap("[ground]", "[floor]\nx = 1\n[ground]"), f"{TOML}:14: floor: unknown key; known are format, title, leg"),
+    "unknown section": (swap("[ground]", "[floor]\nx = 1\n[ground]"), f"{TOML}:14: floor: unknown key; known are format, title, about"),
     "no [leg]": (lambda text: text[: text.index("[leg]")] + text[text.index("[ground]") :], f"{TOML}: leg: missing"),
     "missing height": (swap("height_mm = 215.0\n", ""), f"{TOML}:41: runs[1].height_mm: missing"),
     "height as text": (swap("height_mm = 235.0", 'height_mm = "235"'), f"{TOML}:58: runs[3].height_mm: should be a number"),

@@ -150,3 +150,12 @@ def test_27_files_of_1400_rows_are_read_well_within_a_second(tmp_path: Path):
     found = read_campaign(campaign)
     assert time.perf_counter() - began_s < 0.5
     assert sum(len(stroke.channel("fz_N")[0]) for stroke in found.strokes) == 27 * 1471
+
+
+def test_who_measured_what_and_when_is_recorded(tmp_path):
+    folder = copy_to(tmp_path)
+    # A date of TOML and a text are the same.
+    edit(folder / "campaign.toml", swap("[leg]", '[about]\ndate = 2026-03-14\noperator = "Ada"\nspecimen = "leg 4"\n\n[leg]'))
+    stated = read_campaign(folder).provenance
+    assert (stated["started_at"], stated["operator"], stated["sample"]) == ("2026-03-14", "Ada", "leg 4")
+    assert "rig" not in stated

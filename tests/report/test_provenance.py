@@ -7,8 +7,18 @@ from pathlib import Path
 
 from rfca_rig.campaign.fingerprint import fingerprint
 from rfca_rig.clock import TwinClock
+from rfca_rig.description.sections import AboutSection
 from rfca_rig.recording.store import write_recording
-from rfca_rig.reports.provenance import NOT_STATED, Origin, command_line, date_text, origin_in_memory, origin_of, version_text
+from rfca_rig.reports.provenance import (
+    NOT_STATED,
+    Origin,
+    command_line,
+    date_text,
+    origin_in_memory,
+    origin_of,
+    origin_of_import,
+    version_text,
+)
 from tests.report.recordings import recording, stages
 
 SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
@@ -48,8 +58,15 @@ def test_the_head_states_date_operator_specimen_rig_and_version():
     one, other = recording(static=stages(), provenance=known), recording(static=stages(), provenance={**known, "operator": "Bo"})
     facts = dict(origin_in_memory([one, other]).facts)
     assert [facts[name] for name in ("Date", "Operator", "Specimen", "Rig")] == ["2026-11-03 14:05 UTC", "Ada, Bo", "leg 4", "bench"]
-    assert dict(origin_in_memory([recording(static=stages())]).facts)["Specimen"] == NOT_STATED
+    # What nobody stated stands together in one place.
+    assert dict(origin_in_memory([recording(static=stages())]).facts)[NOT_STATED] == "date, operator, specimen, rig"
     assert [name for name, _ in Origin().facts] == ["Version"]
+
+
+def test_the_head_of_a_page_of_tables_states_what_their_description_does(tmp_path):
+    (tmp_path / "a.csv").write_text("t\n0\n")
+    facts = dict(origin_of_import("", tmp_path, "arm", AboutSection(date="2026-03-14", operator="Ada")).facts)
+    assert (facts["Date"], facts["Operator"], facts[NOT_STATED]) == ("2026-03-14", "Ada", "specimen, rig")
 
 
 def test_simulated_time_is_no_date():

@@ -17,6 +17,7 @@ from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
     from rfca_rig.cli.close_the_loop import ClosedLoop
+    from rfca_rig.description.sections import AboutSection
     from rfca_rig.diagnosis.result import Diagnosis
     from rfca_rig.executors.mapping import TaskExecutor
     from rfca_rig.mechanism.plant import Plant
@@ -272,8 +273,9 @@ def _pendulum(asked: DiagnoseOptions) -> "Diagnosis":
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
 
+    campaign = read_pendulum_campaign(asked.paths[0])
     with progress(asked.quiet) as bars:
-        return _write_imported(diagnose_pendulum(read_pendulum_campaign(asked.paths[0]), bars.share, asked.without, asked.law_at), asked)
+        return _write_imported(diagnose_pendulum(campaign, bars.share, asked.without, asked.law_at), campaign.about, asked)
 
 
 def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
@@ -284,9 +286,10 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
     from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
     from rfca_rig.reports.diagnosis.tables import describe_law, write_law_table
 
+    experiment = read_experiment(asked.paths[0])
     with progress(asked.quiet) as bars:
-        found = diagnose_mechanism(read_experiment(asked.paths[0]), bars.share, asked.without, asked.law_at, asked.as_is)
-    diagnosis = _write_imported(found.diagnosis, asked)
+        found = diagnose_mechanism(experiment, bars.share, asked.without, asked.law_at, asked.as_is)
+    diagnosis = _write_imported(found.diagnosis, experiment.about, asked)
     _write_plant(found.plant, asked.out, "model.xml", "laws.py", found.stated)
     measured = [asked.out / name for name in ("measured-law.xml", "measured_law.py", "measured-law.csv")]
     if found.law is None:
@@ -321,7 +324,7 @@ def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, sta
         typer.echo(f"{out / model_name}: MJCF does not hold {', '.join(beyond)}; {out / laws_name} does, for your own loop", err=True)
 
 
-def _write_imported(diagnosis: "Diagnosis", asked: DiagnoseOptions) -> "Diagnosis":
+def _write_imported(diagnosis: "Diagnosis", about: "AboutSection", asked: DiagnoseOptions) -> "Diagnosis":
     """Writes the files of a diagnosis of tables from elsewhere."""
     from rfca_rig.diagnosis.result import Diagnosed
     from rfca_rig.recording.identity import identity_of_tables
@@ -332,7 +335,7 @@ def _write_imported(diagnosis: "Diagnosis", asked: DiagnoseOptions) -> "Diagnosi
     # The identity ties the result to these files, wherever they lie.
     recorded = Diagnosed(diagnosis.title, "IMPORT", identity_of_tables(diagnosis.title, folder))
     diagnosis = replace(diagnosis, recordings=(recorded,))
-    write_diagnosis(diagnosis, asked.out, origin_of_import(asked.command, folder, diagnosis.title))
+    write_diagnosis(diagnosis, asked.out, origin_of_import(asked.command, folder, diagnosis.title, about))
     return diagnosis
 
 

@@ -119,7 +119,8 @@ def _write_motions(report: "MotionsReport", fit: "WindowFit", folder: Path, out:
     from rfca_rig.reports.strokes.motions import PAGE, write_motions
     from rfca_rig.reports.text import count_noun
 
-    write_motions(report, fit, out, origin_of_import(command_line("report", folder, options={"--model": model}), folder, report.title))
+    command = command_line("report", folder, options={"--model": model})
+    write_motions(report, fit, out, origin_of_import(command, folder, report.title, report.about))
     if as_json:
         typer.echo((out / report.json_file).read_text(encoding="utf-8"), nl=False)
     else:

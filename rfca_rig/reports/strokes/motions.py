@@ -5,7 +5,7 @@ Residuals are drawn over position and speed of a joint, where omitted physics sh
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.result import describe_pair
 from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.campaign.pendulum import PendulumCampaign
+from rfca_rig.description.sections import AboutSection
 from rfca_rig.diagnosis.config import STRAINED
 from rfca_rig.diagnosis.mechanisms.comparison import JointRemainder, MechanismComparison
 from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT
@@ -25,7 +26,7 @@ from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
 from rfca_rig.reports.provenance import Origin
-from rfca_rig.reports.style import FAINT, MEASURED, OTHER, SIMULATED, WIDTH_IN, Panel, drawing, inline_svg
+from rfca_rig.reports.style import FAINT, MEASURED, OTHER, SIMULATED, Panel, drawing, inline_svg
 from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, as_csv, table_files, write_all
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import MINUS, name_with_unit, words_and_unit
@@ -34,7 +35,7 @@ Floats = NDArray[np.float64]
 
 # Points of one series in one panel.
 MOST_POINTS = 400
-LEFT_IN, BETWEEN_IN, RIGHT_IN, TOP_IN, BOTTOM_IN, PANEL_IN = 0.76, 0.32, 0.2, 0.08, 0.5, 1.3
+LEFT_IN, RIGHT_IN, TOP_IN, BOTTOM_IN, PANEL_IN = 0.76, 0.2, 0.08, 0.5, (3.4, 1.5)
 POSITION, SPEED = "_position_", "_speed_"
 
 PAGE = "report.html"
@@ -43,7 +44,7 @@ MOST_SHOWN = 12
 
 ERRORS = "Rms error"
 ALWAYS = (
-    TableColumn("run", "Recording"),
+    TableColumn("run", role="group"),
     TableColumn("signal", "Signal"),
     TableColumn("unit", "Unit"),
     TableColumn("noise", "Noise", over=ERRORS),
@@ -91,7 +92,7 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
         if with_fit:
             residuals.append((SIMULATED, np.concatenate([one.measured - one.after for one in here])))
         series = [_Series(color, position, speed, residual) for color, residual in residuals]
-        found.append(Picture(name_with_unit(signal), (Panel("", _draw(signal, position_name, series), wide=True),)))
+        found.append(Picture(name_with_unit(signal), _draw(signal, position_name, series)))
     return found
 
 
@@ -116,34 +117,35 @@ def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
         unit = "m" if one.is_slide else "rad"
         name = f"{one.joint} force_N" if one.is_slide else f"{one.joint} torque_Nm"
         series = [_Series(MEASURED, one.position, one.speed, one.remainder)]
-        found.append(Picture(name_with_unit(name), (Panel("", _draw(name, f"{one.joint}{POSITION}{unit}", series), wide=True),)))
+        found.append(Picture(name_with_unit(name), _draw(name, f"{one.joint}{POSITION}{unit}", series)))
     return found
 
 
-def _draw(name: str, position: str, series: Sequence[_Series]) -> str:
-    """Two panels, over position and over speed; `name` is that of the residual."""
-    high_in = BOTTOM_IN + TOP_IN + PANEL_IN
-    width_in = (WIDTH_IN - LEFT_IN - BETWEEN_IN - RIGHT_IN) / 2.0
+def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, Panel]:
+    """Two panels on a common scale, over position and over speed; `name` is that of the residual."""
+    size_in = np.array([PANEL_IN[0] + LEFT_IN + RIGHT_IN, PANEL_IN[1] + BOTTOM_IN + TOP_IN])
+    box = (np.array([LEFT_IN, BOTTOM_IN, *PANEL_IN]) / [*size_in, *size_in]).tolist()
     words, unit = words_and_unit(name)
     of_position, unit_of_position = words_and_unit(position)
-    with drawing():
-        figure = Figure(figsize=(WIDTH_IN, high_in))
-        boxes = [(LEFT_IN + k * (width_in + BETWEEN_IN), BOTTOM_IN, width_in, PANEL_IN) for k in range(2)]
-        of_figure = np.array([WIDTH_IN, high_in, WIDTH_IN, high_in])
-        left = figure.add_axes((np.array(boxes[0]) / of_figure).tolist())
-        right = figure.add_axes((np.array(boxes[1]) / of_figure).tolist(), sharey=left)
-        for axes, part in ((left, "position"), (right, "speed")):
+    over = {
+        "position": f"{of_position} ({unit_of_position})",
+        "speed": f"{of_position.removesuffix('position')}speed ({unit_of_position}/s)",
+    }
+    panels = []
+    for part, label in over.items():
+        with drawing():
+            figure = Figure(figsize=tuple(size_in))
+            axes = figure.add_axes(box)
             axes.axhline(0.0, color=FAINT, lw=0.6)
             for one in series:
                 # Every n-th point, n rounded up: more points only blacken the panel.
                 every = max(1, -(-len(one.residual) // MOST_POINTS))
                 axes.plot(getattr(one, part)[::every], one.residual[::every], ls="", marker=".", ms=3.4, mew=0.0, color=one.color)
-        left.set_ylabel(f"residual ({unit})")
-        left.set_xlabel(f"{of_position} ({unit_of_position})")
-        right.set_xlabel(f"{of_position.removesuffix('position')}speed ({unit_of_position}/s)")
-        right.tick_params(labelleft=False)
-        label = f"residual of {words} over position and speed of the joint"
-        return inline_svg(figure, f"residual {name}", escape(label, quote=True))
+            axes.set_ylabel(f"residual ({unit})")
+            axes.set_xlabel(label)
+            svg = inline_svg(figure, f"residual {name} {part}", escape(f"residual of {words} over {part} of the joint", quote=True))
+        panels.append(Panel("", svg))
+    return panels[0], panels[1]
 
 
 @dataclass(frozen=True)
@@ -166,6 +168,8 @@ class MotionsReport:
         Length of a window in s.
     remainders
         Figures of the torque in each joint that the nominal model lacks.
+    about
+        Who measured what and when.
     """
 
     kind: str
@@ -175,6 +179,7 @@ class MotionsReport:
     file_format: str
     window_s: float
     remainders: Sequence[Picture] = ()
+    about: AboutSection = field(default_factory=AboutSection)
 
     @property
     def json_file(self) -> str:
@@ -187,6 +192,7 @@ def pendulum_report(campaign: PendulumCampaign, model_file: str | None) -> Motio
     return MotionsReport(
         kind="swings of a pendulum",
         title=campaign.title,
+        about=campaign.about,
         nominal=f"the model file {model_file}" if model_file else "pendulum.toml",
         stem="pendulum",
         file_format=PENDULUM_FIT,
@@ -199,6 +205,7 @@ def mechanism_report(experiment: Experiment, comparison: MechanismComparison) ->
     return MotionsReport(
         kind="motions of a mechanism",
         title=experiment.title,
+        about=experiment.about,
         nominal=f"the model file {experiment.model.name}",
         stem="mechanism",
         file_format=MECHANISM_FIT,
@@ -254,7 +261,7 @@ def _error_table(report: MotionsReport, fit: WindowFit) -> Table:
     if fit.shifts:
         caption += "Held-out: each condition of about four windows is predicted with values fitted to all others."
     columns = (*ALWAYS, *OF_FIT) if fit.shifts else ALWAYS
-    feet = tuple(Foot(f"All recordings: {', '.join(filter(None, words_and_unit(e.signal)))}", _errors(e), digits=5) for e in fit.totals)
+    feet = tuple(Foot(f"All: {', '.join(filter(None, words_and_unit(e.signal)))}", _errors(e), digits=5) for e in fit.totals)
     # For a single recording the totals would repeat its own errors.
     is_one = len({error.run for error in fit.errors}) == 1
     return Table(f"{report.stem}-errors", caption, columns, tuple(map(_error_row, fit.errors)), () if is_one else feet)
