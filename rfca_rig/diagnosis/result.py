@@ -164,9 +164,10 @@ class BeforeAfter:
 
 @dataclass(frozen=True)
 class SignalOverlay:
-    """Mean signal of one condition with both models, all (m,).
+    """Mean signal of one condition, or of a recording whose parts are conditions, with both models, all (m,).
 
     `starts_s` are the times where windows start from the measured state. `phase` (m,) names the phase of each row, (0,) where unknown.
+    `parts` are the conditions that it shows.
     """
 
     condition: str
@@ -177,6 +178,7 @@ class SignalOverlay:
     after: Floats
     starts_s: Floats = field(default_factory=lambda: np.empty(0))
     phase: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
+    parts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

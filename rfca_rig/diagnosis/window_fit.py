@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.result import describe_pair, list_correlated_pairs
 from rfca_rig.diagnosis.data.observations import rms
+from rfca_rig.diagnosis.figures import group_by_recording, make_overlays
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.model_selection import Progress
@@ -179,15 +180,7 @@ def _add(optimizer: GaussNewton, here: MapFit, effect: Effect) -> MapFit:
     return max(fits, key=optimizer.free_log_evidence)
 
 
-@dataclass(frozen=True)
-class WindowsOfCondition:
-    """The recording, in words, that a condition is a part of, and where its windows start."""
-
-    recording: str
-    starts_s: tuple[float, ...]
-
-
-def summarize(found: ModelSelectionResult, fitted: Hypothesis, conditions: Sequence[WindowsOfCondition]) -> WindowFit:
+def summarize(found: ModelSelectionResult, fitted: Hypothesis) -> WindowFit:
     """A fit as plain values.
 
     Parameters
@@ -196,10 +189,8 @@ def summarize(found: ModelSelectionResult, fitted: Hypothesis, conditions: Seque
         The search without effects.
     fitted
         The fit, as `fit_effects` gives it.
-    conditions
-        What each condition is a part of.
     """
-    errors, totals, overlays = _compare(found, fitted, conditions)
+    errors, totals, overlays = _compare(found, fitted)
     std_x = np.sqrt(np.diag(fitted.marginal.posterior.covariance))
     rows = found.dataset.rows
     # The larger of two estimates: the jackknife is robust to errors that the rows of one condition share.
@@ -237,32 +228,22 @@ def _list_sizes(fitted: Hypothesis, std_x: Floats) -> Iterator[FittedSize]:
 
 
 def _compare(
-    found: ModelSelectionResult, fitted: Hypothesis, conditions: Sequence[WindowsOfCondition]
+    found: ModelSelectionResult, fitted: Hypothesis
 ) -> tuple[tuple[SignalError, ...], tuple[SignalError, ...], tuple[SignalOverlay, ...]]:
     """Errors and overlays of each signal of each recording, rows in order of time, and errors of each signal of all."""
     rows, nominal, after = found.dataset.rows, found.nominal.predicted, fitted.rows
     held_out = None
-    if len(conditions) > 1:
+    conditions = len(found.dataset.parts)
+    if conditions > 1:
         linear = fitted.fitted.linear(rows.measured)
-        held_out = loo_residuals(linear, fitted.marginal.whitening, rows.condition, range(len(conditions)))
+        held_out = loo_residuals(linear, fitted.marginal.whitening, rows.condition, range(conditions))
 
     def error(name: str, signal: str, here: NDArray[np.intp]) -> SignalError:
         held_out_rms = None if held_out is None else rms(held_out[here])
         measured = rows.measured[here]
         return SignalError(name, signal, rms(rows.noise[here]), rms(measured - nominal[here]), rms(measured - after[here]), held_out_rms)
 
-    recordings, signals = [one.recording for one in conditions], dict.fromkeys(label.signal for label in rows.labels)
-    # Windows of one recording are spread over several conditions; a picture shows the recording as a whole.
-    of_row = np.array(recordings)[rows.condition]
-    errors, overlays = [], []
-    for name in dict.fromkeys(recordings):
-        starts_s = np.array([start_s for one in conditions if one.recording == name for start_s in one.starts_s])
-        for signal in signals:
-            here = np.flatnonzero((of_row == name) & (rows.signal == signal))
-            if here.size:
-                here = here[np.argsort(rows.t_s[here], kind="stable")]
-                errors.append(error(name, signal, here))
-                columns = (rows.measured[here], nominal[here], after[here], starts_s, rows.phase[here])
-                overlays.append(SignalOverlay(name, signal, rows.t_s[here], *columns))
+    signals = dict.fromkeys(label.signal for label in rows.labels)
+    errors = [error(name, signal, here) for (name, signal), (_, here) in group_by_recording(rows).items()]
     totals = [error(ALL, signal, np.flatnonzero(rows.signal == signal)) for signal in signals]
-    return tuple(errors), tuple(totals), tuple(overlays)
+    return tuple(errors), tuple(totals), make_overlays(found, fitted)

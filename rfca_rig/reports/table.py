@@ -176,6 +176,9 @@ def cell(column: TableColumn, row: TableRow) -> TableCell:
         return TableCell(f"{value:.6g}", is_number=True)
     known = float(half) if isinstance(half, int | float) and isfinite(half) and half > 0 else None
     digits = _digits(value, known, column.digits if row.digits is None else row.digits)
+    if known is None and 0.0 < value < 0.5 * 10.0**-digits:
+        # Rounded to zero, a small value would look like none.
+        return TableCell(f"< {format_rounded(10.0**-digits, digits)}", is_number=True)
     return TableCell(format_rounded(value, digits), "" if known is None else format_rounded(known, digits), is_number=True)
 
 

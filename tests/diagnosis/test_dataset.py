@@ -1,11 +1,14 @@
 """The model's answer to all that was recorded."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.diagnosis.data.observations import Label
+from rfca_rig.diagnosis.figures import group_by_recording
 from rfca_rig.diagnosis.leg.simulator import MOVES, make_leg_dataset, select_tables
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.model.parameters import Swing
@@ -50,3 +53,17 @@ def test_a_table_that_was_asked_before_answers_to_what_is_asked_now(dataset):
     others = replace(table, moves=MOVES[2]), replace(table, height_m=table.height_m + 0.002), replace(table, stages=table.stages[:2])
     answers = [*answers[:4], *(other.simulated(ModelPoint(RIG)) for other in others)]
     assert len({answer.tobytes() for answer in answers}) == len(answers)
+
+
+def test_parts_of_a_recording_are_one_curve_in_order_of_time_and_stages_keep_theirs():
+    parts = [Label("motions", f"run 1, part {k}", "angle_rad", recording="run 1", starts_s=(2.0 * k,)) for k in (1, 0)]
+    table = Label("static", "215 mm", "angle_rad")
+    # The second part was cut first; the stages are loaded and unloaded, so their shaft angle goes up and down.
+    rows = SimpleNamespace(
+        labels=(*parts, table), label=np.array([0, 0, 1, 1, 2, 2, 2]), t_s=np.array([2.0, 3.0, 0.0, 1.0, 60.0, 90.0, 70.0])
+    )
+    groups = group_by_recording(rows)
+    assert list(groups) == [("run 1", "angle_rad"), ("215 mm", "angle_rad")]
+    assert [here.tolist() for _, here in groups.values()] == [[2, 3, 0, 1], [4, 5, 6]]
+    assert groups["run 1", "angle_rad"][0] == parts
+    assert list(group_by_recording(rows, "static")) == [("215 mm", "angle_rad")]

@@ -388,6 +388,43 @@ def test_a_place_without_a_recording_stays_empty():
     assert (here.phase, first[0].text, first[1].text != "") == ("rest", "", True)
 
 
+MOTIONS = tuple(f"{run}, repeat 1, {begin}.0 to {begin + 2}.0 s" for run in ("sines 1", "sines 2") for begin in (0, 2))
+
+
+def motions_of(signal):
+    """Cells of a mechanism: the phase of each condition is its run."""
+    return tuple(MapCell(signal, "motions", one.partition(",")[0], one, 0.1, 9.0) for one in MOTIONS)
+
+
+def test_conditions_that_are_one_phase_each_leave_no_place_empty():
+    located = (Located("joint1_position_rad", "motions", "sines 2", MOTIONS[2:], 0.1, "rad", 9.0, 0.001),)
+    (only,) = maps_of(replace(NAMED, cells=motions_of("joint1_position_rad"), located=located))
+    shades = {(row.label, column): shade for _, rows in only.signals for row in rows for column, shade in enumerate(row.shades)}
+    assert only.phases == ("",) and len(shades) == len(MOTIONS)
+    assert all(shade.text for shade in shades.values())
+    assert {label for (label, _), shade in shades.items() if shade.located} == {"sines 2"}
+
+
+def test_a_place_that_all_conditions_with_its_phase_show_does_not_list_them():
+    located = (Located("joint1_position_rad", "motions", "sines 2", MOTIONS[2:], 0.1, "rad", 9.0, 0.001),)
+    text = read(page(replace(NAMED, cells=motions_of("joint1_position_rad"), located=located), PageContext(Origin())))
+    assert "all 2" in text and MOTIONS[2] not in text.partition("Located")[2].partition("p is the")[0]
+
+
+def test_the_parts_of_a_recording_are_drawn_as_one():
+    t_s = np.linspace(0.0, 4.0, 81)
+    late = np.where(t_s > 2.0, 1.0, 0.1)
+    whole = SignalOverlay(
+        "sines 1, repeat 1", "joint1_position_rad", t_s, late, 0 * t_s, late, np.array([0.0, 2.0]), np.full(81, "sines 1"), MOTIONS[:2]
+    )
+    located = (Located("joint1_position_rad", "motions", "sines 1", MOTIONS[:2], 0.1, "rad", 9.0, 0.001),)
+    drawn = draw_residual(replace(NAMED, overlays=(whole,), located=located))
+    # A phase that is the whole recording is not shaded, and one recording is not the worst of two.
+    assert "at sines 1, repeat 1. Rms (sines 1): 0.71" in drawn.caption.replace("\u00a0", " ") and "worst" not in drawn.caption
+    assert "var(--pale)" not in drawn.panels[0].svg
+    assert "1 recording on one scale" in pictures_of([whole])[0].caption
+
+
 @pytest.mark.parametrize(
     ("conditions", "rows", "columns"),
     [

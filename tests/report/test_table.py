@@ -99,3 +99,11 @@ def test_values_have_the_digits_that_their_uncertainty_leaves():
     sure = with_common_decimals(column, rows)
     assert [cell(sure, row).half for row in rows] == ["0.011", "0.012", "3.000"]
     assert cell(column, TableRow({"k0_Nm_per_rad": -0.00001, "half": 0.1})).text == "0.00"
+
+
+def test_a_small_value_does_not_round_to_none():
+    column, said = TableColumn("noise"), []
+    for value in (2e-5, 0.0, 5e-5, -2e-5):
+        said.append(cell(column, TableRow({"noise": value}, digits=4)).text)
+    assert said == ["< 0.0001", "0.0000", "0.0001", "0.0000"]
+    assert "2e-05" in as_csv(Table("t", "", (column,), (TableRow({"noise": 2e-5}, digits=4),)))

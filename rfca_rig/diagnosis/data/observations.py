@@ -29,6 +29,10 @@ class Label:
         How far the rows' `progress` differs where the model's errors are no longer alike.
     errs_by_phase
         Whether the model errs independently in each phase.
+    recording
+        The recording that the condition is a part of, in words; "" where it is not one of several parts.
+    starts_s
+        Times in the recording at which its windows start.
     """
 
     experiment: str
@@ -36,6 +40,8 @@ class Label:
     signal: str
     correlation_length: float = 1.0
     errs_by_phase: bool = True
+    recording: str = ""
+    starts_s: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

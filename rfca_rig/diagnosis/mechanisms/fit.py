@@ -13,7 +13,7 @@ from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
-from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, fit_effects, summarize
+from rfca_rig.diagnosis.window_fit import WindowFit, fit_effects, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.load import load_mechanism
@@ -88,9 +88,8 @@ def fit_problem(problem: MechanismProblem, space: Prior[MechanismInput], effects
     dataset = make_dataset(problem.conditions, problem.simulator)
     found = search_models(dataset, Parameterization(space), [], lambda _, share: progress("fitting nominal values", scale * share))
     fitted = fit_effects(found, effects, progress)
-    windows = [WindowsOfCondition(c.recording, tuple(each.window.start_s for each in c.windows)) for c in problem.conditions]
     plant = problem.simulator.plant(fitted.fitted.coordinates.supposed(fitted.marginal.posterior.mean))
-    return MechanismFit(summarize(found, fitted, windows), plant)
+    return MechanismFit(summarize(found, fitted), plant)
 
 
 def _select(space: Prior[MechanismInput], names: Collection[str]) -> Prior[MechanismInput]:

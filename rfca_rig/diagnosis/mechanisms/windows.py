@@ -147,7 +147,8 @@ class Motions:
 
     def rows(self) -> Observations:
         """The measured rows."""
-        labels = tuple(Label(MOTION_EXPERIMENT, self.name, signal) for signal in self.signals)
+        starts_s = tuple(each.window.start_s for each in self.windows)
+        labels = tuple(Label(MOTION_EXPERIMENT, self.name, signal, recording=self.recording, starts_s=starts_s) for signal in self.signals)
         first = self.windows[0].window
         bin_s = float(np.median(np.diff(first.t_s[first.bins]))) if len(first.bins) > 1 else float(first.t_s[-1])
         # A motion from rest is one window as a whole, so its correlation length is counted in bins.

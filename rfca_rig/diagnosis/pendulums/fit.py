@@ -1,15 +1,15 @@
 """Nominal values of a pendulum fitted to its recordings, with no effect in the model."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
-from rfca_rig.analysis.swings import SwingProblem, SwingWindow, apply_nuisances, make_swing_problem
+from rfca_rig.analysis.swings import SwingProblem, apply_nuisances, make_swing_problem
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum, to_pendulum_input
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, cut_stretches, make_pendulum_dataset
-from rfca_rig.diagnosis.window_fit import WindowFit, WindowsOfCondition, summarize
+from rfca_rig.diagnosis.window_fit import WindowFit, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.pendulum import Pendulum
@@ -49,13 +49,9 @@ def fit_pendulum(campaign: PendulumCampaign, progress: Progress, names: Collecti
     stretches = cut_stretches(problem)
     space = space_of_pendulum(problem.pendulum, problem.nuisances)
     found = search_models(make_pendulum_dataset(stretches), Parameterization(space), [], progress)
-    fit = summarize(found, found.nothing, [_windows_of(problem, [one.window for one in stretch.windows]) for stretch in stretches])
+    fit = summarize(found, found.nothing)
     shifts = dict(to_pendulum_input(space.at(found.nothing.marginal.posterior.mean)).off)
     return PendulumFit(fit, apply_nuisances(problem.pendulum, shifts))
-
-
-def _windows_of(problem: SwingProblem, windows: Sequence[SwingWindow]) -> WindowsOfCondition:
-    return WindowsOfCondition(problem.conditions[windows[0].run], tuple(window.start_s for window in windows))
 
 
 def _with_nuisances(problem: SwingProblem, names: Collection[str]) -> SwingProblem:

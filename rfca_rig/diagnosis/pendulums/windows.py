@@ -53,10 +53,14 @@ class StartedWindow:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A few windows of one run, which are one condition; `named` is its name."""
+    """A few windows of one run, which are one condition.
+
+    `named` is its name, `run` the condition of the run, and `recording` the run itself, both in words.
+    """
 
     named: str
     run: str
+    recording: str
     pendulum: Pendulum
     windows: tuple[StartedWindow, ...]
 
@@ -78,7 +82,8 @@ class Stretch:
 
     def rows(self) -> Observations:
         """The measured rows."""
-        labels = tuple(Label(SWING_EXPERIMENT, self.named, signal) for signal in self.signals)
+        starts_s = tuple(each.window.start_s for each in self.windows)
+        labels = tuple(Label(SWING_EXPERIMENT, self.named, signal, recording=self.recording, starts_s=starts_s) for signal in self.signals)
         shape = (len(self.signals), -1)
         parts = [
             WindowRows(
@@ -122,7 +127,8 @@ def _of_run(problem: SwingProblem, run: int) -> list[Stretch]:
 def _stretch(problem: SwingProblem, run: int, windows: Sequence[StartedWindow]) -> Stretch:
     begin_s, last = windows[0].window.start_s, windows[-1].window
     name = problem.conditions[run]
-    return Stretch(f"{name}, {begin_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s", _condition(name), problem.pendulum, tuple(windows))
+    times = f"{begin_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
+    return Stretch(f"{name}, {times}", _condition(name), name, problem.pendulum, tuple(windows))
 
 
 def _condition(run: str) -> str:

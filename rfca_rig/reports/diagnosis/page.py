@@ -189,6 +189,9 @@ def band(sigmas: float) -> int:
 
 def _map(experiment: str, cells: Sequence[MapCell], located: frozenset[tuple[str, str, str, str]]) -> Map:
     phases = sorted(dict.fromkeys(cell.phase for cell in cells), key=_place_on_map)
+    if len({(cell.condition, cell.phase) for cell in cells}) == len({cell.condition for cell in cells}):
+        # Each condition is one phase, and its label names it: columns for other phases would be empty.
+        phases = [""]
     grid = condition_grid([cell.condition for cell in cells], len(phases))
     unit, columns = _without_unit(grid.columns)
     signals = dict.fromkeys(cell.signal for cell in cells)
@@ -208,7 +211,7 @@ def _place_on_map(phase: str) -> tuple[int, str]:
 
 
 def _rows(cells: Sequence[MapCell], phases: Sequence[str], grid: Grid, located: frozenset[tuple[str, str, str, str]]) -> tuple[MapRow, ...]:
-    by_place = {(cell.phase, cell.condition): cell for cell in cells}
+    by_place = {(cell.phase if len(phases) > 1 else phases[0], cell.condition): cell for cell in cells}
     across = [(phase, column) for phase in phases for column in grid.columns]
     largest = max((abs(cell.size) for cell in cells if isfinite(cell.size)), default=0.0)
     # One number of decimals for all cells of a signal, so that they can be compared at a glance.
@@ -357,8 +360,9 @@ def _place(place: Located, diagnosis: Diagnosis) -> dict[str, str]:
 
 
 def _conditions(place: Located, diagnosis: Diagnosis) -> str:
-    """Conditions of a place: "all 12" where every condition shows it, else their labels."""
-    every = {cell.condition for cell in diagnosis.cells if (cell.signal, cell.experiment) == (place.signal, place.experiment)}
+    """Conditions of a place: "all 12" where every condition with that phase shows it, else their labels."""
+    of_place = (place.signal, place.experiment, place.phase)
+    every = {cell.condition for cell in diagnosis.cells if (cell.signal, cell.experiment, cell.phase) == of_place}
     if len(place.conditions) > 1 and every == set(place.conditions):
         return f"all {len(every)}"
     return keep_units_together("; ".join(place.conditions)) or NOTHING

@@ -80,7 +80,8 @@ def _picture(signal: str, overlays: Sequence[SignalOverlay], is_kept: bool) -> P
     unit, fit = words_and_unit(signal)[1], residuals_of(overlays)
     largest = max(fit.before, fit.after if np.isfinite(fit.after) else 0.0)
     coincide = np.isfinite(largest) and largest < COINCIDE * _span(np.concatenate([each.measured for each in overlays]))
-    caption = f"Means over the repeats, {count_noun(len(overlays), 'condition')} on one scale."
+    noun = "recording" if any(len(each.parts) > 1 for each in overlays) else "condition"
+    caption = f"Means over the repeats, {count_noun(len(overlays), noun)} on one scale."
     summary = f"{signal_words(signal)}: all curves coincide, rms {format_significant(largest, 2)} {unit} at most".rstrip()
     limits = [_limits(np.concatenate(list(values))) for values in ((o.t_s for o in overlays), _all_lines(overlays))]
     panels = tuple(_panel(number, overlay, limits) for number, overlay in enumerate(overlays))
@@ -156,7 +157,7 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     It is the located signal and phase with the most standard deviations, or, where nothing was located, the largest cell of the map, in
     the condition with the largest residual. The phase is shaded.
     """
-    drawn = {(one.signal, one.condition): one for one in diagnosis.overlays}
+    drawn = {(one.signal, part): one for one in diagnosis.overlays for part in one.parts or (one.condition,)}
     signals = {signal for signal, _ in drawn}
     places = [(one.sigmas, one.signal, one.phase, one.conditions) for one in diagnosis.located if one.signal in signals]
     if not places:
@@ -169,6 +170,8 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
         return None
     overlay = max(there, key=lambda one: float(np.nan_to_num(np.abs(one.measured - one.before)).max(initial=0.0)))
     inside = overlay.phase == phase if overlay.phase.size else np.zeros(len(overlay.t_s), dtype=bool)
+    # A phase that fills the figure needs no shade.
+    inside &= not inside.all()
     unit, words = words_and_unit(signal)[1], signal_words(signal)
     before, after = overlay.measured - overlay.before, overlay.measured - overlay.after
     shown = inside if inside.any() else np.ones(len(overlay.t_s), dtype=bool)
@@ -192,7 +195,8 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
         label = escape(f"residual of {words} over time at {overlay.condition}, before and after", quote=True)
         svg = inline_svg(figure, "residual located", label, hovers)
     where = f"{phase}, shaded" if inside.any() else phase
-    others = f" The worst of {len(conditions)} conditions where it shows." if len(conditions) > 1 else ""
+    count = len({one.condition for one in there})
+    others = f" The worst of {count} conditions where it shows." if count > 1 else ""
     caption = f"Measured less simulated at {overlay.condition}. Rms ({where}): {numbers}.{others}"
     return Picture(f"Residual of {words}", (Panel("", svg),), keep_units_together(caption))
 

@@ -146,7 +146,7 @@ def _quantities_table(result: SweepResult) -> Table:
         )
     rows += [_row(name, value_text(value), "", "fixed") for name, value in plan.fixed]
     columns = (TableColumn("what"), TableColumn("values"), TableColumn("how_many", "number"), TableColumn("column", "column"))
-    return Table("varied", "All else is as the model believes it.", columns, tuple(rows))
+    return Table("varied", "All other values are nominal.", columns, tuple(rows))
 
 
 def _row(name: str, values: str, spacing: str, number: str) -> TableRow:
