@@ -555,6 +555,23 @@ def test_the_located_phase_is_shaded_and_its_rms_stated():
     assert (min(begin, end), max(begin, end)) == pytest.approx((0.40, 0.59), abs=0.005)
 
 
+def test_the_next_experiment_is_a_sentence_and_its_values_are_folded():
+    proposal = {
+        "kind": "sine",
+        "minutes": 2.2,
+        "separates": [["joint_stribeck", "joint_friction", 43.8]],
+        "why": "move all joints along a sine at 0.84 Hz",
+        "protocol": None,
+    }
+    text = page(replace(NAMED, next_experiment=proposal), PageContext(Origin())).partition("Next experiment</h2>")[2]
+    assert "<p>Move all joints along a sine at 0.84" in text
+    folded = text.partition("<details>")[2].partition("</details>")[0]
+    assert "joint_stribeck from joint_friction: 44" in folded and "minutes" in folded
+    assert "protocol" not in folded and "43.8" not in folded
+    linked = page(replace(NAMED, next_experiment={**proposal, "protocol": "next-experiment.toml"}), PageContext(Origin()))
+    assert '<a href="next-experiment.toml">' in linked.partition("Next experiment</h2>")[2]
+
+
 def shaft_overlays():
     t_s = np.linspace(0.0, 1.0, 50)
     return tuple(SignalOverlay(name, "shaft_angle_rad", t_s, -0.1 * t_s, 0 * t_s, -0.099 * t_s) for name in CONDITIONS[:2])

@@ -254,6 +254,11 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
     differing = {one.signal for one in (*diagnosis.located, *diagnosis.remaining)}
     pictures = pictures_of(diagnosis.overlays, differing)
     next_step, next_command = describe_next_step(diagnosis)
+    proposal: Mapping[str, Any] = diagnosis.next_experiment or {}
+    why = str(proposal.get("why", ""))
+    # Each pair of hypotheses with the log evidence that the experiment is expected to give.
+    pairs = [f"{one} from {other}: {format_significant(log, 2)}" for one, other, log in proposal.get("separates", ())]
+    separates = {"separates by log evidence": pairs} if pairs else {}
     return template("diagnosis.html").render(
         sheets=("verdict.css", "diagnosis.css"),
         origin=context.origin,
@@ -291,7 +296,9 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
         not_tested=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is None],
         nothing_unexplained=NOTHING_LEFT.get(diagnosis.grade, ""),
         unexplained=[_text(text) for text in diagnosis.unexplained],
-        next_experiment=entries(diagnosis.next_experiment or {}),
+        next_protocol=proposal.get("protocol"),
+        next_reason=_text(f"{why[:1].upper()}{why[1:]}"),
+        next_values=entries({name: value for name, value in proposal.items() if name not in ("why", "protocol", "separates")} | separates),
         remarks=[_text(text) for text in diagnosis.remarks],
         nominal=_nuisances(diagnosis),
         settings=entries(diagnosis.settings),
