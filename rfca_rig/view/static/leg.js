@@ -103,7 +103,7 @@ export class LegPicture {
     if (said === this.said) return;
     this.said = said;
     this.key.replaceChildren(made("span", SOURCES[message.source] ?? `leg: ${message.source}`, "of-leg"));
-    if (message.ghost) this.key.append(made("span", "ghost: where the model, as believed and planned, has it now", "of-ghost"));
+    if (message.ghost) this.key.append(made("span", "ghost: the nominal model at the commanded angle", "of-ghost"));
     if (message.force) this.key.append(made("span", "force as the sensor feels it, weight included", "of-force"));
     this.key.append(made("span", `shaft ${number(1e3 * message.height_m)} mm above the floor`, "of-floor"));
     this.svg.setAttribute("aria-label", `side view of the leg. ${this.key.innerText}`);
