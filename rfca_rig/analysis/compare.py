@@ -49,8 +49,11 @@ class ComparedCondition:
 
     def mean_phases(self) -> StrokePhases:
         """Mean of each border over the repeats that reached it; of the simulated strokes where no repeat has a measurable contact."""
-        measured = [r.phases for r in self.repeats]
-        return _mean_phases(measured if self.contact_is_measured else [_phases_of(model) for model in self.simulated])
+        if self.contact_is_measured:
+            return _mean_phases([r.phases for r in self.repeats])
+        return _mean_phases(
+            [phases_of_simulation(one.stroke, one.valley.time_s if isinstance(one.valley, Valley) else np.inf) for one in self.simulated]
+        )
 
     def rms_N(self) -> dict[str, float]:
         """Root mean square of the residual over all repeats, by phase; phases without samples are omitted."""
@@ -97,10 +100,6 @@ def _compare_stroke(stroke: Stroke, model: MatchedSimulation) -> ComparedRepeat:
     t_s, fz_N = trace
     valley, phases = valley_and_phases(t_s, fz_N)
     return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - _interpolate_fz(model, t_s), valley, phases)
-
-
-def _phases_of(model: MatchedSimulation) -> StrokePhases:
-    return phases_of_simulation(model.stroke, model.valley.time_s if isinstance(model.valley, Valley) else np.inf)
 
 
 def _mean_phases(each: Sequence[StrokePhases]) -> StrokePhases:

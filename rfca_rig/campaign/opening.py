@@ -95,15 +95,11 @@ def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True) -> list[R
     recordings = open_recordings(paths, as_is)
     for path, recording in zip(paths, recordings, strict=True):
         if recording.nominal or recording.strokes:
-            _check_belief(path, recording)
+            try:
+                nominal_model(recording.nominal)
+            except BadInput as error:
+                raise BadInput(f"{path}: {error}") from None
     return recordings
-
-
-def _check_belief(path: Path, recording: Recording) -> None:
-    try:
-        nominal_model(recording.nominal)
-    except BadInput as error:
-        raise BadInput(f"{path}: {error}") from None
 
 
 def _open(path: Path) -> Recording:

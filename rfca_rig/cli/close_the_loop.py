@@ -1,10 +1,9 @@
 """The rounds of `rfca-rig diagnose --close-the-loop`: run the proposed experiment, diagnose old and new together, repeat."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.campaign.opening import open_with_nominal_model
@@ -122,12 +121,9 @@ def nominal_model_of(rig: RigFile, first: Recording) -> tuple[ModelFile | None, 
     known_to = rig.known_to.model_dump(exclude_none=True) if rig.known_to else {}
     if rig.nominal() == first.nominal and known_to == first.known_to:
         return None, ""
-    model = validate({**first.nominal, "known_to": _without_none(first.known_to)}, ModelFile, first.title)
+    stated = {key: value for key, value in first.known_to.items() if value is not None}
+    model = validate({**first.nominal, "known_to": stated}, ModelFile, first.title)
     # A file of another version may lose values on the way; a new recording must state the very same model.
     if model.nominal() != first.nominal or model.known_to.model_dump(exclude_none=True) != first.known_to:
         raise BadInput(f"{first.title}: its nominal values cannot be taken over for new runs; run the proposed protocol by hand")
     return model, json.dumps({**first.nominal, "known_to": first.known_to})
-
-
-def _without_none(known_to: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in known_to.items() if value is not None}

@@ -24,7 +24,6 @@ from rfca_rig.recording.layout import RECORDING
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import write_ending
 from rfca_rig.recording.summary import summarize
-from rfca_rig.twin_server.faults import FaultEvent
 
 
 def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:
@@ -131,7 +130,8 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     known_to = config.nominal_source.known_to.model_dump(exclude_none=True) if config.nominal_source.known_to else {}
     seed = {} if config.twin_seed is None else {"seed": str(config.twin_seed)}
     named = {"rig": config.rig_name} if config.rig_name else {}
-    named |= {"twin_faults": ", ".join(_describe_fault(fault) for fault in config.faults)} if config.faults else {}
+    if config.faults:
+        named["twin_faults"] = ", ".join(f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s" for fault in config.faults)
     texts = {"rig_file": config.rig_text, "protocol_file": config.protocol_text}
     texts |= ({"model_file": config.model_text} if config.model else {}) | ({"camera_file": config.camera_text} if config.eye else {})
     # A lab's own drivers and effects are part of the rig: without their text the recording could not be explained.
@@ -154,7 +154,3 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
             **named,
         },
     )
-
-
-def _describe_fault(fault: FaultEvent) -> str:
-    return f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s"

@@ -233,7 +233,9 @@ class BinaryStream:
             record = self._record_at(0)
             if record is not None and self._follows(record):
                 return self._accept(record)
-            self._lose_step()
+            self._in_step = False
+            self.malformed += 1
+            self.last_malformed = self._reason
         if not self._in_step and self._find_step():
             record = self._record_at(0)
             assert record is not None
@@ -252,11 +254,6 @@ class BinaryStream:
             return True
         self._reason = f"values jump by {_jump(self._last, record)} counts from one record to the next"
         return False
-
-    def _lose_step(self) -> None:
-        self._in_step = False
-        self.malformed += 1
-        self.last_malformed = self._reason
 
     def _find_step(self) -> bool:
         """Skip to the best alignment; False where more bytes are needed to compare all alignments."""

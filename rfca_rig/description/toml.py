@@ -186,7 +186,8 @@ class _Fault:
         message = _plain(_to_degrees(error) if in_degrees else error)
         if self.kind == "extra_forbidden":
             known = _keys_at(self.key[:-1], model, {str(part) for part in error["loc"]})
-            self.likely = _likely_key(self.key, known)
+            close = difflib.get_close_matches(str(self.key[-1]), known, n=1, cutoff=0.7)
+            self.likely = close[0] if close else None
             message = f"unknown key; did you mean {self.likely}?" if self.likely else f"unknown key; known are {', '.join(known) or 'none'}"
         self.text = f"{_format_key(self.key)}: {message}" if self.key else message
 
@@ -265,11 +266,6 @@ def _to_degrees(error: ErrorDetails) -> ErrorDetails:
 
 def _lower(text: str) -> str:
     return text[:1].lower() + text[1:]
-
-
-def _likely_key(key: Key, known: list[str]) -> str | None:
-    close = difflib.get_close_matches(str(key[-1]), known, n=1, cutoff=0.7)
-    return close[0] if close else None
 
 
 def _keys_at(table: Key, model: type[BaseModel], tags: set[str]) -> list[str]:

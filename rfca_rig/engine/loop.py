@@ -165,7 +165,9 @@ class Loop:
             listener(shaft, force)
         self._show(shaft, force)
         self._monitor.reports(self.now_s, shaft, force)
-        self._remember_force(force)
+        if len(force.counts):
+            # Mean over the records of one tick (14 at 7 kHz and 2 ms), which reduces the sensor's noise.
+            self._wrench = np.add.reduce(force.counts, axis=0, dtype=np.float64) / len(force.counts) / self._counts_per_unit
         if len(shaft.angle_rad):
             self.angle_rad, self.speed_rad_s = float(shaft.angle_rad[-1]), float(shaft.speed_rad_s[-1])
         return len(shaft.angle_rad) > 0
@@ -182,11 +184,6 @@ class Loop:
         except DeviceError as error:
             # Without the sensor nothing guards the leg, so this ends the motion at once.
             raise Tripped(Trip.SENSOR_LOST, str(error)) from error
-
-    def _remember_force(self, force: ForceSamples) -> None:
-        if len(force.counts):
-            # Mean over the records of one tick (14 at 7 kHz and 2 ms), which reduces the sensor's noise.
-            self._wrench = np.add.reduce(force.counts, axis=0, dtype=np.float64) / len(force.counts) / self._counts_per_unit
 
     @contextmanager
     def record(self, listener: Listener) -> Iterator[SampleCollector]:

@@ -175,7 +175,9 @@ class _Run:
                 self._observer.stage(stage, self._expected.get(stage))
                 self._carry_out(stage)
                 progress(stage)
-            self._stand_still()
+            # 0.1 s at the last target: the shaft comes to rest under control before the torque is removed.
+            for _ in range(50):
+                self._loop.step_to_angle(self._loop.target_rad, 0.0, TICK_S)
         except Stopped:
             if self._stop_request.level == StopLevel.RAMP_DOWN:
                 # Only this level slows down first; TORQUE_OFF goes straight to `stop`.
@@ -244,11 +246,6 @@ class _Run:
         self._bench.sensor.start()
         self._bench.motor.enable()
         self._loop.begin()
-
-    def _stand_still(self) -> None:
-        # 0.1 s at the last target: the shaft comes to rest under control before the torque is removed.
-        for _ in range(50):
-            self._loop.step_to_angle(self._loop.target_rad, 0.0, TICK_S)
 
     def _ramp_down(self) -> None:
         """Slows the shaft down before its torque is removed. A trip meanwhile only ends that sooner."""

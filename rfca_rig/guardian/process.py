@@ -307,7 +307,10 @@ class Guardian:
                 if message is None:
                     break
                 # Each frame is passed on at once, since the parent may be waiting for it.
-                self._forward_to_parent(message, now_s)
+                self._link.put(from_frame(message, message.timestamp), may_be_dropped=True)
+                self._link.flush()
+                if self._torque_off is not None and not message.is_error_frame and not message.is_remote_frame:
+                    self._torque_off.hear(message, now_s)
             self._is_off = self._bus.state is can.BusState.ERROR
         # Exceptions of any type, see `run_guardian`; the error is reported to the parent.
         except Exception as error:
@@ -319,12 +322,6 @@ class Guardian:
         if self._bus_fileno is None or now_s - self._alive_s >= ALIVE_S:
             return True
         return bool(select.select([self._bus_fileno], [], [], 0.0)[0])
-
-    def _forward_to_parent(self, message: can.Message, now_s: float) -> None:
-        self._link.put(from_frame(message, message.timestamp), may_be_dropped=True)
-        self._link.flush()
-        if self._torque_off is not None and not message.is_error_frame and not message.is_remote_frame:
-            self._torque_off.hear(message, now_s)
 
     # -- torque off ----------------------------------------------------------------------------------------------------------
 

@@ -61,13 +61,9 @@ class SweepResult:
         for remark in self.remarks:
             for reason in filter(None, remark.split("; ")):
                 # Messages contain times and forces of their own case, which would make every reason unique.
-                key = _without_numbers(reason)
+                key = " ".join("…" if any(sign.isdigit() for sign in word) else word for word in reason.split())
                 counts[key] = counts.get(key, 0) + 1
         return sorted(counts.items(), key=lambda each: (-each[1], each[0]))
-
-
-def _without_numbers(text: str) -> str:
-    return " ".join("…" if any(sign.isdigit() for sign in word) else word for word in text.split())
 
 
 def write_result(result: SweepResult, folder: Path) -> None:

@@ -146,13 +146,10 @@ class OdriveTwin:
         # A set-point that is not finite disarms the drive, with an error that depends on the firmware.
         if not (isfinite(wanted.angle_rad) and isfinite(wanted.speed_rad_s) and isfinite(wanted.torque_Nm)):
             self._wanted = MotorSetPoint(wanted.mode)
-            self._fail_not_finite()
-
-    def _fail_not_finite(self) -> None:
-        if self._settings.dialect == OdriveFirmware.V0_5:
-            self.fail_part(OdrivePart.MOTOR, MODULATION_IS_NAN)
-        else:
-            self.fail(MISSING_INPUT)
+            if self._settings.dialect == OdriveFirmware.V0_5:
+                self.fail_part(OdrivePart.MOTOR, MODULATION_IS_NAN)
+            else:
+                self.fail(MISSING_INPUT)
 
     def _request(self, state: int) -> None:
         if state == AxisState.IDLE:

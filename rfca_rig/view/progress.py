@@ -62,14 +62,11 @@ class Progress:
 
     def begin(self, number: int, wall_s: float) -> None:
         """A stage begins, which ends the one before; `number` is -1 for one that is not in the plan."""
-        self._count_last_stage(wall_s)
-        self._now, self._began_s = number, wall_s
-
-    def _count_last_stage(self, wall_s: float) -> None:
         if self._now >= 0:
             stage = self._stages[self._now]
             took_s, planned_s = self._took[stage.kind]
             self._took[stage.kind] = took_s + wall_s - self._began_s, planned_s + stage.duration_s
+        self._now, self._began_s = number, wall_s
 
     def end(self, wall_s: float, is_whole: bool) -> None:
         """The run is over; `is_whole` where the whole plan was done."""
@@ -87,10 +84,8 @@ class Progress:
         all_s, after_s = self._planned_from_s[0], self._planned_from_s[self._now + 1]
         planned_s = self._stages[self._now].duration_s
         done = 1.0 - (after_s + (1.0 - stage_done) * planned_s) / all_s if all_s else 0.0
-        return Position(self._now, round(stage_done, 4), round(done, 4), round(self._remaining_s(needs_s, elapsed_s), 1))
-
-    def _remaining_s(self, needs_s: float, elapsed_s: float) -> float:
-        return max(needs_s - elapsed_s, 0.0) + sum(self._needs_s(stage) for stage in self._stages[self._now + 1 :])
+        remaining_s = max(needs_s - elapsed_s, 0.0) + sum(self._needs_s(stage) for stage in self._stages[self._now + 1 :])
+        return Position(self._now, round(stage_done, 4), round(done, 4), round(remaining_s, 1))
 
     def _needs_s(self, stage: ListedStage) -> float:
         # Stages of one kind take a similar share of their planned time; without experience the planned time counts.

@@ -43,7 +43,10 @@ class Replay:
         recorded = self.player.channels()
         channels = [channel for channel in CHANNELS if recorded[channel.name]]
         stages = [ListedStage(clip.label, clip.kind, round(clip.duration_s, 4)) for clip in self.player.clips]
-        limits = [] if self._limits is None else [_describe_gauge(gauge) for gauge in gauges(self._limits)]
+        limits: list[dict[str, object]] = [
+            {"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)}
+            for gauge in (gauges(self._limits) if self._limits else ())
+        ]
         return hello(self._stored.title, self._stored.source, stages, limits, self._legs.description, self.player.duration_s, channels)
 
     def feed(self) -> Feed:
@@ -80,10 +83,6 @@ def _health_line(name: str, text: str) -> Health:
 def gauges(limits: Limits) -> tuple[Gauge, Gauge]:
     """Gauges of the limits that a recording allows to evaluate: force and moment."""
     return Gauge("force", "N", Trip.FORCE, limits.force_N), Gauge("moment", "N m", Trip.MOMENT, limits.torque_Nm)
-
-
-def _describe_gauge(gauge: Gauge) -> dict[str, object]:
-    return {"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)}
 
 
 class ReplayFeed:

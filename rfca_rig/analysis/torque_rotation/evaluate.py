@@ -171,17 +171,13 @@ def _case(recordings: Sequence[Recording], supposed: StageAssumptions) -> _Case:
             f"{len(data.stages)} settled stages with {int(data.seen.sum()) if len(data.stages) else 0} hinge angles in all: a curve needs "
             f"at least {FEWEST_STAGES} stages and {FEWEST_ANGLES} angles; take more stages"
         )
-    _check_range(data)
-    return _Case(data, rig, list_systematic_errors(data, supposed.known_to, supposed.instruments))
-
-
-def _check_range(data: StageData) -> None:
     angles_deg = np.degrees(data.measured[:, : data.hinges][data.seen])
     if np.ptp(angles_deg) < LEAST_RANGE_DEG:
         raise BadInput(
             f"all hinge angles lie within {np.ptp(angles_deg):.2f} degrees: a curve needs at least {LEAST_RANGE_DEG:g}; turn the shaft "
             "farther, and look whether the angles are in degrees"
         )
+    return _Case(data, rig, list_systematic_errors(data, supposed.known_to, supposed.instruments))
 
 
 def _check(recordings: Sequence[Recording], rig: RigModel) -> None:

@@ -78,7 +78,8 @@ def solve_contacts(balance: Balance, data: StageData, C: Floats, start: Point, e
         # A set that was tried before would repeat itself for ever.
         tried.add(tuple(ends))
         depth = _depths(balance, data, adjusted.point.z, adjusted.point.p)
-        found = tuple(_with_deep(own, row) for own, row in zip(ends, depth, strict=True))
+        deep = (np.flatnonzero(row > MIN_DEPTH_M).tolist() for row in depth)
+        found = tuple(tuple(sorted({*own, *more})) for own, more in zip(ends, deep, strict=True))
         if found in tried:
             break
         ends, point = found, make_start_point(balance, data, adjusted.point, found)
@@ -146,10 +147,6 @@ def group_by_contacts(data: StageData, ends: Sequence[Ends]) -> tuple[Group, ...
 def _depths(balance: Balance, data: StageData, z: Floats, p: Floats) -> Floats:
     every = group_by_contacts(data, [()] * len(z))[0]
     return balance.depth_m(balance.correct_readings(z, p, data.recording), p, every)
-
-
-def _with_deep(ends: Ends, depth_m: Floats) -> Ends:
-    return tuple(sorted({*ends, *np.flatnonzero(depth_m > MIN_DEPTH_M).tolist()}))
 
 
 @dataclass(frozen=True)

@@ -74,20 +74,17 @@ class MoteusSettings(ShaftGear):
     bitrate_switch: bool = True
 
     def __post_init__(self) -> None:
-        self._check_addresses()
-        self.check_gear()
-        for name in ("watchdog_s", "reply_timeout_s", "enable_timeout_s"):
-            check_positive(name, getattr(self, name))
-        if self.torque_limit_Nm is not None:
-            check_positive("torque_limit_Nm", self.torque_limit_Nm)
-
-    def _check_addresses(self) -> None:
         if not 1 <= self.drive_id <= LARGEST_ID:
             raise BadInput(f"drive: drive_id is {self.drive_id}, must be 1..{LARGEST_ID}")
         if not 0 <= self.own_id <= LARGEST_ID or self.own_id == self.drive_id:
             raise BadInput(f"drive: own_id is {self.own_id}, must be 0..{LARGEST_ID} and not the drive's")
         if not 0 <= self.can_prefix <= LARGEST_PREFIX:
             raise BadInput(f"drive: can_prefix is {self.can_prefix}, must be 0..{LARGEST_PREFIX}")
+        self.check_gear()
+        for name in ("watchdog_s", "reply_timeout_s", "enable_timeout_s"):
+            check_positive(name, getattr(self, name))
+        if self.torque_limit_Nm is not None:
+            check_positive("torque_limit_Nm", self.torque_limit_Nm)
 
 
 @dataclass(frozen=True)

@@ -49,8 +49,10 @@ class OdriveMotor:
         """
         self.disable()
         # With a lost zero every angle is wrong, so the zero must be found again before a new start.
-        self._refuse_lost_zero()
-        self._forget_part_errors()
+        if self._reports.zero_lost is not None:
+            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
+        self._reports.part_errors.clear()
+        self._asked_parts.clear()
         self._send(cansimple.clear_errors(self._settings.node_id, self._settings.dialect))
         self._send(cansimple.request(self._settings.node_id, OdriveCommand.VERSION), remote=True)
         self._await_reports()
@@ -63,10 +65,6 @@ class OdriveMotor:
         self._send(cansimple.set_axis_state(self._settings.node_id, AxisState.CLOSED_LOOP))
         self._await_closed_loop(hold)
         self._armed = True
-
-    def _refuse_lost_zero(self) -> None:
-        if self._reports.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
 
     def _await_reports(self) -> None:
         """Waits for every required message, and for enough encoder frames to measure their rate."""
@@ -96,10 +94,6 @@ class OdriveMotor:
         """Firmware 0.6 answers a version request, 0.5 does not. A heartbeat decoded in the wrong dialect would be wrong."""
         if self._settings.dialect == OdriveFirmware.V0_5 and self._reports.firmware != "unknown":
             raise DeviceError(f'drive not enabled: its firmware is {self._reports.firmware}; set dialect = "0.6"')
-
-    def _forget_part_errors(self) -> None:
-        self._reports.part_errors.clear()
-        self._asked_parts.clear()
 
     def _ask_for_part_errors(self) -> None:
         failed = set() if self._reports.beat is None else set(self._reports.beat.failed)
