@@ -99,7 +99,9 @@ def _compare_stroke(stroke: Stroke, model: MatchedSimulation) -> ComparedRepeat:
         return ComparedRepeat(stroke.repeat, nothing, nothing, nothing, Undetermined("fz was not recorded"), StrokePhases())
     t_s, fz_N = trace
     valley, phases = valley_and_phases(t_s, fz_N)
-    return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - _interpolate_fz(model, t_s), valley, phases)
+    # Before its grid the model is at rest; after it the force is unknown, NaN.
+    simulated_N = np.interp(t_s, model.stroke.t_s, model.stroke.fz_N, right=np.nan)
+    return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - simulated_N, valley, phases)
 
 
 def _mean_phases(each: Sequence[StrokePhases]) -> StrokePhases:
@@ -113,11 +115,6 @@ def _mean_phases(each: Sequence[StrokePhases]) -> StrokePhases:
 def _mean_of_finite(times_s: Sequence[float]) -> float:
     finite = [time_s for time_s in times_s if np.isfinite(time_s)]
     return float(np.mean(finite)) if finite else np.inf
-
-
-def _interpolate_fz(model: MatchedSimulation, t_s: Floats) -> Floats:
-    """Simulated fz at the measured times (m,). Before its grid the model is at rest; after it the force is unknown, NaN."""
-    return np.interp(t_s, model.stroke.t_s, model.stroke.fz_N, right=np.nan)
 
 
 @dataclass(frozen=True)

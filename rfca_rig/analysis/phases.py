@@ -176,7 +176,8 @@ def find_contact(t_s: Floats, fz_N: Floats, smooth: LocalFit) -> Contact | Undet
         return Undetermined(
             f"fz has fewer than 5 samples within {1e3 * SMOOTHING_S:.0f} ms at {where:.3f} s: a gap, or a rate under 250 Hz"
         )
-    rest_N = _rest_level(t_s, fz_N)
+    # Mean of fz before the start; of the first 20 ms where a recording begins with the motion.
+    rest_N = float(fz_N[t_s <= max(0.0, float(t_s[0]) + SMOOTHING_S)].mean())
     pressing = _pressing(smooth, rest_N)
     if pressing is None:
         return Undetermined(f"no contact: fz never presses below its level at rest, {rest_N:.1f} N, with more than {FREE_IMPULSE_NS:g} N s")
@@ -196,11 +197,6 @@ def phases_of_simulation(stroke: SimulatedStroke, valley_s: float) -> StrokePhas
     # Contact may be lost briefly after touchdown, so lift-off counts only after the valley.
     apart = stroke.t_s[~touching & (stroke.t_s > valley_s)]
     return StrokePhases(float(moments[0]), valley_s, float(apart[0]) if len(apart) else np.inf)
-
-
-def _rest_level(t_s: Floats, fz_N: Floats) -> float:
-    """Mean of fz before the start; of the first 20 ms where a recording begins with the motion."""
-    return float(fz_N[t_s <= max(0.0, float(t_s[0]) + SMOOTHING_S)].mean())
 
 
 def _pressing(smooth: LocalFit, rest_N: float) -> slice | None:

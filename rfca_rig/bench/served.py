@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.bench.factory import Twins, make_twins
+from rfca_rig.bench.factory import make_twins
 from rfca_rig.bench.fault_injection import dialect_of, events_of, faults_of_served_rig
 from rfca_rig.bench.force_sensors import make_netft_twins, make_own_twin, make_serial_twin
 from rfca_rig.clock import Clock
@@ -140,12 +140,18 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
         sensor = ServedSensor(rig, openings, panel, reached, stack)
         _open_can(wire, openings, clock, reached, stack)
         if rig.motor.fd_bitrate is not None:
-            _open_can_fd(wire, reached, stack)
+            # A port for CAN FD frames, which the other ports cannot carry.
+            fdcanusb = FdcanusbPort(wire)
+            stack.callback(fdcanusb.close)
+            reached.add(fdcanusb, fdcanusb=fdcanusb.path)
         bus = TamperedBus(wire.join(), panel, dialect_of(rig))
         stack.callback(bus.shutdown)
         twins = make_twins(rig, rig.twin, seed, bus, sensor.twin)
         twins.plant.set_height(openings.height_m)
-        loop = _warm_loop(twins, clock)
+        # The first step may take seconds to compile the model; clients never wait for it.
+        twins.world.process(WARM_UP_S)
+        # The world's clock is ahead by the warm-up step, so every later time is shifted by it.
+        loop = RealTimeLoop(lambda to_s: twins.world.process(WARM_UP_S + to_s), clock)
         # On this machine only (see `Openings`): its lines switch faults.
         control = ControlPort(panel, openings.control_port, twins.plant.set_height, loop.status)
         stack.callback(control.close)
@@ -161,17 +167,3 @@ def _open_can(wire: SharedWire, openings: Openings, clock: Clock, reached: OpenP
         slcan = SlcanPort(wire)
         stack.callback(slcan.close)
         reached.add(slcan, slcan=slcan.path)
-
-
-def _open_can_fd(wire: SharedWire, reached: OpenPorts, stack: ExitStack) -> None:
-    """A port for CAN FD frames, which the other ports cannot carry."""
-    fdcanusb = FdcanusbPort(wire)
-    stack.callback(fdcanusb.close)
-    reached.add(fdcanusb, fdcanusb=fdcanusb.path)
-
-
-def _warm_loop(twins: Twins, clock: Clock) -> RealTimeLoop:
-    """The real-time loop after a first step, which may take seconds to compile the model; clients never wait for it."""
-    twins.world.process(WARM_UP_S)
-    # The world's clock is ahead by the warm-up step, so every later time is shifted by it.
-    return RealTimeLoop(lambda to_s: twins.world.process(WARM_UP_S + to_s), clock)

@@ -221,6 +221,10 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
     _check_files(folder, campaign)
     _check_conditions(path, campaign)
     static, extra = _stages(folder, campaign)
+    hashes = {run.file: hashlib.sha256((folder / run.file).read_bytes()).hexdigest() for run in campaign.runs}
+    found = {"format": FORMAT, FILE_NAME: read_text(folder / FILE_NAME), "sha256": json.dumps(hashes)}
+    if extra:
+        found["static_extra_columns"] = json.dumps(extra, ensure_ascii=False)
     return Recording(
         title=campaign.title,
         source="IMPORT",
@@ -228,7 +232,7 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
         known_to=campaign.known_to.model_dump(mode="json", exclude_unset=True),
         strokes=_strokes(folder, campaign, report_progress),
         static=static,
-        provenance=_provenance(folder, campaign, extra),
+        provenance=found,
     )
 
 
@@ -246,15 +250,6 @@ def _nominal(campaign: CampaignFile) -> dict[str, Any]:
     # Only what the file states; defaults are not recorded as if they had been stated.
     plain = campaign.model_dump(mode="json", exclude_unset=True)
     return {name: plain[name] for name in RigSections.model_fields if name in plain}
-
-
-def _provenance(folder: Path, campaign: CampaignFile, extra: dict[str, Extra]) -> dict[str, str]:
-    """Source of the numbers: the description verbatim, a hash per file, and data without another place in the format."""
-    hashes = {run.file: hashlib.sha256((folder / run.file).read_bytes()).hexdigest() for run in campaign.runs}
-    found = {"format": FORMAT, FILE_NAME: read_text(folder / FILE_NAME), "sha256": json.dumps(hashes)}
-    if extra:
-        found["static_extra_columns"] = json.dumps(extra, ensure_ascii=False)
-    return found
 
 
 def _check_files(folder: Path, campaign: CampaignFile) -> None:

@@ -92,7 +92,8 @@ def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
         rig_text=read_text(loop.rig_path),
         protocol_text=read_text(path),
         plan=read_plan(path, rig.facts()),
-        seed=_seed(loop, rig, number),
+        # Differs from round to round: equal noise would make a repeat look exact.
+        seed=None if rig.is_real or rig.twin is None else (rig.twin.seed if loop.seed is None else loop.seed) + number,
         runs=loop.runs,
         quiet=loop.quiet,
         dry=False,
@@ -107,13 +108,6 @@ def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
 
 def _print_nothing(stage: Stage, recorder: Recorder, say: Say) -> None:
     """Stages only show in the progress bar, none on a line of its own."""
-
-
-def _seed(loop: ClosedLoop, rig: RigFile, number: int) -> int | None:
-    """A seed that differs from round to round: equal noise would make a repeat look exact."""
-    if rig.is_real or rig.twin is None:
-        return None
-    return (rig.twin.seed if loop.seed is None else loop.seed) + number
 
 
 def nominal_model_of(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:

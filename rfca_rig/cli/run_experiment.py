@@ -61,7 +61,11 @@ class SignalHandler:
     def key(self, _number: int, _frame: FrameType | None) -> None:
         """^C: once for the next safe point, twice for now, three times where a device hangs."""
         if self._is_closing:
-            self._close_first()
+            # The motor is off and everything is handed over: the second ^C leaves the rest to `rfca-rig recover`.
+            self._presses += 1
+            if self._presses > 1:
+                raise KeyboardInterrupt
+            self._say("the recording is being finished; ^C again ends here and leaves the rest to rfca-rig recover")
             return
         # The stop is under way: an interruption now could skip the torque-off.
         if self._stop_request.is_over:
@@ -86,13 +90,6 @@ class SignalHandler:
         self._stop_request.ask(StopLevel.RAMP_DOWN, OUTSIDE[signal.Signals(number)])
         if not self._stop_request.is_ticking:
             raise KeyboardInterrupt
-
-    def _close_first(self) -> None:
-        """The motor is off and everything is handed over: the second ^C leaves the rest to `rfca-rig recover`."""
-        self._presses += 1
-        if self._presses > 1:
-            raise KeyboardInterrupt
-        self._say("the recording is being finished; ^C again ends here and leaves the rest to rfca-rig recover")
 
 
 @contextmanager

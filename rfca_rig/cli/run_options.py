@@ -15,7 +15,6 @@ from rfca_rig.errors import BadInput
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.twin_server.faults import FaultEvent, parse_fault_events
-from rfca_rig.vision.leg_photo import PhotoSetup
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,11 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
     rig_path, protocol_path = find_rig(asked.rig), find_file("protocols", asked.protocol)
     rig = read_rig(rig_path)
     plan = plan_of(protocol_path, rig.facts())
-    eye, camera_text = _eye(rig, plan)
+    # The calibration file need not exist where no photo is to be taken.
+    if rig.camera is None or not plan.photos:
+        eye, camera_text = None, ""
+    else:
+        eye, camera_text = rig.eye(), read_text(Path(rig.camera.calibration_file))
     return RunConfig(
         rig=rig,
         rig_text=read_text(rig_path),
@@ -60,14 +63,6 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
         viewing=asked.viewing,
         faults=_faults(rig, asked.faults),
     )
-
-
-def _eye(rig: RigFile, plan: Plan) -> tuple[PhotoSetup | None, str]:
-    """The camera's calibration, and its text, where photos are to be taken."""
-    # The calibration file need not exist where no photo is to be taken.
-    if rig.camera is None or not plan.photos:
-        return None, ""
-    return rig.eye(), read_text(Path(rig.camera.calibration_file))
 
 
 def _faults(rig: RigFile, words: Sequence[str]) -> tuple[FaultEvent, ...]:

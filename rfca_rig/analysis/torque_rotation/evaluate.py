@@ -123,7 +123,8 @@ def evaluate(recordings: Sequence[Recording], supposed: StageAssumptions, watche
     watcher(0, SOLVE_COUNT)
     free = _freest(case)
     watcher(1, SOLVE_COUNT)
-    looped = _with_loop(case, free)
+    bending = case.data.turned * np.sign(case.data.measured[:, : case.data.hinges])
+    looped = case.solve(case.splines(), free.errors, loop=True) if (bending < 0).any() else None
     loop = estimate_loop(looped, case.data) if looped else None
     # A hysteresis loop is kept in the model only where it is significant.
     closed = looped if looped is not None and loop is not None and loop.seen else None
@@ -218,12 +219,6 @@ def _freest(case: _Case) -> CurveFit:
     if not solutions and last_error is not None:
         raise last_error
     return max(solutions, key=lambda one: one.log_likelihood)
-
-
-def _with_loop(case: _Case, free: CurveFit) -> CurveFit | None:
-    """The same with a hysteresis loop, where hinges turned back."""
-    bending = case.data.turned * np.sign(case.data.measured[:, : case.data.hinges])
-    return case.solve(case.splines(), free.errors, loop=True) if (bending < 0).any() else None
 
 
 def _curve(found: CurveFit, data: StageData, widened: float) -> TorqueCurve:

@@ -45,12 +45,14 @@ def prove(
     Example: rfca-rig prove --out exam --seed 1 --cases 40
     """
     from rfca_rig.cli.options import Printing
+    from rfca_rig.errors import BadInput
     from rfca_rig.exam.scored import score_exam, score_exam_so_far
     from rfca_rig.reports.exam.files import write_exam
 
     printing = Printing(pdf)
     if so_far:
-        _refuse_more(follows, takes_out)
+        if follows or takes_out:
+            raise BadInput("--so-far only marks; leave out --follow-up and --take-out-each, or leave out --so-far")
     else:
         _work(out, seed, _numbers(cases, kind), workers, cluster, follows, takes_out, as_json)
     result = score_exam_so_far(out) if so_far else score_exam(out)
@@ -80,13 +82,6 @@ def _work(
     # Completed cases are on disk, so the same command continues.
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
-
-
-def _refuse_more(follows: bool, takes_out: bool) -> None:
-    from rfca_rig.errors import BadInput
-
-    if follows or takes_out:
-        raise BadInput("--so-far only marks; leave out --follow-up and --take-out-each, or leave out --so-far")
 
 
 def _tell(result: "ExamResult", out: Path, as_json: bool) -> None:
