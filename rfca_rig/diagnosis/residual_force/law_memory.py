@@ -72,7 +72,11 @@ def detect_memory(
     SimulationFailed
         Where the model has no answer.
     """
-    responses = _responses(found, supposed, table, plausible) + _of_stages(found, table, slopes)
+    # At static stages a bend grows while loading; no rate is left there.
+    rows = found.dataset.rows
+    turn = np.where(rows.experiment == "static", np.where(rows.phase == "loading", 1.0, -1.0), 0.0)
+    grows = np.sign(table.knots) if table.argument in BENDING else np.zeros(len(table.knots))
+    responses = _responses(found, supposed, table, plausible) + turn[:, None] * slopes * grows
     whitening, knots = found.likelihood.level(linear), np.array(table.knots)
     without_branches = laplace_posterior(linear, whitening).log_evidence
     best, root = None, np.empty(0)
@@ -115,14 +119,6 @@ def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size
             if change is not None:
                 responses[rows.condition == number, knot] = change
     return responses
-
-
-def _of_stages(found: ModelSelectionResult, table: LawTable, slopes: Floats) -> Floats:
-    """Response (m, k) at static stages, where a bend grows while loading; no rate is left there."""
-    rows = found.dataset.rows
-    turn = np.where(rows.experiment == "static", np.where(rows.phase == "loading", 1.0, -1.0), 0.0)
-    grows = np.sign(table.knots) if table.argument in BENDING else np.zeros(len(table.knots))
-    return np.asarray(turn[:, None] * slopes * grows)
 
 
 def _branch(course: Course, table: LawTable, knot: int) -> Floats:
