@@ -138,7 +138,13 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
     with ExitStack() as stack:
         # Ports first: an occupied one must be found before anything is computed.
         sensor = ServedSensor(rig, openings, panel, reached, stack)
-        _open_can(wire, openings, clock, reached, stack)
+        socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.start_time().timestamp())
+        stack.callback(socketcand.close)
+        reached.add(socketcand, can_port=socketcand.port)
+        if openings.slcan:
+            slcan = SlcanPort(wire)
+            stack.callback(slcan.close)
+            reached.add(slcan, slcan=slcan.path)
         if rig.motor.fd_bitrate is not None:
             # A port for CAN FD frames, which the other ports cannot carry.
             fdcanusb = FdcanusbPort(wire)
@@ -157,13 +163,3 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
         stack.callback(control.close)
         reached.add(control, control_port=control.port)
         yield ServedRig(events_of(twins.motor), panel, loop, reached)
-
-
-def _open_can(wire: SharedWire, openings: Openings, clock: Clock, reached: OpenPorts, stack: ExitStack) -> None:
-    socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.start_time().timestamp())
-    stack.callback(socketcand.close)
-    reached.add(socketcand, can_port=socketcand.port)
-    if openings.slcan:
-        slcan = SlcanPort(wire)
-        stack.callback(slcan.close)
-        reached.add(slcan, slcan=slcan.path)

@@ -112,17 +112,14 @@ def _refuse_damage(path: Path) -> Iterator[None]:
     except BadInput:
         raise
     except Exception as error:
-        cut_off = f"was the recording cut off? {_repair(path)} saves what it can"
+        repair = "`mcap recover`" if path.suffix.lower() == ".mcap" else "`ros2 bag reindex`"
+        cut_off = f"was the recording cut off? {repair} saves what it can"
         raise BadInput(f"{path}: cannot be read as a bag: {_shorten(error)}; {cut_off}") from None
 
 
 def _shorten(error: Exception) -> str:
     """The message of a library's exception, in one line of limited length."""
     return shorten(str(error), LONGEST_QUOTE, placeholder=" ...") or type(error).__name__
-
-
-def _repair(path: Path) -> str:
-    return "`mcap recover`" if path.suffix.lower() == ".mcap" else "`ros2 bag reindex`"
 
 
 @dataclass

@@ -142,10 +142,13 @@ def read_stages(path: Path, strokes_before: int | None = None, held_s: float | N
 
 def _stage(table: CsvTable, row: int, cells: Mapping[str, str]) -> StaticStage:
     value = {name: number(table, row, name, cells[name]) for name in STATIC if name in cells and name != "direction"}
+    cell = cells["direction"]
+    if cell not in DIRECTIONS:
+        raise table.fault(row, f"column direction: {cell!r} should be loading or unloading")
     return StaticStage(
         height_m=_positive(table, row, "height_mm", value["height_mm"]) / 1e3,
         stage=_whole(table, row, "stage", value["stage"]),
-        direction=_direction(table, row, cells["direction"]),
+        direction=cast(Direction, cell),
         shaft_angle_rad=value["shaft_angle_rad"],
         hinge_deg=tuple(value.get(name, math.nan) for name in HINGES),
         fy_N=value["fy_N"],
@@ -164,12 +167,6 @@ def _whole(table: CsvTable, row: int, name: str, value: float) -> int:
     if value < 0 or not value.is_integer():
         raise table.fault(row, f"column {name}: {value:g} should be a whole number, 0 or more")
     return int(value)
-
-
-def _direction(table: CsvTable, row: int, cell: str) -> Direction:
-    if cell not in DIRECTIONS:
-        raise table.fault(row, f"column direction: {cell!r} should be loading or unloading")
-    return cast(Direction, cell)
 
 
 def read_stroke(path: Path, run: DynamicRun) -> Stroke:

@@ -134,10 +134,7 @@ class Loop:
         # A late tick is not made up for by shorter ones, which would send bursts of commands.
         self._tick_s = max(self._tick_s + period_s, self._bench.clock.now_s())
         self._bench.clock.wait_until(self._tick_s)
-        self._note_gap(period_s)
-
-    def _note_gap(self, period_s: float) -> None:
-        """Records and checks the time since the last wake-up. It is the time between commands that the drive's watchdog sees."""
+        # The time since the last wake-up is the time between commands that the drive's watchdog sees.
         now_s = self._bench.clock.now_s()
         gap_s, self._woke_s = now_s - self._woke_s, now_s
         self._late_s = gap_s - period_s

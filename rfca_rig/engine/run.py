@@ -181,7 +181,12 @@ class _Run:
         except Stopped:
             if self._stop_request.level == StopLevel.RAMP_DOWN:
                 # Only this level slows down first; TORQUE_OFF goes straight to `stop`.
-                self._ramp_down()
+                # Slows the shaft down before its torque is removed. A trip meanwhile only ends that sooner.
+                self._stop_request.is_over = True
+                try:
+                    ramp_down(self._loop)
+                except RigError as error:
+                    raise Stopped(f"{self._stop_request.why}; while it slowed down: {error}") from None
             raise
         # Raised only now, at rest in the air, so that a stop at a safe point is not reported as a completed run.
         if self._is_cut_short:
@@ -220,19 +225,16 @@ class _Run:
             case Rest():
                 sink.take_tare(settle(loop, loop.target_rad, stage.settle).wrench)
             case Approach():
-                self._approach(stage)
+                approach(self._loop, stage)
+                self._sink.take_first_stroke(stage, self._loop.peak)
+                # Recorded first: the recording then shows the stroke from which a trip was predicted.
+                self._approaches.take(stage, self._loop.peak)
             case Flap():
                 sink.flap(stage, flap(loop, stage, sink))
             case Hold():
                 sink.hold(stage, hold(loop, stage, sink, self._bench.camera))
             case Cycles():
                 run_cycles(loop, stage, sink, self._bench.sensor.scale())
-
-    def _approach(self, stage: Approach) -> None:
-        approach(self._loop, stage)
-        self._sink.take_first_stroke(stage, self._loop.peak)
-        # Recorded first: the recording then shows the stroke from which a trip was predicted.
-        self._approaches.take(stage, self._loop.peak)
 
     def _change_height(self, stage: SetHeight) -> None:
         """A person comes near the leg, so the motor is without torque meanwhile; afterwards it holds the shaft where it stands."""
@@ -246,14 +248,6 @@ class _Run:
         self._bench.sensor.start()
         self._bench.motor.enable()
         self._loop.begin()
-
-    def _ramp_down(self) -> None:
-        """Slows the shaft down before its torque is removed. A trip meanwhile only ends that sooner."""
-        self._stop_request.is_over = True
-        try:
-            ramp_down(self._loop)
-        except RigError as error:
-            raise Stopped(f"{self._stop_request.why}; while it slowed down: {error}") from None
 
 
 def prove_stop(bench: Bench) -> float:

@@ -96,7 +96,10 @@ def _rounds(case: Case, truth: Truth, arm: str, place: Path, first: Path, diagno
         # A refusal is an answer too: the missing file reads as "refused".
         with suppress(BadInput, SimulationFailed):
             diagnose(place / "campaign", latest.parent)
-        if _is_settled(truth, latest):
+        # Settled: the verdict is right and each named effect is distinguishable from all others.
+        answer = read_diagnosis(latest)
+        alone = all(len(claim.members) == 1 for claim in answer.named)
+        if answer.verdict in (NAMED, NOTHING) and outcome(truth, answer) == RIGHT and alone:
             return FollowUp(case.id, arm, number, settled=True, said=_in_words(latest))
     return FollowUp(case.id, arm, MAX_EXPERIMENTS, settled=False, said=_in_words(latest))
 
@@ -113,13 +116,6 @@ def draw_experiment(random: np.random.Generator) -> Proposal:
     if random.random() < RANDOM_STATIC_SHARE:
         return {"height_mm": height_mm, "stages": RANDOM_STAGES}
     return {"height_mm": height_mm, "speed_rad_s": float(random.choice(SPEEDS_RAD_S)), "repeats": REPEATS}
-
-
-def _is_settled(truth: Truth, diagnosis: Path) -> bool:
-    """Whether the verdict is right and each named effect is distinguishable from all others."""
-    answer = read_diagnosis(diagnosis)
-    alone = all(len(claim.members) == 1 for claim in answer.named)
-    return answer.verdict in (NAMED, NOTHING) and outcome(truth, answer) == RIGHT and alone
 
 
 def _in_words(diagnosis: Path) -> str:

@@ -218,6 +218,7 @@ def diagnose_quietly(without: tuple[str, ...], as_is: bool, job: tuple[Path, Pat
 
 def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     """Prints the result in the terminal."""
+    from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
     from rfca_rig.reports.diagnosis.files import terminal_lines
 
     if as_json:
@@ -226,13 +227,7 @@ def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     for line in terminal_lines(diagnosis):
         typer.echo(line)
     typer.echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
-    _say_next(diagnosis, out)
-
-
-def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
-    """Prints the command for the proposed experiment, where the rig can do it."""
-    from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
-
+    # The command for the proposed experiment, where the rig can do it.
     proposal = diagnosis.next_experiment
     if proposal is not None and proposal["protocol"] is not None and proposal["kind"] in ("dynamic", "static"):
         typer.echo(f"next: rfca-rig {proposal['kind']} run --protocol {out / NEXT_PROTOCOL}, on the rig of these recordings", err=True)

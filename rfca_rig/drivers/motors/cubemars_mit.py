@@ -90,7 +90,8 @@ class CubemarsMitMotor:
         )
         began_rad, until_s = self._replies.angle_rad, self._clock.now_s() + WATCH_S
         # The guardian is armed before the frame that energises, so that no gap is left unguarded.
-        self._arm()
+        if self._guard is not None:
+            arm(self._guard)
         # ENTER puts the last command into force; the commands without gains sent before make it harmless.
         self._send(encode_special(Special.ENTER))
         while self._clock.now_s() < until_s:
@@ -98,10 +99,6 @@ class CubemarsMitMotor:
             self._wait_and_drain()
             self._refuse_if_moved(began_rad)
         self._refuse_if_error()
-
-    def _arm(self) -> None:
-        if self._guard is not None:
-            arm(self._guard)
 
     def _await_replies(self) -> None:
         self._replies.drain()

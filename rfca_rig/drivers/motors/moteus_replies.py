@@ -216,7 +216,11 @@ class MoteusReplies:
         if asked_s is None:
             # No query is open: the frame was duplicated on the way.
             return
-        self._check_position(values)
+        # Raises DeviceError for a position or speed that is not finite, as a limit check on it would never trip.
+        if not (isfinite(values[Register.POSITION]) and isfinite(values[Register.VELOCITY])):
+            raise DeviceError(
+                f"drive {self._settings.drive_id} knows no position, mode {mode_text(int(values[Register.MODE]))}; check its encoder"
+            )
         self.answers += 1
         self.state = MoteusState(
             mode=int(values[Register.MODE]),
@@ -234,13 +238,6 @@ class MoteusReplies:
             # A jump is the same in either direction of the shaft, so the sign is left out here.
             per_turn = abs(self._settings.shaft_rad_per_turn)
             self._leap.follow(asked_s, stamp_s, per_turn * values[Register.POSITION], per_turn * values[Register.VELOCITY])
-
-    def _check_position(self, values: dict[int, float]) -> None:
-        """Raises DeviceError for a position or speed that is not finite, as a limit check on it would never trip."""
-        if not (isfinite(values[Register.POSITION]) and isfinite(values[Register.VELOCITY])):
-            raise DeviceError(
-                f"drive {self._settings.drive_id} knows no position, mode {mode_text(int(values[Register.MODE]))}; check its encoder"
-            )
 
     def _match_query(self, counter: int) -> float | None:
         """Time of the query that the answer with this counter belongs to; None without open queries. Older ones are dropped."""
