@@ -85,9 +85,9 @@ def make_sensor_pair(
     match sensor:
         case NetFtSection():
             here, there = datagram_link()
-            settings = _netft_twin(sensor, twin)
-            streaming = NetFtTwin(on_link(there), settings, random)
-            box = None if sensor.configuration == "unchecked" else NetFtBoxTwin(streaming, settings)
+            twin_settings = _netft_twin(sensor, twin)
+            streaming = NetFtTwin(on_link(there), twin_settings, random)
+            box = None if sensor.configuration == "unchecked" else NetFtBoxTwin(streaming, twin_settings)
             return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, _netft(sensor), box))
         case AtiSerialSection():
             host, device = serial_line()

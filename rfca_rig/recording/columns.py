@@ -4,7 +4,7 @@ import json
 import math
 import re
 import urllib.parse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import h5py
@@ -34,7 +34,8 @@ _LONG_NAMES = {
 def make_column(group: h5py.Group, form: ColumnForm, length: int) -> h5py.Dataset:
     """One 1-d dataset without values yet, compressed so that it opens everywhere without plugins."""
     dataset = group.create_dataset(link_name(form.name), shape=(length,), dtype=form.dtype, track_times=False, **_storage(length))
-    for key, value in _column_attributes(form).items():
+    long_name = _LONG_NAMES.get(form.name, form.name)
+    for key, value in {"units": form.unit, "conversion": form.conversion, "offset": form.offset, "long_name": long_name}.items():
         dataset.attrs[key] = value
     return dataset
 
@@ -106,11 +107,6 @@ def read_column(group: h5py.Group, name: str) -> Column:
     """One column, raw as it was stored."""
     dataset = check_column(group, name)
     return Column(dataset[:], *read_scale(dataset))
-
-
-def _column_attributes(form: ColumnForm) -> Mapping[str, Any]:
-    long_name = _LONG_NAMES.get(form.name, form.name)
-    return {"units": form.unit, "conversion": form.conversion, "offset": form.offset, "long_name": long_name}
 
 
 def _storage(length: int) -> dict[str, Any]:

@@ -94,15 +94,11 @@ def open_sealed(path: Path, has_right_seal: bool = False) -> Iterator[tuple[h5py
         with open_plain(path) as file:
             if is_right is None and file.attrs.get(SEALED, False):
                 raise ValueError("its checksum is gone from its end, so it was changed after it was written")
-            yield file, _read_source(path, file)
-
-
-def _read_source(path: Path, file: h5py.File) -> Source:
-    found = file.attrs.get("format")
-    if not isinstance(found, str) or found != FORMAT:
-        description = f"format {str(found)[:60]!r}" if isinstance(found, str) else "an HDF5 file without format attribute"
-        raise BadInput(f"{path}: {description}, where a recording of format {FORMAT!r} is needed")
-    return check_source(file.attrs["source"])
+            found = file.attrs.get("format")
+            if not isinstance(found, str) or found != FORMAT:
+                description = f"format {str(found)[:60]!r}" if isinstance(found, str) else "an HDF5 file without format attribute"
+                raise BadInput(f"{path}: {description}, where a recording of format {FORMAT!r} is needed")
+            yield file, check_source(file.attrs["source"])
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from rfca_rig import analysis, model, sweep
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.environment import collect_facts, hash_source
 from rfca_rig.model.catalogue import FOLDER_VARIABLE, resolve_effect
-from rfca_rig.model.parameters import PresentEffect, RigModel
+from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.atomic import translate_os_errors, write_atomically
 from rfca_rig.sweep.outputs import REST_AT, RequestedOutput
 from rfca_rig.sweep.quantities import SweepCase, Value, find_quantity
@@ -112,7 +112,11 @@ def check_plan(plan: SweepPlan) -> SweepPlan:
             _check_value(each.name, value)
     effects = plan.design(0).rig.effects
     for present in effects:
-        _check_effect(present)
+        # Refuses an effect of which only some parameters are set.
+        try:
+            resolve_effect(present)
+        except BadInput as error:
+            raise BadInput(f"{error}; set the others too, as in --set {present.id}.NAME=VALUE, or in the file under [fixed]") from None
     at_rest = next((asked.header for asked in plan.outputs if asked.output.at == REST_AT), None)
     if effects and at_rest:
         raise BadInput(f"{at_rest}: statics know the plain leg only; leave it out, or the effect {effects[0].id}")
@@ -133,16 +137,13 @@ def _check_value(name: str, value: Value) -> None:
         raise BadInput(f"{name} = {value if isinstance(value, str) else f'{value:g}'}: {reason}")
 
 
-def _check_effect(present: PresentEffect) -> None:
-    """Refuses an effect of which only some parameters are set."""
-    try:
-        resolve_effect(present)
-    except BadInput as error:
-        raise BadInput(f"{error}; set the others too, as in --set {present.id}.NAME=VALUE, or in the file under [fixed]") from None
-
-
 def describe_plan(plan: SweepPlan) -> dict[str, Any]:
     """The plan and its model as plain data, with the versions of the code, because changed code gives other numbers."""
+    # Everything that can change a result to the last digit: versions of the numerical packages, and hashes of our own sources.
+    facts = collect_facts()
+    versions = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
+    sources = "".join(hash_source(Path(package.__path__[0])) for package in (model, analysis, sweep))
+    own = os.environ.get(FOLDER_VARIABLE)
     return {
         "format": FORMAT,
         "title": plan.title,
@@ -151,7 +152,7 @@ def describe_plan(plan: SweepPlan) -> dict[str, Any]:
         "grid": [{"name": axis.name, "values": list(axis.values)} for axis in plan.axes],
         "samples": asdict(plan.samples) if plan.samples else None,
         "outputs": [asked.header for asked in plan.outputs],
-        MADE_WITH: _describe_code(),
+        MADE_WITH: {**versions, "source": digest(sources)[:12], "own effects": hash_source(Path(own)) if own else "none"},
     }
 
 
@@ -193,12 +194,3 @@ def _difference(found: str, wanted: dict[str, Any]) -> str:
         unlike = [name for name, value in wanted[MADE_WITH].items() if there[MADE_WITH].get(name) != value]
         return f"its sweep was made with another {' and '.join(unlike)}, and results would not fit together"
     return f"holds a sweep with another {' and '.join(name for name in differing if name != 'made with') or 'form'}"
-
-
-def _describe_code() -> dict[str, str]:
-    # Everything that can change a result to the last digit: versions of the numerical packages, and hashes of our own sources.
-    facts = collect_facts()
-    versions = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
-    sources = "".join(hash_source(Path(package.__path__[0])) for package in (model, analysis, sweep))
-    own = os.environ.get(FOLDER_VARIABLE)
-    return {**versions, "source": digest(sources)[:12], "own effects": hash_source(Path(own)) if own else "none"}

@@ -318,7 +318,9 @@ class FdcanusbPort(_SerialAdapter):
         while (message := self._end.recv(timeout=0)) is not None:
             # The adapter carries CAN-FD frames only.
             if message.is_fd and not message.is_error_frame and len(self._waiting) < MAX_QUEUED_BYTES:
-                self._waiting += fdcanusb.encode_received(_frame_of(message))
+                self._waiting += fdcanusb.encode_received(
+                    FdFrame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.bitrate_switch)
+                )
 
 
 def _message_of(frame: FdFrame) -> can.Message:
@@ -329,7 +331,3 @@ def _message_of(frame: FdFrame) -> can.Message:
         is_fd=True,
         bitrate_switch=frame.bitrate_switch,
     )
-
-
-def _frame_of(message: can.Message) -> FdFrame:
-    return FdFrame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.bitrate_switch)

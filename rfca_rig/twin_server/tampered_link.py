@@ -50,15 +50,12 @@ class TamperedLink:
         self._last_sample = int.from_bytes(datagram[-RECORD_BYTES:][4:8], "big")
         if self._stolen or self._panel.is_on("force-silent"):
             return
-        if not self._panel.any_on() and self._is_unaltered():
+        # An earlier fault may have an after-effect: a shifted sample counter, or a datagram that is held back.
+        if not self._panel.any_on() and self._samples_before_restart == 0 and self._overtaken is None:
             self._link.send(datagram)
             return
         for altered in self._apply_network_faults(encode_records(self._apply_box_faults(decode_records(datagram)))):
             self._link.send(altered)
-
-    def _is_unaltered(self) -> bool:
-        """Whether no earlier fault has an after-effect: a shifted sample counter, or a datagram that is held back."""
-        return self._samples_before_restart == 0 and self._overtaken is None
 
     def _apply_box_faults(self, records: Records) -> Records:
         """Applies the faults inside the box."""

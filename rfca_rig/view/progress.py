@@ -55,7 +55,11 @@ class Progress:
     def __init__(self, stages: Sequence[ListedStage]) -> None:
         self._stages = stages
         self._took: dict[str, tuple[float, float]] = defaultdict(lambda: (0.0, 0.0))
-        self._planned_from_s = _sums_from([stage.duration_s for stage in stages])
+        # For each place the sum of all durations from there on, (n + 1,); the last is 0.
+        sums = [0.0]
+        for duration_s in reversed([stage.duration_s for stage in stages]):
+            sums.append(sums[-1] + duration_s)
+        self._planned_from_s = sums[::-1]
         self._now = -1
         self._began_s = 0.0
         self._over: float | None = None
@@ -91,11 +95,3 @@ class Progress:
         # Stages of one kind take a similar share of their planned time; without experience the planned time counts.
         took_s, planned_s = self._took[stage.kind]
         return stage.duration_s * (took_s / planned_s if planned_s > 0.0 else 1.0)
-
-
-def _sums_from(durations_s: Sequence[float]) -> list[float]:
-    """For each place the sum of all durations from there on, (n + 1,); the last is 0."""
-    sums = [0.0]
-    for duration_s in reversed(durations_s):
-        sums.append(sums[-1] + duration_s)
-    return sums[::-1]

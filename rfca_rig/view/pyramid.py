@@ -71,7 +71,9 @@ class Pyramid:
         while self._closed[0] < bucket:
             # At most half of AHEAD at once, so that slots are not cleared before the level above has read them.
             begin, end = self._closed[0], min(bucket, self._closed[0] + AHEAD // 2)
-            self._clear_slots(begin + AHEAD, end + AHEAD)
+            # Empties slots of level 0 for buckets that are now open; their old content was CAPACITY buckets earlier.
+            slots = np.arange(begin + AHEAD, end + AHEAD) % CAPACITY
+            self._levels[0].low[slots] = self._levels[0].high[slots] = np.nan
             self._closed[0] = end
             self._merge_upwards()
 
@@ -100,11 +102,6 @@ class Pyramid:
             both = Extrema(np.concatenate([half.low, rest.low]), np.concatenate([half.high, rest.high]))
             open_buckets.append(Extrema(np.fmin.reduce(both.low, keepdims=True), np.fmax.reduce(both.high, keepdims=True)))
         return open_buckets
-
-    def _clear_slots(self, begin: int, end: int) -> None:
-        """Empties slots of level 0 for buckets that are now open; their old content was CAPACITY buckets earlier."""
-        slots = np.arange(begin, end) % CAPACITY
-        self._levels[0].low[slots] = self._levels[0].high[slots] = np.nan
 
     def _merge_upwards(self) -> None:
         for level in range(1, LEVELS):

@@ -137,13 +137,10 @@ class ReplayFeed:
         self._beats += 1
         return self._beats % STATE_EVERY == 1
 
-    def _buckets(self) -> int:
-        """Number of buckets that are complete; at the end of the recording also the last one."""
-        is_at_end = self._at_s >= self._player.duration_s
-        return floor(self._at_s / self._dt_s) + 1 if is_at_end else floor(self._at_s / self._dt_s)
-
     def _trace(self) -> Message | None:
-        end = self._buckets()
+        # Number of buckets that are complete; at the end of the recording also the last one.
+        is_at_end = self._at_s >= self._player.duration_s
+        end = floor(self._at_s / self._dt_s) + 1 if is_at_end else floor(self._at_s / self._dt_s)
         # At high speed a beat may skip more than a window: then nothing of what was sent is visible any more.
         is_reset = self._sent is None or end - self._sent > ACROSS
         begin = max(end - ACROSS, 0) if self._sent is None or is_reset else self._sent

@@ -151,10 +151,7 @@ def _residual_scale(compared: ComparedCondition) -> tuple[float, float | None]:
         before = max(before, float(size[repeat.t_s < first_s].max(initial=0.0)))
         anywhere = max(anywhere, float(size.max(initial=0.0)))
     # At least 1 N: a finer scale would show nothing but noise.
-    limit_N = _round_up(max(before, 1.0))
-    return limit_N, anywhere if anywhere > limit_N else None
-
-
-def _round_up(value: float) -> float:
+    value = max(before, 1.0)
     decade = 10.0 ** np.floor(np.log10(value))
-    return float(next(step * decade for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0) if step * decade >= value))
+    limit_N = float(next(step * decade for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0) if step * decade >= value))
+    return limit_N, anywhere if anywhere > limit_N else None

@@ -109,7 +109,9 @@ def compare_sources(
     SimulationFailed
         Where a stroke cannot be simulated.
     """
-    names = _number_equal_titles([recording.title for recording in recordings])
+    # Equal titles are numbered in their order.
+    titles = [recording.title for recording in recordings]
+    names = [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]
     conditions = [len(group_by_condition(recording.strokes)) for recording in recordings]
     return tuple(
         _compare(name, recording, shaft, given, _offset_watcher(watcher, sum(conditions[:number]), sum(conditions)))
@@ -128,11 +130,6 @@ def _compare(name: str, recording: Recording, shaft: Shaft, given: GivenModel | 
     rig = nominal_model(recording.nominal) if given is None else given.rig
     conditions = iterate_with_progress(group_by_condition(recording.strokes), watcher)
     return ComparedSource(name, recording, rig, tuple(compare_condition(rig, condition, shaft) for condition in conditions))
-
-
-def _number_equal_titles(titles: Sequence[str]) -> list[str]:
-    """Equal titles are numbered in their order."""
-    return [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]
 
 
 @dataclass(frozen=True)
