@@ -15,8 +15,7 @@ from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import TURN_RAD, Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, turn_to
+from rfca_rig.protocol.plan import TURN_RAD, Approach, Cycles, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, turn_to
 
 SAMPLE_S = 1e-3
 

@@ -19,7 +19,7 @@ from rfca_rig.campaign.experiment_layout import (
     TIME_UNITS,
 )
 from rfca_rig.campaign.recorded_files import find_recordings, list_columns
-from rfca_rig.description.toml_writing import format_value
+from rfca_rig.description.toml import format_value
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.recording.atomic import write_atomically

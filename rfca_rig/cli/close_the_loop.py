@@ -12,10 +12,10 @@ from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.run_experiment import run_and_record
 from rfca_rig.cli.terminal import Say
 from rfca_rig.description.model_file import ModelFile
-from rfca_rig.description.planning import read_plan
+from rfca_rig.description.protocol_file import read_plan
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import read_text, validate
-from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
+from rfca_rig.diagnosis.experiment_design.leg_experiment import NEXT_PROTOCOL
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Stage

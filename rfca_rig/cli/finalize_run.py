@@ -8,10 +8,9 @@ from rfca_rig.bench import provenance
 from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.bench.resume import ending_of, reopen_run
-from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.progress import make_marked_say, progress
 from rfca_rig.cli.run_config import RunConfig
-from rfca_rig.cli.terminal import Say
+from rfca_rig.cli.terminal import AcknowledgedLines, Say
 from rfca_rig.description.own_devices import texts_of
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.errors import DiskFull, RigError, Tripped
@@ -19,11 +18,11 @@ from rfca_rig.model.catalogue import lab_texts
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import RunBackend
-from rfca_rig.recording.cycle_table import CYCLES
 from rfca_rig.recording.layout import RECORDING
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import write_ending
 from rfca_rig.recording.summary import summarize
+from rfca_rig.recording.tables import CYCLES
 
 
 def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:

@@ -16,8 +16,6 @@ from rfca_rig import __version__
 from rfca_rig.cli.commands import (
     calibrate,
     check,
-    contract,
-    crosscheck,
     diagnose,
     doctor,
     dynamic,
@@ -29,17 +27,14 @@ from rfca_rig.cli.commands import (
     prove,
     recover,
     report,
-    resume,
     runs,
     schema,
     static,
     sweep,
-    trip,
     twin,
-    view,
 )
-from rfca_rig.cli.help import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.names import add_completions
+from rfca_rig.cli.options import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.terminal import open_null, use_ascii_fallback
 from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
 from rfca_rig.suggestions import in_one_line
@@ -69,7 +64,7 @@ app.add_typer(calibrate.app, name="calibrate", cls=CommandGroup)
 app.add_typer(export.app, name="export", cls=CommandGroup)
 app.command("init", cls=Command)(schema.init)
 app.command("import", cls=Command)(export.import_folder)
-app.command("resume", cls=Command)(resume.resume)
+app.command("resume", cls=Command)(recover.resume)
 app.command("recover", cls=Command)(recover.recover)
 app.command("check", cls=Command)(check.check)
 app.command("runs", cls=Command)(runs.runs)
@@ -79,13 +74,13 @@ app.command("report", cls=Command)(report.report)
 app.command("fit", cls=Command)(fit.fit)
 app.command("diagnose", cls=Command)(diagnose.diagnose)
 app.command("prove", cls=Command)(prove.prove)
-app.command("crosscheck", cls=Command)(crosscheck.crosscheck)
+app.command("crosscheck", cls=Command)(predict.crosscheck)
 app.command("strip", cls=Command)(predict.strip)
 app.command("sweep", cls=Command)(sweep.sweep)
 app.command("doctor", cls=Command)(doctor.doctor)
-app.command("view", cls=Command)(view.view)
-app.command("contract", cls=Command)(contract.contract)
-app.command("trip", cls=Command)(trip.trip)
+app.command("view", cls=Command)(runs.view)
+app.command("contract", cls=Command)(doctor.contract)
+app.command("trip", cls=Command)(schema.trip)
 app.command("schema", cls=Command)(schema.schema)
 
 

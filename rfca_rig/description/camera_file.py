@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from rfca_rig.description.sections import NotNegative, Positive, Section
-from rfca_rig.description.toml import read_toml
-from rfca_rig.description.toml_writing import comment, format_value, table
+from rfca_rig.description.toml import comment, format_value, read_toml, table
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.twins.image_noise import ImageDisturbance

@@ -9,8 +9,7 @@ from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.stages import MOVE_TICK_S
 from rfca_rig.engine.stopping import Cycle, Sink
 from rfca_rig.errors import Stopped
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import MOVE_RAMP_S, TURN_RAD
+from rfca_rig.protocol.plan import MOVE_RAMP_S, TURN_RAD, Cycles
 
 # A cycle ends in the air, this far before the start angle. The start angle is then reached forwards: a bent leg that
 # is pushed backwards wedges.

@@ -11,8 +11,7 @@ from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move, settle
 from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Sink, ramp_down, stop, switch_off
 from rfca_rig.errors import RigError, Stopped, Trip, Tripped
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
-from rfca_rig.protocol.plan import Approach, Flap, Hold, Limits, MoveShaft, Plan, Rest, SetHeight, Stage
+from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold, Limits, MoveShaft, Plan, Rest, SetHeight, Stage, StiffnessCheck
 
 Progress = Callable[[Stage], None]
 

@@ -17,7 +17,7 @@ from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.analysis.valley import valley_and_phases
 from rfca_rig.campaign.opening import open_with_nominal_model
-from rfca_rig.description.toml_writing import comment, format_value
+from rfca_rig.description.toml import comment, format_value
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.leg.findings import PreparedData
 from rfca_rig.diagnosis.leg.nuisances import SAGS, SAGS_PER_S

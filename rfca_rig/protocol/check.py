@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.errors import BadInput
-from rfca_rig.protocol.cycles import Cycles, cycles_in
-from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, Stage
+from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold, MoveShaft, Plan, Stage, cycles_in
 
 
 @dataclass(frozen=True)

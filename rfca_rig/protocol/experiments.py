@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
 from rfca_rig.protocol.plan import (
     Approach,
+    Cycles,
     Direction,
     Flap,
     Hold,
@@ -22,6 +22,7 @@ from rfca_rig.protocol.plan import (
     SetHeight,
     SettleCriterion,
     Stage,
+    StiffnessCheck,
 )
 
 

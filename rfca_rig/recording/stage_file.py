@@ -19,9 +19,9 @@ from rfca_rig.recording.hdf5_file import NewHdf5File, Steps, new_hdf5_file
 from rfca_rig.recording.journal import Begin, BlockKind, End, read_blocks, start_of
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, CommandedStart, RowBatches, Rows, apply_start, host_offset_s
-from rfca_rig.recording.static_table import write_static
 from rfca_rig.recording.store import mark_recording
 from rfca_rig.recording.strokes import TIME, make_raw_stages, make_streams, make_strokes, mark_raw_stage, mark_stroke, write_rows
+from rfca_rig.recording.tables import write_static
 
 INTERRUPTED = "the recording was interrupted"
 

@@ -23,8 +23,8 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording import strokes
 from rfca_rig.recording.hdf5_file import SEALED, new_hdf5_file, open_plain, read_seal, run_to_completion
 from rfca_rig.recording.model import Recording, Source, check_source, check_texts
-from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.strokes import RAW, STROKES, read_raw_stages, read_strokes, write_raw_stages, write_strokes
+from rfca_rig.recording.tables import read_static, write_static
 
 FORMAT = "rfca-recording/1"
 MOST_TITLE = 1000

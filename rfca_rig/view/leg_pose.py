@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import RigError
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
-from rfca_rig.view.decimation import Floats
+from rfca_rig.view.pyramid import Floats
 from rfca_rig.view.run_facts import Scene, SceneStroke
 
 TURN_RAD = 2.0 * math.pi

@@ -9,8 +9,8 @@ import numpy as np
 
 from rfca_rig.drivers.roles import SensorScale
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.view.decimation import Floats
 from rfca_rig.view.messages import Health
+from rfca_rig.view.pyramid import Floats
 from rfca_rig.view.run_queue import SeenTicks
 
 # Window in s for rates and delays.

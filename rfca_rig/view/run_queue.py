@@ -20,7 +20,7 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import BlockKind, JournalBlock, frame_block
-from rfca_rig.view.decimation import Floats, Numbers
+from rfca_rig.view.pyramid import Floats, Numbers
 
 # Little-endian without padding: eight doubles, the lost records, the numbers of shaft samples and of force records.
 _HEAD = struct.Struct("<8dQII")

@@ -14,9 +14,8 @@ from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.engine.stages import MOVE_TICK_S
 from rfca_rig.errors import Stopped, Tripped
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import MoveShaft, Plan, SetHeight
-from rfca_rig.recording.cycle_table import cycle_table
+from rfca_rig.protocol.plan import Cycles, MoveShaft, Plan, SetHeight
+from rfca_rig.recording.tables import cycle_table
 from tests.engine.rigs import nothing, recorder_on, twin_rig
 
 TURN = 2.0 * math.pi

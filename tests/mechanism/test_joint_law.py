@@ -16,7 +16,7 @@ from rfca_rig.diagnosis.mechanisms.joint_law import _leave_out, measure_joint_la
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
-from rfca_rig.mechanism.joint_law import compute_own_law
+from rfca_rig.mechanism.laws import compute_own_law
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import JointLaw, make_plant
 from rfca_rig.mechanism.rollout import simulate_plant

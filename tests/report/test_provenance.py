@@ -5,10 +5,9 @@ import re
 import subprocess
 from pathlib import Path
 
-from rfca_rig.campaign.fingerprint import fingerprint
 from rfca_rig.clock import TwinClock
 from rfca_rig.recording.store import write_recording
-from rfca_rig.reports.provenance import NOT_STATED, Origin, command_line, date_text, origin_in_memory, origin_of, version_text
+from rfca_rig.reports.provenance import NOT_STATED, Origin, command_line, date_text, fingerprint, origin_in_memory, origin_of, version_text
 from tests.report.recordings import recording, stages
 
 SMALL = Path(__file__).parents[1] / "data" / "small-campaign"

@@ -12,8 +12,7 @@ from rfca_rig.analysis.torque_rotation.bases import SplineThroughRest
 from rfca_rig.analysis.torque_rotation.checks import FormCheck, RestAngles
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-from rfca_rig.description.model_file import write_model
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model, write_model
 from rfca_rig.description.sections import MIN_K2_PER_RAD2, TorqueRotationSection
 from rfca_rig.description.torque_rotation import relative_std, replace_by_curve, replace_by_law
 from rfca_rig.model.parameters import RigModel

@@ -31,7 +31,7 @@ from rfca_rig.analysis.torque_rotation.recovery import CurveFit, Errors, fit_cur
 from rfca_rig.analysis.torque_rotation.stages import StageData, make_stage_data
 from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult, points_of
 from rfca_rig.analysis.torque_rotation.systematics import Instruments, SystematicErrors, list_systematic_errors
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.hinge_springs import FEWEST_ANGLES as FEWEST_KNOTS
 from rfca_rig.model.parameters import RigModel

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Json
+from rfca_rig.cli.options import Command, Json
 
 if TYPE_CHECKING:
     from rfca_rig.cli.terminal import Say

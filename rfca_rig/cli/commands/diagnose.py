@@ -218,7 +218,7 @@ def diagnose_quietly(without: tuple[str, ...], as_is: bool, job: tuple[Path, Pat
 
 def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     """Prints the result in the terminal."""
-    from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
+    from rfca_rig.diagnosis.experiment_design.leg_experiment import NEXT_PROTOCOL
     from rfca_rig.reports.diagnosis.files import terminal_lines
 
     if as_json:
@@ -335,7 +335,7 @@ def _diagnose_leg(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> 
     """Diagnoses a leg's recordings and writes all files."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
-    from rfca_rig.diagnosis.experiment_design.next_protocol import write_next_protocol
+    from rfca_rig.diagnosis.experiment_design.leg_experiment import write_next_protocol
     from rfca_rig.diagnosis.model_files import write_fitted_model, write_measured_model
     from rfca_rig.reports.diagnosis.files import write_diagnosis
     from rfca_rig.reports.provenance import origin_of

@@ -5,8 +5,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort, out_folder
+from rfca_rig.cli.options import (
+    Command,
+    Dry,
+    Fault,
+    Json,
+    Model,
+    Operator,
+    Pace,
+    Protocol,
+    Rig,
+    Runs,
+    Sample,
+    Seed,
+    View,
+    ViewPort,
+    out_folder,
+)
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.phases import Undetermined
@@ -51,8 +66,8 @@ def run(
     Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
     """
     from rfca_rig.cli.attach_view import parse_viewing
+    from rfca_rig.cli.run_config import RunOptions, make_run_config
     from rfca_rig.cli.run_experiment import run_and_record
-    from rfca_rig.cli.run_options import RunOptions, make_run_config
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.protocol.experiments import flapping_plan
 

@@ -1,12 +1,15 @@
-"""rfca-rig predict, rfca-rig strip: one stroke of the model, without any rig"""
+"""rfca-rig predict, strip, crosscheck: strokes of the model, without any rig"""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rfca_rig.cli.options import Json, Model, Rig, out_file
 from rfca_rig.cli.terminal import print_lines
+
+if TYPE_CHECKING:
+    from rfca_rig.analysis.crosscheck import CheckedCondition
 
 
 def predict(
@@ -69,3 +72,86 @@ def strip(
         typer.echo(json.dumps(comparison.summary(), indent=1))
         return
     print_lines(comparison.lines(), indent=" " * 13)
+
+
+def crosscheck(
+    rig: Rig = "twin",
+    protocol: Annotated[
+        str,
+        typer.Option(
+            "--protocol", metavar="NAME|FILE", help="A dynamic protocol, for its heights and speeds: a name (plan --list) or a .toml file."
+        ),
+    ] = "table2",
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            "--picture", metavar="FILE", callback=out_file, help="Draw both force curves and their difference: .svg, .png or .pdf."
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Compare the model with MuJoCo, another group's multibody code, as the paper compares its model with RecurDyn.
+
+    Example: rfca-rig crosscheck --picture crosscheck.svg
+    """
+    from rfca_rig.analysis.crosscheck import check_condition, check_own_contact
+    from rfca_rig.analysis.mujoco_leg import load_mujoco
+    from rfca_rig.cli.paths import find_file
+    from rfca_rig.cli.progress import announce_first_compile, progress
+    from rfca_rig.cli.trusted_code import find_rig
+    from rfca_rig.description.protocol_file import read_dynamic
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.errors import BadInput
+    from rfca_rig.progress import iterate_with_progress
+    from rfca_rig.reports.crosscheck_picture import write_crosscheck_picture
+    from rfca_rig.reports.style import check_picture_path
+
+    # Before any work: MuJoCo is an extra that may not be installed.
+    load_mujoco()
+    if picture is not None:
+        check_picture_path(picture)
+    model = read_rig(find_rig(rig)).model()
+    # MuJoCo would simulate another leg, and the difference would be taken for an error of the model.
+    if model.effects:
+        raise BadInput(f"{rig}: has effects switched on; MuJoCo computes the plain leg and ground only, take the [[effects]] out")
+    plan = read_dynamic(find_file("protocols", protocol))
+    conditions = plan.flapping().conditions
+    with progress(as_json) as bars:
+        announce_first_compile(bars, as_json)
+        alike, own = bars.counting("the same contact in both"), bars.counting("MuJoCo's own contact")
+        same_ground = [check_condition(model, one, plan.sweep_deg) for one in iterate_with_progress(conditions, alike)]
+        own_contact = [check_own_contact(model, one, plan.sweep_deg) for one in iterate_with_progress(conditions, own)]
+    if picture is not None:
+        write_crosscheck_picture(same_ground, picture)
+    _say(same_ground, own_contact, as_json)
+
+
+def _say(same_ground: "list[CheckedCondition]", own_contact: "list[CheckedCondition]", as_json: bool) -> None:
+    import json
+
+    from rfca_rig.analysis.crosscheck import PAPER_PCT, STIFFENING_FACTOR, average_pct
+
+    if as_json:
+        answer = {
+            "average_contact_force_difference_pct": round(average_pct(same_ground), 5),
+            "paper_against_recurdyn_pct": PAPER_PCT,
+            "same_ground": [one.summary() for one in same_ground],
+            "own_contact_on_stiff_ground": [one.summary() for one in own_contact],
+        }
+        typer.echo(json.dumps(answer, indent=1))
+        return
+    typer.echo(f"contact force, difference from MuJoCo\n{_table(same_ground)}", nl=False)
+    typer.echo(f"average {average_pct(same_ground):.3f} %; the paper's model and RecurDyn: {PAPER_PCT:g} %")
+    print_lines(
+        [f"with MuJoCo's own contact, ground {STIFFENING_FACTOR:g} times as stiff (touchdown and release depend on the law of contact):"]
+    )
+    typer.echo(_table(own_contact), nl=False)
+
+
+def _table(checked: "list[CheckedCondition]") -> str:
+    """A line for each condition; of one that never reaches a valley the loading is not known."""
+    from rfca_rig.reports.table import Table, TableColumn, TableRow, as_text
+
+    columns = (TableColumn("condition"), TableColumn("whole_stroke_pct", digits=3), TableColumn("loading_pct", digits=3))
+    rows = ({"condition": one.label, "whole_stroke_pct": one.stroke_pct, "loading_pct": one.loading_pct} for one in checked)
+    return as_text(Table("crosscheck", "", columns, tuple(TableRow(row) for row in rows)))

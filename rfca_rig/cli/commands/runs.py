@@ -1,7 +1,8 @@
-"""rfca-rig runs"""
+"""rfca-rig runs, rfca-rig view: the list of runs, and one of them in the browser"""
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from textwrap import wrap
@@ -237,3 +238,23 @@ def _count_line(folder: Path, shown: int, fitting: int, known: int) -> str:
         return f"none of the {known} runs below {folder} is like that; ask for less"
     more = f"; --last 0 shows all {fitting}" if shown < fitting else ""
     return f"{shown} of {known} runs below {folder}{more}"
+
+
+def view(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")],
+    port: Annotated[int, typer.Option("--port", metavar="PORT", min=0, max=65535, help="The port; any free one if not given.")] = 0,
+) -> None:
+    """Play a recording in the browser, on the page on which --view shows a run; ^C ends it.
+
+    Only this computer can open the address that is printed.
+
+    Example: rfca-rig view runs/SIM-table-ii-001
+    """
+    from rfca_rig.view.live_view import check_view_is_installed
+
+    check_view_is_installed()
+    # After the check: this import needs the packages of the extra.
+    from rfca_rig.view.replay import replay
+
+    with suppress(KeyboardInterrupt):
+        replay(run, port, lambda url: typer.echo(f"open {url} (^C here ends it)", err=True))

@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Rig, Seed
+from rfca_rig.cli.options import Command, Rig, Seed
 from rfca_rig.cli.terminal import print_lines
 from rfca_rig.errors import BadInput, DeviceError, Stopped
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.diagnosis.inference.model_selection import Progress
+from rfca_rig.diagnosis.mechanisms.check import can_balance, estimate_states
 from rfca_rig.diagnosis.mechanisms.fit import fit_problem
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
-from rfca_rig.diagnosis.mechanisms.states import can_balance, estimate_states
 from rfca_rig.diagnosis.window_fit import WindowFit
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.inverse_dynamics import balance_torques

@@ -13,12 +13,12 @@ from rfca_rig.diagnosis.inference.parameterization import EffectTerm
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.diagnosis.mechanisms.windows import MechanismSimulator
-from rfca_rig.diagnosis.residual_force.joint_argument import make_joint_argument
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, StatedLaw
+from rfca_rig.diagnosis.residual_force.law_arguments import make_joint_argument
 from rfca_rig.diagnosis.residual_force.measured_law import LawStart, measure_best_law
 from rfca_rig.diagnosis.residual_force.stated_law import CURVE_POINTS
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.mechanism.joint_law import QUANTITIES, compute_own_law
+from rfca_rig.mechanism.laws import QUANTITIES, compute_own_law
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect, Values

@@ -21,13 +21,10 @@ from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.mechanisms.windows import Motions
-from rfca_rig.diagnosis.pendulums.nuisances import to_pendulum_input
-from rfca_rig.diagnosis.pendulums.windows import Stretch
+from rfca_rig.diagnosis.pendulums.windows import Stretch, to_pendulum_input
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
-from rfca_rig.diagnosis.residual_force.joint_argument import response_to_branch, turning_rate
-from rfca_rig.diagnosis.residual_force.law import Course, MemoryTest
-from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, course_of_stroke
-from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, prior_root
+from rfca_rig.diagnosis.residual_force.law import ROUGHNESS, SIZES, Course, MemoryTest, prior_root
+from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, course_of_stroke, response_to_branch, turning_rate
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, advance_time, make_basis, simulate_forced_stroke
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.laws import HINGE, TABLE, LawUse

@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.bench.expectation import predict_loads
-from rfca_rig.channels import WRENCH
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import Plan, flap_label
+from rfca_rig.protocol.plan import Cycles, Plan, flap_label
 from rfca_rig.protocol.written_plan import parse_plan
-from rfca_rig.recording.cycle_table import CYCLES
+from rfca_rig.recording.layout import WRENCH
 from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stream, Stroke
+from rfca_rig.recording.tables import CYCLES
 
 Floats = NDArray[np.float64]
 Kind = Literal["stroke", "static stage", "cycles", "cut short"]

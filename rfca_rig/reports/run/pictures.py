@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
-from rfca_rig.recording.cycle_table import cycle_table
 from rfca_rig.recording.model import Recording, StaticStage
+from rfca_rig.recording.tables import cycle_table
 from rfca_rig.reports.run.parts import RunPart, RunStory
 from rfca_rig.reports.style import (
     BAD,

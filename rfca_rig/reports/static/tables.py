@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
-from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
-from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.table import Table, TableColumn, TableRow, Value, with_common_decimals
 

@@ -8,7 +8,7 @@ from rfca_rig.analysis.compare import PAPER_AVERAGE_ERROR_PCT, ComparedCondition
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, make_peak_row
 from rfca_rig.analysis.repeats import group_by_condition
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.model.parameters import LawTable, RigModel
 from rfca_rig.model.tabulated_law import kind_of
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
