@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.matched_simulation import MatchedSimulation, Shaft, simulate_matching
-from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, phases_of_simulation
+from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, Valley, phases_of_simulation, valley_and_phases
 from rfca_rig.analysis.repeats import Condition, Spread, compute_spread
-from rfca_rig.analysis.valley import Valley, valley_and_phases
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.model import Stroke
 

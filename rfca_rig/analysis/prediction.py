@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed

@@ -20,8 +20,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.analysis.prediction import predict_stroke
-from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.paper.equivalent_stiffness import EncasedStrip, by_its_middle, centre_lay

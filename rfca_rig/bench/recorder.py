@@ -16,10 +16,10 @@ from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold
 from rfca_rig.recording.backend import RunBackend
+from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME, ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
 from rfca_rig.recording.journal import Begin, End, StrokeCondition, event_block, samples_block, start_block
 from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH
 from rfca_rig.recording.model import StaticStage, Stroke
-from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
 from rfca_rig.recording.tables import CYCLE_FORM, cycle_row
 from rfca_rig.vision.leg_photo import PhotoSetup
 

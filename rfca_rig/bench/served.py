@@ -16,9 +16,8 @@ from rfca_rig.description.force_sensor_sections import AtiSerialSection, ForceSe
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.can_ports import FdcanusbPort, PseudoTerminal, SharedWire, SlcanPort, SocketcandPort
-from rfca_rig.twin_server.control_port import ControlPort
 from rfca_rig.twin_server.drive_faults import TamperedBus
-from rfca_rig.twin_server.faults import FaultEvent, FaultPanel, FaultSchedule
+from rfca_rig.twin_server.faults import ControlPort, FaultEvent, FaultPanel, FaultSchedule
 from rfca_rig.twin_server.netft_ports import CommandPort, HttpPort, TamperedLink, UdpLink
 from rfca_rig.twin_server.tcp import LOOPBACK
 from rfca_rig.twins.world import SensorTwin

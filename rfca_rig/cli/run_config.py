@@ -6,8 +6,7 @@ from pathlib import Path
 
 from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.bench.resume import InterruptedRun
-from rfca_rig.cli.paths import find_file
-from rfca_rig.cli.trusted_code import find_rig
+from rfca_rig.cli.paths import find_file, find_rig
 from rfca_rig.description.model_file import ModelFile, read_model_file
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import read_text

@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
 
-from rfca_rig.engine.cycling import run_cycles
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopLevel, StopRequest
 from rfca_rig.engine.loop import Loop
-from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move, settle
+from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move, run_cycles, settle
 from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Sink, ramp_down, stop, switch_off
 from rfca_rig.errors import RigError, Stopped, Trip, Tripped
 from rfca_rig.protocol.check import Load

@@ -12,6 +12,9 @@ import h5py
 import numpy as np
 
 from rfca_rig.recording.columns import (
+    ColumnForm,
+    Rows,
+    StreamForm,
     check_column,
     column_form_of,
     copy_column,
@@ -22,7 +25,6 @@ from rfca_rig.recording.columns import (
     read_names,
 )
 from rfca_rig.recording.model import RawStage, Source, Stream, Stroke
-from rfca_rig.recording.rows import ColumnForm, Rows, StreamForm
 
 # The column that viewers plot first.
 PLOTTED = "fz_N"

@@ -13,9 +13,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.recording.columns import read_column, read_names, write_column
+from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME, ColumnForm, Rows, StreamForm, read_column, read_names, write_column
 from rfca_rig.recording.model import Column, Direction, Floats, Recording, StaticStage
-from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, ColumnForm, Rows, StreamForm
 from rfca_rig.recording.strokes import BEFORE, height_mm
 
 STATIC = "static"

@@ -18,7 +18,7 @@ from rfca_rig.diagnosis.inference.parameterization import Parameterization, coor
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, make_basis
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel
 from rfca_rig.diagnosis.model_files import write_measured_model
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, cut_stretches, make_pendulum_dataset, space_of_pendulum
 from rfca_rig.diagnosis.residual_force.law import NONE, prior_root

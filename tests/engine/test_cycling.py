@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
-from rfca_rig.engine.cycling import BEFORE_START_RAD, MAX_TURNS, CycleProfile, CycleTally, check_turns
 from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.engine.stages import MOVE_TICK_S
+from rfca_rig.engine.stages import BEFORE_START_RAD, MAX_TURNS, MOVE_TICK_S, CycleProfile, CycleTally, check_turns
 from rfca_rig.errors import Stopped, Tripped
 from rfca_rig.protocol.plan import Cycles, MoveShaft, Plan, SetHeight
 from rfca_rig.recording.tables import cycle_table

@@ -191,7 +191,7 @@ def diagnose(
         diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is), asked)
     else:
         from rfca_rig.cli.close_the_loop import ClosedLoop
-        from rfca_rig.cli.trusted_code import find_rig
+        from rfca_rig.cli.paths import find_rig
 
         # The command is stored with the result, without options at their defaults.
         options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed, "--as-is": as_is}
@@ -308,8 +308,8 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
 
 def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, stated: Sequence[str]) -> None:
     """Writes the model file, and Python functions for what MJCF cannot express."""
-    from rfca_rig.mechanism.amend import write_amended_model
     from rfca_rig.mechanism.laws_file import write_laws
+    from rfca_rig.mechanism.model_files import write_amended_model
 
     beyond = write_amended_model(plant, out / model_name)
     if write_laws(plant, beyond, out / laws_name, stated, model_name):

@@ -36,7 +36,7 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
 
     Example: rfca-rig doctor --rig my-rig.toml
     """
-    from rfca_rig.cli.trusted_code import find_rig
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.doctor.finding import Colour
@@ -100,7 +100,7 @@ def contract(
 
     Example: rfca-rig contract our-rig.toml
     """
-    from rfca_rig.cli.trusted_code import find_rig
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
 

@@ -24,8 +24,7 @@ from rfca_rig.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from rfca_rig.analysis.phases import Undetermined
-    from rfca_rig.analysis.valley import Valley
+    from rfca_rig.analysis.phases import Undetermined, Valley
     from rfca_rig.bench.recorder import Recorder
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.protocol_file import DynamicFile
@@ -102,7 +101,7 @@ def replace_conditions(protocol: "DynamicFile", height_mm: float | None, speed_r
 
 def say_valley(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
     """A line for every stroke."""
-    from rfca_rig.analysis.valley import stroke_valley
+    from rfca_rig.analysis.phases import stroke_valley
     from rfca_rig.protocol.plan import Flap
 
     if isinstance(stage, Flap):
@@ -117,7 +116,7 @@ class Valleys:
 
     def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
         """Called after each stage."""
-        from rfca_rig.analysis.valley import describe_stroke
+        from rfca_rig.analysis.phases import describe_stroke
         from rfca_rig.protocol.plan import Flap
 
         if isinstance(stage, Flap):
@@ -127,7 +126,7 @@ class Valleys:
 
 def valley_text(valley: "Valley | Undetermined") -> str:
     """A valley, or why there is none, for a line of output."""
-    from rfca_rig.analysis.valley import Valley
+    from rfca_rig.analysis.phases import Valley
 
     return f"valley ({valley.time_s:.3f} s, {valley.fz_N:.2f} N)" if isinstance(valley, Valley) else f"no valley: {valley.reason}"
 

@@ -68,9 +68,8 @@ def _work(
     from rfca_rig.cli.progress import progress
     from rfca_rig.clock import WallClock
     from rfca_rig.errors import Stopped
-    from rfca_rig.exam.ablation import run_ablation
     from rfca_rig.exam.examine import examine
-    from rfca_rig.exam.follow_up import follow_up
+    from rfca_rig.exam.follow_up import follow_up, run_ablation
 
     try:
         with progress(quiet=quiet) as bars, open_executor(workers, cluster, bars.report, out) as executor:

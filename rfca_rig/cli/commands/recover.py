@@ -159,8 +159,8 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
 
     from rfca_rig.bench.resume import read_compatible_rig
     from rfca_rig.cli.close_the_loop import nominal_model_of
+    from rfca_rig.cli.paths import check_trusted, find_rig
     from rfca_rig.cli.run_config import RunConfig
-    from rfca_rig.cli.trusted_code import check_trusted, find_rig
     from rfca_rig.errors import BadInput
     from rfca_rig.protocol.written_plan import make_remaining_plan
 

@@ -100,7 +100,7 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
+    from rfca_rig.diagnosis.mechanisms.fit import compare_mechanism
     from rfca_rig.reports.strokes.motions import mechanism_report
 
     printing = Printing(pdf)

@@ -48,7 +48,7 @@ def init(
 
     Example: rfca-rig init --mjcf arm.xml --data recordings
     """
-    from rfca_rig.campaign.experiment_draft import PLACEHOLDER, write_draft
+    from rfca_rig.campaign.experiment import PLACEHOLDER, write_draft
     from rfca_rig.mechanism.load import load_mechanism
 
     path = write_draft(load_mechanism(mjcf), data)

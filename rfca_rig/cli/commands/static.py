@@ -140,7 +140,7 @@ def force(
 
 
 def _leg(rig: str, model: Path | None) -> "Leg":
-    from rfca_rig.cli.trusted_code import find_rig
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
 

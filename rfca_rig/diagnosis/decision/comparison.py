@@ -29,7 +29,7 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, propagate_smooth_error
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior
 
 Floats = NDArray[np.float64]
 

@@ -39,8 +39,7 @@ from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, suppor
 from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis, compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
-from rfca_rig.diagnosis.likelihood.laplace import laplace_posterior
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior, laplace_posterior
 from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Verdict
 from rfca_rig.model.catalogue import Family, families_of, list_related
 

@@ -19,7 +19,7 @@ from rfca_rig.analysis.swings import apply_nuisances
 from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.mechanisms.windows import Motions
 from rfca_rig.diagnosis.pendulums.windows import Stretch, to_pendulum_input
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip

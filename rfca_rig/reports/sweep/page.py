@@ -28,9 +28,9 @@ from rfca_rig.reports.table import Table, TableColumn, TableRow
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import count_noun, number
 from rfca_rig.sweep.outputs import RequestedOutput
+from rfca_rig.sweep.plan import points
 from rfca_rig.sweep.quantities import find_quantity
 from rfca_rig.sweep.result import CSV, H5, SweepResult
-from rfca_rig.sweep.samples import points
 
 FILES = [CSV, H5, "sweep.json"]
 DEFINITIONS = (

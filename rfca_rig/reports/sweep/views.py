@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.reports.table import Table, TableColumn, TableRow
 from rfca_rig.reports.text import MINUS, words_and_unit
-from rfca_rig.sweep.plan import Axis, SweepPlan
+from rfca_rig.sweep.plan import Axis, FirstOrder, SweepPlan, first_order, shares
 from rfca_rig.sweep.quantities import Value
 from rfca_rig.sweep.result import SweepResult
-from rfca_rig.sweep.samples import FirstOrder, first_order, shares
 
 Floats = NDArray[np.float64]
 
