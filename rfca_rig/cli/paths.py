@@ -13,7 +13,6 @@ from pathlib import Path
 
 import typer
 
-from rfca_rig.description.toml import read_data
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import translate_os_errors
 from rfca_rig.suggestions import suggestion
@@ -101,6 +100,9 @@ def _list_file() -> Path:
 
 def _code_of(rig_path: Path) -> list[Path]:
     """The Python files that a rig file names, without reading any of them."""
+    # Imported here, as pydantic would slow down --help and completions.
+    from rfca_rig.description.toml import read_data
+
     data = read_data(rig_path)
     tables = [table for name in SECTIONS if isinstance(table := data.get(name), dict)]
     named = [table[key] for table in tables for key in FILE_KEYS if isinstance(table.get(key), str)]

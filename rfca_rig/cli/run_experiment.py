@@ -15,12 +15,12 @@ from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.attach_view import attach_view, twin_clock
-from rfca_rig.cli.finalize_run import FinishedRun, finish, finish_cut_short, note_end, open_folder
+from rfca_rig.cli.finalize_run import AcknowledgedLines, FinishedRun, finish, finish_cut_short, note_end, open_folder
 from rfca_rig.cli.paths import find_file, make_run_folder, trust
 from rfca_rig.cli.preflight import check_before_run, print_plan, recording_size
 from rfca_rig.cli.progress import make_marked_say, progress_bar
 from rfca_rig.cli.run_config import RunConfig
-from rfca_rig.cli.terminal import AcknowledgedLines, Say
+from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import WallClock
 from rfca_rig.engine.interfaces import Bench, StopLevel, StopRequest
 from rfca_rig.engine.run import Supervision, prove_stop, run_plan
