@@ -71,7 +71,7 @@ class LegShapes:
         stroke = self._strokes.get(_condition(height_m, speed_rad_s))
         if stroke is None:
             return self.hanging(shaft_rad)
-        # The same angle in the turn that begins one degree before `start_rad`.
+        # The same angle in the turn that begins one degree before the stroke's start.
         # One degree of margin: a shaft that stands a little before the start would otherwise count as a whole turn ahead.
         begin_rad = float(stroke.shaft_rad[0]) - float(np.radians(1.0))
         in_turn_rad = begin_rad + (shaft_rad - begin_rad) % TURN_RAD

@@ -216,7 +216,7 @@ class MoteusReplies:
         if asked_s is None:
             # No query is open: the frame was duplicated on the way.
             return
-        # Raises DeviceError for a position or speed that is not finite, as a limit check on it would never trip.
+        # A limit check on a position or speed that is not finite would never trip.
         if not (isfinite(values[Register.POSITION]) and isfinite(values[Register.VELOCITY])):
             raise DeviceError(
                 f"drive {self._settings.drive_id} knows no position, mode {mode_text(int(values[Register.MODE]))}; check its encoder"

@@ -34,8 +34,8 @@ Interval = tuple[float, float, float]
 DASHES = (0, (3.2, 1.8))
 # Resolution of a line in a panel: two points for each column keep every peak.
 COLUMNS = 90
-# Curves that differ by less than this share of the signal's range (rms) look alike: a panel is 90 points high, and
-# the broad line takes 2.8 of them, 3 %.
+# Curves that differ by less than this share of the signal's range (rms) look alike: a panel is 90 points high, and the
+# broad line takes 2.8 of them, 3 %.
 COINCIDE = 0.02
 RESIDUAL_IN = (4.7, 2.1)
 # Share of a panel's height that marks the start of a window.
