@@ -23,8 +23,7 @@ from sphinx.util.typing import ExtensionMetadata
 
 from rfca_rig.campaign.experiment_layout import ExperimentFile
 from rfca_rig.campaign.layout import CampaignFile
-from rfca_rig.campaign.pendulum import PendulumModelFile
-from rfca_rig.campaign.pendulum_layout import PendulumFile
+from rfca_rig.campaign.pendulum import PendulumFile, PendulumModelFile
 from rfca_rig.cli.main import app as command_line
 from rfca_rig.description.camera_file import CameraFile
 from rfca_rig.description.cluster_file import ClusterFile

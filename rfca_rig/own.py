@@ -5,8 +5,7 @@ from rfca_rig.description.motor_sections import MotorKeys
 from rfca_rig.description.sections import NotNegative, Positive
 from rfca_rig.drivers.force_sensors.record_stream import Record, RecordStream
 from rfca_rig.drivers.motors.speed_drive import Report, SpeedDrive
-from rfca_rig.twins.record_stream import RecordStreamTwin
-from rfca_rig.twins.speed_drive import SpeedDriveTwin
+from rfca_rig.twins.plugins import RecordStreamTwin, SpeedDriveTwin
 
 __all__ = [
     "ForceSensorKeys",

@@ -201,13 +201,10 @@ class AcquiredDatagrams:
         self._check()
         records = self._reader.read().records
         in_one = [records[at : at + MAX_RECORDS].tobytes() for at in range(0, len(records), MAX_RECORDS)]
-        return in_one + self._newly_refused()
-
-    def _newly_refused(self) -> list[bytes]:
         refused, size = self._ring.refused
         new, self._refused = refused - self._refused, refused
         # The driver's decoder refuses the zeros, and so counts the datagram as malformed.
-        return [bytes(size)] * min(new, MAX_REFUSED_PER_READ)
+        return in_one + [bytes(size)] * min(new, MAX_REFUSED_PER_READ)
 
     def _check(self) -> None:
         """Raises DeviceError for an error that the process reported, or if it has ended."""

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.matched_simulation import MatchedSimulation, Shaft, simulate_matching
-from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, phases_of_simulation
+from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, Valley, phases_of_simulation, valley_and_phases
 from rfca_rig.analysis.repeats import Condition, Spread, compute_spread
-from rfca_rig.analysis.valley import Valley, valley_and_phases
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.model import Stroke
 
@@ -49,8 +48,11 @@ class ComparedCondition:
 
     def mean_phases(self) -> StrokePhases:
         """Mean of each border over the repeats that reached it; of the simulated strokes where no repeat has a measurable contact."""
-        measured = [r.phases for r in self.repeats]
-        return _mean_phases(measured if self.contact_is_measured else [_phases_of(model) for model in self.simulated])
+        if self.contact_is_measured:
+            return _mean_phases([r.phases for r in self.repeats])
+        return _mean_phases(
+            [phases_of_simulation(one.stroke, one.valley.time_s if isinstance(one.valley, Valley) else np.inf) for one in self.simulated]
+        )
 
     def rms_N(self) -> dict[str, float]:
         """Root mean square of the residual over all repeats, by phase; phases without samples are omitted."""
@@ -96,11 +98,9 @@ def _compare_stroke(stroke: Stroke, model: MatchedSimulation) -> ComparedRepeat:
         return ComparedRepeat(stroke.repeat, nothing, nothing, nothing, Undetermined("fz was not recorded"), StrokePhases())
     t_s, fz_N = trace
     valley, phases = valley_and_phases(t_s, fz_N)
-    return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - _interpolate_fz(model, t_s), valley, phases)
-
-
-def _phases_of(model: MatchedSimulation) -> StrokePhases:
-    return phases_of_simulation(model.stroke, model.valley.time_s if isinstance(model.valley, Valley) else np.inf)
+    # Before its grid the model is at rest; after it the force is unknown, NaN.
+    simulated_N = np.interp(t_s, model.stroke.t_s, model.stroke.fz_N, right=np.nan)
+    return ComparedRepeat(stroke.repeat, t_s, fz_N, fz_N - simulated_N, valley, phases)
 
 
 def _mean_phases(each: Sequence[StrokePhases]) -> StrokePhases:
@@ -114,11 +114,6 @@ def _mean_phases(each: Sequence[StrokePhases]) -> StrokePhases:
 def _mean_of_finite(times_s: Sequence[float]) -> float:
     finite = [time_s for time_s in times_s if np.isfinite(time_s)]
     return float(np.mean(finite)) if finite else np.inf
-
-
-def _interpolate_fz(model: MatchedSimulation, t_s: Floats) -> Floats:
-    """Simulated fz at the measured times (m,). Before its grid the model is at rest; after it the force is unknown, NaN."""
-    return np.interp(t_s, model.stroke.t_s, model.stroke.fz_N, right=np.nan)
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.mujoco_leg import MujocoStroke, stroke_in_mujoco, stroke_on_springs
-from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, StrokePhases, Undetermined, phases_of_simulation
+from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, StrokePhases, Undetermined, Valley, find_valley, phases_of_simulation
 from rfca_rig.analysis.prediction import SAMPLE_S
-from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import RigModel

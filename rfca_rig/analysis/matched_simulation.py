@@ -6,9 +6,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.phases import Undetermined
+from rfca_rig.analysis.phases import Undetermined, Valley, find_valley
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed

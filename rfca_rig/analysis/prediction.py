@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
@@ -29,6 +29,7 @@ class Prediction:
         valley = find_valley(stroke.t_s, stroke.fz_N)
         found = valley if isinstance(valley, Valley) else None
         force = np.hypot(stroke.fy_N, stroke.fz_N)
+        touching = stroke.normal_N.sum(axis=1) > 0.0
         return {
             "height_mm": round(1e3 * self.height_m, 6),
             "speed_rad_s": self.speed_rad_s,
@@ -38,7 +39,7 @@ class Prediction:
             "peak_force_N": round(float(force.max()), 3),
             "peak_force_time_s": round(float(stroke.t_s[force.argmax()]), 4),
             "peak_shaft_torque_Nm": round(float(np.abs(stroke.shaft_torque_Nm).max()), 4),
-            "touches_from_s": _touch_s(stroke),
+            "touches_from_s": round(float(stroke.t_s[touching.argmax()]), 4) if touching.any() else None,
         }
 
     def lines(self) -> list[str]:
@@ -55,11 +56,6 @@ class Prediction:
             f"peak force {figures['peak_force_N']:.1f} N at {figures['peak_force_time_s']:.3f} s, "
             f"peak shaft torque {figures['peak_shaft_torque_Nm']:.2f} N m",
         ]
-
-
-def _touch_s(stroke: SimulatedStroke) -> float | None:
-    touching = stroke.normal_N.sum(axis=1) > 0.0
-    return round(float(stroke.t_s[touching.argmax()]), 4) if touching.any() else None
 
 
 def predict_stroke(rig: RigModel, height_m: float, speed_rad_s: float, sweep_deg: float) -> Prediction:

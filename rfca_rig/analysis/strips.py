@@ -20,8 +20,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.analysis.prediction import predict_stroke
-from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.paper.equivalent_stiffness import EncasedStrip, by_its_middle, centre_lay
@@ -170,7 +170,10 @@ def _row(rig: RigModel, strip: Strip, fitted: Strip, height_m: float, speed_rad_
     EI = strip.bending_stiffness_Nm2
     # In a pseudo-rigid-body model every hinge stiffness is proportional to E I, so the fitted value scales with it.
     k0 = rig.leg.k0_Nm_per_rad * EI / fitted.bending_stiffness_Nm2
-    stiffness = _hinge_stiffness(rig.leg, strip)
+    lay = centre_lay(rig.leg.link_lengths_m, strip.length_m)
+    # Stiffness of the unbent strip, equation (8) at phi = 0.
+    encased = EncasedStrip(strip.bending_stiffness_Nm2, lay, by_its_middle(lay))
+    stiffness = encased.difference_stiffness(np.zeros(lay.pins_m.size))
     stroke = _stroke(replace(rig, leg=replace(rig.leg, k0_Nm_per_rad=k0)), height_m, speed_rad_s)
     angle, torque = stroke.largest_angle_rad, stroke.largest_torque_Nm
     return StripRow(
@@ -201,13 +204,6 @@ def _strain(strip: Strip, angle_rad: float, torque_Nm: float, pitch_m: float, co
 def _pitch_m(leg: Leg) -> float:
     """Mean distance between link centres, of the links between the end links."""
     return float(np.mean(leg.link_lengths_m[1:-1]))
-
-
-def _hinge_stiffness(leg: Leg, strip: Strip) -> Floats:
-    lay = centre_lay(leg.link_lengths_m, strip.length_m)
-    # Stiffness of the unbent strip, equation (8) at phi = 0.
-    encased = EncasedStrip(strip.bending_stiffness_Nm2, lay, by_its_middle(lay))
-    return encased.difference_stiffness(np.zeros(lay.pins_m.size))
 
 
 def _stroke(rig: RigModel, height_m: float, speed_rad_s: float) -> StrokeWith:

@@ -15,8 +15,7 @@ from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke, simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import TURN_RAD, Approach, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, turn_to
+from rfca_rig.protocol.plan import TURN_RAD, Approach, Cycles, Flap, Hold, MoveShaft, Plan, SetHeight, Stage, turn_to
 
 SAMPLE_S = 1e-3
 
@@ -57,7 +56,8 @@ def turn_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
     found: dict[tuple[float, float], Load] = {}
     conditions = dict(_turns(plan))
     for condition in set(conditions.values()):
-        found[condition] = _load_at_peak(_turn(rig, *condition))
+        turn = _turn(rig, *condition)
+        found[condition] = Load(float(np.hypot(turn.fy_N, turn.fz_N).max()), float(np.abs(turn.tx_Nm).max()))
     return {stage: found[condition] for stage, condition in conditions.items()}
 
 
@@ -76,10 +76,6 @@ def _turns(plan: Plan) -> Iterator[tuple[Stage, tuple[float, float]]]:
 
 def _turn(rig: RigModel, height_m: float, speed_rad_s: float) -> SimulatedStroke:
     return simulate_stroke_at_speed(rig, height_m, speed_rad_s, np.arange(0.0, TURN_RAD / speed_rad_s, SAMPLE_S))
-
-
-def _load_at_peak(turn: SimulatedStroke) -> Load:
-    return Load(float(np.hypot(turn.fy_N, turn.fz_N).max()), float(np.abs(turn.tx_Nm).max()))
 
 
 def predict_loads(plan: Plan, rig: RigModel) -> dict[Stage, Load]:
@@ -137,7 +133,11 @@ def _along(height_m: float, stages: list[MoveShaft | Hold], rig: RigModel) -> Lo
         times.append(times[-1] + (max(abs(way_rad) / stage.speed_rad_s, SLOW_SAMPLE_S) if isinstance(stage, MoveShaft) else HOLD_S))
         angles.append(angles[-1] + way_rad)
     t_s = np.arange(0.0, times[-1], SLOW_SAMPLE_S)
-    simulated = simulate_stroke(rig, height_m, _polyline(np.array(times), np.array(angles)), t_s)
+    times_s, angles_rad = np.array(times), np.array(angles)
+    speeds = np.diff(angles_rad) / np.diff(times_s)
+    # Cubic pieces of a motion with constant speed: angle, speed, and two coefficients of zero.
+    pieces = np.column_stack([angles_rad[:-1], speeds, np.zeros_like(speeds), np.zeros_like(speeds)])
+    simulated = simulate_stroke(rig, height_m, ShaftMotion(times_s, pieces, times_s[:-1]), t_s)
     parts = enumerate(pairwise(times))
     return [(_stage_that_counts(place, stages), _load(simulated, (t_s >= begin_s) & (t_s <= end_s))) for place, (begin_s, end_s) in parts]
 
@@ -150,10 +150,3 @@ def _stage_that_counts(place: int, stages: list[MoveShaft | Hold]) -> int:
 def _load(stroke: SimulatedStroke, part: slice | NDArray[np.bool_]) -> Load:
     force_N = np.hypot(stroke.fy_N[part], stroke.fz_N[part])
     return Load(float(force_N.max(initial=0.0)), float(np.abs(stroke.tx_Nm[part]).max(initial=0.0)))
-
-
-def _polyline(times_s: Floats, angles_rad: Floats) -> ShaftMotion:
-    speeds = np.diff(angles_rad) / np.diff(times_s)
-    # Cubic pieces of a motion with constant speed: angle, speed, and two coefficients of zero.
-    pieces = np.column_stack([angles_rad[:-1], speeds, np.zeros_like(speeds), np.zeros_like(speeds)])
-    return ShaftMotion(times_s, pieces, times_s[:-1])

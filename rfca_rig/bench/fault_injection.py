@@ -20,7 +20,7 @@ from rfca_rig.twin_server.drive_faults import (
     odrive_events,
 )
 from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultEvent, FaultPanel, FaultSchedule
-from rfca_rig.twin_server.tampered_link import TamperedLink
+from rfca_rig.twin_server.netft_ports import TamperedLink
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
 from rfca_rig.twins.moteus import MoteusTwin

@@ -84,7 +84,11 @@ def make_sensor_pair(
     sensor = rig.force_sensor
     match sensor:
         case NetFtSection():
-            return _netft_pair(sensor, twin, random, on_link)
+            here, there = datagram_link()
+            twin_settings = _netft_twin(sensor, twin)
+            streaming = NetFtTwin(on_link(there), twin_settings, random)
+            box = None if sensor.configuration == "unchecked" else NetFtBoxTwin(streaming, twin_settings)
+            return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, _netft(sensor), box))
         case AtiSerialSection():
             host, device = serial_line()
             serial_twin = AtiSerialTwin(device, _serial_twin(sensor, twin), random)
@@ -97,16 +101,6 @@ def make_sensor_pair(
         case OwnForceSensorSection():
             keys, (host, device) = _keys_of_loaded(sensor), serial_line()
             return SensorPair(make_own_twin(keys, twin, random, device), lambda clock: keys.driver(host, clock))
-
-
-def _netft_pair(
-    sensor: NetFtSection, twin: TwinSection, random: np.random.Generator, on_link: Callable[[DatagramLink], DatagramLink]
-) -> SensorPair:
-    here, there = datagram_link()
-    settings = _netft_twin(sensor, twin)
-    streaming = NetFtTwin(on_link(there), settings, random)
-    box = None if sensor.configuration == "unchecked" else NetFtBoxTwin(streaming, settings)
-    return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, _netft(sensor), box))
 
 
 def make_netft_twins(

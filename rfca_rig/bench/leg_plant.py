@@ -95,7 +95,13 @@ class LegPlant:
         cost = advance(self._chain, shaft, self._state, span_s, self._step_s, TOLERANCE, samples, self._laws, self._work)
         # The integrator's last step width is the best guess for the next call.
         self._step_s = cost.next_s
-        self._notice_touchdown(to_s - self._now_s)
+        if self._deepest_m() < self._chain.ground_depth:
+            self._airborne_s += to_s - self._now_s
+        elif self._airborne_s > IN_THE_AIR_S:
+            self._airborne_s = 0.0
+            friction = self.rig.ground.friction_coefficient + self.scatter.friction * self.random.standard_normal()
+            # Cut off at zero: with a large scatter, the normal distribution reaches negative friction.
+            self._chain = self._chain._replace(mu=max(friction, 0.0))
         self._now_s = to_s
         # At the end of the step: what the drive reports until the next one.
         self._torque_Nm = drive.torque_Nm(float(self._state.q[0]), float(self._state.w[0]))
@@ -118,15 +124,6 @@ class LegPlant:
         # Moment about the shaft, moved to the sensor's origin, which is `below_shaft_m` lower.
         wrench[:, 3] = force[:, 2] + self.rig.sensor.below_shaft_m * force[:, 0]
         return wrench
-
-    def _notice_touchdown(self, elapsed_s: float) -> None:
-        if self._deepest_m() < self._chain.ground_depth:
-            self._airborne_s += elapsed_s
-        elif self._airborne_s > IN_THE_AIR_S:
-            self._airborne_s = 0.0
-            friction = self.rig.ground.friction_coefficient + self.scatter.friction * self.random.standard_normal()
-            # Cut off at zero: with a large scatter, the normal distribution reaches negative friction.
-            self._chain = self._chain._replace(mu=max(friction, 0.0))
 
     def _deepest_m(self) -> float:
         depth_m = deepest_m = 0.0

@@ -98,7 +98,15 @@ def make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> M
         case OdriveSection():
             return OdriveTwin(bus, _odrive_twin(motor, drive))
         case CubemarsMitSection():
-            return CubemarsMitTwin(bus, _mit_twin(motor, drive))
+            # Its gains come over the wire; of [twin.drive] it only uses the torque limit.
+            settings = MitTwinSettings(
+                drive_id=motor.drive_id,
+                model=motor.model,
+                direction=motor.direction,
+                zero_rad=motor.zero_rad,
+                torque_limit_Nm=drive.torque_limit_Nm,
+            )
+            return CubemarsMitTwin(bus, settings)
         case CubemarsServoSection():
             return CubemarsServoTwin(bus, _servo_twin(motor, drive))
         case MoteusSection():
@@ -143,17 +151,6 @@ def _mit(motor: CubemarsMitSection, timeout_s: float) -> MitSettings:
         speed_gain_Nm_s_per_rad=motor.speed_gain_Nm_s_per_rad,
         angle_gain_per_s=motor.angle_gain_per_s,
         reply_timeout_s=timeout_s,
-    )
-
-
-def _mit_twin(motor: CubemarsMitSection, drive: TwinDriveSection) -> MitTwinSettings:
-    """Its gains come over the wire; of [twin.drive] it only uses the torque limit."""
-    return MitTwinSettings(
-        drive_id=motor.drive_id,
-        model=motor.model,
-        direction=motor.direction,
-        zero_rad=motor.zero_rad,
-        torque_limit_Nm=drive.torque_limit_Nm,
     )
 
 

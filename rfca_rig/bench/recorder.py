@@ -9,19 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.bench.stage_photos import read_stage_photos
-from rfca_rig.channels import HINGES, SHAFT, UNITS, WRENCH
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
 from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Cycle, RecordedSamples, Standstill
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import Approach, Flap, Hold
+from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold
 from rfca_rig.recording.backend import RunBackend
-from rfca_rig.recording.cycle_table import CYCLE_FORM, cycle_row
+from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME, ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
 from rfca_rig.recording.journal import Begin, End, StrokeCondition, event_block, samples_block, start_block
+from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH
 from rfca_rig.recording.model import StaticStage, Stroke
-from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
+from rfca_rig.recording.tables import CYCLE_FORM, cycle_row
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 Floats = NDArray[np.float64]

@@ -98,6 +98,7 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
     ending = read_ending(folder)
     static = run_folder.with_photo_angles(tuple(stage for part in outlines for stage in part.static), ending)
     _check_stages(folder, plan, strokes, static)
+    last: dict[str, Any] = next((event for event in reversed(events) if "utc" in event), {})
     return InterruptedRun(
         folder=folder,
         header=header,
@@ -106,8 +107,9 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
         done=PlanProgress(len(strokes), len(static), max((part.last_cycle for part in outlines), default=0)),
         static=static,
         why=why,
-        last_seen=_last_clocks(events),
-        ending=_ending_texts(ending),
+        last_seen={name: last[name] for name in ("t_s", "utc") if name in last},
+        # Without the photos, which are listed again.
+        ending={} if ending is None else {name: text for name, text in ending.provenance.items() if name in CARRIED_ENDING_KEYS},
         resumed=sum(event["event"] == RESUMED for event in events),
     )
 
@@ -126,16 +128,6 @@ def _why(events: list[dict[str, Any]]) -> str:
     # A trip takes precedence: it is the cause of whatever ended the run after it.
     tripped = [why for why in reasons if why.startswith(TRIP)]
     return (tripped or reasons or [NO_REASON_RECORDED])[-1]
-
-
-def _ending_texts(ending: Ending | None) -> dict[str, str]:
-    """What the end states of the part before, without its photos, which are listed again."""
-    return {} if ending is None else {name: text for name, text in ending.provenance.items() if name in CARRIED_ENDING_KEYS}
-
-
-def _last_clocks(events: list[dict[str, Any]]) -> dict[str, str | float]:
-    last: dict[str, Any] = next((event for event in reversed(events) if "utc" in event), {})
-    return {name: last[name] for name in ("t_s", "utc") if name in last}
 
 
 def _check_stages(folder: Path, plan: Plan, strokes: Sequence[tuple[float, float, int]], static: Sequence[StaticStage]) -> None:
@@ -169,8 +161,9 @@ def ending_of(
 ) -> Ending:
     """The run's end with the static stages of all its parts; photos of earlier parts that were not read are read now."""
     earlier = () if begun is None else _with_photos_read(begun.static, folder, eye)
-    resumed_text = {} if begun is None else {"resumed": _list_continuations(folder)}
-    return Ending({**known, **resumed_text, **photo_hashes(folder)}, (*earlier, *stages))
+    if begun is not None:
+        known = {**known, "resumed": json.dumps([one for one in events_of(folder) if one["event"] == RESUMED], ensure_ascii=False)}
+    return Ending({**known, **photo_hashes(folder)}, (*earlier, *stages))
 
 
 def _with_photos_read(stages: Sequence[StaticStage], folder: Path, eye: PhotoSetup | None) -> tuple[StaticStage, ...]:
@@ -179,11 +172,6 @@ def _with_photos_read(stages: Sequence[StaticStage], folder: Path, eye: PhotoSet
     # A stage with an overlay has been read already.
     read = iter(read_stage_photos([stage for stage in stages if not stage.overlay], folder, eye))
     return tuple(stage if stage.overlay else next(read) for stage in stages)
-
-
-def _list_continuations(folder: Path) -> str:
-    """Each continuation, from the run's events, as JSON."""
-    return json.dumps([event for event in events_of(folder) if event["event"] == RESUMED], ensure_ascii=False)
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,14 @@
-"""A twin rig behind network sockets and serial lines, run in real time."""
+"""A twin rig behind network sockets and serial lines, run in real time by one loop in one thread."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
-from rfca_rig.bench.factory import Twins, make_twins
+from rfca_rig.bench.factory import make_twins
 from rfca_rig.bench.fault_injection import dialect_of, events_of, faults_of_served_rig
 from rfca_rig.bench.force_sensors import make_netft_twins, make_own_twin, make_serial_twin
 from rfca_rig.clock import Clock
@@ -15,17 +16,79 @@ from rfca_rig.description.force_sensor_sections import AtiSerialSection, ForceSe
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.can_ports import FdcanusbPort, PseudoTerminal, SharedWire, SlcanPort, SocketcandPort
-from rfca_rig.twin_server.control_port import ControlPort
 from rfca_rig.twin_server.drive_faults import TamperedBus
-from rfca_rig.twin_server.faults import FaultEvent, FaultPanel, FaultSchedule
-from rfca_rig.twin_server.netft_ports import CommandPort, HttpPort, UdpLink
-from rfca_rig.twin_server.real_time import Port, RealTimeLoop
-from rfca_rig.twin_server.tampered_link import TamperedLink
+from rfca_rig.twin_server.faults import ControlPort, FaultEvent, FaultPanel, FaultSchedule
+from rfca_rig.twin_server.netft_ports import CommandPort, HttpPort, TamperedLink, UdpLink
 from rfca_rig.twin_server.tcp import LOOPBACK
 from rfca_rig.twins.world import SensorTwin
 
+# Period of the loop, and longest step of the twins after a delay, in s.
+PERIOD_S = 1e-3
+LONGEST_LEAP_S = 0.05
+
 # The first step of the simulation, which may compile the model.
 WARM_UP_S = 2e-3
+
+
+class Port(Protocol):
+    """A port to the outside. It never waits; the server polls it before and after each step of the twins."""
+
+    def address(self) -> str:
+        """Address of the port, as shown to the user."""
+        ...
+
+    def poll(self, now_s: float) -> None:
+        """Receives what has arrived, sends what is queued. `now_s` is the server's clock."""
+        ...
+
+    def close(self) -> None:
+        """Closes the port. May be called any number of times."""
+        ...
+
+
+class RealTimeLoop:
+    """Every millisecond the ports receive, `process` advances the twins to now, starting at 0, and the ports send.
+
+    If the machine is too slow, the twins lose time instead of falling further behind. A step is at most 50 ms, and the excess is added
+    to `slipped_s`. To their clients they then seem slow, like a device with a bad crystal.
+    """
+
+    def __init__(self, process: Callable[[float], None], clock: Clock) -> None:
+        self._process = process
+        self._clock = clock
+        self._twins_s = 0.0
+        self.slipped_s = 0.0
+
+    def status(self) -> str:
+        """State of the loop in one line."""
+        return f"running for {self._twins_s:.2f} s of the twins' time, {self.slipped_s:.2f} s behind the clock"
+
+    def run(self, ports: Sequence[Port], step: Callable[[float], None], seconds: float) -> None:
+        """Runs for `seconds`; call it once only. `step(running_s)` is called in every cycle, and may end the loop by raising."""
+        began_s = due_s = self._clock.now_s()
+        while (now_s := self._clock.now_s()) < began_s + seconds:
+            step(now_s - began_s)
+            _poll(ports, now_s)
+            self._carry(now_s - began_s)
+            _poll(ports, now_s)
+            # After a delay the loop does not make up the missed cycles.
+            due_s = max(due_s + PERIOD_S, self._clock.now_s())
+            self._clock.wait_until(due_s)
+
+    def _carry(self, running_s: float) -> None:
+        to_s = running_s - self.slipped_s
+        late_s = to_s - self._twins_s - LONGEST_LEAP_S
+        if late_s > 0.0:
+            self.slipped_s += late_s
+            to_s -= late_s
+        if to_s > self._twins_s:
+            self._process(to_s)
+            self._twins_s = to_s
+
+
+def _poll(ports: Sequence[Port], now_s: float) -> None:
+    for port in ports:
+        port.poll(now_s)
 
 
 @dataclass(frozen=True)
@@ -138,40 +201,28 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
     with ExitStack() as stack:
         # Ports first: an occupied one must be found before anything is computed.
         sensor = ServedSensor(rig, openings, panel, reached, stack)
-        _open_can(wire, openings, clock, reached, stack)
+        socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.start_time().timestamp())
+        stack.callback(socketcand.close)
+        reached.add(socketcand, can_port=socketcand.port)
+        if openings.slcan:
+            slcan = SlcanPort(wire)
+            stack.callback(slcan.close)
+            reached.add(slcan, slcan=slcan.path)
         if rig.motor.fd_bitrate is not None:
-            _open_can_fd(wire, reached, stack)
+            # A port for CAN FD frames, which the other ports cannot carry.
+            fdcanusb = FdcanusbPort(wire)
+            stack.callback(fdcanusb.close)
+            reached.add(fdcanusb, fdcanusb=fdcanusb.path)
         bus = TamperedBus(wire.join(), panel, dialect_of(rig))
         stack.callback(bus.shutdown)
         twins = make_twins(rig, rig.twin, seed, bus, sensor.twin)
         twins.plant.set_height(openings.height_m)
-        loop = _warm_loop(twins, clock)
+        # The first step may take seconds to compile the model; clients never wait for it.
+        twins.world.process(WARM_UP_S)
+        # The world's clock is ahead by the warm-up step, so every later time is shifted by it.
+        loop = RealTimeLoop(lambda to_s: twins.world.process(WARM_UP_S + to_s), clock)
         # On this machine only (see `Openings`): its lines switch faults.
         control = ControlPort(panel, openings.control_port, twins.plant.set_height, loop.status)
         stack.callback(control.close)
         reached.add(control, control_port=control.port)
         yield ServedRig(events_of(twins.motor), panel, loop, reached)
-
-
-def _open_can(wire: SharedWire, openings: Openings, clock: Clock, reached: OpenPorts, stack: ExitStack) -> None:
-    socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.start_time().timestamp())
-    stack.callback(socketcand.close)
-    reached.add(socketcand, can_port=socketcand.port)
-    if openings.slcan:
-        slcan = SlcanPort(wire)
-        stack.callback(slcan.close)
-        reached.add(slcan, slcan=slcan.path)
-
-
-def _open_can_fd(wire: SharedWire, reached: OpenPorts, stack: ExitStack) -> None:
-    """A port for CAN FD frames, which the other ports cannot carry."""
-    fdcanusb = FdcanusbPort(wire)
-    stack.callback(fdcanusb.close)
-    reached.add(fdcanusb, fdcanusb=fdcanusb.path)
-
-
-def _warm_loop(twins: Twins, clock: Clock) -> RealTimeLoop:
-    """The real-time loop after a first step, which may take seconds to compile the model; clients never wait for it."""
-    twins.world.process(WARM_UP_S)
-    # The world's clock is ahead by the warm-up step, so every later time is shifted by it.
-    return RealTimeLoop(lambda to_s: twins.world.process(WARM_UP_S + to_s), clock)

@@ -22,7 +22,6 @@ from rfca_rig.vision.hinge_angles import MAX_REPORTED_STD_RAD, HingeAngles, LegF
 from rfca_rig.vision.identify import IdentifiedMarks
 from rfca_rig.vision.leg_marks import MarkPlan
 from rfca_rig.vision.leg_photo import PhotoSetup, draw_overlay, read_marks
-from rfca_rig.vision.red_mask import Pixels
 
 OVERLAY_QUALITY = 90
 # More difference between photo and drive means a photo of another stage, or different zeros of drive and camera.
@@ -60,20 +59,16 @@ def _read_marks(stage: StaticStage, run_folder: Path, eye: PhotoSetup) -> Identi
         return replace(stage, photo_doubts=str(error))
 
 
-def _keep_overlay(picture: Pixels, run_folder: Path, photo: str) -> str:
-    name = f"{OVERLAYS}/{Path(photo).stem}.jpg"
-    (run_folder / OVERLAYS).mkdir(exist_ok=True)
-    encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, OVERLAY_QUALITY])[1]
-    write_atomically(run_folder / name, encoded.tobytes())
-    return name
-
-
 def _with_angles(
     stage: StaticStage, run_folder: Path, eye: PhotoSetup, identified: IdentifiedMarks, angles: HingeAngles, fit: LegFit
 ) -> StaticStage:
     # Read a second time: the photos of a whole run may not fit into memory.
     picture = draw_overlay(read_picture(run_folder / stage.photo), identified, eye.camera, eye.plan, angles)
-    stage = replace(stage, overlay=_keep_overlay(picture, run_folder, stage.photo))
+    name = f"{OVERLAYS}/{Path(stage.photo).stem}.jpg"
+    (run_folder / OVERLAYS).mkdir(exist_ok=True)
+    encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, OVERLAY_QUALITY])[1]
+    write_atomically(run_folder / name, encoded.tobytes())
+    stage = replace(stage, overlay=name)
     doubts = [*([fit.refused] if fit.refused else []), *(doubt.words for doubt in identified.doubts), *_marks_out_of_plane(fit, eye.plan)]
     # Angles of another stage would be worse than none, so this doubt discards them all.
     if other := _another_shaft_angle(stage, angles):

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from mcap.reader import McapReader, make_reader
 from mcap.records import Channel, Schema
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -112,17 +112,14 @@ def _refuse_damage(path: Path) -> Iterator[None]:
     except BadInput:
         raise
     except Exception as error:
-        cut_off = f"was the recording cut off? {_repair(path)} saves what it can"
+        repair = "`mcap recover`" if path.suffix.lower() == ".mcap" else "`ros2 bag reindex`"
+        cut_off = f"was the recording cut off? {repair} saves what it can"
         raise BadInput(f"{path}: cannot be read as a bag: {_shorten(error)}; {cut_off}") from None
 
 
 def _shorten(error: Exception) -> str:
     """The message of a library's exception, in one line of limited length."""
     return shorten(str(error), LONGEST_QUOTE, placeholder=" ...") or type(error).__name__
-
-
-def _repair(path: Path) -> str:
-    return "`mcap recover`" if path.suffix.lower() == ".mcap" else "`ros2 bag reindex`"
 
 
 @dataclass
@@ -184,7 +181,8 @@ def _open_rosbag(path: Path) -> Iterator[Bag]:
     try:
         topics = _Topics()
         for connection in reader.connections:
-            topics.add(connection.id, connection.topic, connection.msgtype, _serialization(connection), connection.msgdef)
+            serialization = connection.ext.serialization_format if isinstance(connection.ext, ConnectionExtRosbag2) else ""
+            topics.add(connection.id, connection.topic, connection.msgtype, serialization, connection.msgdef)
 
         def read_messages(wanted: Collection[str]) -> Iterator[LoggedMessage]:
             connections = [connection for connection in reader.connections if connection.topic in wanted]
@@ -194,10 +192,6 @@ def _open_rosbag(path: Path) -> Iterator[Bag]:
         yield Bag(path, topics.types, topics.unreadable, read_messages)
     finally:
         reader.close()
-
-
-def _serialization(connection: Connection) -> str:
-    return connection.ext.serialization_format if isinstance(connection.ext, ConnectionExtRosbag2) else ""
 
 
 def _types_of_idl(text: str) -> Typesdict:

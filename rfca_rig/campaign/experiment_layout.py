@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from rfca_rig.campaign.pendulum_layout import RunSection, Text
+from rfca_rig.campaign.pendulum import RunSection, Text
 from rfca_rig.description.sections import AboutSection, NotNegative, Positive, Section
 from rfca_rig.recording.layout import EXPERIMENT
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
 from rfca_rig.campaign.layout import FILE_NAME
+from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
 from rfca_rig.campaign.pendulum import PendulumCampaign, read_pendulum_campaign, run_files
-from rfca_rig.campaign.pendulum_layout import FILE_NAME as PENDULUM
 from rfca_rig.campaign.plausibility import refuse_slips
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
@@ -95,15 +95,11 @@ def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True) -> list[R
     recordings = open_recordings(paths, as_is)
     for path, recording in zip(paths, recordings, strict=True):
         if recording.nominal or recording.strokes:
-            _check_belief(path, recording)
+            try:
+                nominal_model(recording.nominal)
+            except BadInput as error:
+                raise BadInput(f"{path}: {error}") from None
     return recordings
-
-
-def _check_belief(path: Path, recording: Recording) -> None:
-    try:
-        nominal_model(recording.nominal)
-    except BadInput as error:
-        raise BadInput(f"{path}: {error}") from None
 
 
 def _open(path: Path) -> Recording:

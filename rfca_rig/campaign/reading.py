@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from rfca_rig.campaign.layout import FILE_NAME, FORMAT, CampaignFile, DynamicRun
 from rfca_rig.campaign.table import CsvTable, number, numbers, read_table, rows
-from rfca_rig.channels import HINGES, SHAFT, UNITS, WRENCH
 from rfca_rig.description.sections import RigSections
 from rfca_rig.description.toml import place_of, read_text, read_toml
 from rfca_rig.description.torque_rotation import read_named_curve
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
+from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH
 from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, Stream, Stroke
 
 DYNAMIC = ("t_s", *SHAFT, *WRENCH)
@@ -142,10 +142,13 @@ def read_stages(path: Path, strokes_before: int | None = None, held_s: float | N
 
 def _stage(table: CsvTable, row: int, cells: Mapping[str, str]) -> StaticStage:
     value = {name: number(table, row, name, cells[name]) for name in STATIC if name in cells and name != "direction"}
+    cell = cells["direction"]
+    if cell not in DIRECTIONS:
+        raise table.fault(row, f"column direction: {cell!r} should be loading or unloading")
     return StaticStage(
         height_m=_positive(table, row, "height_mm", value["height_mm"]) / 1e3,
         stage=_whole(table, row, "stage", value["stage"]),
-        direction=_direction(table, row, cells["direction"]),
+        direction=cast(Direction, cell),
         shaft_angle_rad=value["shaft_angle_rad"],
         hinge_deg=tuple(value.get(name, math.nan) for name in HINGES),
         fy_N=value["fy_N"],
@@ -164,12 +167,6 @@ def _whole(table: CsvTable, row: int, name: str, value: float) -> int:
     if value < 0 or not value.is_integer():
         raise table.fault(row, f"column {name}: {value:g} should be a whole number, 0 or more")
     return int(value)
-
-
-def _direction(table: CsvTable, row: int, cell: str) -> Direction:
-    if cell not in DIRECTIONS:
-        raise table.fault(row, f"column direction: {cell!r} should be loading or unloading")
-    return cast(Direction, cell)
 
 
 def read_stroke(path: Path, run: DynamicRun) -> Stroke:
@@ -221,6 +218,13 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
     _check_files(folder, campaign)
     _check_conditions(path, campaign)
     static, extra = _stages(folder, campaign)
+    hashes = {run.file: hashlib.sha256((folder / run.file).read_bytes()).hexdigest() for run in campaign.runs}
+    found = {"format": FORMAT, FILE_NAME: read_text(folder / FILE_NAME), "sha256": json.dumps(hashes)}
+    about = campaign.about
+    stated = {"started_at": about.date, "operator": about.operator, "sample": about.specimen, "rig": about.rig}
+    found |= {name: text for name, text in stated.items() if text}
+    if extra:
+        found["static_extra_columns"] = json.dumps(extra, ensure_ascii=False)
     return Recording(
         title=campaign.title,
         source="IMPORT",
@@ -228,7 +232,7 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
         known_to=campaign.known_to.model_dump(mode="json", exclude_unset=True),
         strokes=_strokes(folder, campaign, report_progress),
         static=static,
-        provenance=_provenance(folder, campaign, extra),
+        provenance=found,
     )
 
 
@@ -246,18 +250,6 @@ def _nominal(campaign: CampaignFile) -> dict[str, Any]:
     # Only what the file states; defaults are not recorded as if they had been stated.
     plain = campaign.model_dump(mode="json", exclude_unset=True)
     return {name: plain[name] for name in RigSections.model_fields if name in plain}
-
-
-def _provenance(folder: Path, campaign: CampaignFile, extra: dict[str, Extra]) -> dict[str, str]:
-    """Source of the numbers: the description verbatim, a hash per file, and data without another place in the format."""
-    hashes = {run.file: hashlib.sha256((folder / run.file).read_bytes()).hexdigest() for run in campaign.runs}
-    found = {"format": FORMAT, FILE_NAME: read_text(folder / FILE_NAME), "sha256": json.dumps(hashes)}
-    about = campaign.about
-    stated = {"started_at": about.date, "operator": about.operator, "sample": about.specimen, "rig": about.rig}
-    found |= {name: text for name, text in stated.items() if text}
-    if extra:
-        found["static_extra_columns"] = json.dumps(extra, ensure_ascii=False)
-    return found
 
 
 def _check_files(folder: Path, campaign: CampaignFile) -> None:

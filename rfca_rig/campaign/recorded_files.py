@@ -157,7 +157,12 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         return read_bag_columns(path, request)
     if path.suffix.lower() in HDF5:
         return read_hdf5_columns(path, request)
-    return _read_csv_columns(path, request)
+    table = read_table(path)
+    for name, meaning in request.with_time.items():
+        if name not in table.names:
+            raise BadInput(f"{table.path}:1: column {name}, which is to hold {meaning}, is missing; the file has {', '.join(table.names)}")
+    values = dict(zip(request.with_time, columns(table, list(request.with_time)).T, strict=True))
+    return RecordedColumns(path, request.time_of(values), values, first_line=2)
 
 
 def list_columns(path: Path) -> ColumnList:
@@ -184,16 +189,6 @@ def find_recordings(folder: Path) -> dict[str, list[Path]]:
         "bag": sorted([*bags, *(file for file in files if file.suffix.lower() in BAG_SUFFIXES)]),
     }
     return {kind: paths for kind, paths in found.items() if paths}
-
-
-def _read_csv_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
-    """The columns of a CSV file with names in its first line. Raises BadInput naming line and column of the first fault."""
-    table = read_table(path)
-    for name, meaning in request.with_time.items():
-        if name not in table.names:
-            raise BadInput(f"{table.path}:1: column {name}, which is to hold {meaning}, is missing; the file has {', '.join(table.names)}")
-    values = dict(zip(request.with_time, columns(table, list(request.with_time)).T, strict=True))
-    return RecordedColumns(path, request.time_of(values), values, first_line=2)
 
 
 def _is_bag(path: Path) -> bool:

@@ -17,12 +17,11 @@ from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
 from rfca_rig.protocol.plan import flap_label
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
-from rfca_rig.recording.cycle_table import CYCLES
 from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, Source, StaticStage, Stream
-from rfca_rig.recording.static_table import read_static
 from rfca_rig.recording.store import open_sealed, report_damage, texts_of
 from rfca_rig.recording.strokes import RAW, STROKES, TIME, check_times, height_mm, read_condition, read_height_mm, read_streams, streams_in
+from rfca_rig.recording.tables import CYCLES, read_static
 
 Rows = NDArray[Any]
 

@@ -1,10 +1,9 @@
 """The rounds of `rfca-rig diagnose --close-the-loop`: run the proposed experiment, diagnose old and new together, repeat."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.campaign.opening import open_with_nominal_model
@@ -13,10 +12,10 @@ from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.run_experiment import run_and_record
 from rfca_rig.cli.terminal import Say
 from rfca_rig.description.model_file import ModelFile
-from rfca_rig.description.planning import read_plan
+from rfca_rig.description.protocol_file import read_plan
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.description.toml import read_text, validate
-from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
+from rfca_rig.diagnosis.experiment_design.leg_experiment import NEXT_PROTOCOL
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Stage
@@ -93,7 +92,8 @@ def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
         rig_text=read_text(loop.rig_path),
         protocol_text=read_text(path),
         plan=read_plan(path, rig.facts()),
-        seed=_seed(loop, rig, number),
+        # Differs from round to round: equal noise would make a repeat look exact.
+        seed=None if rig.is_real or rig.twin is None else (rig.twin.seed if loop.seed is None else loop.seed) + number,
         runs=loop.runs,
         quiet=loop.quiet,
         dry=False,
@@ -110,24 +110,14 @@ def _print_nothing(stage: Stage, recorder: Recorder, say: Say) -> None:
     """Stages only show in the progress bar, none on a line of its own."""
 
 
-def _seed(loop: ClosedLoop, rig: RigFile, number: int) -> int | None:
-    """A seed that differs from round to round: equal noise would make a repeat look exact."""
-    if rig.is_real or rig.twin is None:
-        return None
-    return (rig.twin.seed if loop.seed is None else loop.seed) + number
-
-
 def nominal_model_of(rig: RigFile, first: Recording) -> tuple[ModelFile | None, str]:
     """The recordings' nominal model, where it differs from the rig file's: only recordings of one nominal model go together."""
     known_to = rig.known_to.model_dump(exclude_none=True) if rig.known_to else {}
     if rig.nominal() == first.nominal and known_to == first.known_to:
         return None, ""
-    model = validate({**first.nominal, "known_to": _without_none(first.known_to)}, ModelFile, first.title)
+    stated = {key: value for key, value in first.known_to.items() if value is not None}
+    model = validate({**first.nominal, "known_to": stated}, ModelFile, first.title)
     # A file of another version may lose values on the way; a new recording must state the very same model.
     if model.nominal() != first.nominal or model.known_to.model_dump(exclude_none=True) != first.known_to:
         raise BadInput(f"{first.title}: its nominal values cannot be taken over for new runs; run the proposed protocol by hand")
     return model, json.dumps({**first.nominal, "known_to": first.known_to})
-
-
-def _without_none(known_to: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in known_to.items() if value is not None}

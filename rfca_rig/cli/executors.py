@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -57,27 +57,21 @@ def open_executor(
         with process_executor(workers or machine_cores()) as here:
             yield here
     elif cluster.startswith(SLURM):
-        with _slurm_executor(Path(cluster.removeprefix(SLURM)), report_progress, results) as there:
+        from rfca_rig.description.cluster_file import read_cluster_file
+        from rfca_rig.executors.slurm import slurm_workers
+
+        shared = _find_shared_folder(results)
+        with slurm_workers(
+            read_cluster_file(Path(cluster.removeprefix(SLURM))), shared or Path(), shared, collect_facts, report_progress, _notice
+        ) as there:
             yield there
     elif cluster.startswith(ADDRESSES):
-        with _dask_executor(cluster, report_progress, results) as there:
+        from rfca_rig.executors.cluster import connect_to_scheduler
+
+        with connect_to_scheduler(cluster, _find_shared_folder(results), collect_facts, report_progress, _notice) as there:
             yield there
     else:
         raise BadInput(f"--cluster {cluster}: should be tcp://HOST:PORT or slurm:FILE")
-
-
-def _slurm_executor(file: Path, report_progress: ProgressReport, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
-    from rfca_rig.description.cluster_file import read_cluster_file
-    from rfca_rig.executors.slurm import slurm_workers
-
-    shared = _find_shared_folder(results)
-    return slurm_workers(read_cluster_file(file), shared or Path(), shared, collect_facts, report_progress, _notice)
-
-
-def _dask_executor(address: str, report_progress: ProgressReport, results: Path | None) -> "AbstractContextManager[TaskExecutor]":
-    from rfca_rig.executors.cluster import connect_to_scheduler
-
-    return connect_to_scheduler(address, _find_shared_folder(results), collect_facts, report_progress, _notice)
 
 
 def _find_shared_folder(results: Path | None) -> Path | None:

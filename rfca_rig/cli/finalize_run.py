@@ -1,5 +1,9 @@
-"""Completes a run when the motor is off: the recording as a whole, also of a run that was cut short."""
+"""Completes a run when the motor is off: the recording as a whole, also of a run that was cut short.
 
+Lines about a stage are held back until the recorder has acknowledged that the stage is on disk.
+"""
+
+from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,23 +12,68 @@ from rfca_rig.bench import provenance
 from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.bench.resume import ending_of, reopen_run
-from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.progress import make_marked_say, progress
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say
+from rfca_rig.clock import Clock
 from rfca_rig.description.own_devices import texts_of
-from rfca_rig.engine.interfaces import Bench
+from rfca_rig.engine.interfaces import Bench, StopLevel, StopRequest
 from rfca_rig.errors import DiskFull, RigError, Tripped
 from rfca_rig.model.catalogue import lab_texts
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.backend import RunBackend
-from rfca_rig.recording.cycle_table import CYCLES
+from rfca_rig.recording.backend import SILENT_S, RunBackend
 from rfca_rig.recording.layout import RECORDING
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import write_ending
 from rfca_rig.recording.summary import summarize
-from rfca_rig.twin_server.faults import FaultEvent
+from rfca_rig.recording.tables import CYCLES
+
+# Half of the time for which the queue takes everything that a 15 kHz sensor sends: what the stop takes still fits.
+STOP_S = 10.0
+
+
+class AcknowledgedLines:
+    """A power cut must not cost a stage that was announced, so no line comes before the acknowledgement of its stage.
+
+    A recorder that acknowledges nothing for `SILENT_S` is reported; after `STOP_S` the run stops at the next safe point. Both are looked at
+    between stages, because printing may block and the control loop must not.
+    """
+
+    def __init__(self, say: Say, keeper: RunBackend, recorder: Recorder, stop_request: StopRequest, clock: Clock) -> None:
+        self._say, self._keeper, self._recorder = say, keeper, recorder
+        self._stop_request, self._clock = stop_request, clock
+        self._waiting: deque[tuple[int, float, str]] = deque()
+        self._is_silent = False
+
+    def hold(self, line: str) -> None:
+        """Take a line about the stage that was handed over last."""
+        self._waiting.append((self._recorder.ended, self._clock.now_s(), line))
+
+    def release(self) -> None:
+        """Print what is acknowledged by now, and report a recorder that is silent."""
+        self._print_acknowledged()
+        if not self._waiting:
+            self._is_silent = False
+            return
+        number, since_s, _ = self._waiting[0]
+        silent_s, stages = self._clock.now_s() - since_s, self._recorder.ended - number + 1
+        if silent_s > SILENT_S and not self._is_silent:
+            self._is_silent = True
+            self._say(f"the disk is silent: {stages} stage{'s' * (stages > 1)} done, not on disk since {silent_s:.0f} s")
+        if silent_s > STOP_S:
+            self._stop_request.ask(StopLevel.SAFE_POINT, f"the disk has acknowledged nothing for {silent_s:.0f} s")
+
+    def close(self) -> None:
+        """Print what is acknowledged once the recorder has ended, and count what is not."""
+        self._print_acknowledged()
+        if self._waiting:
+            self._say(f"{self._recorder.ended - self._waiting[0][0] + 1} stages were done and are not on disk: the recorder failed")
+            self._waiting.clear()
+
+    def _print_acknowledged(self) -> None:
+        while self._waiting and self._waiting[0][0] <= self._keeper.acknowledged:
+            self._say(self._waiting.popleft()[2])
 
 
 def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:
@@ -131,7 +180,8 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     known_to = config.nominal_source.known_to.model_dump(exclude_none=True) if config.nominal_source.known_to else {}
     seed = {} if config.twin_seed is None else {"seed": str(config.twin_seed)}
     named = {"rig": config.rig_name} if config.rig_name else {}
-    named |= {"twin_faults": ", ".join(_describe_fault(fault) for fault in config.faults)} if config.faults else {}
+    if config.faults:
+        named["twin_faults"] = ", ".join(f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s" for fault in config.faults)
     texts = {"rig_file": config.rig_text, "protocol_file": config.protocol_text}
     texts |= ({"model_file": config.model_text} if config.model else {}) | ({"camera_file": config.camera_text} if config.eye else {})
     # A lab's own drivers and effects are part of the rig: without their text the recording could not be explained.
@@ -154,7 +204,3 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
             **named,
         },
     )
-
-
-def _describe_fault(fault: FaultEvent) -> str:
-    return f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s"

@@ -39,8 +39,8 @@ from rfca_rig.cli.commands import (
     twin,
     view,
 )
-from rfca_rig.cli.help import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.names import add_completions
+from rfca_rig.cli.options import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.terminal import open_null, use_ascii_fallback
 from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
 from rfca_rig.suggestions import in_one_line
@@ -123,7 +123,11 @@ def run() -> None:
         sys.exit(exit_code)
     # Exit codes are a contract with scripts: each kind of error has its own.
     except TyperException as error:
-        _leave(_usage_text(error), BadInput.exit_code)
+        # One line; empty where the help has been printed already, because no command was given.
+        text = " ".join(error.format_message().split())
+        context = getattr(error, "ctx", None)
+        plain = text.replace("Input should be", "should be").replace("Value error, ", "").rstrip(".")
+        _leave(f"{plain}; see {context.command_path} --help" if text and context is not None else plain, BadInput.exit_code)
     except Tripped as error:
         _leave(f"{error}; more: rfca-rig trip {error.code}", error.exit_code)
     except RigError as error:
@@ -166,14 +170,6 @@ def _command() -> Callable[..., int | None]:
     command = typer.main.get_command(app)
     add_completions(command)
     return command
-
-
-def _usage_text(error: TyperException) -> str:
-    """One line; empty where the help has been printed already, because no command was given."""
-    text = " ".join(error.format_message().split())
-    context = getattr(error, "ctx", None)
-    plain = text.replace("Input should be", "should be").replace("Value error, ", "").rstrip(".")
-    return f"{plain}; see {context.command_path} --help" if text and context is not None else plain
 
 
 def _is_folder_gone() -> bool:

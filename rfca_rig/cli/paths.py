@@ -1,13 +1,27 @@
-"""Locations of protocol and rig files, and of new runs."""
+"""Locations of protocol and rig files, and of new runs.
 
+Python files of own devices may run if this command line leads to them, or if they drove a run on this computer before.
+
+A rig file names Python files, and reading the rig executes them. A recording from elsewhere names a rig file, and a folder from elsewhere
+may hold `calibration/twin.toml`, which a bare name finds before the shipped one. Neither may execute a file that the user did not choose.
+"""
+
+import hashlib
 import re
+from contextlib import suppress
 from pathlib import Path
+
+import typer
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import translate_os_errors
 from rfca_rig.suggestions import suggestion
 
 PACKAGE = Path(__file__).parents[1]
+
+NAME = "trusted-code.txt"
+SECTIONS = ("motor", "force_sensor")
+FILE_KEYS = ("file", "twin_file")
 
 
 def find_file(kind: str, name: str) -> Path:
@@ -48,3 +62,56 @@ def make_run_folder(parent: Path, mark: str, title: str) -> Path:
                 continue
         return folder
     raise BadInput(f"{parent}: holds a million runs called {mark}-{slug}; choose another folder with --runs")
+
+
+def find_rig(name: str) -> Path:
+    """The rig file called `name`. Raises BadInput where a bare name leads to code in the current folder that never ran here."""
+    path = find_file("calibration", name)
+    if path.parent == Path("calibration") and path != Path(name):
+        check_trusted(path, f"--rig {path}")
+    return path
+
+
+def check_trusted(rig_path: Path, remedy: str) -> None:
+    """Raises BadInput, with what to type instead, where a rig file names code that is not trusted."""
+    trusted = _read_trusted_hashes()
+    for file in _code_of(rig_path):
+        if _hash(file) not in trusted:
+            raise BadInput(f"{rig_path}: would execute {file}, which never drove a run on this computer; read it, then give {remedy}")
+
+
+def trust(rig_path: Path) -> None:
+    """Adds the code of a rig file that drives a run. A folder that takes no file only means that `resume` asks for --rig."""
+    new = {_hash(file) for file in _code_of(rig_path)} - _read_trusted_hashes()
+    if new:
+        with suppress(OSError):
+            _list_file().parent.mkdir(parents=True, exist_ok=True)
+            with _list_file().open("a", encoding="utf-8") as file:
+                file.writelines(f"{one}\n" for one in sorted(new))
+
+
+def _read_trusted_hashes() -> set[str]:
+    return set(_list_file().read_text(encoding="utf-8").split()) if _list_file().is_file() else set()
+
+
+def _list_file() -> Path:
+    return Path(typer.get_app_dir("rfca-rig")) / NAME
+
+
+def _code_of(rig_path: Path) -> list[Path]:
+    """The Python files that a rig file names, without reading any of them."""
+    # Imported here, as pydantic would slow down --help and completions.
+    from rfca_rig.description.toml import read_data
+
+    data = read_data(rig_path)
+    tables = [table for name in SECTIONS if isinstance(table := data.get(name), dict)]
+    named = [table[key] for table in tables for key in FILE_KEYS if isinstance(table.get(key), str)]
+    return [(rig_path.parent / file).resolve() for file in named]
+
+
+def _hash(file: Path) -> str:
+    """Of a file's content; of one that cannot be read, of nothing that could be in the list."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return ""

@@ -9,8 +9,7 @@ from rfca_rig.cli.progress import announce_first_compile, progress
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say
 from rfca_rig.protocol.check import Load, check_plan
-from rfca_rig.protocol.cycles import Cycles, cycle_bytes
-from rfca_rig.protocol.plan import Flap, Hold, Plan, Stage
+from rfca_rig.protocol.plan import Cycles, Flap, Hold, Plan, Stage, cycle_bytes
 
 # Standard deviations of floor friction above its prior value with which a static plan must pass too.
 ROUGHER_STDS = 2.0

@@ -14,15 +14,13 @@ import typer
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
-from rfca_rig.cli.acknowledged_lines import AcknowledgedLines
 from rfca_rig.cli.attach_view import attach_view, twin_clock
-from rfca_rig.cli.finalize_run import FinishedRun, finish, finish_cut_short, note_end, open_folder
-from rfca_rig.cli.paths import find_file, make_run_folder
+from rfca_rig.cli.finalize_run import AcknowledgedLines, FinishedRun, finish, finish_cut_short, note_end, open_folder
+from rfca_rig.cli.paths import find_file, make_run_folder, trust
 from rfca_rig.cli.preflight import check_before_run, print_plan, recording_size
 from rfca_rig.cli.progress import make_marked_say, progress_bar
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say
-from rfca_rig.cli.trusted_code import trust
 from rfca_rig.clock import WallClock
 from rfca_rig.engine.interfaces import Bench, StopLevel, StopRequest
 from rfca_rig.engine.run import Supervision, prove_stop, run_plan
@@ -61,7 +59,11 @@ class SignalHandler:
     def key(self, _number: int, _frame: FrameType | None) -> None:
         """^C: once for the next safe point, twice for now, three times where a device hangs."""
         if self._is_closing:
-            self._close_first()
+            # The motor is off and everything is handed over: the second ^C leaves the rest to `rfca-rig recover`.
+            self._presses += 1
+            if self._presses > 1:
+                raise KeyboardInterrupt
+            self._say("the recording is being finished; ^C again ends here and leaves the rest to rfca-rig recover")
             return
         # The stop is under way: an interruption now could skip the torque-off.
         if self._stop_request.is_over:
@@ -86,13 +88,6 @@ class SignalHandler:
         self._stop_request.ask(StopLevel.RAMP_DOWN, OUTSIDE[signal.Signals(number)])
         if not self._stop_request.is_ticking:
             raise KeyboardInterrupt
-
-    def _close_first(self) -> None:
-        """The motor is off and everything is handed over: the second ^C leaves the rest to `rfca-rig recover`."""
-        self._presses += 1
-        if self._presses > 1:
-            raise KeyboardInterrupt
-        self._say("the recording is being finished; ^C again ends here and leaves the rest to rfca-rig recover")
 
 
 @contextmanager

@@ -190,8 +190,13 @@ def _sensor(root: Xml.Element) -> TransducerCalibration:
     if len(calibrations) != 1:
         raise MalformedFrame(f"holds {len(calibrations)} <Calibration> elements, expected one; keep the one of the range in use")
     element = calibrations[0]
-    to_si = _to_si(element)
+    to_si = np.repeat([newtons_per(_text(element, "ForceUnits")), newton_metres_per(_text(element, "TorqueUnits"))], 3)
     rows, limits = _axes(element)
+    span_V = _positive(element, "OutputRange")
+    matrix = rows * to_si[:, None]
+    # Written with `not`, so that a condition number of NaN is refused too.
+    if not np.linalg.cond(matrix) < MAX_CONDITION:
+        raise MalformedFrame("its matrix cannot be inverted, so no six gages of a transducer gave it; was a row copied?")
     return TransducerCalibration(
         serial_number=_text(root, "Serial"),
         body_style=root.get("BodyStyle", ""),
@@ -199,16 +204,12 @@ def _sensor(root: Xml.Element) -> TransducerCalibration:
         date=_text(element, "CalDate"),
         force_unit=_text(element, "ForceUnits"),
         torque_unit=_text(element, "TorqueUnits"),
-        matrix=_regular(rows * to_si[:, None]),
+        matrix=matrix,
         limits=limits * to_si,
-        rails_V=_rails(element),
+        rails_V=(-0.5 * span_V, 0.5 * span_V) if _truth(element, "OutputBipolar") else (0.0, span_V),
         compensated_in_hardware=_truth(element, "HWTempComp", "False"),
         temperature=_temperature(element),
     )
-
-
-def _to_si(element: Xml.Element) -> Floats:
-    return np.repeat([newtons_per(_text(element, "ForceUnits")), newton_metres_per(_text(element, "TorqueUnits"))], 3)
 
 
 def _axes(element: Xml.Element) -> tuple[Floats, Floats]:
@@ -223,18 +224,6 @@ def _axes(element: Xml.Element) -> tuple[Floats, Floats]:
     rows = np.array([_numbers(by_name[name], "values", GAGES) for name in AXES])
     limits = np.array([_positive(by_name[name], "max") for name in AXES])
     return rows, limits
-
-
-def _regular(matrix: Floats) -> Floats:
-    # Written with `not`, so that a condition number of NaN is refused too.
-    if not np.linalg.cond(matrix) < MAX_CONDITION:
-        raise MalformedFrame("its matrix cannot be inverted, so no six gages of a transducer gave it; was a row copied?")
-    return matrix
-
-
-def _rails(element: Xml.Element) -> tuple[float, float]:
-    span_V = _positive(element, "OutputRange")
-    return (-0.5 * span_V, 0.5 * span_V) if _truth(element, "OutputBipolar") else (0.0, span_V)
 
 
 def _temperature(element: Xml.Element) -> TemperatureCompensation | None:

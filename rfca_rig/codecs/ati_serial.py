@@ -178,19 +178,17 @@ class AsciiStream:
     def _decode_line(self, line: bytes) -> FoundRecord | None:
         try:
             record = decode_record(line, RecordForm.ASCII)
-            self._check_width(len(line))
+            width = len(line)
+            if width not in (self._width, self._odd_width):
+                self._odd_width = width
+                raise MalformedFrame(f"line of {width} characters among lines of {self._width}")
+            self._width, self._odd_width = width, -1
         except MalformedFrame as error:
             self._refuse(line, error)
             return None
         missed = max(1, round(self._spoilt / self._width)) if self._spoilt else 0
         self._spoilt = 0
         return FoundRecord(missed, record)
-
-    def _check_width(self, width: int) -> None:
-        if width not in (self._width, self._odd_width):
-            self._odd_width = width
-            raise MalformedFrame(f"line of {width} characters among lines of {self._width}")
-        self._width, self._odd_width = width, -1
 
     def _refuse(self, line: bytes, error: MalformedFrame) -> None:
         """Count a malformed line and its characters.
@@ -233,7 +231,9 @@ class BinaryStream:
             record = self._record_at(0)
             if record is not None and self._follows(record):
                 return self._accept(record)
-            self._lose_step()
+            self._in_step = False
+            self.malformed += 1
+            self.last_malformed = self._reason
         if not self._in_step and self._find_step():
             record = self._record_at(0)
             assert record is not None
@@ -253,11 +253,6 @@ class BinaryStream:
         self._reason = f"values jump by {_jump(self._last, record)} counts from one record to the next"
         return False
 
-    def _lose_step(self) -> None:
-        self._in_step = False
-        self.malformed += 1
-        self.last_malformed = self._reason
-
     def _find_step(self) -> bool:
         """Skip to the best alignment; False where more bytes are needed to compare all alignments."""
         while len(self._held) >= (ALIGNED_RUN + 2) * self._size:
@@ -270,15 +265,13 @@ class BinaryStream:
 
     def _best_alignment(self) -> int | None:
         """The best alignment within the length of two records, so that one damaged record does not hide the true one behind it."""
-        fits = [at for at in range(1, 2 * self._size + 1) if self._fits(at)]
+        steps = [n * self._size for n in range(ALIGNED_RUN)]
+        fits = [at for at in range(1, 2 * self._size + 1) if all(self._record_at(at + step) is not None for step in steps)]
         if not fits:
             return None
         best = min(fits, key=self._roughness)
         # The first offset of the same alignment: a later one would lose a good record.
         return min(at for at in fits if (at - best) % self._size == 0)
-
-    def _fits(self, at: int) -> bool:
-        return all(self._record_at(at + n * self._size) is not None for n in range(ALIGNED_RUN))
 
     def _roughness(self, at: int) -> int:
         records = [record for n in range(ALIGNED_RUN) if (record := self._record_at(at + n * self._size)) is not None]

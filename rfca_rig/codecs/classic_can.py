@@ -1,4 +1,11 @@
-"""A frame of classic CAN, independent of its transport."""
+"""Frames of classic CAN as text: lines of a serial adapter (SLCAN), and messages of socketcand over TCP in raw mode; pure.
+
+SLCAN: tIIILDD.. standard, TIIIIIIIILDD.. extended, r and R the same as remote frames; each line ends in a carriage return. Source: LAWICEL
+CAN232 manual, version 3, section 4.
+
+socketcand: source linux-can/socketcand, doc/protocol.md. Messages are between "<" and ">". The protocol carries no remote frames. An
+identifier of three digits is a standard one, of eight an extended one.
+"""
 
 from dataclasses import dataclass
 
@@ -7,6 +14,16 @@ from rfca_rig.errors import MalformedFrame
 STANDARD_IDS = 1 << 11
 EXTENDED_IDS = 1 << 29
 MAX_BYTES = 8
+
+END = b"\r"
+REFUSED = b"\a"
+LONGEST_LINE = 32
+FRAME_LETTERS = frozenset("tTrR")
+
+PORT = 29536
+GREETING = b"< hi >"
+OK = b"< ok >"
+LONGEST_MESSAGE = 512
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,3 +44,80 @@ class ClassicFrame:
             raise MalformedFrame(f"CAN identifier {self.can_id:#x} does not fit {29 if self.extended else 11} bits")
         if self.length > MAX_BYTES or len(self.data) != (0 if self.remote else self.length):
             raise MalformedFrame(f"CAN frame of length {self.length} with {len(self.data)} data bytes, limit {MAX_BYTES}")
+
+
+def split_slcan(received: bytes) -> tuple[list[str], bytes]:
+    """Complete lines without their ends, and the remaining bytes. Raises MalformedFrame where a line has no end."""
+    *whole, rest = received.split(END)
+    if len(rest) > LONGEST_LINE:
+        raise MalformedFrame(f"serial CAN line of more than {LONGEST_LINE} bytes without an end")
+    return [line.decode("ascii", "replace") for line in whole], rest
+
+
+def decode_frame(line: str) -> ClassicFrame:
+    """The frame in a line that begins with one of `FRAME_LETTERS`. Raises MalformedFrame for anything else."""
+    if not line or line[0] not in FRAME_LETTERS:
+        raise MalformedFrame(f"not a frame of a serial CAN adapter: {line[:40]!r}")
+    extended, remote = line[0] in "TR", line[0] in "rR"
+    digits = 8 if extended else 3
+    can_id, length, data = line[1 : 1 + digits], line[1 + digits : 2 + digits], line[2 + digits :]
+    if len(can_id) != digits or not length or not _all_hex(can_id + length + data):
+        raise MalformedFrame(f"serial CAN frame cannot be read: {line[:40]!r}")
+    # Remote frames state a length and carry no data.
+    if len(data) != (0 if remote else 2 * int(length, 16)):
+        raise MalformedFrame(f"serial CAN frame of length {length} carries {len(data) / 2:g} bytes: {line[:40]!r}")
+    return ClassicFrame(int(can_id, 16), bytes.fromhex(data), extended, remote, int(length, 16))
+
+
+def encode_slcan(frame: ClassicFrame) -> bytes:
+    """One line, with its end."""
+    letter = "tTrR"[frame.extended + 2 * frame.remote]
+    can_id = f"{frame.can_id:08X}" if frame.extended else f"{frame.can_id:03X}"
+    return f"{letter}{can_id}{frame.length:X}{frame.data.hex().upper()}\r".encode("ascii")
+
+
+def _all_hex(text: str) -> bool:
+    return all(letter in "0123456789abcdefABCDEF" for letter in text)
+
+
+def split_socketcand(received: bytes) -> tuple[list[list[str]], bytes]:
+    """The words of each complete message, and the remaining bytes. Raises MalformedFrame where a message has no end."""
+    messages = []
+    *whole, rest = received.split(b">")
+    for text in whole:
+        # From the last "<": text before it belongs to no message.
+        _, found, inside = text.rpartition(b"<")
+        if found:
+            messages.append([word.decode("ascii", "replace") for word in inside.split()])
+    if len(rest) > LONGEST_MESSAGE:
+        raise MalformedFrame(f"socketcand message of more than {LONGEST_MESSAGE} bytes without an end")
+    return messages, rest
+
+
+def decode_send(words: list[str]) -> ClassicFrame:
+    """The frame in the words of a `send ID LENGTH BYTE ...`. Raises MalformedFrame for anything else."""
+    if len(words) < 3 or words[0] != "send":
+        raise MalformedFrame(f"not a socketcand send: {' '.join(words)[:60]!r}")
+    can_id, length, *data = (_hex(word) for word in words[1:])
+    if length != len(data) or any(byte > 0xFF for byte in data):
+        raise MalformedFrame(f"socketcand send says {length} bytes: {' '.join(words)[:60]!r}")
+    return ClassicFrame(can_id, bytes(data), extended=len(words[1]) > 3)
+
+
+def encode_socketcand(frame: ClassicFrame, t_s: float) -> bytes:
+    """A received frame, as the server reports it; `t_s` since the epoch. Raises MalformedFrame for a remote frame."""
+    if frame.remote:
+        raise MalformedFrame(f"socketcand carries no remote frames; {frame.can_id:#x} is one")
+    can_id = f"{frame.can_id:08X}" if frame.extended else f"{frame.can_id:03X}"
+    return f"< frame {can_id} {t_s:.6f} {frame.data.hex().upper()} >".encode("ascii")
+
+
+def error(reason: str) -> bytes:
+    """The server's refusal of a command."""
+    return f"< error {reason} >".encode("ascii")
+
+
+def _hex(word: str) -> int:
+    if not word or any(letter not in "0123456789abcdefABCDEF" for letter in word) or len(word) > 8:
+        raise MalformedFrame(f"not a hexadecimal number: {word[:20]!r}")
+    return int(word, 16)

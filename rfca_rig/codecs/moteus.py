@@ -6,7 +6,7 @@ padded with NOP to the next length that CAN-FD has. Values are in the register's
 """
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite, isnan, nan
@@ -90,16 +90,12 @@ def route_of(identifier: int) -> Route:
 
 def encode(subframes: Sequence[Subframe]) -> bytes:
     """The data of a frame. Consecutive registers of one kind and width share a header. Raises NotEncodable where they do not fit."""
-    data = b"".join(_run(run) for run in _runs(subframes))
+    cuts = [0, *(at for at, (one, next_one) in enumerate(pairwise(subframes), 1) if not _can_join(one, next_one)), len(subframes)]
+    data = b"".join(_run(subframes[first:last]) for first, last in pairwise(cuts) if last > first)
     if len(data) > MAX_FRAME_BYTES:
         raise NotEncodable(f"moteus frame of {len(data)} bytes; CAN-FD carries {MAX_FRAME_BYTES}, ask for fewer registers at once")
     length = next(length for length in FD_LENGTHS if length >= len(data))
     return data.ljust(length, bytes([_NOP]))
-
-
-def _runs(subframes: Sequence[Subframe]) -> Iterator[Sequence[Subframe]]:
-    cuts = [0, *(at for at, (one, next_one) in enumerate(pairwise(subframes), 1) if not _can_join(one, next_one)), len(subframes)]
-    return (subframes[first:last] for first, last in pairwise(cuts) if last > first)
 
 
 def _can_join(one: Subframe, next_one: Subframe) -> bool:

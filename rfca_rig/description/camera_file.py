@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from rfca_rig.description.sections import NotNegative, Positive, Section
-from rfca_rig.description.toml import read_toml
-from rfca_rig.description.toml_writing import comment, format_value, table
+from rfca_rig.description.toml import comment, format_value, read_toml, table
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.twins.image_noise import ImageDisturbance
-from rfca_rig.vision.camera_calibration import CameraCalibration
+from rfca_rig.vision.camera_calibration import CameraCalibration, PlanePose
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark
-from rfca_rig.vision.plane_of_motion import PlanePose
 
 Floats = NDArray[np.float64]
 # The file states its axes in words, so that no reader has to guess them.

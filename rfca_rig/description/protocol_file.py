@@ -1,5 +1,6 @@
-"""A protocol file (protocols/*.toml): the experiment, independent of the rig."""
+"""A protocol file (protocols/*.toml): the experiment, independent of the rig. `read_plan` makes it a plan for a rig."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -7,9 +8,20 @@ import numpy as np
 from pydantic import Field
 
 from rfca_rig.description.sections import Positive, Section, SpeedRadS
-from rfca_rig.description.toml import read_toml
-from rfca_rig.protocol.experiments import CheckSettings, Fatigue, Flapping, PlannedCondition, StaticStages
-from rfca_rig.protocol.plan import Direction, SettleCriterion
+from rfca_rig.description.toml import place_of, read_data, read_toml
+from rfca_rig.errors import BadInput
+from rfca_rig.protocol.experiments import (
+    CheckSettings,
+    Fatigue,
+    Flapping,
+    PlannedCondition,
+    RigFacts,
+    StaticStages,
+    fatigue_plan,
+    flapping_plan,
+    static_plan,
+)
+from rfca_rig.protocol.plan import Direction, Plan, SettleCriterion
 
 HeightMm = Annotated[float, Field(gt=0, le=1000)]
 Reversal = Annotated[float, Field(ge=0, le=20)]
@@ -170,3 +182,19 @@ def read_dynamic(path: Path) -> DynamicFile:
 def read_static(path: Path) -> StaticFile:
     """Read the static protocol in `path`. Raises BadInput, with file and line, where it cannot be used."""
     return read_toml(path, StaticFile)
+
+
+PLANS: Mapping[str, Callable[[Path, RigFacts], Plan]] = {
+    "dynamic": lambda path, facts: flapping_plan(read_dynamic(path).flapping(), facts),
+    "static": lambda path, facts: static_plan(read_static(path).static_stages(), facts),
+    "fatigue": lambda path, facts: fatigue_plan(read_fatigue(path).fatigue(), facts),
+}
+
+
+def read_plan(path: Path, facts: RigFacts) -> Plan:
+    """The plan of the protocol in `path`. Raises BadInput, with file and line, where it cannot be used."""
+    experiment = read_data(path).get("experiment")
+    if not isinstance(experiment, str) or experiment not in PLANS:
+        where = f"{path}" if experiment is None else place_of(path, ("experiment",))
+        raise BadInput(f"{where}: experiment = {experiment!r}; a protocol says one of {', '.join(map(repr, PLANS))}")
+    return PLANS[experiment](path, facts)

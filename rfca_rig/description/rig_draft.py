@@ -8,8 +8,7 @@ from textwrap import wrap
 from typing import Any
 
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.description.toml import degrees_key
-from rfca_rig.description.toml_writing import comment, format_value
+from rfca_rig.description.toml import comment, degrees_key, format_value
 
 COMMENT_COLUMN, WIDTH = 44, 130
 USUAL = "usual value: check"

@@ -1,4 +1,7 @@
-"""Reads a TOML file into a pydantic model, and turns any fault into a message of one line."""
+"""Reads a TOML file into a pydantic model, and turns any fault into a message of one line.
+
+Also writes TOML that people can read: tables of plain values, and comments.
+"""
 
 import difflib
 import math
@@ -10,6 +13,7 @@ from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -25,6 +29,9 @@ Model = TypeVar("Model", bound=BaseModel)
 
 # Of a file that people write. The largest one in use, a laboratory's own effect with tables, has some 100 kB.
 MOST_BYTES = 16_000_000
+
+# Digits after the point; the error of any fitted value is far larger.
+DECIMALS = 7
 
 
 def line_of(text: str, key: Key) -> int | None:
@@ -186,7 +193,8 @@ class _Fault:
         message = _plain(_to_degrees(error) if in_degrees else error)
         if self.kind == "extra_forbidden":
             known = _keys_at(self.key[:-1], model, {str(part) for part in error["loc"]})
-            self.likely = _likely_key(self.key, known)
+            close = difflib.get_close_matches(str(self.key[-1]), known, n=1, cutoff=0.7)
+            self.likely = close[0] if close else None
             message = f"unknown key; did you mean {self.likely}?" if self.likely else f"unknown key; known are {', '.join(known) or 'none'}"
         self.text = f"{_format_key(self.key)}: {message}" if self.key else message
 
@@ -267,11 +275,6 @@ def _lower(text: str) -> str:
     return text[:1].lower() + text[1:]
 
 
-def _likely_key(key: Key, known: list[str]) -> str | None:
-    close = difflib.get_close_matches(str(key[-1]), known, n=1, cutoff=0.7)
-    return close[0] if close else None
-
-
 def _keys_at(table: Key, model: type[BaseModel], tags: set[str]) -> list[str]:
     """Keys that `model` has in that table, in the order of declaration; for a union those of the member that `tags` select."""
     here = [model]
@@ -294,3 +297,36 @@ def _models_in(annotation: Any) -> Iterable[type[BaseModel]]:
         yield annotation
     for argument in typing.get_args(annotation):
         yield from _models_in(argument)
+
+
+def comment(line: str) -> str:
+    """A comment line. Line breaks in a title would end the comment, so they become blanks."""
+    return f"# {''.join(sign if sign.isprintable() else ' ' for sign in line)}".rstrip() + "\n"
+
+
+def table(name: str, keys: Mapping[str, Any]) -> str:
+    """[name] with its keys; keys with the value None are omitted."""
+    return f"[{name}]\n" + "".join(f"{key} = {format_value(value)}\n" for key, value in keys.items() if value is not None)
+
+
+def format_value(value: Any) -> str:
+    """A value in TOML syntax; mappings become inline tables."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {format_value(inner)}" for key, inner in value.items() if inner is not None) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(format_value(inner) for inner in value) + "]"
+    # Before int: a bool is an int in Python.
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.translate(_ESCAPES) + '"'
+    return str(value) if isinstance(value, int) else _number(float(value))
+
+
+_ESCAPES = {ord('"'): '\\"', ord("\\"): "\\\\", **{code: f"\\u{code:04x}" for code in (*range(32), 127)}}
+
+
+def _number(value: float) -> str:
+    """Enough digits for any fit; TOML wants a point or an exponent in a float, which numpy gives."""
+    is_scientific = value != 0.0 and not 1e-3 <= abs(value) < 1e5
+    return str(np.format_float_scientific(value, DECIMALS, trim="0") if is_scientific else round(value, DECIMALS))

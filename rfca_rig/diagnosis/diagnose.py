@@ -1,7 +1,7 @@
 """`diagnose` for the leg: recordings in, the whole answer out."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,27 +10,31 @@ from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import Condition, group_by_condition
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH
 from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.inference.map_fit import GaussNewton
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.leg.drive_tracking import find_excluded_sizes
+from rfca_rig.diagnosis.inference.screening import grid_points, probe_effects, terms_of
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.nuisances import nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.leg.result import build_leg_result
-from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, make_shaft_condition, tracks_command
+from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, estimate_delay_s, make_shaft_condition, tracking_error, tracks_command
 from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
-from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, join_not_seen
+from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, NotSeen, join_not_seen
+from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue, members_of
 from rfca_rig.model.effect import OF_PENDULUMS, Effect
+from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.recording.identity import identity_of
@@ -42,6 +46,34 @@ Floats = NDArray[np.float64]
 SEEN_ON_THE_SHAFT = ("motor_cogging", "motor_speed_droop", "motor_speed_ripple", "motor_torque_limit")
 # A twist or play behind the motor shows in the recorded angle where the encoder is on the leg's side, else in the forces alone.
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance", "shaft_play")
+
+
+@dataclass(frozen=True)
+class _TrackingError:
+    """Measure of a signature for detection limits: the tracking error that it would have made."""
+
+    shafts: Sequence[ShaftCondition]
+    ramp_s: float
+
+    def power(self, signature: NDArray[np.float64]) -> float:
+        """Largest squared tracking error over all shafts, if each moved otherwise by its part of the signature (m,)."""
+        ends = np.cumsum([shaft.deviation_rad.size for shaft in self.shafts])[:-1]
+        deviating = [replace(shaft, repeats=away[None]) for shaft, away in zip(self.shafts, np.split(signature, ends), strict=True)]
+        return max(tracking_error(shaft, self.ramp_s) for shaft in deviating) ** 2
+
+
+def find_excluded_sizes(shafts: Sequence[ShaftCondition], rig: RigModel, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
+    """For each of these drive effects that the nominal rig lacks, the size from which on the shaft would not have tracked its command.
+
+    Only a few conditions are simulated. The others could only lower the limit.
+    """
+    candidates = [effect for effect in effects if effect.id not in {present.id for present in rig.effects}]
+    shafts = [shafts[number] for number in spread(len(shafts), DEFAULT_SEARCH.coarse_conditions)]
+    dataset, coordinates = make_leg_dataset(shafts), Parameterization(nuisances_of_drive(rig, ModelPoint(rig), {}))
+    base = without_scatter(dataset).at(coordinates, np.zeros(coordinates.size))
+    probes = [] if base is None else probe_effects(dataset, base, grid_points(term for effect in candidates for term in terms_of(effect)))
+    # A tracking error of 1 is the limit of `tracks_command`, so this is the power that is needed.
+    return find_detection_limits(candidates, probes, _TrackingError(shafts, rig.drive.ramp_s), rig, needed=1.0)
 
 
 @single_threaded_blas()

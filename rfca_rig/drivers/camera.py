@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.photo_files import list_pictures, read_picture
@@ -81,17 +80,14 @@ class OpenCvCamera:
         self._grab()
         host_s = self._clock.now_s()
         self._taken += 1
-        return Photo(self._retrieve(), host_s, f"photo-{self._taken:03d}")
+        is_ok, image = self._capture.retrieve()
+        if not is_ok or image is None or image.shape != (self._size_px[1], self._size_px[0], 3) or image.dtype != np.uint8:
+            raise DeviceError(f"camera {self._number} gave a broken picture; check its cable, or try a smaller size")
+        return Photo(np.ascontiguousarray(image), host_s, f"photo-{self._taken:03d}")
 
     def _grab(self) -> None:
         if not self._capture.grab():
             raise DeviceError(f"camera {self._number} gives no picture; check its cable and power")
-
-    def _retrieve(self) -> NDArray[np.uint8]:
-        is_ok, image = self._capture.retrieve()
-        if not is_ok or image is None or image.shape != (self._size_px[1], self._size_px[0], 3) or image.dtype != np.uint8:
-            raise DeviceError(f"camera {self._number} gave a broken picture; check its cable, or try a smaller size")
-        return np.ascontiguousarray(image)
 
     def close(self) -> None:
         self._capture.release()

@@ -198,15 +198,12 @@ class LoadMonitor:
         torque_Nm = np.sqrt((counts[:, 3:] ** 2).sum(axis=1)) / self._scale.counts_per_Nm
         here = Load(float(force_N.max()), float(torque_Nm.max()))
         self.peak = self.peak.max_with(here)
-        self._check_peak(here)
-        self._check_lasting(samples.device_s, force_N, torque_Nm)
-
-    def _check_peak(self, here: Load) -> None:
         if here.force_N > self._limits.force_N:
             raise Tripped(Trip.FORCE, f"force {here.force_N:.1f} N, limit {self._limits.force_N:g} N; raise the rack or go slower")
         if here.torque_Nm > self._limits.torque_Nm:
             limit_Nm = self._limits.torque_Nm
             raise Tripped(Trip.MOMENT, f"moment {here.torque_Nm:.2f} N m, limit {limit_Nm:g} N m; raise the rack or go slower")
+        self._check_lasting(samples.device_s, force_N, torque_Nm)
 
     def _check_lasting(self, device_s: Floats, force_N: Floats, torque_Nm: Floats) -> None:
         self._check_one(Trip.FORCE_LASTS, self._force.seconds(device_s, force_N, self._ceiling.force_N), f"force {force_N[-1]:.1f} N", "N")

@@ -134,10 +134,7 @@ class Loop:
         # A late tick is not made up for by shorter ones, which would send bursts of commands.
         self._tick_s = max(self._tick_s + period_s, self._bench.clock.now_s())
         self._bench.clock.wait_until(self._tick_s)
-        self._note_gap(period_s)
-
-    def _note_gap(self, period_s: float) -> None:
-        """Records and checks the time since the last wake-up. It is the time between commands that the drive's watchdog sees."""
+        # The time since the last wake-up is the time between commands that the drive's watchdog sees.
         now_s = self._bench.clock.now_s()
         gap_s, self._woke_s = now_s - self._woke_s, now_s
         self._late_s = gap_s - period_s
@@ -165,7 +162,9 @@ class Loop:
             listener(shaft, force)
         self._show(shaft, force)
         self._monitor.reports(self.now_s, shaft, force)
-        self._remember_force(force)
+        if len(force.counts):
+            # Mean over the records of one tick (14 at 7 kHz and 2 ms), which reduces the sensor's noise.
+            self._wrench = np.add.reduce(force.counts, axis=0, dtype=np.float64) / len(force.counts) / self._counts_per_unit
         if len(shaft.angle_rad):
             self.angle_rad, self.speed_rad_s = float(shaft.angle_rad[-1]), float(shaft.speed_rad_s[-1])
         return len(shaft.angle_rad) > 0
@@ -182,11 +181,6 @@ class Loop:
         except DeviceError as error:
             # Without the sensor nothing guards the leg, so this ends the motion at once.
             raise Tripped(Trip.SENSOR_LOST, str(error)) from error
-
-    def _remember_force(self, force: ForceSamples) -> None:
-        if len(force.counts):
-            # Mean over the records of one tick (14 at 7 kHz and 2 ms), which reduces the sensor's noise.
-            self._wrench = np.add.reduce(force.counts, axis=0, dtype=np.float64) / len(force.counts) / self._counts_per_unit
 
     @contextmanager
     def record(self, listener: Listener) -> Iterator[SampleCollector]:

@@ -4,15 +4,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import takewhile
 
-from rfca_rig.engine.cycling import run_cycles
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopLevel, StopRequest
 from rfca_rig.engine.loop import Loop
-from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move, settle
+from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move, run_cycles, settle
 from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Sink, ramp_down, stop, switch_off
 from rfca_rig.errors import RigError, Stopped, Trip, Tripped
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
-from rfca_rig.protocol.plan import Approach, Flap, Hold, Limits, MoveShaft, Plan, Rest, SetHeight, Stage
+from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold, Limits, MoveShaft, Plan, Rest, SetHeight, Stage, StiffnessCheck
 
 Progress = Callable[[Stage], None]
 
@@ -175,11 +173,18 @@ class _Run:
                 self._observer.stage(stage, self._expected.get(stage))
                 self._carry_out(stage)
                 progress(stage)
-            self._stand_still()
+            # 0.1 s at the last target: the shaft comes to rest under control before the torque is removed.
+            for _ in range(50):
+                self._loop.step_to_angle(self._loop.target_rad, 0.0, TICK_S)
         except Stopped:
             if self._stop_request.level == StopLevel.RAMP_DOWN:
                 # Only this level slows down first; TORQUE_OFF goes straight to `stop`.
-                self._ramp_down()
+                # Slows the shaft down before its torque is removed. A trip meanwhile only ends that sooner.
+                self._stop_request.is_over = True
+                try:
+                    ramp_down(self._loop)
+                except RigError as error:
+                    raise Stopped(f"{self._stop_request.why}; while it slowed down: {error}") from None
             raise
         # Raised only now, at rest in the air, so that a stop at a safe point is not reported as a completed run.
         if self._is_cut_short:
@@ -218,19 +223,16 @@ class _Run:
             case Rest():
                 sink.take_tare(settle(loop, loop.target_rad, stage.settle).wrench)
             case Approach():
-                self._approach(stage)
+                approach(self._loop, stage)
+                self._sink.take_first_stroke(stage, self._loop.peak)
+                # Recorded first: the recording then shows the stroke from which a trip was predicted.
+                self._approaches.take(stage, self._loop.peak)
             case Flap():
                 sink.flap(stage, flap(loop, stage, sink))
             case Hold():
                 sink.hold(stage, hold(loop, stage, sink, self._bench.camera))
             case Cycles():
                 run_cycles(loop, stage, sink, self._bench.sensor.scale())
-
-    def _approach(self, stage: Approach) -> None:
-        approach(self._loop, stage)
-        self._sink.take_first_stroke(stage, self._loop.peak)
-        # Recorded first: the recording then shows the stroke from which a trip was predicted.
-        self._approaches.take(stage, self._loop.peak)
 
     def _change_height(self, stage: SetHeight) -> None:
         """A person comes near the leg, so the motor is without torque meanwhile; afterwards it holds the shaft where it stands."""
@@ -244,19 +246,6 @@ class _Run:
         self._bench.sensor.start()
         self._bench.motor.enable()
         self._loop.begin()
-
-    def _stand_still(self) -> None:
-        # 0.1 s at the last target: the shaft comes to rest under control before the torque is removed.
-        for _ in range(50):
-            self._loop.step_to_angle(self._loop.target_rad, 0.0, TICK_S)
-
-    def _ramp_down(self) -> None:
-        """Slows the shaft down before its torque is removed. A trip meanwhile only ends that sooner."""
-        self._stop_request.is_over = True
-        try:
-            ramp_down(self._loop)
-        except RigError as error:
-            raise Stopped(f"{self._stop_request.why}; while it slowed down: {error}") from None
 
 
 def prove_stop(bench: Bench) -> float:

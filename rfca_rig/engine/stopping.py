@@ -11,8 +11,7 @@ from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.loop import Loop
 from rfca_rig.errors import DeviceError, RigError
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import Approach, Flap, Hold
+from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold
 
 # How often the disable command is sent before the bus counts as dead.
 TRIES = 3

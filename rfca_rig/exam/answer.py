@@ -86,7 +86,10 @@ def parse_diagnosis(diagnosis: Mapping[str, Any], where: str = "diagnosis") -> P
             family=str((diagnosis.get("family") or {}).get("id", "")),
             probability=float((diagnosis.get("statement") or {}).get("probability") or 0.0),
             place=str((diagnosis.get("place") or {}).get("id", "")),
-            support=tuple(_read_support(one) for one in diagnosis.get("support") or ()),
+            support=tuple(
+                (str(one["kind"]), frozenset((str(one["id"]), *one.get("cannot_tell_from", ()))), float(one["probability"]))
+                for one in diagnosis.get("support") or ()
+            ),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{where}: {type(error).__name__} at {error}; see the format of diagnosis.json") from None
@@ -105,10 +108,6 @@ def read_diagnosis(path: Path) -> ParsedDiagnosis:
 def _read_claim(effect: Mapping[str, Any]) -> Claim:
     values = {name: (float(each["value"]), float(each["std"])) for name, each in effect.get("parameters", {}).items()}
     return Claim(str(effect["id"]), float(effect["probability"]), values, tuple(effect.get("cannot_tell_from", ())))
-
-
-def _read_support(one: Mapping[str, Any]) -> tuple[str, frozenset[str], float]:
-    return str(one["kind"]), frozenset((str(one["id"]), *one.get("cannot_tell_from", ()))), float(one["probability"])
 
 
 def _read_held_out(fit: Mapping[str, Any]) -> tuple[float, float, float] | None:

@@ -99,7 +99,9 @@ def calibration(judged: Judged) -> ClaimCalibration:
         return ClaimCalibration(np.nan, np.nan, np.nan, 0, np.nan, ())
     bounded = np.clip(p, PROBABILITY_FLOOR, 1.0 - PROBABILITY_FLOOR)
     sure = p >= CONFIDENT
-    bins = _bins(p, hit)
+    place = np.minimum((p * BINS).astype(int), BINS - 1)
+    inside = [place == b for b in range(BINS)]
+    bins = tuple((int(i.sum()), float(p[i].mean()), float(hit[i].mean())) if i.any() else (0, np.nan, np.nan) for i in inside)
     return ClaimCalibration(
         brier=float(((p - hit) ** 2).mean()),
         log_score=float(-np.where(hit, np.log(bounded), np.log(1.0 - bounded)).mean()),
@@ -117,12 +119,6 @@ def _claims(judged: Judged) -> tuple[Array, Array]:
         pairs += [(claim.probability, bool(claim.members & true)) for claim in answer.claims]
     p, hit = zip(*pairs, strict=True) if pairs else ((), ())
     return np.array(p, dtype=float), np.array(hit, dtype=bool)
-
-
-def _bins(p: Array, hit: Array) -> tuple[tuple[int, float, float], ...]:
-    place = np.minimum((p * BINS).astype(int), BINS - 1)
-    inside = [place == b for b in range(BINS)]
-    return tuple((int(i.sum()), float(p[i].mean()), float(hit[i].mean())) if i.any() else (0, np.nan, np.nan) for i in inside)
 
 
 def calibration_error(probability: Array, true: Array, least: float = 0.0, bins: int = BINS) -> float:

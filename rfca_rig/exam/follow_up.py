@@ -3,11 +3,14 @@
 The open cases are those with too few recordings. The exam's simulator does the proposed experiment on the same hidden rig, and old and
 new recordings are diagnosed together. This repeats until the verdict is right with no alternative left. The control arm draws its
 experiments at random from the rig's range.
+
+An ablation diagnoses without an effect in the catalogue. Its cases are those of a finished exam with one detectable hidden effect. Each is
+diagnosed again without that effect. Then no name is right, and a confident one is the worst possible answer.
 """
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -17,16 +20,18 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.exam.answer import DETECTABLE, NAMED, NOTHING, RIGHT, Truth, outcome, parse_truth, read_diagnosis
-from rfca_rig.exam.cases import POOR_DATA, Case, draw_cases
-from rfca_rig.exam.examine import DIAGNOSES, Diagnose
+from rfca_rig.exam.answer import DETECTABLE, NAMED, NOTHING, RIGHT, ParsedDiagnosis, Truth, outcome, parse_truth, read_diagnosis
+from rfca_rig.exam.cases import POOR_DATA, SINGLE, Case, draw_cases
+from rfca_rig.exam.claims import CONFIDENT
+from rfca_rig.exam.examine import DIAGNOSES, Diagnose, diagnose_campaign
+from rfca_rig.exam.score import Share
 from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import open_all, read_plan
 from rfca_rig.exam.simulate_campaign import add_experiment
 from rfca_rig.exam.write import CAMPAIGNS, run_jobs
 from rfca_rig.executors.mapping import TaskExecutor
 from rfca_rig.progress import ProgressReport, ignore_named_progress
-from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.atomic import refresh_nfs_cache, remove_leftovers, write_atomically
 
 FOLDER, RESULT = "follow-ups", "follow-up.json"
 PROPOSED, RANDOM = ARMS = ("proposed", "by lot")
@@ -38,6 +43,10 @@ RANDOM_STATIC_SHARE = 0.3
 RANDOM_STAGES = tuple({"angle_deg": angle, "direction": "loading"} for angle in (60.0, 75.0, 90.0, 105.0, 120.0, 135.0))
 
 Proposal = Mapping[str, Any]
+
+ABLATION_FOLDER = "taken-out"
+
+DiagnoseWithout = Callable[[str, Path, Path], object]
 
 
 @dataclass(frozen=True)
@@ -96,7 +105,10 @@ def _rounds(case: Case, truth: Truth, arm: str, place: Path, first: Path, diagno
         # A refusal is an answer too: the missing file reads as "refused".
         with suppress(BadInput, SimulationFailed):
             diagnose(place / "campaign", latest.parent)
-        if _is_settled(truth, latest):
+        # Settled: the verdict is right and each named effect is distinguishable from all others.
+        answer = read_diagnosis(latest)
+        alone = all(len(claim.members) == 1 for claim in answer.named)
+        if answer.verdict in (NAMED, NOTHING) and outcome(truth, answer) == RIGHT and alone:
             return FollowUp(case.id, arm, number, settled=True, said=_in_words(latest))
     return FollowUp(case.id, arm, MAX_EXPERIMENTS, settled=False, said=_in_words(latest))
 
@@ -113,13 +125,6 @@ def draw_experiment(random: np.random.Generator) -> Proposal:
     if random.random() < RANDOM_STATIC_SHARE:
         return {"height_mm": height_mm, "stages": RANDOM_STAGES}
     return {"height_mm": height_mm, "speed_rad_s": float(random.choice(SPEEDS_RAD_S)), "repeats": REPEATS}
-
-
-def _is_settled(truth: Truth, diagnosis: Path) -> bool:
-    """Whether the verdict is right and each named effect is distinguishable from all others."""
-    answer = read_diagnosis(diagnosis)
-    alone = all(len(claim.members) == 1 for claim in answer.named)
-    return answer.verdict in (NAMED, NOTHING) and outcome(truth, answer) == RIGHT and alone
 
 
 def _in_words(diagnosis: Path) -> str:
@@ -157,3 +162,87 @@ def ways(folder: Path) -> tuple[ArmResult, ...]:
 def _way(arm: str, found: Sequence[FollowUp]) -> ArmResult:
     mean = float(np.mean([each.experiments for each in found])) if found else np.nan
     return ArmResult(arm, sum(each.settled for each in found), len(found), mean)
+
+
+"""Without the effect of that id in the catalogue, reads the campaign in the first folder and writes diagnosis.json into the second."""
+
+
+def run_ablation(
+    folder: Path, diagnose: DiagnoseWithout, executor: TaskExecutor, report_progress: ProgressReport = ignore_named_progress
+) -> None:
+    """Diagnose every such case of the exam in `folder` without its effect, into `folder`/taken-out. Finished ones are kept.
+
+    Raises RigError where one could not be diagnosed, after the others are done.
+    """
+    answers = folder.resolve() / ABLATION_FOLDER
+    answers.mkdir(exist_ok=True)
+    remove_leftovers(answers)
+    to_diagnose = [truth for truth in _visible(folder) if not (answers / truth.case).is_dir()]
+    jobs = [(truth.case, effect) for truth in to_diagnose for effect in truth.effects]
+    run_jobs(executor, partial(_diagnose, folder.resolve(), diagnose), jobs, _case, "entries taken out", report_progress)
+    refresh_nfs_cache(answers)
+
+
+def _case(job: tuple[str, str]) -> str:
+    return job[0]
+
+
+def _visible(folder: Path) -> list[Truth]:
+    return [truth for truth in map(parse_truth, open_all(folder)) if truth.kind == SINGLE and truth.left >= DETECTABLE]
+
+
+def _diagnose(folder: Path, diagnose: DiagnoseWithout, job: tuple[str, str]) -> None:
+    case, effect = job
+    diagnose_campaign(folder / ABLATION_FOLDER, partial(diagnose, effect), None, folder / CAMPAIGNS / case)
+
+
+@dataclass(frozen=True)
+class WronglyNamed:
+    """A case whose effect was removed and in which effects were named nevertheless, with the lowest of their probabilities."""
+
+    case: str
+    effect: str
+    named: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class AblationResult:
+    """Shares of cases with a wrong name at CONFIDENT or more, with "unexplained" and with "nothing missing"; and all named ones."""
+
+    confident_wrong: Share
+    unexplained: Share
+    silent: Share
+    named: tuple[WronglyNamed, ...]
+
+    @property
+    def words(self) -> str:
+        wrong, unexplained = self.confident_wrong, self.unexplained
+        return (
+            f"each entry taken out of the catalogue: {wrong.hits} of {wrong.of} given a wrong name at {100.0 * CONFIDENT:g} % or more, "
+            f"{unexplained.hits} reported as unexplained, {self.silent.hits} as nothing missing"
+        )
+
+
+def read_ablation(folder: Path) -> AblationResult | None:
+    """Results of the ablation in an exam's folder; None where it was not done."""
+    answers = folder / ABLATION_FOLDER
+    if not answers.is_dir():
+        return None
+    judged = [(truth, read_diagnosis(answers / truth.case / DIAGNOSIS)) for truth in _visible(folder) if (answers / truth.case).is_dir()]
+    return AblationResult(
+        confident_wrong=_share([any(claim.probability >= CONFIDENT for claim in result.named) for _, result in judged]),
+        unexplained=_share([not result.named and result.verdict != NOTHING for _, result in judged]),
+        silent=_share([result.verdict == NOTHING for _, result in judged]),
+        named=tuple(_judge_named_case(truth, result) for truth, result in judged if result.named),
+    )
+
+
+def _judge_named_case(truth: Truth, result: ParsedDiagnosis) -> WronglyNamed:
+    # The cases are those of one effect, see `_visible`.
+    (effect,) = truth.effects
+    return WronglyNamed(truth.case, effect, tuple(claim.id for claim in result.named), min(claim.probability for claim in result.named))
+
+
+def _share(hits: Sequence[bool]) -> Share:
+    return Share(sum(hits), len(hits))

@@ -171,13 +171,10 @@ def _change_shape(world: World, effect: str) -> World:
 def with_unknown_fault(world: World, name: str, values: Values, repeat: int) -> World:
     """The world with one effect from outside the catalogue, as it is in this repeat (from 1)."""
     if name == "stiffness_falls_with_repeats":
-        return _soften(world, (1.0 - values["share_per_repeat"]) ** (repeat - 1))
+        factor = (1.0 - values["share_per_repeat"]) ** (repeat - 1)
+        k0 = tuple(factor * each for each in world.hinges.k0_Nm_per_rad)
+        return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=k0))
     return STRANGERS[name](world, values)
-
-
-def _soften(world: World, factor: float) -> World:
-    k0 = tuple(factor * each for each in world.hinges.k0_Nm_per_rad)
-    return replace(world, hinges=replace(world.hinges, k0_Nm_per_rad=k0))
 
 
 def force_cogging(world: World, values: Values) -> World:

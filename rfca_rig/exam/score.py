@@ -89,7 +89,11 @@ def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
     if result == PARTIAL:
         missed = sorted(set(truth.effects).difference(*(claim.members for claim in answer.named)))
         return _rate_missed_effect(truth, " and ".join(missed), max(truth.left_of_each[effect] for effect in missed))
-    return _value_off(truth, answer)
+    errors = [(error, claim.id) for claim in answer.named for error, _ in parameter_errors(truth, claim)]
+    if truth.lawless or not errors or max(errors)[0] < MIN_VALUE_ERROR:
+        return None
+    error, effect = max(errors)
+    return WorstCase(truth.case, truth.kind, min(error / 10.0, 0.99), f"a parameter of {effect} is off by {error:.0%}")
 
 
 def _rate_missed_effect(truth: Truth, what: str, left: float) -> WorstCase:
@@ -97,14 +101,6 @@ def _rate_missed_effect(truth: Truth, what: str, left: float) -> WorstCase:
     # Larger shifts are worse to miss, up to a hundred times the noise; badness stays between 1 and 2.
     severity = min(left / 100.0, 1.0)
     return WorstCase(truth.case, truth.kind, 1.0 + severity, f"missed {what}, which shifts the forces by {left:.1f} times the noise")
-
-
-def _value_off(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
-    errors = [(error, claim.id) for claim in answer.named for error, _ in parameter_errors(truth, claim)]
-    if truth.lawless or not errors or max(errors)[0] < MIN_VALUE_ERROR:
-        return None
-    error, effect = max(errors)
-    return WorstCase(truth.case, truth.kind, min(error / 10.0, 0.99), f"a parameter of {effect} is off by {error:.0%}")
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
-from rfca_rig.exam.ablation import AblationResult, read_ablation
 from rfca_rig.exam.answer import ParsedDiagnosis, Truth, outcome, parse_truth, read_diagnosis
 from rfca_rig.exam.claims import parameter_errors
 from rfca_rig.exam.examine import DIAGNOSES, SECONDS
-from rfca_rig.exam.follow_up import ArmResult, ways
+from rfca_rig.exam.follow_up import AblationResult, ArmResult, read_ablation, ways
 from rfca_rig.exam.score import ExamScores, gap_closed, score
 from rfca_rig.exam.scoring import DIAGNOSIS
 from rfca_rig.exam.sealing import ExamPlan, open_all, read_plan

@@ -127,7 +127,9 @@ def format_scores(marks: ExamScores) -> Iterator[str]:
     )
     if marks.null_false_claims.of:
         yield f"false names where nothing is missing: below {marks.null_false_claims.upper:.1%} with 95 % confidence"
-    yield from _confusion_lines(marks)
+    for (true, called), count in sorted(marks.confusion.items()):
+        if true != called:
+            yield f"{count} x {true} called {called}"
     yield from (f"{miss.case} ({miss.kind}): {miss.reason}" for miss in marks.worst)
 
 
@@ -137,12 +139,6 @@ def _lines(bar: ScoreGoal) -> Iterator[str]:
     value = f"{bar.value:.3f}" if np.isfinite(bar.value) else "-"
     yield f"{result:7s} {bar.name:60s} {value:>6s}"
     yield f"{'':7s} {goal}; {bar.counted}"
-
-
-def _confusion_lines(marks: ExamScores) -> Iterator[str]:
-    for (true, called), count in sorted(marks.confusion.items()):
-        if true != called:
-            yield f"{count} x {true} called {called}"
 
 
 def main() -> int:

@@ -131,7 +131,9 @@ def _remainder(conditions: Sequence[_Condition], shift: Floats, moves: Floats, u
     there, rest, least = np.zeros(NOMINAL_VALUES), shift, np.inf
     for _ in range(STEPS):
         # Gauss-Newton steps need not descend, so the smallest value of all steps counts.
-        step = _gauss_newton_step(rest / units, moves / units[..., None], there)
+        # The identity is the prior: the unknowns are in units of their prior standard deviations.
+        J = (moves / units[..., None]).reshape(-1, NOMINAL_VALUES)
+        step = np.asarray(np.linalg.solve(J.T @ J + np.eye(NOMINAL_VALUES), J.T @ (rest / units).ravel() - there))
         least = min(least, _largest_rms((rest - moves @ step) / units))
         if np.abs(step).max() < CONVERGED_SIGMAS:
             break
@@ -143,12 +145,6 @@ def _remainder(conditions: Sequence[_Condition], shift: Floats, moves: Floats, u
             axis=-1,
         )
     return min(least, _largest_rms(rest / units))
-
-
-def _gauss_newton_step(rest: Floats, moves: Floats, there: Floats) -> Floats:
-    # The identity is the prior: the unknowns are in units of their prior standard deviations.
-    J = moves.reshape(-1, NOMINAL_VALUES)
-    return np.asarray(np.linalg.solve(J.T @ J + np.eye(NOMINAL_VALUES), J.T @ rest.ravel() - there))
 
 
 def _change_by(conditions: Sequence[_Condition], sigmas: Floats) -> Floats:

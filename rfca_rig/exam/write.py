@@ -64,14 +64,10 @@ def run_jobs(
         else:
             results[name_of(job)] = result
         report_progress(what, before + len(results), of)
-    _raise_with_the_first(failed, what, of)
-    return results
-
-
-def _raise_with_the_first(failed: Mapping[str, TaskFailure], what: str, of: int) -> None:
     if failed:
         first, why = min(failed.items())
         raise RigError(f"{what}: all but {len(failed)} of {of}, as {first} not with {why.reason}; the same command tries them again")
+    return results
 
 
 def write_cases(folder: Path, seed: int, numbers: Mapping[str, int], workers: int = 0) -> list[Path]:
@@ -89,23 +85,19 @@ def write_all(folder: Path, plan: ExamPlan, executor: TaskExecutor, report_progr
     """As `write_cases`, with an executor; `report_progress` is called with the progress."""
     begin(folder, plan)
     cases = draw_cases(plan.seed, plan.numbers)
-    _seal(cases, folder, executor, report_progress)
-    campaigns = folder / CAMPAIGNS
-    remove_leftovers(campaigns)
-    to_write = [case for case in cases if not (campaigns / case.id).is_dir()]
-    before = len(cases) - len(to_write)
-    run_jobs(executor, partial(_write_whole, campaigns.resolve()), to_write, _id, "campaigns written", report_progress, before)
-    return [campaigns / case.id for case in cases]
-
-
-def _seal(cases: Sequence[Case | PendulumCase], folder: Path, executor: TaskExecutor, report_progress: ProgressReport) -> None:
-    """Seal all truths, or complete an interrupted sealing."""
+    # Seal all truths, or complete an interrupted sealing.
     # Hashes are written once. After an interruption only contents are added, which must match their hashes when they are opened.
     sealed = is_sealed(folder)
     missing = set(list_unwritten(folder)) if sealed else {case.id for case in cases}
     to_seal = [case for case in cases if case.id in missing]
     truths = run_jobs(executor, _truth_of, to_seal, _id, "truths sealed", report_progress, len(cases) - len(to_seal))
     (write_missing if sealed else seal_all)([truths[case.id] for case in to_seal], folder)
+    campaigns = folder / CAMPAIGNS
+    remove_leftovers(campaigns)
+    to_write = [case for case in cases if not (campaigns / case.id).is_dir()]
+    before = len(cases) - len(to_write)
+    run_jobs(executor, partial(_write_whole, campaigns.resolve()), to_write, _id, "campaigns written", report_progress, before)
+    return [campaigns / case.id for case in cases]
 
 
 def _id(case: Case | PendulumCase) -> str:

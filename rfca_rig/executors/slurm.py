@@ -140,7 +140,9 @@ def _handle_termination() -> Iterator[None]:
 @contextmanager
 def _scheduler(interface: str | None, keys: Path) -> Iterator[Any]:
     """Starts a scheduler in this process, with its own TLS keys: other users can neither submit nor see tasks."""
-    _allow_many_connections()
+    # Raises the limit of open files: the usual one is too low for the connections of a thousand workers.
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     security = import_distributed().Security.temporary()
     # The permissions are set before the key is written.
     keys.touch(mode=0o600)
@@ -163,18 +165,13 @@ def _scheduler(interface: str | None, keys: Path) -> Iterator[Any]:
         yield cluster
 
 
-def _allow_many_connections() -> None:
-    """Raises the limit of open files: the usual one is too low for the connections of a thousand workers."""
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-
-
 @contextmanager
 def _submit(script: Path) -> Iterator[str]:
     """Submits the job array and cancels it in the end; yields its job number."""
     sbatch = _run_command("sbatch", "--parsable", str(script))
     if sbatch.returncode:
-        raise BadInput(f"sbatch refused {script}: {_first_line(sbatch.stderr)}")
+        first_line = next((line.strip() for line in sbatch.stderr.splitlines() if line.strip()), "it gave no reason")
+        raise BadInput(f"sbatch refused {script}: {first_line}")
     job = sbatch.stdout.strip().split(";")[0]
     try:
         yield job
@@ -188,14 +185,11 @@ def _check_job_alive(job: str, folder: Path) -> None:
     # SLURM forgets a job some time after its end.
     is_forgotten = "Invalid job id" in squeue.stderr
     if is_forgotten or (squeue.returncode == 0 and not squeue.stdout.strip()):
-        raise RigError(f"all jobs of SLURM's job {job} have ended, {_last_error(folder)}; the same command goes on where it stood")
-
-
-def _last_error(folder: Path) -> str:
-    """The last line with an error that a job printed, and the folder of the logs."""
-    lines = [line for log in sorted(folder.glob("*.log")) for line in log.read_text(encoding="utf-8", errors="replace").splitlines()]
-    errors = [line for line in lines if "rror" in line] or lines
-    return f"as {errors[-1].strip()!r} in {folder}" if errors else f"without a word in {folder}"
+        # The last line with an error that a job printed, and the folder of the logs.
+        lines = [line for log in sorted(folder.glob("*.log")) for line in log.read_text(encoding="utf-8", errors="replace").splitlines()]
+        errors = [line for line in lines if "rror" in line] or lines
+        last_error = f"as {errors[-1].strip()!r} in {folder}" if errors else f"without a word in {folder}"
+        raise RigError(f"all jobs of SLURM's job {job} have ended, {last_error}; the same command goes on where it stood")
 
 
 def _run_command(*words: str) -> "subprocess.CompletedProcess[str]":
@@ -205,7 +199,3 @@ def _run_command(*words: str) -> "subprocess.CompletedProcess[str]":
 def _environment() -> dict[str, str]:
     """Environment without the SLURM variables of a job that this process may run in: the workers are separate jobs."""
     return {name: value for name, value in os.environ.items() if not name.startswith("SLURM_") or name == "SLURM_CONF"}
-
-
-def _first_line(text: str) -> str:
-    return next((line.strip() for line in text.splitlines() if line.strip()), "it gave no reason")

@@ -14,7 +14,7 @@ import numpy as np
 from rfca_rig.bench.resume import RESUMED
 from rfca_rig.campaign.stored import StoredStage, StoredStream
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.rows import HOST_TIME
+from rfca_rig.recording.columns import HOST_TIME
 from rfca_rig.recording.run_text import parse_events
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

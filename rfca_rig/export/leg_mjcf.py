@@ -13,17 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
-from rfca_rig.analysis.phases import Undetermined
+from rfca_rig.analysis.phases import Undetermined, valley_and_phases
 from rfca_rig.analysis.repeats import group_by_condition
-from rfca_rig.analysis.valley import valley_and_phases
 from rfca_rig.campaign.opening import open_with_nominal_model
-from rfca_rig.description.toml_writing import comment, format_value
+from rfca_rig.description.toml import comment, format_value
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.leg.findings import PreparedData
 from rfca_rig.diagnosis.leg.nuisances import SAGS, SAGS_PER_S
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.errors import BadInput
-from rfca_rig.mechanism.leg_file import FLOOR, RACK, SENSOR, SHAFT, end_names, hinge_names, link_names, write_leg_mjcf
+from rfca_rig.mechanism.model_files import FLOOR, RACK, SENSOR, SHAFT, end_names, hinge_names, link_names, write_leg_mjcf
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.atomic import make_folder_atomically, translate_os_errors
 from rfca_rig.recording.model import Recording, Stroke

@@ -21,7 +21,6 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from rfca_rig.campaign.stored import StoredRecording, StoredStage, StoredStream, open_stored
-from rfca_rig.channels import UNITS
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.export import messages as foxglove
 from rfca_rig.export.csv_files import static_row
@@ -29,6 +28,7 @@ from rfca_rig.export.host_clock import NS, event_times, events_in, order_by_time
 from rfca_rig.export.messages import Layout, layout_of, pack_samples
 from rfca_rig.progress import ProgressCount, iterate_with_progress
 from rfca_rig.recording.atomic import refuse_devices, remove, translate_os_errors
+from rfca_rig.recording.layout import UNITS
 from rfca_rig.recording.model import StaticStage
 
 # The writer buffers one chunk, compresses it and writes it: memory stays at about this size.

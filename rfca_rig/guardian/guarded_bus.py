@@ -262,9 +262,6 @@ class GuardedBus(can.BusABC):
         if must_disable and self._silenced is None:
             reason = self._pending_error or "it does not say that it did"
             raise can.CanOperationError(f"the guardian, left to let go of the drive: {reason}; press the emergency stop")
-        self._end_process()
-
-    def _end_process(self) -> None:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(ENDED_WITHIN_S)
         self._process.kill()

@@ -151,7 +151,9 @@ def run_guardian(parent: Connection) -> None:
 
     SIGTERM, SIGHUP and SIGINT end it, after it has disabled the motor. It has its own session, so ^C in the terminal goes to the parent.
     """
-    _ask_for_priority()
+    # Raises the priority above processes without a deadline. If the system refuses, the guardian runs at normal priority.
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
     orders = EndSignals()
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
         signal.signal(number, orders.end)
@@ -169,12 +171,6 @@ def run_guardian(parent: Connection) -> None:
     finally:
         bus.shutdown()
         link.close()
-
-
-def _ask_for_priority() -> None:
-    """Raises the priority above processes without a deadline. If the system refuses, the guardian runs at normal priority."""
-    with suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
 
 
 @dataclass
@@ -262,7 +258,11 @@ class Guardian:
         for record in self._link.take():
             match record.kind:
                 case RecordKind.FRAME:
-                    self._forward(record, now_s)
+                    # Forwards a command in time, and silently drops a late one: the silence itself is reported when it is detected.
+                    if self._silence.may_pass(record.t_s, now_s):
+                        failure = self._send(record)
+                        if failure:
+                            self._report(from_text(RecordKind.BUS_ERROR, now_s, failure))
                 case RecordKind.FRAME_TO_CONFIRM:
                     self._forward_and_confirm(record)
                 case RecordKind.ARM:
@@ -270,13 +270,6 @@ class Guardian:
                     self._silence.arm(record.t_s)
                 case RecordKind.CLOSE:
                     self._is_done = True
-
-    def _forward(self, record: GuardianRecord, now_s: float) -> None:
-        """Forwards a command in time, and silently drops a late one: the silence itself is reported when it is detected."""
-        if self._silence.may_pass(record.t_s, now_s):
-            failure = self._send(record)
-            if failure:
-                self._report(from_text(RecordKind.BUS_ERROR, now_s, failure))
 
     def _forward_and_confirm(self, record: GuardianRecord) -> None:
         """Sends a torque-off frame and confirms it. No other frame is accepted this way."""
@@ -307,7 +300,10 @@ class Guardian:
                 if message is None:
                     break
                 # Each frame is passed on at once, since the parent may be waiting for it.
-                self._forward_to_parent(message, now_s)
+                self._link.put(from_frame(message, message.timestamp), may_be_dropped=True)
+                self._link.flush()
+                if self._torque_off is not None and not message.is_error_frame and not message.is_remote_frame:
+                    self._torque_off.hear(message, now_s)
             self._is_off = self._bus.state is can.BusState.ERROR
         # Exceptions of any type, see `run_guardian`; the error is reported to the parent.
         except Exception as error:
@@ -319,12 +315,6 @@ class Guardian:
         if self._bus_fileno is None or now_s - self._alive_s >= ALIVE_S:
             return True
         return bool(select.select([self._bus_fileno], [], [], 0.0)[0])
-
-    def _forward_to_parent(self, message: can.Message, now_s: float) -> None:
-        self._link.put(from_frame(message, message.timestamp), may_be_dropped=True)
-        self._link.flush()
-        if self._torque_off is not None and not message.is_error_frame and not message.is_remote_frame:
-            self._torque_off.hear(message, now_s)
 
     # -- torque off ----------------------------------------------------------------------------------------------------------
 

@@ -270,13 +270,10 @@ def _verdicts(runs: Path, found: list[FoundRun], known: dict[str, IndexRow]) -> 
         stamp, path = stamp_of(stat), f"{OF_DIAGNOSIS}{file}"
         row = known[path] if path in known and known[path].stamp == stamp else IndexRow(stamp, read_verdict(file))
         rows[path] = row
-        verdicts_of_files.append((_display_path(file), stat.st_mtime, row.content))
+        # Relative to the working directory, if it lies below.
+        shown = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file
+        verdicts_of_files.append((str(shown), stat.st_mtime, row.content))
     return verdicts_by_identity(verdicts_of_files), rows
-
-
-def _display_path(file: Path) -> str:
-    """Relative to the working directory, if it lies below."""
-    return str(file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file)
 
 
 def _entry(row: IndexRow, verdicts: dict[str, Verdict]) -> Entry:

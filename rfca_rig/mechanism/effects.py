@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.inverse_dynamics import torque_motors
-from rfca_rig.mechanism.laws import JOINTS, LARGEST, SMALLEST, PlaceLaw, expand_law, group_places, join_name, joint_units
+from rfca_rig.mechanism.laws import (
+    JOINTS,
+    LARGEST,
+    SMALLEST,
+    PlaceLaw,
+    expand_law,
+    group_places,
+    join_name,
+    joint_units,
+    list_sensor_effects,
+)
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.nuisances import PLACEHOLDER
 from rfca_rig.mechanism.plant import (
@@ -24,7 +34,6 @@ from rfca_rig.mechanism.plant import (
     scale_contact_stiffness,
     shift_centre,
 )
-from rfca_rig.mechanism.sensor_effects import list_sensor_effects
 from rfca_rig.mechanism.usual_motion import UsualMotion
 from rfca_rig.model.effect import Effect, Parameter, Values
 

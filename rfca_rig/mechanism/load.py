@@ -218,7 +218,7 @@ def read_spec(path: Path) -> Any:
 
     # MuJoCo refuses to compile a model whose meshes are missing, even where nothing depends on them.
     spec = mujoco.MjSpec.from_file(str(path))
-    missing = {mesh.name: mesh.file for mesh in spec.meshes if mesh.file and not _is_there(spec, path, mesh.file)}
+    missing = {mesh.name: mesh.file for mesh in spec.meshes if mesh.file and not (path.parent / spec.meshdir / mesh.file).is_file()}
     for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
         if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
             use = "contacts depend" if geom.contype or geom.conaffinity else "the mass depends"
@@ -234,10 +234,6 @@ def read_spec(path: Path) -> Any:
             if joint.name and joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
                 spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     return spec
-
-
-def _is_there(spec: Any, path: Path, file: str) -> bool:
-    return bool((path.parent / spec.meshdir / file).is_file())
 
 
 def _list_sensors(model: Any) -> dict[str, Sensor]:

@@ -1,6 +1,9 @@
-"""Finds the rest pose of a mechanism, in which no joint accelerates under its commands and effects."""
+"""Finds the rest pose of a mechanism, in which no joint accelerates under its commands and effects.
 
-from typing import Any
+Also the play before the spring of a joint engages: within half the gap to either side of its rest position the spring does nothing.
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,11 +11,37 @@ from scipy.optimize import root
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.contact_law import ContactArrays, apply_contact_forces
-from rfca_rig.mechanism.spring_play import PlayArrays, add_spring_play
+from rfca_rig.model.compiled import jit
 
 Floats = NDArray[np.float64]
 
 UNBALANCED = 1e-7  # share of the largest torque that may remain, of weight or spring
+
+
+class PlayArrays(NamedTuple):
+    """Half the gap (n,) of each joint in rad or m, its rest position (n,), and coefficients (3, n) of x, x |x| and x^3 of its spring.
+
+    The torque is that at `ahead_s` after a step's beginning: the mean over the step under Runge-Kutta; an implicit step takes its springs
+    at its beginning.
+    """
+
+    half_gap: Floats
+    rest: Floats
+    spring: Floats
+    ahead_s: float
+
+
+@jit
+def add_spring_play(arrays: PlayArrays, q: Floats, w: Floats, applied: Floats) -> None:
+    """Adds torques to `applied` (n,) that turn MuJoCo's springs into springs with play; `q` and `w` are (n,)."""
+    # MuJoCo computes the spring without play; its torque is cancelled, and that of the reduced deflection is applied instead.
+    for i in range(arrays.half_gap.size):
+        if arrays.half_gap[i] > 0.0:
+            full = q[i] + arrays.ahead_s * w[i] - arrays.rest[i]
+            engaged = np.sign(full) * max(abs(full) - arrays.half_gap[i], 0.0)
+            one, two, three = arrays.spring[0, i], arrays.spring[1, i], arrays.spring[2, i]
+            applied[i] += full * (one + abs(full) * two + full * full * three)
+            applied[i] -= engaged * (one + abs(engaged) * two + engaged * engaged * three)
 
 
 def find_rest_pose(model: Any, data: Any, simulated: NDArray[np.intp], steady: Floats, contacts: ContactArrays, play: PlayArrays) -> None:

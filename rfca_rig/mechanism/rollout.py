@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.contact_law import ContactArrays, apply_contact_forces
-from rfca_rig.mechanism.contact_step import StageArrays, take_step
+from rfca_rig.mechanism.contact_step import StageArrays, list_addresses, take_step
 from rfca_rig.mechanism.gears import PARTS, SMOOTHED_S, add_deflection, estimate_gear_start
-from rfca_rig.mechanism.joint_law import pack_laws
-from rfca_rig.mechanism.mujoco_calls import list_addresses
+from rfca_rig.mechanism.laws import pack_laws
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
-from rfca_rig.mechanism.rest import find_rest_pose
-from rfca_rig.mechanism.spring_play import PlayArrays, add_spring_play
+from rfca_rig.mechanism.rest import PlayArrays, add_spring_play, find_rest_pose
 from rfca_rig.model.compiled import jit, jit_internal
 
 Floats = NDArray[np.float64]

@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING
 
 from rfca_rig.cli.commands.dynamic import replace_conditions
 from rfca_rig.cli.preflight import check_before_run
-from rfca_rig.cli.run_config import RunConfig
+from rfca_rig.cli.run_config import RunConfig, RunOptions, make_run_config
 from rfca_rig.cli.run_experiment import run_and_record
-from rfca_rig.cli.run_options import RunOptions, make_run_config
-from rfca_rig.description.planning import read_plan
-from rfca_rig.description.protocol_file import read_dynamic
+from rfca_rig.description.protocol_file import read_dynamic, read_plan
 from rfca_rig.errors import BadInput
 from rfca_rig.notebook.display import Row, html_table, make_frame
 from rfca_rig.notebook.recordings import OpenedRecordings, open_path

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rfca_rig.analysis.valley import describe_stroke
+from rfca_rig.analysis.phases import describe_stroke
 from rfca_rig.campaign.experiment import Experiment, MechanismRun, read_experiment
 from rfca_rig.campaign.opening import experiment_among, open_recordings, pendulum_among
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign

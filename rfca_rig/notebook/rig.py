@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.prediction import Prediction, predict_stroke
-from rfca_rig.cli.trusted_code import find_rig
+from rfca_rig.cli.paths import find_rig
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.errors import BadInput

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.errors import BadInput
-from rfca_rig.protocol.cycles import Cycles, cycles_in
-from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, Plan, Stage
+from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold, MoveShaft, Plan, Stage, cycles_in
 
 
 @dataclass(frozen=True)
@@ -37,24 +36,16 @@ def check_plan(plan: Plan, expected: Mapping[Stage, Load], supposing: str = "") 
     if not plan.flaps and not plan.holds and not cycles_in(plan):
         raise BadInput(f"{plan.title}: nothing to record; give at least one condition, or one shaft angle")
     for stage in plan.stages:
-        _check_speed(stage, plan)
-        _check_angle(stage)
+        if isinstance(stage, Approach | Cycles | Flap | MoveShaft) and stage.speed_rad_s > plan.limits.speed_rad_s:
+            raise BadInput(
+                f"{stage.label}: {stage.speed_rad_s:g} rad/s is above the rig's limit of {plan.limits.speed_rad_s:g} rad/s; "
+                "choose a lower speed, or raise [limits] speed_rad_s in the rig file if the rig can take it"
+            )
+        # Shaft angles are positive downwards, so the leg points at the ground between 0 and 180 degrees.
+        if isinstance(stage, Hold) and not 0.0 <= stage.angle_rad <= np.pi:
+            raise BadInput(f"{stage.label}: static shaft angles lie between 0 and 180 degrees; beyond, the leg leaves the ground")
         if stage in expected:
             _check_load(stage, plan, expected[stage], supposing)
-
-
-def _check_speed(stage: Stage, plan: Plan) -> None:
-    if isinstance(stage, Approach | Cycles | Flap | MoveShaft) and stage.speed_rad_s > plan.limits.speed_rad_s:
-        raise BadInput(
-            f"{stage.label}: {stage.speed_rad_s:g} rad/s is above the rig's limit of {plan.limits.speed_rad_s:g} rad/s; "
-            "choose a lower speed, or raise [limits] speed_rad_s in the rig file if the rig can take it"
-        )
-
-
-def _check_angle(stage: Stage) -> None:
-    # Shaft angles are positive downwards, so the leg points at the ground between 0 and 180 degrees.
-    if isinstance(stage, Hold) and not 0.0 <= stage.angle_rad <= np.pi:
-        raise BadInput(f"{stage.label}: static shaft angles lie between 0 and 180 degrees; beyond, the leg leaves the ground")
 
 
 def _check_load(stage: Stage, plan: Plan, expected: Load, supposing: str) -> None:

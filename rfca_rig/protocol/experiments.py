@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
 from rfca_rig.protocol.plan import (
     Approach,
+    Cycles,
     Direction,
     Flap,
     Hold,
@@ -22,6 +22,7 @@ from rfca_rig.protocol.plan import (
     SetHeight,
     SettleCriterion,
     Stage,
+    StiffnessCheck,
 )
 
 
@@ -169,10 +170,14 @@ def _stages(experiment: Fatigue, rig: RigFacts) -> Iterator[Stage]:
         if number == 1:
             yield from _first_strokes(experiment, rig, back)
         if _is_due(number, experiment.full_every):
-            yield from _in_full(experiment, number, rig, back)
+            yield Rest(experiment.settle)
+            yield Flap(experiment.height_m, experiment.speed_rad_s, number, rig.ramp_s, experiment.sweep_rad)
+            yield back
             number += 1
         else:
-            count = _until_next(number, experiment)
+            # Number of cycles, from that one on, before a check or a full stroke is due.
+            until = (every - (number - 1) % every for every in (experiment.check.every, experiment.full_every))
+            count = min(*until, experiment.cycles - number + 1)
             yield Cycles(experiment.height_m, experiment.speed_rad_s, number, count)
             yield back
             number += count
@@ -185,24 +190,12 @@ def _is_due(number: int, every: int) -> bool:
     return (number - 1) % every == 0
 
 
-def _until_next(number: int, experiment: Fatigue) -> int:
-    """Number of cycles, from that one on, before a check or a full stroke is due."""
-    until = (every - (number - 1) % every for every in (experiment.check.every, experiment.full_every))
-    return min(*until, experiment.cycles - number + 1)
-
-
 def _first_strokes(experiment: Fatigue, rig: RigFacts, back: MoveShaft) -> Iterator[Stage]:
     speed = experiment.speed_rad_s
     for share in rig.first_strokes:
         yield Rest(experiment.settle)
         yield Approach(experiment.height_m, share * speed, speed, rig.ramp_s, experiment.sweep_rad)
         yield back
-
-
-def _in_full(experiment: Fatigue, number: int, rig: RigFacts, back: MoveShaft) -> Iterator[Stage]:
-    yield Rest(experiment.settle)
-    yield Flap(experiment.height_m, experiment.speed_rad_s, number, rig.ramp_s, experiment.sweep_rad)
-    yield back
 
 
 def _check(experiment: Fatigue, number: int, back: MoveShaft) -> Iterator[Stage]:

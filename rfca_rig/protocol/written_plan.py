@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from typing import Any, cast, get_args, get_type_hints
 
 from rfca_rig.errors import BadInput
-from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
 from rfca_rig.protocol.plan import (
     Approach,
+    Cycles,
     Experiment,
     Flap,
     Hold,
@@ -22,6 +22,7 @@ from rfca_rig.protocol.plan import (
     Rest,
     SetHeight,
     Stage,
+    StiffnessCheck,
 )
 
 # The stages that a stored plan may name: no other class is ever made from a file's text.

@@ -84,7 +84,12 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
     """A finding per file, in the order in which a run writes them. Raises BadInput where `folder` holds no run, or files of others."""
     refuse_links(folder)
     if not is_run_folder(folder):
-        yield from _check_older(folder)
+        # A run of an older version is one recording, or parts of one.
+        files = sorted((*folder.glob("*.h5"), *folder.glob("*.h5.partial/*.h5")))
+        if not files:
+            raise BadInput(f"{folder}: holds no run; rfca-rig runs lists those there are" if folder.exists() else not_there(folder))
+        for file in files:
+            yield _finding_of(file.relative_to(folder).as_posix(), partial(_describe, file))
         return
     sums, recorded = _Sums(folder), _Recorded(folder)
     texts = recorded.texts
@@ -111,17 +116,13 @@ def check_run(folder: Path) -> Iterator[FileFinding]:
         yield FileFinding(RECORDING, f"is not made yet; type rfca-rig recover {folder}")
     # Versions that do not say whether a run was closed made the checksums right after `run.h5`.
     yield from sums.rest(is_finished=has_recording if closed is None else closed)
-    yield from _lost_pictures(folder, sums, ending)
-    if closed is False and has_recording:
-        yield FileFinding(SUMS, f"the run was cut off while it was closed; type rfca-rig recover {folder}")
-
-
-def _lost_pictures(folder: Path, sums: "_Sums", ending: Ending | None) -> Iterator[FileFinding]:
-    """Photos that the run's end names, where neither they nor their hashes are there."""
+    # Photos that the run's end names, where neither they nor their hashes are there.
     for stage in ending.static if ending is not None and ending.static is not None else ():
         for name in filter(None, (stage.photo, stage.overlay)):
             if not (folder / name).is_file() and not sums.has_listed(name):
                 yield FileFinding(name, "is missing", False)
+    if closed is False and has_recording:
+        yield FileFinding(SUMS, f"the run was cut off while it was closed; type rfca-rig recover {folder}")
 
 
 def _read_whole_ending(folder: Path) -> Ending | None:
@@ -135,15 +136,6 @@ def _read_whole_ending(folder: Path) -> Ending | None:
 def _is_closed(ending: Ending | None) -> bool | None:
     """Whether the run's end says that the run was closed; None where it says nothing."""
     return None if ending is None else ending.is_closed
-
-
-def _check_older(folder: Path) -> Iterator[FileFinding]:
-    """A run of an older version is one recording, or parts of one."""
-    files = sorted((*folder.glob("*.h5"), *folder.glob("*.h5.partial/*.h5")))
-    if not files:
-        raise BadInput(f"{folder}: holds no run; rfca-rig runs lists those there are" if folder.exists() else not_there(folder))
-    for file in files:
-        yield _finding_of(file.relative_to(folder).as_posix(), partial(_describe, file))
 
 
 class _Sums:

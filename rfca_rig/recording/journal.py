@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from rfca_rig.recording.columns import ColumnForm, CommandedStart, Rows, StreamForm, pack_rows
 from rfca_rig.recording.model import StaticStage
-from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm, pack_rows
 
 # Mark, kind, a zero byte, length and CRC-32: 12 bytes, little endian (docs/recordings.md).
 _HEAD = struct.Struct("<2sBxII")

@@ -7,6 +7,8 @@ stages/0002.journal  the stage in progress, see `journal`
 end.json        how the run ended, and the static stages with the angles read from their photos
 run.h5          all of it in one file, made of the others at the end
 SHA256SUMS      of all of them, in the format of sha256sum
+
+The name of a recorded channel ends with its unit; axes and signs are those of the sensor (z down).
 """
 
 from collections.abc import Iterable
@@ -34,6 +36,21 @@ PHOTOS = "photos"
 OVERLAYS = "overlays"
 # Of each text. An event of a stage takes 300 bytes: room for 400 000 of them.
 MOST_TEXT_BYTES = 128 << 20
+
+SHAFT = ("shaft_angle_rad", "shaft_speed_rad_s", "motor_torque_Nm")
+WRENCH = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+# Joint 1 is the motor shaft and has no hinge, so hinges are numbered from 2.
+HINGES = tuple(f"hinge{i}_deg" for i in range(2, 8))
+
+UNITS = {
+    "t_s": "s",
+    "host_s": "s",
+    "shaft_angle_rad": "rad",
+    "shaft_speed_rad_s": "rad/s",
+    "motor_torque_Nm": "N m",
+    **{name: name.split("_")[1].replace("Nm", "N m") for name in WRENCH},
+    **dict.fromkeys(HINGES, "deg"),
+}
 
 
 def stage_files(folder: Path) -> list[Path]:

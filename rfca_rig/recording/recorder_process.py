@@ -141,16 +141,14 @@ class DiskRecorder:
         for block in blocks:
             # The stage file is acknowledged only with its photo, which travels separately and may arrive later.
             if block.kind is BlockKind.END:
-                self._await_photo(End.of(block))
+                # Waits for the stage's photo, which is sent earlier but over the connection instead of the queue.
+                end = End.of(block)
+                while end.static and end.static.photo and end.static.photo not in self._pictures and self._why is None:
+                    self._listen(None)
             self._writer.take(block)
             if self._patient:
                 self._writer.work_off()
         self._writer.flush()
-
-    def _await_photo(self, end: End) -> None:
-        """Waits for the stage's photo, which is sent earlier but over the connection instead of the queue."""
-        while end.static and end.static.photo and end.static.photo not in self._pictures and self._why is None:
-            self._listen(None)
 
     def _run_unless_failed(self, work: Callable[[], object]) -> bool:
         """Runs `work`; returns whether it has more to do. After a failure nothing is done any more."""

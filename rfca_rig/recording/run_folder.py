@@ -31,9 +31,9 @@ from rfca_rig.recording.run_text import (
 )
 from rfca_rig.recording.run_writer import DiskReserve
 from rfca_rig.recording.stage_file import write_stage
-from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.store import mark_recording, open_sealed, read_recording, write_recording
 from rfca_rig.recording.strokes import RAW, STROKES, copy_streams, make_raw_stages, make_strokes
+from rfca_rig.recording.tables import read_static, write_static
 
 PARTIAL = ".partial"
 

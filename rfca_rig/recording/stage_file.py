@@ -14,14 +14,23 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name
+from rfca_rig.recording.columns import (
+    DEVICE_TIME,
+    HOST_TIME,
+    ROWS_PER_CHUNK,
+    CommandedStart,
+    RowBatches,
+    Rows,
+    apply_start,
+    host_offset_s,
+    link_name,
+)
 from rfca_rig.recording.hdf5_file import NewHdf5File, Steps, new_hdf5_file
 from rfca_rig.recording.journal import Begin, BlockKind, End, read_blocks, start_of
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME, CommandedStart, RowBatches, Rows, apply_start, host_offset_s
-from rfca_rig.recording.static_table import write_static
 from rfca_rig.recording.store import mark_recording
 from rfca_rig.recording.strokes import TIME, make_raw_stages, make_streams, make_strokes, mark_raw_stage, mark_stroke, write_rows
+from rfca_rig.recording.tables import write_static
 
 INTERRUPTED = "the recording was interrupted"
 
@@ -146,7 +155,7 @@ class _Count:
         if len(rows):
             self.first_s = self.first_s if self.length else float(rows[HOST_TIME][0])
             self.length += len(rows)
-            # The least delay of all samples is nearest to none; see `rows.host_offset_s`.
+            # The least delay of all samples is nearest to none; see `columns.host_offset_s`.
             self.offset_s = min(self.offset_s, host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME]))
 
 

@@ -23,8 +23,8 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording import strokes
 from rfca_rig.recording.hdf5_file import SEALED, new_hdf5_file, open_plain, read_seal, run_to_completion
 from rfca_rig.recording.model import Recording, Source, check_source, check_texts
-from rfca_rig.recording.static_table import read_static, write_static
 from rfca_rig.recording.strokes import RAW, STROKES, read_raw_stages, read_strokes, write_raw_stages, write_strokes
+from rfca_rig.recording.tables import read_static, write_static
 
 FORMAT = "rfca-recording/1"
 MOST_TITLE = 1000
@@ -94,15 +94,11 @@ def open_sealed(path: Path, has_right_seal: bool = False) -> Iterator[tuple[h5py
         with open_plain(path) as file:
             if is_right is None and file.attrs.get(SEALED, False):
                 raise ValueError("its checksum is gone from its end, so it was changed after it was written")
-            yield file, _read_source(path, file)
-
-
-def _read_source(path: Path, file: h5py.File) -> Source:
-    found = file.attrs.get("format")
-    if not isinstance(found, str) or found != FORMAT:
-        description = f"format {str(found)[:60]!r}" if isinstance(found, str) else "an HDF5 file without format attribute"
-        raise BadInput(f"{path}: {description}, where a recording of format {FORMAT!r} is needed")
-    return check_source(file.attrs["source"])
+            found = file.attrs.get("format")
+            if not isinstance(found, str) or found != FORMAT:
+                description = f"format {str(found)[:60]!r}" if isinstance(found, str) else "an HDF5 file without format attribute"
+                raise BadInput(f"{path}: {description}, where a recording of format {FORMAT!r} is needed")
+            yield file, check_source(file.attrs["source"])
 
 
 @contextmanager

@@ -12,6 +12,9 @@ import h5py
 import numpy as np
 
 from rfca_rig.recording.columns import (
+    ColumnForm,
+    Rows,
+    StreamForm,
     check_column,
     column_form_of,
     copy_column,
@@ -22,7 +25,6 @@ from rfca_rig.recording.columns import (
     read_names,
 )
 from rfca_rig.recording.model import RawStage, Source, Stream, Stroke
-from rfca_rig.recording.rows import ColumnForm, Rows, StreamForm
 
 # The column that viewers plot first.
 PLOTTED = "fz_N"
@@ -166,7 +168,11 @@ def streams_in(stage: h5py.Group, source: Source) -> Iterator[tuple[str, h5py.Gr
     """The groups of a stage's streams by name. Raises ValueError where one is not of the recording's source."""
     for name in read_names(stage.attrs["order"]):
         group = stage[link_name(name)]
-        _check_stream(group, source)
+        if group.attrs["source"] != source:
+            raise ValueError(f"{group.name} is marked {group.attrs['source']} in a recording marked {source}")
+        length = len(check_column(group, TIME))
+        if any(len(check_column(group, name)) != length for name in read_names(group.attrs["order"])):
+            raise ValueError(f"the columns of {group.name} differ in length")
         yield name, group
 
 
@@ -207,14 +213,6 @@ def check_times(group: h5py.Group, t_s: Rows) -> None:
     wrong = ~(np.abs(t_s) <= MOST_TIME_S)
     if wrong.any():
         raise ValueError(f"{group.name}/{TIME} holds {t_s[wrong][0]}, which is no time of a run")
-
-
-def _check_stream(group: h5py.Group, source: Source) -> None:
-    if group.attrs["source"] != source:
-        raise ValueError(f"{group.name} is marked {group.attrs['source']} in a recording marked {source}")
-    length = len(check_column(group, TIME))
-    if any(len(check_column(group, name)) != length for name in read_names(group.attrs["order"])):
-        raise ValueError(f"the columns of {group.name} differ in length")
 
 
 def height_mm(height_m: float) -> float:

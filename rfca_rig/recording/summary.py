@@ -8,11 +8,10 @@ from pathlib import Path
 import h5py
 
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
-from rfca_rig.recording.cycle_table import CYCLES, NUMBER
 from rfca_rig.recording.model import Source, StaticStage
-from rfca_rig.recording.static_table import read_static
 from rfca_rig.recording.store import open_sealed, read_provenance, read_title
 from rfca_rig.recording.strokes import RAW, STROKES, TIME, check_times, read_condition, streams_in
+from rfca_rig.recording.tables import CYCLES, NUMBER, read_static
 
 SEQUENCE = "rdt_sequence"
 

@@ -64,7 +64,9 @@ def _print(browser: Path, page: Path) -> Path:
         # The browser would write the absolute path of every linked file into the PDF.
         copy.write_text(LINK.sub("<a>", page.read_text("utf-8")), "utf-8")
         # A profile in the temporary folder: the user's own profile is neither read nor changed.
-        message = _run([str(browser), *QUIET, *_as_root(), f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}", copy.as_uri()])
+        # Option for running as root, as in a container: Chromium refuses its sandbox there.
+        root = ["--no-sandbox"] if sys.platform != "win32" and os.geteuid() == 0 else []
+        message = _run([str(browser), *QUIET, *root, f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}", copy.as_uri()])
         # The file tells success: browsers report warnings on stderr when all went well.
         if not printed.is_file():
             raise RigError(f"{page}: {browser.name} made no PDF of it: {message or 'without a word'}; open the page and print it to a file")
@@ -79,8 +81,3 @@ def _run(command: list[str]) -> str:
     except (OSError, subprocess.TimeoutExpired) as error:
         return f"{type(error).__name__}: {error}".replace("\n", " ")
     return (done.stderr.strip().splitlines() or [""])[-1]
-
-
-def _as_root() -> list[str]:
-    """Option for running as root, as in a container: Chromium refuses its sandbox there."""
-    return ["--no-sandbox"] if sys.platform != "win32" and os.geteuid() == 0 else []

@@ -1,5 +1,9 @@
-"""Provenance at the foot of every page: the command that makes it again, the recordings with their hashes, the version."""
+"""Provenance at the foot of every page: the command that makes it again, the recordings with their hashes, the version.
 
+The hash identifies a recording, whatever its form on disk.
+"""
+
+import hashlib
 import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,9 +12,13 @@ from pathlib import Path, PurePath
 
 from rfca_rig import __version__
 from rfca_rig.bench.provenance import NOT_A_CHECKOUT, UNKNOWN, source_state
-from rfca_rig.campaign.fingerprint import fingerprint
+from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
+from rfca_rig.campaign.layout import FILE_NAME
+from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
 from rfca_rig.clock import TwinClock
 from rfca_rig.description.sections import AboutSection
+from rfca_rig.recording.identity import list_described_files, sha256_of, sum_line
+from rfca_rig.recording.layout import ENDING, HEADER, RECORDING, stage_files
 from rfca_rig.recording.model import Recording
 
 PROGRAM = "rfca-rig"
@@ -24,6 +32,34 @@ PAGES = {
     "run.html": ("How the run went", "report", ""),
     "diagnosis.html": ("Diagnosis", "diagnosis", "diagnose"),
 }
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """SHA-256 of `of`: of one file, or, for several files, of the lines of sha256sum for them, ordered by name."""
+
+    of: str
+    sha256: str
+
+
+def fingerprint(path: Path) -> Fingerprint:
+    """Fingerprint of what `open_recordings` opens at `path`. Raises OSError."""
+    if path.is_file():
+        return Fingerprint(path.name, sha256_of(path))
+    if (path / RECORDING).is_file():
+        return Fingerprint(RECORDING, sha256_of(path / RECORDING))
+    files = _files(path)
+    # Text in the format of sha256sum: the fingerprint can be verified without this program.
+    lines = "".join(f"{sum_line(file, path)}\n" for file in files)
+    return Fingerprint(f"the lines of sha256sum for {len(files)} files", hashlib.sha256(lines.encode()).hexdigest())
+
+
+def _files(folder: Path) -> list[Path]:
+    """For a campaign its description and tables; for an unmerged run its header, its stages and its end."""
+    if any((folder / name).is_file() for name in (FILE_NAME, PENDULUM, EXPERIMENT)):
+        return list_described_files(folder)
+    named = [file for file in (folder / HEADER, folder / ENDING) if file.is_file()]
+    return sorted([*named, *stage_files(folder), *folder.glob(f"{RECORDING}.partial/*.h5")])
 
 
 @dataclass(frozen=True)

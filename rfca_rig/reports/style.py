@@ -217,12 +217,8 @@ def hover_values(axes: Axes, x: Floats, x_unit: str, series: Mapping[str, Floats
 
 def compress_paths(svg: str) -> str:
     """The same drawing in fewer bytes; coordinates with one decimal, as `inline_svg` gives them, stay exact."""
-    return LINE.sub(lambda found: f' d="{_in_steps(found[1])}"', svg)
-
-
-def _in_steps(path: str) -> str:
-    """Path in relative steps; each piece of an interrupted line begins with M."""
-    return "".join(_piece(piece) for piece in re.split(r"(?=M)", path) if piece)
+    # Path in relative steps; each piece of an interrupted line begins with M.
+    return LINE.sub(lambda found: f' d="{"".join(_piece(piece) for piece in re.split(r"(?=M)", found[1]) if piece)}"', svg)
 
 
 def _piece(piece: str) -> str:
@@ -291,9 +287,5 @@ def _slim(body: str) -> str:
     body = re.sub(r'<g id="[^"]*"', "<g", body).replace("xlink:href", "href")
     # The page's style sheet sets the font; only its size stays with the text.
     body = re.sub(r"font-family: [^;\"]*;?|font: ([\d.]+px) [^;\"]*", lambda m: f"font-size: {m[1]}" if m[1] else "", body)
-    body = re.sub(r'(?<= d=")[^"]*', lambda path: _round_coordinates(path[0]), body)
+    body = re.sub(r'(?<= d=")[^"]*', lambda path: re.sub(r"-?\d+\.\d+", lambda m: f"{float(m[0]):.{DECIMALS}f}", path[0]), body)
     return re.sub(r"\s*\n\s*", "\n", body)
-
-
-def _round_coordinates(path: str) -> str:
-    return re.sub(r"-?\d+\.\d+", lambda m: f"{float(m[0]):.{DECIMALS}f}", path)

@@ -20,9 +20,18 @@ from rfca_rig.progress import ProgressReport
 from rfca_rig.recording.atomic import AppendOnlyFile, remove, translate_os_errors, write_atomically
 from rfca_rig.recording.hdf5_file import open_plain
 from rfca_rig.recording.run_text import lock
-from rfca_rig.sweep.cases import LONGEST_REMARK, CaseRange, CaseRows, case_row, compute, make_failed_rows
 from rfca_rig.sweep.plan import SweepPlan, claim_folder
-from rfca_rig.sweep.result import SweepResult, read_result, write_result
+from rfca_rig.sweep.result import (
+    LONGEST_REMARK,
+    CaseRange,
+    CaseRows,
+    SweepResult,
+    case_row,
+    compute,
+    make_failed_rows,
+    read_result,
+    write_result,
+)
 
 FOLDER, LOCK = "shards", "lock"
 # UTF-8 needs up to four bytes per character.

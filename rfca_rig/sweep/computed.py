@@ -5,8 +5,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S
-from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, Valley, find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed

@@ -1,32 +1,161 @@
-"""A sweep as data: varied quantities with their values, outputs, and the design of every case by its number."""
+"""A sweep as data: varied quantities with their values, outputs, and the design of every case by its number.
+
+Sample points are a Latin hypercube or Sobol's sequence, from a seed that is part of the plan. First-order Sobol indices of samples are
+
+    S_i = Var(E[y | x_i]) / Var(y)
+
+E[y | x_i] is estimated by least squares of y on a cubic spline of x_i's share u of its range. The spline has as many even segments as the
+samples allow (n / 32, at most 12). S_i is the adjusted coefficient of determination
+
+    S_i = 1 - (RSS / (n - p)) / (TSS / (n - 1)),        p = segments + 3 coefficients
+
+so that a parameter without influence has S_i = 0 on average instead of (p - 1) / (n - 1). Any independent samples serve; no pairs of sample
+matrices are needed. The standard error comes from a bootstrap of the cases. Points of a hypercube or a Sobol sequence are more even than
+the independent points of a bootstrap, so it is rather too large. The rest of 1 after all S_i is due to interactions of parameters.
+"""
 
 import hashlib
 import json
 import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig import analysis, model, sweep
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.environment import collect_facts, hash_source
 from rfca_rig.model.catalogue import FOLDER_VARIABLE, resolve_effect
-from rfca_rig.model.parameters import PresentEffect, RigModel
+from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.atomic import translate_os_errors, write_atomically
 from rfca_rig.sweep.outputs import REST_AT, RequestedOutput
 from rfca_rig.sweep.quantities import SweepCase, Value, find_quantity
-from rfca_rig.sweep.samples import SweepSamples, points
+
+Floats = NDArray[np.float64]
+Method = Literal["sobol", "latin hypercube"]
+METHODS: tuple[Method, ...] = ("sobol", "latin hypercube")
+
+# Fewest values for an index, values per segment of the spline, and most segments.
+MIN_VALUES = 24
+PER_SEGMENT = 32
+MOST_SEGMENTS = 12
+# Bootstrap samples for the standard error.
+BOOTSTRAP_SAMPLES = 200
 
 MAX_CASES = 10_000_000
 
 FORMAT = "rfca-sweep/1"
 PLAN_FILE = "plan.json"
 MADE_WITH = "made_with"
+
+
+@dataclass(frozen=True)
+class Range:
+    """Uniform from `low` to `high`, or uniform in the logarithm with `log`."""
+
+    name: str
+    low: float
+    high: float
+    log: bool = False
+
+
+@dataclass(frozen=True)
+class SweepSamples:
+    """`n` points in all `ranges` together. The same seed gives the same points on any machine."""
+
+    ranges: tuple[Range, ...]
+    method: Method
+    n: int
+    seed: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(each.name for each in self.ranges)
+
+
+def why_unbalanced(method: Method, n: int) -> str | None:
+    """Why a Sobol sequence should not be cut off after `n` points, or None."""
+    # A power of 2 has exactly one bit.
+    if method != "sobol" or n.bit_count() == 1:
+        return None
+    below = 1 << (n.bit_length() - 1)
+    return f"n = {n}: Sobol points are balanced in powers of two only; take {below} or {2 * below}, or a latin hypercube"
+
+
+@cache
+def points(samples: SweepSamples) -> Floats:
+    """Sample points (n, ranges), in the units of their quantities."""
+    unit = shares(samples)
+    columns = [_between(each, unit[:, place]) for place, each in enumerate(samples.ranges)]
+    return np.stack(columns, axis=1)
+
+
+@cache
+def shares(samples: SweepSamples) -> Floats:
+    """Sample points (n, ranges) as shares of each range, from 0 to 1, as they are drawn."""
+    from scipy.stats import qmc  # noqa: PLC0415 - grids need not pay for it
+
+    dimensions, rng = len(samples.ranges), np.random.default_rng(samples.seed)
+    # Both kinds are randomised by the seeded generator; scipy scrambles Sobol points by default.
+    kind = qmc.Sobol if samples.method == "sobol" else qmc.LatinHypercube
+    return np.asarray(kind(dimensions, seed=rng).random(samples.n))
+
+
+def _between(over: Range, share: Floats) -> Floats:
+    if over.log:
+        return np.asarray(np.exp(np.log(over.low) + share * (np.log(over.high) - np.log(over.low))))
+    return over.low + share * (over.high - over.low)
+
+
+@dataclass(frozen=True)
+class FirstOrder:
+    """First-order index S_i and its standard error."""
+
+    index: float
+    std: float
+
+
+def first_order(share: Floats, y: Floats, rng: np.random.Generator) -> FirstOrder | None:
+    """First-order index of one parameter; None with fewer than 24 values, or if all are equal.
+
+    Parameters
+    ----------
+    share : (n,) parameter values as shares of its range, 0 to 1
+    y : (n,) output, NaN where there is none
+    rng : random numbers of the bootstrap
+    """
+    known = np.isfinite(y)
+    share, y = share[known], y[known]
+    if y.size < MIN_VALUES or np.ptp(y) <= 1e-12 * np.abs(y).max():
+        return None
+    B = spline_basis(share, min(max(1, y.size // PER_SEGMENT), MOST_SEGMENTS))
+    even = np.full(y.size, 1.0 / y.size)
+    # Drawing n cases with replacement is the same as multinomial weights on them.
+    repeated = [_r2_adjusted(B, y, rng.multinomial(y.size, even).astype(np.float64)) for _ in range(BOOTSTRAP_SAMPLES)]
+    return FirstOrder(_r2_adjusted(B, y, np.ones(y.size)), float(np.std(repeated, ddof=1)))
+
+
+def _r2_adjusted(B: Floats, y: Floats, weights: Floats) -> float:
+    n, p = y.size, B.shape[1]
+    # The total sum of squares is about the weighted mean; the fit does not change, because the splines contain the constant.
+    y = y - weights @ y / n
+    weighted = B.T * weights
+    coefficients, *_ = np.linalg.lstsq(weighted @ B, weighted @ y, rcond=1e-10)
+    left, total = weights @ (y - B @ coefficients) ** 2, weights @ y**2
+    return float(1.0 - (left / (n - p)) / (total / (n - 1)))
+
+
+def spline_basis(share: Floats, segments: int) -> Floats:
+    """Cubic B-splines (n, segments + 3) of the shares (n,) on even segments of 0 to 1."""
+    from scipy.interpolate import BSpline  # noqa: PLC0415 - grids need not pay for it
+
+    knots = np.concatenate((np.zeros(3), np.linspace(0.0, 1.0, segments + 1), np.ones(3)))
+    return np.asarray(BSpline.design_matrix(np.clip(share, 0.0, 1.0), knots, 3).toarray())
 
 
 @dataclass(frozen=True)
@@ -112,7 +241,11 @@ def check_plan(plan: SweepPlan) -> SweepPlan:
             _check_value(each.name, value)
     effects = plan.design(0).rig.effects
     for present in effects:
-        _check_effect(present)
+        # Refuses an effect of which only some parameters are set.
+        try:
+            resolve_effect(present)
+        except BadInput as error:
+            raise BadInput(f"{error}; set the others too, as in --set {present.id}.NAME=VALUE, or in the file under [fixed]") from None
     at_rest = next((asked.header for asked in plan.outputs if asked.output.at == REST_AT), None)
     if effects and at_rest:
         raise BadInput(f"{at_rest}: statics know the plain leg only; leave it out, or the effect {effects[0].id}")
@@ -133,16 +266,13 @@ def _check_value(name: str, value: Value) -> None:
         raise BadInput(f"{name} = {value if isinstance(value, str) else f'{value:g}'}: {reason}")
 
 
-def _check_effect(present: PresentEffect) -> None:
-    """Refuses an effect of which only some parameters are set."""
-    try:
-        resolve_effect(present)
-    except BadInput as error:
-        raise BadInput(f"{error}; set the others too, as in --set {present.id}.NAME=VALUE, or in the file under [fixed]") from None
-
-
 def describe_plan(plan: SweepPlan) -> dict[str, Any]:
     """The plan and its model as plain data, with the versions of the code, because changed code gives other numbers."""
+    # Everything that can change a result to the last digit: versions of the numerical packages, and hashes of our own sources.
+    facts = collect_facts()
+    versions = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
+    sources = "".join(hash_source(Path(package.__path__[0])) for package in (model, analysis, sweep))
+    own = os.environ.get(FOLDER_VARIABLE)
     return {
         "format": FORMAT,
         "title": plan.title,
@@ -151,7 +281,7 @@ def describe_plan(plan: SweepPlan) -> dict[str, Any]:
         "grid": [{"name": axis.name, "values": list(axis.values)} for axis in plan.axes],
         "samples": asdict(plan.samples) if plan.samples else None,
         "outputs": [asked.header for asked in plan.outputs],
-        MADE_WITH: _describe_code(),
+        MADE_WITH: {**versions, "source": digest(sources)[:12], "own effects": hash_source(Path(own)) if own else "none"},
     }
 
 
@@ -193,12 +323,3 @@ def _difference(found: str, wanted: dict[str, Any]) -> str:
         unlike = [name for name, value in wanted[MADE_WITH].items() if there[MADE_WITH].get(name) != value]
         return f"its sweep was made with another {' and '.join(unlike)}, and results would not fit together"
     return f"holds a sweep with another {' and '.join(name for name in differing if name != 'made with') or 'form'}"
-
-
-def _describe_code() -> dict[str, str]:
-    # Everything that can change a result to the last digit: versions of the numerical packages, and hashes of our own sources.
-    facts = collect_facts()
-    versions = {name: facts[name] for name in ("rfca_rig", "numpy", "scipy", "numba", "llvmlite")}
-    sources = "".join(hash_source(Path(package.__path__[0])) for package in (model, analysis, sweep))
-    own = os.environ.get(FOLDER_VARIABLE)
-    return {**versions, "source": digest(sources)[:12], "own effects": hash_source(Path(own)) if own else "none"}

@@ -1,4 +1,7 @@
-"""Result of a whole sweep as one table, and its files sweep.h5 and sweep.csv."""
+"""Result of a whole sweep as one table, and its files sweep.h5 and sweep.csv.
+
+A case is a row of outputs, or the reason why there is none.
+"""
 
 import csv
 import io
@@ -9,18 +12,79 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.hdf5_file import new_hdf5_file, open_plain, run_to_completion
-from rfca_rig.sweep.cases import INTERNAL_ERROR
+from rfca_rig.sweep.computed import CaseResults, OutputMissing
 from rfca_rig.sweep.plan import FORMAT, SweepPlan, as_text, digest
 from rfca_rig.sweep.quantities import find_quantity
 
 Floats = NDArray[np.float64]
+
+# Remarks have a fixed width in the shards' files.
+LONGEST_REMARK = 200
+INTERNAL_ERROR = "mistake in rfca-rig"
 Strings = NDArray[np.bytes_]
 
 H5, CSV = "sweep.h5", "sweep.csv"
 CASE, REMARK = "case", "remark"
+
+
+@dataclass(frozen=True)
+class CaseRange:
+    """The cases `first` to `last`, `last` excluded."""
+
+    first: int
+    last: int
+
+    def __len__(self) -> int:
+        return self.last - self.first
+
+
+@dataclass(frozen=True)
+class CaseRows:
+    """`values` (m, outputs), NaN where there is none, and a remark for each case that gives the reason, else ""."""
+
+    values: Floats
+    remarks: tuple[str, ...]
+
+
+def compute(plan: SweepPlan, span: CaseRange) -> CaseRows:
+    """The cases of a range, in their order. A failed case gives a row too."""
+    rows = [case_row(plan, case) for case in range(span.first, span.last)]
+    return CaseRows(np.array([values for values, _ in rows]).reshape(len(span), len(plan.outputs)), tuple(remark for _, remark in rows))
+
+
+def make_failed_rows(plan: SweepPlan, span: CaseRange, reason: str) -> CaseRows:
+    """Rows of cases that could not be computed."""
+    return CaseRows(np.full((len(span), len(plan.outputs)), np.nan), (_short(reason),) * len(span))
+
+
+def case_row(plan: SweepPlan, case: int) -> tuple[list[float], str]:
+    """The outputs of one case and its remark. They depend only on the plan and the number of the case."""
+    computed = CaseResults(plan.design(case))
+    values, reasons = [], []
+    for asked in plan.outputs:
+        value = float("nan")
+        try:
+            value = asked.of(computed)
+        except (OutputMissing, RigError) as error:
+            # The text after the semicolon is advice for the user of a single command.
+            reasons.append(str(error).split(";")[0])
+        # One case must not end a sweep of a million: it is reported and counted as failed.
+        except Exception as error:
+            reasons.append(f"{INTERNAL_ERROR}: {type(error).__name__}: {error}")
+        else:
+            if not np.isfinite(value):
+                reasons.append(f"{asked.header} is not finite")
+        values.append(value if np.isfinite(value) else float("nan"))
+    # One cause may spoil several outputs; it is stated once.
+    return values, _short("; ".join(dict.fromkeys(reasons)))
+
+
+def _short(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST_REMARK else line[: LONGEST_REMARK - 2] + ".."
 
 
 @dataclass(frozen=True)
@@ -61,13 +125,9 @@ class SweepResult:
         for remark in self.remarks:
             for reason in filter(None, remark.split("; ")):
                 # Messages contain times and forces of their own case, which would make every reason unique.
-                key = _without_numbers(reason)
+                key = " ".join("…" if any(sign.isdigit() for sign in word) else word for word in reason.split())
                 counts[key] = counts.get(key, 0) + 1
         return sorted(counts.items(), key=lambda each: (-each[1], each[0]))
-
-
-def _without_numbers(text: str) -> str:
-    return " ".join("…" if any(sign.isdigit() for sign in word) else word for word in text.split())
 
 
 def write_result(result: SweepResult, folder: Path) -> None:

@@ -11,9 +11,8 @@ from rfca_rig.description.toml import Key, place_of, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.sweep.outputs import DEFAULT_OUTPUTS, parse_outputs
-from rfca_rig.sweep.plan import Axis, SweepPlan, check_plan, make_grid
+from rfca_rig.sweep.plan import METHODS, Axis, Method, Range, SweepPlan, SweepSamples, check_plan, make_grid, why_unbalanced
 from rfca_rig.sweep.quantities import Quantity, Value, find_quantity
-from rfca_rig.sweep.samples import METHODS, Method, Range, SweepSamples, why_unbalanced
 
 Made = TypeVar("Made")
 Steps = Annotated[int, Field(ge=2, le=100_000)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import can
 
-from rfca_rig.codecs import fdcanusb, slcan, socketcand
+from rfca_rig.codecs import classic_can, fdcanusb
 from rfca_rig.codecs.classic_can import ClassicFrame
 from rfca_rig.codecs.fdcanusb import FdFrame
 from rfca_rig.errors import MalformedFrame
@@ -94,7 +94,7 @@ class SocketcandPort:
 
     def poll(self, now_s: float) -> None:
         for client in accept_all(self._listening, len(self._members)):
-            client.send(socketcand.GREETING)
+            client.send(classic_can.GREETING)
             self._members.append(_Member(client, self._wire.join()))
         for member in self._members:
             self._listen_to(member, now_s)
@@ -111,7 +111,7 @@ class SocketcandPort:
             member.client.open = False
             return
         try:
-            messages, member.rest = socketcand.split(member.rest + received)
+            messages, member.rest = classic_can.split_socketcand(member.rest + received)
         # A client that does not follow the protocol is disconnected.
         except MalformedFrame:
             member.client.open = False
@@ -125,21 +125,21 @@ class SocketcandPort:
             self._send(member, words)
         elif command == "open":
             member.is_open = True
-            member.client.send(socketcand.OK)
+            member.client.send(classic_can.OK)
         elif command in {"rawmode", "bcmmode"} and member.is_open:
             # Only raw mode receives frames; `bcmmode` switches them off again.
             member.frames_from_s = now_s + FRAME_DELAY_S if command == "rawmode" else NEVER
-            member.client.send(socketcand.OK)
+            member.client.send(classic_can.OK)
         elif command == "echo":
             member.client.send(b"< echo >")
         else:
-            member.client.send(socketcand.error("unknown command" if member.is_open else "open a bus first"))
+            member.client.send(classic_can.error("unknown command" if member.is_open else "open a bus first"))
 
     def _send(self, member: _Member, words: list[str]) -> None:
         try:
-            member.end.send(message_of(socketcand.decode_send(words)))
+            member.end.send(message_of(classic_can.decode_send(words)))
         except MalformedFrame:
-            member.client.send(socketcand.error("could not parse send command"))
+            member.client.send(classic_can.error("could not parse send command"))
 
     def _send_frames(self, member: _Member, now_s: float) -> None:
         # Frames wait at the end of the bus until then.
@@ -148,7 +148,7 @@ class SocketcandPort:
         while (message := member.end.recv(timeout=0)) is not None:
             # The protocol carries neither remote frames nor CAN FD.
             if member.frames_from_s < NEVER and is_classic(message) and not message.is_remote_frame:
-                member.client.send(socketcand.encode_frame(frame_of(message), self._epoch_s + now_s))
+                member.client.send(classic_can.encode_socketcand(frame_of(message), self._epoch_s + now_s))
 
     def _remove_closed(self) -> None:
         for member in [member for member in self._members if not member.client.open]:
@@ -240,10 +240,10 @@ class SlcanPort(_SerialAdapter):
 
     def _receive(self) -> None:
         try:
-            lines, self._rest = slcan.split(self._rest + self._terminal.read())
+            lines, self._rest = classic_can.split_slcan(self._rest + self._terminal.read())
         except MalformedFrame:
             self._rest = b""
-            self._waiting += slcan.REFUSED
+            self._waiting += classic_can.REFUSED
             return
         for line in lines:
             if line:
@@ -251,30 +251,30 @@ class SlcanPort(_SerialAdapter):
 
     def _answer(self, line: str) -> bytes:
         letter = line[0]
-        if letter in slcan.FRAME_LETTERS:
+        if letter in classic_can.FRAME_LETTERS:
             return self._send(line)
         if letter in "OLC":
             self._channel_open, self._listen_only = letter != "C", letter == "L"
             # Frames from before the channel was opened are not delivered.
             self._waiting.clear()
-            return slcan.END
+            return classic_can.END
         answer = {"V": VERSION, "N": SERIAL_NUMBER, "F": b"F00"}.get(letter, b"" if letter in "SsZMmXW" else None)
-        return slcan.REFUSED if answer is None else answer + slcan.END
+        return classic_can.REFUSED if answer is None else answer + classic_can.END
 
     def _send(self, line: str) -> bytes:
         if not self._channel_open or self._listen_only:
-            return slcan.REFUSED
+            return classic_can.REFUSED
         try:
-            frame = slcan.decode_frame(line)
+            frame = classic_can.decode_frame(line)
         except MalformedFrame:
-            return slcan.REFUSED
+            return classic_can.REFUSED
         self._end.send(message_of(frame))
         return b"Z\r" if frame.extended else b"z\r"
 
     def _queue_frames(self) -> None:
         while (message := self._end.recv(timeout=0)) is not None:
             if self._channel_open and is_classic(message) and len(self._waiting) < MAX_QUEUED_BYTES:
-                self._waiting += slcan.encode_frame(frame_of(message))
+                self._waiting += classic_can.encode_slcan(frame_of(message))
 
 
 class FdcanusbPort(_SerialAdapter):
@@ -318,7 +318,9 @@ class FdcanusbPort(_SerialAdapter):
         while (message := self._end.recv(timeout=0)) is not None:
             # The adapter carries CAN-FD frames only.
             if message.is_fd and not message.is_error_frame and len(self._waiting) < MAX_QUEUED_BYTES:
-                self._waiting += fdcanusb.encode_received(_frame_of(message))
+                self._waiting += fdcanusb.encode_received(
+                    FdFrame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.bitrate_switch)
+                )
 
 
 def _message_of(frame: FdFrame) -> can.Message:
@@ -329,7 +331,3 @@ def _message_of(frame: FdFrame) -> can.Message:
         is_fd=True,
         bitrate_switch=frame.bitrate_switch,
     )
-
-
-def _frame_of(message: can.Message) -> FdFrame:
-    return FdFrame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.bitrate_switch)

@@ -119,10 +119,6 @@ def _toward_camera(camera: CameraModel) -> float:
     return float(np.sign(-(camera.rotation.T @ camera.translation_m)[0]))
 
 
-def _in_space(points_m: Floats, x_m: float) -> Floats:
-    return np.column_stack([np.full(len(points_m), x_m), points_m])
-
-
 def _circle(middle_m: Floats, radius_m: float) -> Floats:
     turn = np.linspace(0.0, 2.0 * np.pi, CIRCLE_CORNERS, endpoint=False)
     return np.asarray(middle_m + radius_m * np.column_stack([np.cos(turn), np.sin(turn)]))
@@ -182,7 +178,8 @@ def _paint_red_thing(scene: Light, hinges_m: Floats, plan: MarkPlan, camera: Cam
     else:
         turn = random.uniform(0.0, np.pi)
         outline = _capsule(middle_m, middle_m + random.uniform(2.0, 8.0) * size_m * np.array([np.cos(turn), np.sin(turn)]), 0.3 * size_m)
-    paint(scene, camera.project(_in_space(outline, -RED_THING_DISTANCE_M * _toward_camera(camera))), red)
+    behind_m = np.full(len(outline), -RED_THING_DISTANCE_M * _toward_camera(camera))
+    paint(scene, camera.project(np.column_stack([behind_m, outline])), red)
 
 
 def _paint_plate(

@@ -86,13 +86,11 @@ class CubemarsMitTwin:
         elif order is Special.ZERO:
             self._zero_wanted, self._mute_until_s = True, now_s + ZEROING_S
         else:
-            self._enter(order is Special.ENTER)
-
-    def _enter(self, entered: bool) -> None:
-        if entered and self._settings.entering_error:
-            self.fail(self._settings.entering_error)
-        elif entered != self._entered:
-            self._entered, self._error = entered, 0
+            entered = order is Special.ENTER
+            if entered and self._settings.entering_error:
+                self.fail(self._settings.entering_error)
+            elif entered != self._entered:
+                self._entered, self._error = entered, 0
 
     def fail(self, error: int) -> None:
         """Puts the drive into an error: no torque until it enters MIT mode again."""

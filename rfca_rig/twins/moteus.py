@@ -180,7 +180,8 @@ class MoteusTwin:
             route = moteus.route_of(message.arbitration_id)
             if not message.is_remote_frame and not message.is_error_frame and self._is_mine(route):
                 self._take(route, message.data)
-        self._check_start()
+        if self._mode == Mode.CALIBRATING and self._now_s - self._started_s >= self._settings.starting_s:
+            self._mode = self._wanted
         self._check_watchdog()
 
     def _is_mine(self, route: Route) -> bool:
@@ -257,10 +258,6 @@ class MoteusTwin:
         self._wanted = mode
         if mode == Mode.POSITION:
             self._loop.take(self._in_force)
-
-    def _check_start(self) -> None:
-        if self._mode == Mode.CALIBRATING and self._now_s - self._started_s >= self._settings.starting_s:
-            self._mode = self._wanted
 
     def _check_watchdog(self) -> None:
         # A command without a timeout uses the default; NaN switches the timeout off.

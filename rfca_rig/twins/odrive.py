@@ -110,19 +110,16 @@ class OdriveTwin:
     def _answer(self, command: int) -> None:
         node = self._settings.node_id
         if self._settings.dialect == OdriveFirmware.V0_5:
-            self._answer_as_older(command)
+            # Answers of firmware 0.5: part errors only, neither its version nor a heartbeat on request.
+            for part, part_command in cansimple.PART_COMMANDS.items():
+                if command == part_command:
+                    self._send(cansimple.part_error(self._settings.node_id, PartError(part, self._part_errors.get(part, 0))))
         elif command == OdriveCommand.VERSION:
             self._send(cansimple.version(node, FIRMWARE))
         elif command == OdriveCommand.HEARTBEAT:
             self._send(cansimple.heartbeat(node, self._beat()))
         elif command == OdriveCommand.ERRORS:
             self._send(cansimple.errors(node, odrive_messages.ErrorReport(self._error, self._error)))
-
-    def _answer_as_older(self, command: int) -> None:
-        """Answers of firmware 0.5: part errors only, neither its version nor a heartbeat on request."""
-        for part, part_command in cansimple.PART_COMMANDS.items():
-            if command == part_command:
-                self._send(cansimple.part_error(self._settings.node_id, PartError(part, self._part_errors.get(part, 0))))
 
     def _obey(self, order: Message | None) -> None:
         wanted, rad = self._wanted, self._rad_per_turn
@@ -146,13 +143,10 @@ class OdriveTwin:
         # A set-point that is not finite disarms the drive, with an error that depends on the firmware.
         if not (isfinite(wanted.angle_rad) and isfinite(wanted.speed_rad_s) and isfinite(wanted.torque_Nm)):
             self._wanted = MotorSetPoint(wanted.mode)
-            self._fail_not_finite()
-
-    def _fail_not_finite(self) -> None:
-        if self._settings.dialect == OdriveFirmware.V0_5:
-            self.fail_part(OdrivePart.MOTOR, MODULATION_IS_NAN)
-        else:
-            self.fail(MISSING_INPUT)
+            if self._settings.dialect == OdriveFirmware.V0_5:
+                self.fail_part(OdrivePart.MOTOR, MODULATION_IS_NAN)
+            else:
+                self.fail(MISSING_INPUT)
 
     def _request(self, state: int) -> None:
         if state == AxisState.IDLE:

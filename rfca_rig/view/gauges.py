@@ -10,7 +10,7 @@ from rfca_rig.engine.limit_monitor import MIN_CEILING_SHARE
 from rfca_rig.errors import Trip
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.view.decimation import Floats
+from rfca_rig.view.pyramid import Floats
 from rfca_rig.view.run_queue import SeenTicks
 
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import RigError
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import find_rest_state
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
-from rfca_rig.view.decimation import Floats
+from rfca_rig.view.pyramid import Floats
 from rfca_rig.view.run_facts import Scene, SceneStroke
 
 TURN_RAD = 2.0 * math.pi
@@ -71,7 +71,10 @@ class LegShapes:
         stroke = self._strokes.get(_condition(height_m, speed_rad_s))
         if stroke is None:
             return self.hanging(shaft_rad)
-        in_turn_rad = _in_turn_from(float(stroke.shaft_rad[0]), shaft_rad)
+        # The same angle in the turn that begins one degree before the stroke's start.
+        # One degree of margin: a shaft that stands a little before the start would otherwise count as a whole turn ahead.
+        begin_rad = float(stroke.shaft_rad[0]) - float(np.radians(1.0))
+        in_turn_rad = begin_rad + (shaft_rad - begin_rad) % TURN_RAD
         if not stroke.covers(in_turn_rad):
             return self.hanging(shaft_rad)
         return leg_points(stroke.at(in_turn_rad), self._lengths_m)
@@ -127,13 +130,6 @@ def hanging_angles(rig: RigModel, shaft_rad: float) -> Floats:
 def _condition(height_m: float, speed_rad_s: float) -> tuple[float, float]:
     """Key of a condition: rounded to 10 um and 1e-4 rad/s, so that rounding errors of floats do not matter."""
     return round(height_m, 5), round(speed_rad_s, 4)
-
-
-def _in_turn_from(start_rad: float, shaft_rad: float) -> float:
-    """The same angle in the turn that begins one degree before `start_rad`."""
-    # One degree of margin: a shaft that stands a little before the start would otherwise count as a whole turn ahead.
-    begin_rad = start_rad - float(np.radians(1.0))
-    return begin_rad + (shaft_rad - begin_rad) % TURN_RAD
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 
 from rfca_rig.drivers.roles import SensorScale
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.view.decimation import Floats
 from rfca_rig.view.messages import Health
+from rfca_rig.view.pyramid import Floats
 from rfca_rig.view.run_queue import SeenTicks
 
 # Window in s for rates and delays.
@@ -127,16 +127,14 @@ class StreamClock:
         if device_s[0] < self._last_s - BACK_S or (self._minima and abs(least_s - self._offset_s()) > LEAP_S):
             self._minima.clear()
         self._last_s = float(device_s[-1])
-        self._remember(float(host_s[-1]), least_s)
-        return device_s + self._offset_s()
-
-    def _offset_s(self) -> float:
-        return self._minima[0][1]
-
-    def _remember(self, now_s: float, least_s: float) -> None:
-        """Keeps a sliding minimum: offsets ascend in the deque, so that the first is the smallest of the window."""
+        # Keeps a sliding minimum: offsets ascend in the deque, so that the first is the smallest of the window.
+        now_s = float(host_s[-1])
         while self._minima and self._minima[-1][1] >= least_s:
             self._minima.pop()
         self._minima.append((now_s, least_s))
         while self._minima[0][0] < now_s - REMEMBERED_S:
             self._minima.popleft()
+        return device_s + self._offset_s()
+
+    def _offset_s(self) -> float:
+        return self._minima[0][1]

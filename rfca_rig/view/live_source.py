@@ -32,9 +32,8 @@ from rfca_rig.view.messages import (
     number_in,
     trace,
 )
-from rfca_rig.view.progress import Progress
 from rfca_rig.view.pyramid import Pyramid, level_for, width_s
-from rfca_rig.view.run_facts import UNKNOWN_SCENE, RunFacts
+from rfca_rig.view.run_facts import UNKNOWN_SCENE, Progress, RunFacts
 from rfca_rig.view.run_queue import SeenTicks, ticks_of
 
 # Buckets stay open this long for the slower of the two streams.

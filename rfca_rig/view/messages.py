@@ -7,8 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rfca_rig.view.decimation import Extrema, Floats
-from rfca_rig.view.progress import ListedStage
+from rfca_rig.view.pyramid import Extrema, Floats
+from rfca_rig.view.run_facts import ListedStage
 
 Message = Mapping[str, Any]
 SPAN_S = 8.0

@@ -16,9 +16,8 @@ from rfca_rig.view.gauges import Gauge
 from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.live_view import url_of
 from rfca_rig.view.messages import BEATS_HZ, CHANNELS, SHORTEST_SPAN_S, SPAN_S, STATES_HZ, Feed, Health, Message, hello, number_in, trace
-from rfca_rig.view.progress import ListedStage
 from rfca_rig.view.pyramid import ACROSS
-from rfca_rig.view.run_facts import new_token
+from rfca_rig.view.run_facts import ListedStage, new_token
 from rfca_rig.view.server import listen_on, port_of, serve
 from rfca_rig.view.time_line import Player, plan_in, time_line
 
@@ -43,7 +42,10 @@ class Replay:
         recorded = self.player.channels()
         channels = [channel for channel in CHANNELS if recorded[channel.name]]
         stages = [ListedStage(clip.label, clip.kind, round(clip.duration_s, 4)) for clip in self.player.clips]
-        limits = [] if self._limits is None else [_describe_gauge(gauge) for gauge in gauges(self._limits)]
+        limits: list[dict[str, object]] = [
+            {"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)}
+            for gauge in (gauges(self._limits) if self._limits else ())
+        ]
         return hello(self._stored.title, self._stored.source, stages, limits, self._legs.description, self.player.duration_s, channels)
 
     def feed(self) -> Feed:
@@ -80,10 +82,6 @@ def _health_line(name: str, text: str) -> Health:
 def gauges(limits: Limits) -> tuple[Gauge, Gauge]:
     """Gauges of the limits that a recording allows to evaluate: force and moment."""
     return Gauge("force", "N", Trip.FORCE, limits.force_N), Gauge("moment", "N m", Trip.MOMENT, limits.torque_Nm)
-
-
-def _describe_gauge(gauge: Gauge) -> dict[str, object]:
-    return {"name": gauge.name, "unit": gauge.unit, "limit": round(gauge.limit, 4), "code": str(gauge.code)}
 
 
 class ReplayFeed:
@@ -138,13 +136,10 @@ class ReplayFeed:
         self._beats += 1
         return self._beats % STATE_EVERY == 1
 
-    def _buckets(self) -> int:
-        """Number of buckets that are complete; at the end of the recording also the last one."""
-        is_at_end = self._at_s >= self._player.duration_s
-        return floor(self._at_s / self._dt_s) + 1 if is_at_end else floor(self._at_s / self._dt_s)
-
     def _trace(self) -> Message | None:
-        end = self._buckets()
+        # Number of buckets that are complete; at the end of the recording also the last one.
+        is_at_end = self._at_s >= self._player.duration_s
+        end = floor(self._at_s / self._dt_s) + 1 if is_at_end else floor(self._at_s / self._dt_s)
         # At high speed a beat may skip more than a window: then nothing of what was sent is visible any more.
         is_reset = self._sent is None or end - self._sent > ACROSS
         begin = max(end - ACROSS, 0) if self._sent is None or is_reset else self._sent

@@ -20,7 +20,7 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import BlockKind, JournalBlock, frame_block
-from rfca_rig.view.decimation import Floats, Numbers
+from rfca_rig.view.pyramid import Floats, Numbers
 
 # Little-endian without padding: eight doubles, the lost records, the numbers of shaft samples and of force records.
 _HEAD = struct.Struct("<8dQII")
@@ -158,15 +158,12 @@ class RunQueue:
         now_s = self._clock.now_s()
         if now_s - self._vitals_s >= VITALS_EVERY_S:
             self._vitals_s = now_s
-            self._send_vitals()
+            health, backlog_bytes = self._vitals()
+            self._send_event({"about": "vitals", "backlog_bytes": backlog_bytes, "health": asdict(health)})
         # Events that still wait come first: a tick after the start of a stage must not be counted to the stage before.
         if not (self._send_waiting() and self._queue.put(frame_block(tick_block(tick, Stamp(now_s, self.lost))))):
             self.lost += len(tick.force.host_s)
         self._check_stop_request()
-
-    def _send_vitals(self) -> None:
-        health, backlog_bytes = self._vitals()
-        self._send_event({"about": "vitals", "backlog_bytes": backlog_bytes, "health": asdict(health)})
 
     def line(self, text: str) -> None:
         """A line of text of the run for its operator."""

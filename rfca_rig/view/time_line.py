@@ -17,9 +17,9 @@ from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Flap, Hold, Plan
 from rfca_rig.protocol.written_plan import parse_plan
 from rfca_rig.recording.model import Column, StaticStage, Stream
-from rfca_rig.view.decimation import Extrema, Floats, decimate
 from rfca_rig.view.leg_pose import LegMoment, Legs
 from rfca_rig.view.messages import CHANNELS, Message, hanging_deg
+from rfca_rig.view.pyramid import Extrema, Floats, decimate
 from rfca_rig.view.run_facts import STATIC_SWEEP_DEG, Scene, SceneStroke, scenes
 
 _PLACES = {channel.name: place for place, channel in enumerate(CHANNELS)}

@@ -42,7 +42,7 @@ class CameraModel:
     def project(self, points_m: ArrayLike) -> Floats:
         """Pixels (..., 2) of points (..., 2) (y, z) in the plane, or (..., 3) (x, y, z) anywhere in front of the camera, in metres."""
         seen = self._to_camera(_to_space(points_m))
-        return self._pixels(_distort(seen[..., :2] / seen[..., 2:], self.distortion))
+        return np.asarray(_distort(seen[..., :2] / seen[..., 2:], self.distortion) @ self.matrix[:2, :2].T + self.matrix[:2, 2])
 
     def project_jacobian(self, points_m: ArrayLike) -> Floats:
         """d px / d (y, z), (..., 2, 2) in px/m, at points (..., 2) in the plane."""
@@ -110,9 +110,6 @@ class CameraModel:
         outwards = np.linspace(0.1, 1.0, 10).reshape(-1, *[1] * seen.ndim)
         jacobian = _distortion_jacobian(outwards * (seen[..., :2] / seen[..., 2:]), self.distortion)
         return bool((np.linalg.det(jacobian) > 0.0).all() and (seen[..., 2] > 0.0).all())
-
-    def _pixels(self, normal: Floats) -> Floats:
-        return np.asarray(normal @ self.matrix[:2, :2].T + self.matrix[:2, 2])
 
     def _without_lens(self, px: Floats) -> Floats:
         """Points where straight rays through the pixels meet the plane: the start of the search with the lens."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.hinge_angles import HingeAngles, hinge_angles
-from rfca_rig.vision.identify import IdentifiedMarks, MarkDoubt, identify
+from rfca_rig.vision.identify import IdentifiedMarks, identify
 from rfca_rig.vision.leg_marks import MarkPlan, mark_positions
 from rfca_rig.vision.marks import Mark, find_marks_and_rejected
 from rfca_rig.vision.red_mask import Pixels
@@ -42,7 +42,7 @@ def draw_overlay(
             _ring(picture, mark, _label(index, plan), pen)
     for mark in identified.extra:
         _cross(picture, mark, pen)
-    _lines(picture, _angle_words(angles) + _doubt_words(identified.doubts), pen)
+    _lines(picture, _angle_words(angles) + [f"{doubt.kind}: {doubt.words}" for doubt in identified.doubts if doubt.kind != "extra"], pen)
     return picture
 
 
@@ -90,10 +90,6 @@ def _angle_words(angles: HingeAngles | None) -> list[str]:
 def _one_angle(number: int, angle: float | None, std: float | None) -> str:
     name = "shaft" if number == 1 else f"hinge {number}"
     return f"{name} ?" if angle is None or std is None else f"{name} {np.degrees(angle):.2f}+-{np.degrees(std):.2f}"
-
-
-def _doubt_words(doubts: Sequence[MarkDoubt]) -> list[str]:
-    return [f"{doubt.kind}: {doubt.words}" for doubt in doubts if doubt.kind != "extra"]
 
 
 def _lines(picture: Pixels, lines: Sequence[str], pen: float) -> None:

@@ -24,7 +24,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import find_rest_state, make_chain
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.experiments import PlannedCondition
-from rfca_rig.reports.crosscheck_picture import write_crosscheck_picture
+from rfca_rig.reports.strokes.overlay import write_crosscheck_picture
 from tests.model.legs import PAPER
 
 needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason='MuJoCo is not installed: pip install "rfca-rig[crosscheck]"')

@@ -15,11 +15,9 @@ from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint, make_pr
 from rfca_rig.analysis.fitting.residuals import StrokeWindow, make_stroke_problem
 from rfca_rig.analysis.fitting.scatter import make_whitening
 from rfca_rig.analysis.fitting.strokes import StrokeComparison, ValleyRow, fit_recordings, fit_valleys
-from rfca_rig.analysis.phases import StrokePhases
+from rfca_rig.analysis.phases import StrokePhases, Valley
 from rfca_rig.analysis.repeats import group_by_condition
-from rfca_rig.analysis.valley import Valley
-from rfca_rig.description.model_file import read_model_file
-from rfca_rig.description.nominal_model import model_of, nominal_model
+from rfca_rig.description.model_file import model_of, nominal_model, read_model_file
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.stroke import simulate_stroke_at_speed

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.phases import PHASES, StrokePhases, StrokeRegion, phases_of_simulation
-from rfca_rig.analysis.valley import valley_and_phases
+from rfca_rig.analysis.phases import PHASES, StrokePhases, StrokeRegion, phases_of_simulation, valley_and_phases
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.analysis import traces
 from tests.model.legs import PAPER

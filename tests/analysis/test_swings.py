@@ -98,7 +98,7 @@ def test_nuisances_are_those_of_known_to_for_each_link():
 
 
 def test_every_key_of_known_to_moves_what_it_names():
-    from rfca_rig.campaign.pendulum_layout import KnownToPendulum
+    from rfca_rig.campaign.pendulum import KnownToPendulum
 
     for key in set(KnownToPendulum.model_fields) - {"torque_error_relative"}:  # that is the scale of the model's error
         moved = apply_nuisances(BELIEVED, {f"link2.{key}": 0.01})

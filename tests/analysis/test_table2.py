@@ -3,9 +3,8 @@ import pytest
 
 from rfca_rig.analysis.compare import ComparedCondition, ComparedRepeat, Table2, compare_condition, make_table2_row
 from rfca_rig.analysis.matched_simulation import MatchedSimulation, simulate_matching
-from rfca_rig.analysis.phases import StrokePhases, Undetermined
+from rfca_rig.analysis.phases import StrokePhases, Undetermined, Valley, find_valley
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.analysis.valley import Valley, find_valley
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.analysis import traces
 from tests.model.legs import PAPER

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.phases import Undetermined
-from rfca_rig.analysis.valley import Valley, find_valley, stroke_valley, valley_and_phases
+from rfca_rig.analysis.phases import Undetermined, Valley, find_valley, stroke_valley, valley_and_phases
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.analysis import traces
 from tests.model.legs import PAPER

@@ -5,11 +5,10 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.bench.expectation import predict_loads
-from rfca_rig.description.planning import read_plan
+from rfca_rig.description.protocol_file import read_plan
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.protocol.check import check_plan
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import Flap, Hold
+from rfca_rig.protocol.plan import Cycles, Flap, Hold
 from rfca_rig.protocol.written_plan import PlanProgress, make_remaining_plan
 
 ROOT = Path(__file__).parents[2]

@@ -18,7 +18,7 @@ import numpy as np
 
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import WallClock
-from rfca_rig.codecs import socketcand
+from rfca_rig.codecs import classic_can
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from tests.acquisition.sender import sending
@@ -35,10 +35,10 @@ def listening_drive(pipe: Connection) -> None:
         client, _ = server.accept()
     heard = []
     with closing(client):
-        client.sendall(socketcand.GREETING)
+        client.sendall(classic_can.GREETING)
         while data := client.recv(4096):
             if b"open" in data or b"rawmode" in data:
-                client.sendall(socketcand.OK)
+                client.sendall(classic_can.OK)
             else:
                 heard += [time.monotonic()] * data.count(b"<")
     pipe.send(np.diff(heard))

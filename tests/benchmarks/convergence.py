@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
-from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.model.chain import LONGEST_STEP_S, Tolerance, allocate_samples, make_chain
 from rfca_rig.model.integrator import DONE, FIRST_STEP_S, integrate
 from rfca_rig.model.stage import allocate_workspace

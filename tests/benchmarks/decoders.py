@@ -12,18 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.codecs import (
-    ati_serial,
-    cansimple,
-    cubemars_mit,
-    cubemars_servo,
-    fdcanusb,
-    moteus,
-    netft_configuration,
-    rdt,
-    slcan,
-    socketcand,
-)
+from rfca_rig.codecs import ati_serial, cansimple, classic_can, cubemars_mit, cubemars_servo, fdcanusb, moteus, netft_configuration, rdt
 from rfca_rig.codecs.ati_serial import AsciiStream, BinaryStream
 from rfca_rig.codecs.cubemars_drives import mit_ranges
 from rfca_rig.errors import MalformedFrame
@@ -103,8 +92,8 @@ def _stream(name: str, make: Callable[[], AsciiStream | BinaryStream], form: ati
 
 
 def _socketcand(data: bytes) -> object:
-    messages, _ = socketcand.split(data)
-    return [socketcand.decode_send(words) for words in messages] or None
+    messages, _ = classic_can.split_socketcand(data)
+    return [classic_can.decode_send(words) for words in messages] or None
 
 
 def _socketcand_allowed(data: bytes) -> bool:
@@ -113,8 +102,8 @@ def _socketcand_allowed(data: bytes) -> bool:
 
 
 def _slcan(data: bytes) -> object:
-    lines, _ = slcan.split(data)
-    return [slcan.decode_frame(line) for line in lines if line] or None
+    lines, _ = classic_can.split_slcan(data)
+    return [classic_can.decode_frame(line) for line in lines if line] or None
 
 
 def _slcan_allowed(data: bytes) -> bool:

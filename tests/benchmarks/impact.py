@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 from scipy.signal import bilinear, lfilter
 
-from rfca_rig.analysis.valley import find_valley
+from rfca_rig.analysis.phases import find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel

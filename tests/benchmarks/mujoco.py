@@ -15,7 +15,7 @@ import numpy as np
 
 from rfca_rig.analysis.crosscheck import TIGHT_TOLERANCE, CheckedCondition, check_own_contact, difference_pct
 from rfca_rig.analysis.mujoco_leg import FLYWHEEL_KG_M2, MujocoStroke, leg_on_springs, settle_at_rest, stroke_in_mujoco, stroke_on_springs
-from rfca_rig.analysis.valley import find_valley
+from rfca_rig.analysis.phases import find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.stroke import simulate_stroke_at_speed

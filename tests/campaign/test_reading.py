@@ -8,7 +8,7 @@ import pytest
 
 from rfca_rig.campaign.opening import import_campaign
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.store import read_recording
 from tests.campaign.small import SMALL, copy_to, edit, swap, with_column, without_column

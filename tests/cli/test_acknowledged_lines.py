@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from rfca_rig.cli.acknowledged_lines import SILENT_S, STOP_S, AcknowledgedLines
+from rfca_rig.cli.finalize_run import SILENT_S, STOP_S, AcknowledgedLines
 from rfca_rig.clock import TwinClock
 from rfca_rig.engine.interfaces import StopLevel, StopRequest
 

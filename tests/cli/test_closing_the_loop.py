@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.campaign.opening import open_recordings
 from rfca_rig.cli.close_the_loop import ClosedLoop, close_the_loop
-from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL, write_next_protocol
+from rfca_rig.diagnosis.experiment_design.leg_experiment import NEXT_PROTOCOL, write_next_protocol
 from rfca_rig.errors import BadInput
 from tests.campaign.small import SMALL
 from tests.diagnosis.by_hand import RIG_FILE

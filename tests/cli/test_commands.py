@@ -297,7 +297,7 @@ def test_a_trip_has_its_own_exit_code(here, monkeypatch, capsys):
 
 
 def test_a_mistake_of_ours_is_admitted_in_one_line(monkeypatch, capsys):
-    monkeypatch.setattr("rfca_rig.cli.trusted_code.find_file", lambda *_: 1 / 0)
+    monkeypatch.setattr("rfca_rig.cli.paths.find_file", lambda *_: 1 / 0)
     answer = typed(monkeypatch, capsys, "predict", "--height", 215, "--speed", 2)
     assert answer.exit_code == 1
     assert "a mistake in rfca-rig, not yours: ZeroDivisionError" in answer.err

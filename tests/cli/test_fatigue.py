@@ -10,8 +10,8 @@ from rfca_rig.bench.expectation import predict_bending
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.description.protocol_file import read_fatigue
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.recording.cycle_table import cycle_table
 from rfca_rig.recording.store import read_recording
+from rfca_rig.recording.tables import cycle_table
 from tests.cli.test_commands import ROOT
 from tests.cli.test_resume import FEW
 from tests.cli.typed import typed

@@ -10,8 +10,8 @@ import typer
 from rfca_rig import __version__
 from rfca_rig.bench.fault_injection import faults_of_served_rig
 from rfca_rig.cli import names
-from rfca_rig.cli.help import GROUPS
 from rfca_rig.cli.main import app
+from rfca_rig.cli.options import GROUPS
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.exam.cases import KINDS
 from rfca_rig.model.catalogue import catalogue

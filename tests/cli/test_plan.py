@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.description.planning import read_plan
+from rfca_rig.description.protocol_file import read_plan
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from tests.cli.typed import typed

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from rfca_rig.recording.atomic import AppendOnlyFile
-from rfca_rig.recording.cycle_table import cycle_table
 from rfca_rig.recording.journal import BlockKind, parse_blocks
 from rfca_rig.recording.layout import journals, stage_files
 from rfca_rig.recording.run_text import events_of, lock
 from rfca_rig.recording.store import read_recording
+from rfca_rig.recording.tables import cycle_table
 from tests.cli.test_commands import FILES, ROOT
 from tests.cli.test_run_files import is_over, wait_for
 from tests.cli.typed import typed

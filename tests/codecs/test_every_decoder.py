@@ -2,7 +2,7 @@
 
 import pytest
 
-from rfca_rig.codecs import fdcanusb, socketcand
+from rfca_rig.codecs import classic_can, fdcanusb
 from rfca_rig.errors import MalformedFrame
 from tests.benchmarks.decoders import DECODERS, Decoder, tried
 
@@ -22,6 +22,6 @@ def test_a_decoder_that_takes_what_it_should_not_is_caught():
 
 def test_only_spaces_part_words():
     """Python takes more characters for white space than any protocol does."""
-    assert socketcand.split(b"< send 1\x1c0 >") == ([["send", "1\x1c0"]], b"")
+    assert classic_can.split_socketcand(b"< send 1\x1c0 >") == ([["send", "1\x1c0"]], b"")
     with pytest.raises(MalformedFrame):
         fdcanusb.decode_received("rcv\x85123 00")

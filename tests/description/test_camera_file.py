@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from rfca_rig.description.camera_file import camera_file, plane_section, read_camera_file, write_camera_file
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.board import BoardPhoto, RefusedPhoto
-from rfca_rig.vision.camera_calibration import CameraCalibration
-from rfca_rig.vision.plane_of_motion import PlanePose
+from rfca_rig.vision.camera_calibration import CameraCalibration, PlanePose
 
 TURN = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.analysis.prediction import predict_stroke
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue

@@ -2,8 +2,7 @@
 
 import pytest
 
-from rfca_rig.description.model_file import FoundEffect, read_model_file, write_model
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import FoundEffect, nominal_model, read_model_file, write_model
 from rfca_rig.errors import BadInput
 from tests.report.recordings import BELIEVED
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import Field
 
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.description.sections import RigSections, Section
 from rfca_rig.description.toml import read_toml
 from rfca_rig.errors import BadInput

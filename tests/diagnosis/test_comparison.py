@@ -11,8 +11,8 @@ from rfca_rig.diagnosis.decision import decide, sizes
 from rfca_rig.diagnosis.decision.comparison import Comparison, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, decide_from, support_of_best
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
-from rfca_rig.diagnosis.decision.wording import describe
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
+from rfca_rig.diagnosis.result_builder import describe
 from rfca_rig.model.catalogue import members_of
 from rfca_rig.model.effect import EqualLimit
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, found_among, present, recorded

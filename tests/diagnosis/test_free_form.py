@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.analysis.phases import StrokePhases
-from rfca_rig.analysis.valley import Valley
+from rfca_rig.analysis.phases import StrokePhases, Valley
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.inference.model_selection import search_models

@@ -18,14 +18,13 @@ from rfca_rig.diagnosis.inference.parameterization import Parameterization, coor
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, make_basis
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel
 from rfca_rig.diagnosis.model_files import write_measured_model
-from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum
-from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, cut_stretches, make_pendulum_dataset
-from rfca_rig.diagnosis.residual_force.catalogue_curve import catalogue_curve
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, cut_stretches, make_pendulum_dataset, space_of_pendulum
+from rfca_rig.diagnosis.residual_force.law import NONE, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import make_argument, place_knots
-from rfca_rig.diagnosis.residual_force.law_prior import NONE, prior_root
 from rfca_rig.diagnosis.residual_force.measured_law import TableTerm, base_without, fit_law, measure_law, with_memory_test
+from rfca_rig.diagnosis.residual_force.stated_law import catalogue_curve
 from rfca_rig.errors import BadInput
 from rfca_rig.exam import simulate_campaign
 from rfca_rig.exam.cases import NOTHING, ExamDesign, draw_cases

@@ -10,8 +10,7 @@ from rfca_rig.analysis.fitting.space import never_below
 from rfca_rig.analysis.swings import make_swing_problem
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
 from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
-from rfca_rig.diagnosis.pendulums.nuisances import PendulumInput, space_of_pendulum
-from rfca_rig.diagnosis.pendulums.windows import cut_stretches
+from rfca_rig.diagnosis.pendulums.windows import PendulumInput, cut_stretches, space_of_pendulum
 from rfca_rig.model.effects.joint_torques import torque_trace
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.pendulum import Pendulum, PendulumLink, make_driven_pendulum, rods

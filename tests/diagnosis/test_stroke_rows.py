@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.valley import Valley, stroke_valley
+from rfca_rig.analysis.phases import Valley, stroke_valley
 from rfca_rig.recording.model import Column, Stream, Stroke
 from tests.diagnosis.by_hand import NOISE, RIG, flaps_of, recorded
 

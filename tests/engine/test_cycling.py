@@ -9,14 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
-from rfca_rig.engine.cycling import BEFORE_START_RAD, MAX_TURNS, CycleProfile, CycleTally, check_turns
 from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.engine.run import Supervision, run_plan
-from rfca_rig.engine.stages import MOVE_TICK_S
+from rfca_rig.engine.stages import BEFORE_START_RAD, MAX_TURNS, MOVE_TICK_S, CycleProfile, CycleTally, check_turns
 from rfca_rig.errors import Stopped, Tripped
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import MoveShaft, Plan, SetHeight
-from rfca_rig.recording.cycle_table import cycle_table
+from rfca_rig.protocol.plan import Cycles, MoveShaft, Plan, SetHeight
+from rfca_rig.recording.tables import cycle_table
 from tests.engine.rigs import nothing, recorder_on, twin_rig
 
 TURN = 2.0 * math.pi

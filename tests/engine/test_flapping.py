@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.valley import Valley, stroke_valley
+from rfca_rig.analysis.phases import Valley, stroke_valley
 from rfca_rig.engine.run import run_plan
 from rfca_rig.model.motion import follow
 from rfca_rig.model.stroke import simulate_stroke

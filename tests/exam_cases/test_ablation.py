@@ -8,9 +8,9 @@ import pytest
 
 from rfca_rig.errors import RigError
 from rfca_rig.exam import cases
-from rfca_rig.exam.ablation import FOLDER, read_ablation, run_ablation
 from rfca_rig.exam.answer import DETECTABLE
 from rfca_rig.exam.examine import examine
+from rfca_rig.exam.follow_up import ABLATION_FOLDER, read_ablation, run_ablation
 from rfca_rig.exam.sealing import open_all
 from rfca_rig.executors.mapping import InProcessExecutor
 
@@ -40,7 +40,7 @@ def exam(tmp_path_factory):
 
 def fresh(exam):
     folder, visible = exam
-    for path in sorted((folder / FOLDER).rglob("*"), reverse=True):
+    for path in sorted((folder / ABLATION_FOLDER).rglob("*"), reverse=True):
         path.rmdir() if path.is_dir() else path.unlink()
     return folder, visible
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.exam.nominal_world import BELOW_SHAFT_M, LENGTHS_M, MASSES_KG, RAMP_S, START_RAD, nominal_world
 from rfca_rig.exam.sampled_rig import EFFECTS, with_effect
 from rfca_rig.exam.simulator.experiment import (

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import Tolerance

@@ -6,7 +6,7 @@ import pytest
 from rfca_rig.analysis.fitting.fit import Search
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.strokes import ValleyRow, fit_valleys
-from rfca_rig.analysis.valley import Valley
+from rfca_rig.analysis.phases import Valley
 from rfca_rig.executors.local import process_executor
 from tests.model.legs import PAPER
 

@@ -14,10 +14,9 @@ from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.exam.cases import NOTHING, ExamDesign, draw_cases
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.export.leg_mjcf import export_leg
-from rfca_rig.mechanism.amend import write_amended_model
 from rfca_rig.mechanism.contact_law import SphereOnPlane
-from rfca_rig.mechanism.leg_file import FLOOR, end_names, write_leg_mjcf
 from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.model_files import FLOOR, end_names, write_amended_model, write_leg_mjcf
 from rfca_rig.mechanism.plant import make_plant
 from rfca_rig.mechanism.prescribed import PrescribedMotion
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant

@@ -9,10 +9,10 @@ import sys
 
 import numpy as np
 
+from rfca_rig.bench.served import RealTimeLoop
 from rfca_rig.clock import WallClock
 from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
-from rfca_rig.twin_server.real_time import RealTimeLoop
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings

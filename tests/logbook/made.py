@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from rfca_rig.description.planning import read_plan
+from rfca_rig.description.protocol_file import read_plan
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.written_plan import serialize_plan

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.cli.names import MECHANISM_EFFECTS
-from rfca_rig.mechanism.amend import write_amended_model
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import Sensor, load_mechanism
+from rfca_rig.mechanism.model_files import write_amended_model
 from rfca_rig.mechanism.nuisances import NUISANCES, find_places
 from rfca_rig.mechanism.plant import make_plant, scale_contact_damping, scale_contact_stiffness, update_constants
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant

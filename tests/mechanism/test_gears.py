@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
-from rfca_rig.mechanism.amend import write_amended_model
 from rfca_rig.mechanism.effects import list_effects
 from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.model_files import write_amended_model
 from rfca_rig.mechanism.nuisances import NUISANCES
 from rfca_rig.mechanism.plant import make_plant, update_constants
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant

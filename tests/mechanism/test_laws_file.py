@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from rfca_rig.mechanism.amend import write_amended_model
 from rfca_rig.mechanism.laws_file import PARTS, write_laws
 from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.model_files import write_amended_model
 from rfca_rig.mechanism.plant import JointLaw, make_plant
 from rfca_rig.mechanism.rollout import CommandTrace, simulate_plant
 from tests.mechanism.arm import Arm, mjcf

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
+from rfca_rig.diagnosis.mechanisms.fit import compare_mechanism
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import ALL, FittedShift, SignalError, WindowFit
 from rfca_rig.reports.diagnosis.pictures import _with_breaks

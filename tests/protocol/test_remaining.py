@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import check_plan
-from rfca_rig.protocol.cycles import Cycles
 from rfca_rig.protocol.experiments import Flapping, flapping_plan
-from rfca_rig.protocol.plan import Approach, Flap, Hold, MoveShaft, SetHeight
+from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold, MoveShaft, SetHeight
 from rfca_rig.protocol.written_plan import PlanProgress, make_remaining_plan
 from tests.protocol.random_plans import PLANS, static_plans
 from tests.protocol.test_plans import CONDITIONS, RIG, SETTLE, flapping, static

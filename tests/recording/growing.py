@@ -9,9 +9,9 @@ import numpy as np
 
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder, RunBackend
+from rfca_rig.recording.columns import ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
 from rfca_rig.recording.journal import Begin, BlockKind, End, JournalBlock, StrokeCondition, event_block, samples_block, start_block
 from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stroke
-from rfca_rig.recording.rows import ColumnForm, CommandedStart, Rows, StreamForm, make_stream_from_rows
 from tests.recording.samples import WRENCH, recording, stage
 
 CLOCKS = (ColumnForm("host_s", "<f8", "s"), ColumnForm("device_s", "<f8", "s"))

@@ -7,10 +7,10 @@ import pytest
 
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder
-from rfca_rig.recording.cycle_table import CYCLE_FORM, cycle_row, cycle_table
 from rfca_rig.recording.journal import Begin, End, frame_block, samples_block
 from rfca_rig.recording.layout import journals, stage_files
 from rfca_rig.recording.run_folder import close_journals, read_stages
+from rfca_rig.recording.tables import CYCLE_FORM, cycle_row, cycle_table
 from tests.recording.growing import header
 
 BYTES_PER_CYCLE = 100  # a million are 100 MB

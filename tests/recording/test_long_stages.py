@@ -10,12 +10,11 @@ import pytest
 from rfca_rig.recording import journal as journal_module
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder
-from rfca_rig.recording.columns import ROWS_PER_CHUNK
+from rfca_rig.recording.columns import ROWS_PER_CHUNK, Rows, make_stream_from_rows
 from rfca_rig.recording.hdf5_file import run_to_completion
 from rfca_rig.recording.journal import Begin, End, StrokeCondition, frame_block, parse_blocks, read_blocks, samples_block, start_block
 from rfca_rig.recording.layout import stage_files
 from rfca_rig.recording.model import Stroke
-from rfca_rig.recording.rows import Rows, make_stream_from_rows
 from rfca_rig.recording.stage_file import write_stage
 from rfca_rig.recording.store import read_recording
 from rfca_rig.recording.summary import summarize

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.recording.model import Recording, StaticStage, Stroke
 from tests.analysis import traces

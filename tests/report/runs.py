@@ -4,8 +4,7 @@ import json
 
 import numpy as np
 
-from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
-from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, Plan, Rates, SettleCriterion
+from rfca_rig.protocol.plan import Cycles, Flap, Hold, HoldTiming, Limits, Plan, Rates, SettleCriterion, StiffnessCheck
 from rfca_rig.protocol.written_plan import serialize_plan
 from rfca_rig.recording.model import Column, RawStage, Recording, StaticStage, Stream
 from tests.report.recordings import BELIEVED, CONDITIONS, KNOWN_TO, strokes

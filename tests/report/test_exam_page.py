@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.ablation import AblationResult, WronglyNamed
 from rfca_rig.exam.answer import OUTCOMES
 from rfca_rig.exam.cases import split_numbers
+from rfca_rig.exam.follow_up import AblationResult, WronglyNamed
 from rfca_rig.exam.score import Share
 from rfca_rig.exam.scored import ScoredCase, score_exam
 from rfca_rig.exam.scoring import bars

@@ -5,7 +5,6 @@ import re
 import subprocess
 from pathlib import Path
 
-from rfca_rig.campaign.fingerprint import fingerprint
 from rfca_rig.clock import TwinClock
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.recording.store import write_recording
@@ -14,6 +13,7 @@ from rfca_rig.reports.provenance import (
     Origin,
     command_line,
     date_text,
+    fingerprint,
     origin_in_memory,
     origin_of,
     origin_of_import,

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import RigError
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.reports.provenance import Origin, RecordingSource

@@ -24,7 +24,7 @@ from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.model import Recording
 from rfca_rig.twin_server.drive_faults import OdriveDialect, TamperedBus, odrive_events
 from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
-from rfca_rig.twin_server.tampered_link import TamperedLink
+from rfca_rig.twin_server.netft_ports import TamperedLink
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link

@@ -21,9 +21,8 @@ from rfca_rig.progress import ignore_named_progress
 from rfca_rig.recording.hdf5_file import read_seal
 from rfca_rig.sweep import outputs
 from rfca_rig.sweep.carrying_out import Pace, Shards, find_gaps, measure_pace, run_sweep, split_gaps
-from rfca_rig.sweep.cases import CaseRange, compute
 from rfca_rig.sweep.outputs import Output
-from rfca_rig.sweep.result import read_result
+from rfca_rig.sweep.result import CaseRange, compute, read_result
 from tests.sweep.sweeps import Slow, content, small_plan
 
 ROOT = Path(__file__).parents[2]

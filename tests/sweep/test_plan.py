@@ -8,9 +8,8 @@ from scipy.stats import qmc
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.sweep.plan import SweepPlan, make_grid
+from rfca_rig.sweep.plan import SweepPlan, make_grid, points, shares
 from rfca_rig.sweep.quantities import find_quantity, list_quantities
-from rfca_rig.sweep.samples import points, shares
 from rfca_rig.sweep.sweep_file import make_plan, plan_from_options, read_sweep
 from tests.model.legs import PAPER
 

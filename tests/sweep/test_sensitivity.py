@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.sweep.samples import Range, SweepSamples, first_order, points, shares
+from rfca_rig.sweep.plan import Range, SweepSamples, first_order, points, shares
 
 A, B = 7.0, 0.1
 

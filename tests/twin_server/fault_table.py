@@ -17,8 +17,7 @@ from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twin_server.drive_faults import OdriveDialect, TamperedBus, odrive_events
 from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
-from rfca_rig.twin_server.netft_ports import HttpPort
-from rfca_rig.twin_server.tampered_link import TamperedLink
+from rfca_rig.twin_server.netft_ports import HttpPort, TamperedLink
 from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.wires import LinkEnd, can_wire, datagram_link

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
 
+from rfca_rig.bench.served import Port
 from rfca_rig.clock import WallClock
-from rfca_rig.twin_server.real_time import Port
 
 quick_clock = WallClock()
 

@@ -8,13 +8,12 @@ import can
 import numpy as np
 import pytest
 
+from rfca_rig.bench.served import LONGEST_LEAP_S, RealTimeLoop
 from rfca_rig.codecs.rdt import RdtCommand, encode_request
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
-from rfca_rig.twin_server.control_port import ControlPort
-from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel
+from rfca_rig.twin_server.faults import CAN_FAULTS, ControlPort, FaultPanel
 from rfca_rig.twin_server.netft_ports import CommandPort, UdpLink
-from rfca_rig.twin_server.real_time import LONGEST_LEAP_S, RealTimeLoop
 from rfca_rig.twin_server.tcp import IDLE_S, MAX_CLIENTS, MAX_QUEUED_BYTES, is_loopback, listening_tcp
 from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import datagram_link

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.view.decimation import decimate, extrema_by_bucket
-from rfca_rig.view.pyramid import AHEAD, BASE_S, CAPACITY, Pyramid, level_for, width_s
+from rfca_rig.view.pyramid import AHEAD, BASE_S, CAPACITY, Pyramid, decimate, extrema_by_bucket, level_for, width_s
 
 BOTH = slice(0, 2)
 

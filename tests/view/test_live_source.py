@@ -13,7 +13,7 @@ from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.view.gauges import Gauges
 from rfca_rig.view.messages import CHANNELS
-from rfca_rig.view.progress import ListedStage, Progress
+from rfca_rig.view.run_facts import ListedStage, Progress
 from rfca_rig.view.run_queue import Stamp, tick_block, ticks_of
 from tests.engine.rigs import twin_rig
 from tests.view.seen import SCALE, counts_of, tick, watched

@@ -9,8 +9,7 @@ import pytest
 
 from rfca_rig.errors import BadInput
 from rfca_rig.vision.board import BoardPhoto, RefusedPhoto, find_board, parse_board
-from rfca_rig.vision.camera_calibration import calibrate
-from rfca_rig.vision.plane_of_motion import BoardPlacement, find_plane, with_origin_at
+from rfca_rig.vision.camera_calibration import BoardPlacement, calibrate, find_plane, with_origin_at
 from tests.vision.board_scenes import TrueCamera, board_photo, centred, tilted_all_ways, turn
 
 BOARD = parse_board("10x7,25,18")

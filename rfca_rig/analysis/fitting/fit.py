@@ -222,7 +222,10 @@ def fit(problem: Problem, space: Prior[ModelPoint], search: Search | None = None
     _whiten(residuals, first, scatter)
     runs = _descend_all(residuals, [first, *_screen_prior(residuals, search)], search)
     best = min(runs, key=lambda run: float(run.cost))
-    agreeing = _agreeing(residuals, runs, best)
+    # Number of starts that ended within a standard error, or a tenth of a prior's, of the best one.
+    covariance, _ = _covariance(residuals, best)
+    near = np.maximum(AGREEMENT_STD, np.sqrt(np.diag(covariance)))
+    agreeing = sum(bool((np.abs(run.x - best.x) < near).all()) for run in runs)
     if scatter:
         # The scatter is estimated at the solution, and the fit repeated once with it.
         scatter = _whiten(residuals, best.x, scatter, learn=True)
@@ -312,13 +315,6 @@ def _whiten(residuals: Residuals, x: Floats, scatter: Mapping[str, float], learn
     residuals.whitening = make_whitening(effect * std, stroke_of_row)
     residuals.computed += deviations.computed
     return dict(zip(scatter, (float(s) for s in std), strict=True))
-
-
-def _agreeing(residuals: Residuals, runs: list[OptimizeResult], best: OptimizeResult) -> int:
-    """Number of starts that ended within a standard error, or a tenth of a prior's, of the best one."""
-    covariance, _ = _covariance(residuals, best)
-    near = np.maximum(AGREEMENT_STD, np.sqrt(np.diag(covariance)))
-    return sum(bool((np.abs(run.x - best.x) < near).all()) for run in runs)
 
 
 def _covariance(residuals: Residuals, best: OptimizeResult) -> tuple[Floats, str]:

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.matched_simulation import GRID_S, Shaft, average_speed
-from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined
+from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, valley_and_phases
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.analysis.valley import valley_and_phases
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed

@@ -18,10 +18,9 @@ from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, mak
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
 from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S, Shaft
-from rfca_rig.analysis.phases import Undetermined
+from rfca_rig.analysis.phases import Undetermined, Valley, find_valley
 from rfca_rig.analysis.repeats import group_by_condition
-from rfca_rig.analysis.valley import Valley, find_valley
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.parameters import RigModel

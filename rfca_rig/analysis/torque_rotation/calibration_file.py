@@ -12,8 +12,7 @@ from rfca_rig.analysis.torque_rotation.bases import SplineThroughRest
 from rfca_rig.analysis.torque_rotation.checks import FormCheck, RestAngles
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-from rfca_rig.description.model_file import write_model
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model, write_model
 from rfca_rig.description.sections import MIN_K2_PER_RAD2, TorqueRotationSection
 from rfca_rig.description.torque_rotation import relative_std, replace_by_curve, replace_by_law
 from rfca_rig.model.parameters import RigModel
@@ -43,7 +42,9 @@ def write_calibration(
     values, rests = result.values, result.rests[0]
     leg = replace_by_law(nominal["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
     sections = _sections({**nominal, "leg": leg}, result.rig, rests)
-    write_model(path, sections, _keep_stated(known_to) | _make_known_to(result) | _rest_known_to(rests), _comments(result, sources))
+    apart = 0.0 if result.form.holds else abs(result.form.apart_relative)
+    measured_to = {name: float(np.hypot(std, apart)) for name, std in result.values.known_to.items()}
+    write_model(path, sections, _keep_stated(known_to) | measured_to | _rest_known_to(rests), _comments(result, sources))
 
 
 def write_curve(path: Path, result: StaticResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]) -> None:
@@ -85,12 +86,6 @@ def _sections(nominal: Mapping[str, Any], rig: RigModel, rests: RestAngles | Non
 
 def _keep_stated(known_to: Mapping[str, Any]) -> dict[str, float]:
     return {key: float(value) for key, value in known_to.items() if value is not None}
-
-
-def _make_known_to(result: StaticResult) -> dict[str, float]:
-    known = result.values.known_to
-    apart = 0.0 if result.form.holds else abs(result.form.apart_relative)
-    return {name: float(np.hypot(std, apart)) for name, std in known.items()}
 
 
 def _rest_known_to(rests: RestAngles | None) -> dict[str, float]:

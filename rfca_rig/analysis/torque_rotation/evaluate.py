@@ -31,7 +31,7 @@ from rfca_rig.analysis.torque_rotation.recovery import CurveFit, Errors, fit_cur
 from rfca_rig.analysis.torque_rotation.stages import StageData, make_stage_data
 from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult, points_of
 from rfca_rig.analysis.torque_rotation.systematics import Instruments, SystematicErrors, list_systematic_errors
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.hinge_springs import FEWEST_ANGLES as FEWEST_KNOTS
 from rfca_rig.model.parameters import RigModel
@@ -123,7 +123,8 @@ def evaluate(recordings: Sequence[Recording], supposed: StageAssumptions, watche
     watcher(0, SOLVE_COUNT)
     free = _freest(case)
     watcher(1, SOLVE_COUNT)
-    looped = _with_loop(case, free)
+    bending = case.data.turned * np.sign(case.data.measured[:, : case.data.hinges])
+    looped = case.solve(case.splines(), free.errors, loop=True) if (bending < 0).any() else None
     loop = estimate_loop(looped, case.data) if looped else None
     # A hysteresis loop is kept in the model only where it is significant.
     closed = looped if looped is not None and loop is not None and loop.seen else None
@@ -171,17 +172,13 @@ def _case(recordings: Sequence[Recording], supposed: StageAssumptions) -> _Case:
             f"{len(data.stages)} settled stages with {int(data.seen.sum()) if len(data.stages) else 0} hinge angles in all: a curve needs "
             f"at least {FEWEST_STAGES} stages and {FEWEST_ANGLES} angles; take more stages"
         )
-    _check_range(data)
-    return _Case(data, rig, list_systematic_errors(data, supposed.known_to, supposed.instruments))
-
-
-def _check_range(data: StageData) -> None:
     angles_deg = np.degrees(data.measured[:, : data.hinges][data.seen])
     if np.ptp(angles_deg) < LEAST_RANGE_DEG:
         raise BadInput(
             f"all hinge angles lie within {np.ptp(angles_deg):.2f} degrees: a curve needs at least {LEAST_RANGE_DEG:g}; turn the shaft "
             "farther, and look whether the angles are in degrees"
         )
+    return _Case(data, rig, list_systematic_errors(data, supposed.known_to, supposed.instruments))
 
 
 def _check(recordings: Sequence[Recording], rig: RigModel) -> None:
@@ -222,12 +219,6 @@ def _freest(case: _Case) -> CurveFit:
     if not solutions and last_error is not None:
         raise last_error
     return max(solutions, key=lambda one: one.log_likelihood)
-
-
-def _with_loop(case: _Case, free: CurveFit) -> CurveFit | None:
-    """The same with a hysteresis loop, where hinges turned back."""
-    bending = case.data.turned * np.sign(case.data.measured[:, : case.data.hinges])
-    return case.solve(case.splines(), free.errors, loop=True) if (bending < 0).any() else None
 
 
 def _curve(found: CurveFit, data: StageData, widened: float) -> TorqueCurve:

@@ -78,7 +78,8 @@ def solve_contacts(balance: Balance, data: StageData, C: Floats, start: Point, e
         # A set that was tried before would repeat itself for ever.
         tried.add(tuple(ends))
         depth = _depths(balance, data, adjusted.point.z, adjusted.point.p)
-        found = tuple(_with_deep(own, row) for own, row in zip(ends, depth, strict=True))
+        deep = (np.flatnonzero(row > MIN_DEPTH_M).tolist() for row in depth)
+        found = tuple(tuple(sorted({*own, *more})) for own, more in zip(ends, deep, strict=True))
         if found in tried:
             break
         ends, point = found, make_start_point(balance, data, adjusted.point, found)
@@ -148,10 +149,6 @@ def _depths(balance: Balance, data: StageData, z: Floats, p: Floats) -> Floats:
     return balance.depth_m(balance.correct_readings(z, p, data.recording), p, every)
 
 
-def _with_deep(ends: Ends, depth_m: Floats) -> Ends:
-    return tuple(sorted({*ends, *np.flatnonzero(depth_m > MIN_DEPTH_M).tolist()}))
-
-
 @dataclass(frozen=True)
 class Errors:
     """Noise model of a stage, m = h + 4 measured values.
@@ -216,7 +213,9 @@ def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tup
     # The conditions stay linearised at the solution, so that each trial costs only linear algebra.
     parts = linearise_groups(adjusted.balance, groups, measured, errors.covariance(data, lengths), adjusted.point)
     moved = measured - adjusted.point.z
-    names = [name for name, there in _learnable(data).items() if there]
+    unstated = data.unstated & data.seen
+    learnable = {"hinge": unstated.any(), "stated": (data.seen & ~unstated).any(), "force": True}
+    names = [name for name, there in learnable.items() if there]
 
     def cost(logs: Floats) -> float:
         trial = errors.scale_by_logs(dict(zip(names, logs, strict=True)))
@@ -229,11 +228,6 @@ def estimate_noise(data: StageData, adjusted: Adjustment, errors: Errors) -> tup
         cost, first[0], method="Nelder-Mead", options={"xatol": SEARCH_TOLERANCE, "fatol": SEARCH_TOLERANCE, "initial_simplex": first}
     )
     return errors.scale_by_logs(dict(zip(names, found.x, strict=True))), -float(found.fun)
-
-
-def _learnable(data: StageData) -> dict[str, bool]:
-    unstated = data.unstated & data.seen
-    return {"hinge": bool(unstated.any()), "stated": bool((data.seen & ~unstated).any()), "force": True}
 
 
 @dataclass(frozen=True)
@@ -280,8 +274,11 @@ def fit_curve(
     nothing = np.zeros((len(data.measured), data.hinges, 0))
     balance = Balance(rig, basis, systematic_errors, nothing if extra is None else extra)
     p = np.zeros(balance.curve_size + len(systematic_errors.each))
-    # Gauss-Newton begins at the nominal curve, with all systematic errors at 0.
-    p[: basis.size] = _nominal_curve(rig, basis, data)
+    # Gauss-Newton begins at the nominal curve, with all systematic errors at 0: the coefficients nearest to the nominal law over the
+    # angles of the stages.
+    phi = np.linspace(*_range(data), 100)
+    torque = bending_torque_Nm(rig.leg, phi)
+    p[: basis.size] = np.asarray(np.linalg.lstsq(basis.columns(phi), torque, rcond=None)[0])
     ends = guess_contacts(balance, data, p)
     point = make_start_point(balance, data, Point(data.measured.copy(), (), p), ends)
     for _ in range(MAX_ROUNDS):
@@ -295,13 +292,6 @@ def fit_curve(
             break
     adjusted, ends = solve_contacts(balance, data, errors.covariance(data, rig.leg.link_lengths_m), point, ends)
     return CurveFit(adjusted, errors, likelihood, find_pressing_ends(adjusted, len(ends)))
-
-
-def _nominal_curve(rig: RigModel, basis: Basis, data: StageData) -> Floats:
-    """Coefficients nearest to the nominal law over the angles of the stages, (size,)."""
-    phi = np.linspace(*_range(data), 100)
-    torque = bending_torque_Nm(rig.leg, phi)
-    return np.asarray(np.linalg.lstsq(basis.columns(phi), torque, rcond=None)[0])
 
 
 def _range(data: StageData) -> tuple[float, float]:

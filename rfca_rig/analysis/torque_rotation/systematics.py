@@ -73,9 +73,11 @@ class Instruments:
 
 def list_systematic_errors(data: StageData, known_to: Mapping[str, float | None], instruments: Instruments) -> SystematicErrors:
     """The systematic errors that `known_to` states, and those that every rig has although they are not stated."""
+    # Each height of the rack is set separately, so each has an error of its own.
+    std_m = 1e-3 * (known_to.get("height_mm") or HEIGHT_MM)
     each = [
         *_common(data.hinges, known_to, instruments.gain_relative),
-        *_heights(data, known_to),
+        *(SystematicError(f"height_{i}", std_m, f"height of {1e3 * height:g} mm", "mm", 1e3) for i, height in enumerate(data.heights_m)),
         *_tares(data),
         *(_mark(hinge, instruments.marks_deg) for hinge in range(data.hinges)),
         *(_rest(hinge, known_to.get("rest_angle_deg") or 0.0) for hinge in range(data.hinges)),
@@ -97,12 +99,6 @@ def _common(hinges: int, known_to: Mapping[str, float | None], gain_relative: fl
         ),
         SystematicError("slope", SLOPE, "slope of the floor", "mm/m", 1e3),
     ]
-
-
-def _heights(data: StageData, known_to: Mapping[str, float | None]) -> list[SystematicError]:
-    # Each height of the rack is set separately, so each has an error of its own.
-    std_m = 1e-3 * (known_to.get("height_mm") or HEIGHT_MM)
-    return [SystematicError(f"height_{i}", std_m, f"height of {1e3 * height:g} mm", "mm", 1e3) for i, height in enumerate(data.heights_m)]
 
 
 def _tares(data: StageData) -> list[SystematicError]:

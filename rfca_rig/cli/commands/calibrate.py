@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Json
+from rfca_rig.cli.options import Command, Json
 
 if TYPE_CHECKING:
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.camera_file import CameraFile, PlaneSection
     from rfca_rig.vision.board import Board, BoardPhoto, RefusedPhoto
-    from rfca_rig.vision.camera_calibration import CameraCalibration
-    from rfca_rig.vision.plane_of_motion import BoardPlacement
+    from rfca_rig.vision.camera_calibration import BoardPlacement, CameraCalibration
 
 app = typer.Typer(help="Find the values that a rig's devices have.", no_args_is_help=True)
 
@@ -146,7 +144,7 @@ def _place(
     from math import radians
 
     from rfca_rig.errors import BadInput
-    from rfca_rig.vision.plane_of_motion import BoardPlacement
+    from rfca_rig.vision.camera_calibration import BoardPlacement
 
     if plane is None and (board_at or shaft_px):
         raise BadInput("--board-at and --shaft-px speak of the photo with the board in the plane; name it with --plane")
@@ -180,7 +178,7 @@ def _plane(photo: Path, calibration: "CameraCalibration", board: "Board", place:
     from rfca_rig.drivers.photo_files import read_picture
     from rfca_rig.errors import BadInput
     from rfca_rig.vision.board import RefusedPhoto, find_board
-    from rfca_rig.vision.plane_of_motion import find_plane, with_origin_at
+    from rfca_rig.vision.camera_calibration import find_plane, with_origin_at
 
     found = find_board(read_picture(photo), board, photo.name)
     if isinstance(found, RefusedPhoto):

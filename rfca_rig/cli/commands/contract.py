@@ -14,14 +14,14 @@ def contract(
 
     Example: rfca-rig contract our-rig.toml
     """
-    from rfca_rig.cli.trusted_code import find_rig
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
 
     path = find_rig(rig)
     described = read_rig(path)
     try:
-        from rfca_rig.contracts.keeping import run_conformance_tests
+        from rfca_rig.contracts.own_devices import run_conformance_tests
     # pytest is not installed with the package; only this command needs it.
     except ModuleNotFoundError as missing:
         raise BadInput(f"the contract needs {missing.name}; type pip install pytest") from None

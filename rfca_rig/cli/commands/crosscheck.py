@@ -34,14 +34,13 @@ def crosscheck(
     """
     from rfca_rig.analysis.crosscheck import check_condition, check_own_contact
     from rfca_rig.analysis.mujoco_leg import load_mujoco
-    from rfca_rig.cli.paths import find_file
+    from rfca_rig.cli.paths import find_file, find_rig
     from rfca_rig.cli.progress import announce_first_compile, progress
-    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
     from rfca_rig.progress import iterate_with_progress
-    from rfca_rig.reports.crosscheck_picture import write_crosscheck_picture
+    from rfca_rig.reports.strokes.overlay import write_crosscheck_picture
     from rfca_rig.reports.style import check_picture_path
 
     # Before any work: MuJoCo is an extra that may not be installed.

@@ -192,7 +192,7 @@ def diagnose(
         diagnosis = _diagnose_leg(open_with_nominal_model(paths, as_is), asked)
     else:
         from rfca_rig.cli.close_the_loop import ClosedLoop
-        from rfca_rig.cli.trusted_code import find_rig
+        from rfca_rig.cli.paths import find_rig
 
         # The command is stored with the result, without options at their defaults.
         options = {"--rig": rig if rig != "twin" else None, "--rounds": rounds if rounds != 3 else None, "--seed": seed, "--as-is": as_is}
@@ -219,6 +219,7 @@ def diagnose_quietly(without: tuple[str, ...], as_is: bool, job: tuple[Path, Pat
 
 def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     """Prints the result in the terminal."""
+    from rfca_rig.diagnosis.experiment_design.leg_experiment import NEXT_PROTOCOL
     from rfca_rig.reports.diagnosis.files import terminal_lines
 
     if as_json:
@@ -227,13 +228,7 @@ def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     for line in terminal_lines(diagnosis):
         typer.echo(line)
     typer.echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
-    _say_next(diagnosis, out)
-
-
-def _say_next(diagnosis: "Diagnosis", out: Path) -> None:
-    """Prints the command for the proposed experiment, where the rig can do it."""
-    from rfca_rig.diagnosis.experiment_design.next_protocol import NEXT_PROTOCOL
-
+    # The command for the proposed experiment, where the rig can do it.
     proposal = diagnosis.next_experiment
     if proposal is not None and proposal["protocol"] is not None and proposal["kind"] in ("dynamic", "static"):
         typer.echo(f"next: rfca-rig {proposal['kind']} run --protocol {out / NEXT_PROTOCOL}, on the rig of these recordings", err=True)
@@ -316,8 +311,8 @@ def _mechanism(asked: DiagnoseOptions) -> "Diagnosis":
 
 def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, stated: Sequence[str]) -> None:
     """Writes the model file, and Python functions for what MJCF cannot express."""
-    from rfca_rig.mechanism.amend import write_amended_model
     from rfca_rig.mechanism.laws_file import write_laws
+    from rfca_rig.mechanism.model_files import write_amended_model
 
     beyond = write_amended_model(plant, out / model_name)
     if write_laws(plant, beyond, out / laws_name, stated, model_name):
@@ -343,7 +338,7 @@ def _diagnose_leg(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> 
     """Diagnoses a leg's recordings and writes all files."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
-    from rfca_rig.diagnosis.experiment_design.next_protocol import write_next_protocol
+    from rfca_rig.diagnosis.experiment_design.leg_experiment import write_next_protocol
     from rfca_rig.diagnosis.model_files import write_fitted_model, write_measured_model
     from rfca_rig.reports.diagnosis.files import write_diagnosis
     from rfca_rig.reports.provenance import origin_of

@@ -35,7 +35,7 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
 
     Example: rfca-rig doctor --rig my-rig.toml
     """
-    from rfca_rig.cli.trusted_code import find_rig
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.doctor.finding import Colour
@@ -74,17 +74,14 @@ def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
 def _lines(finding: "Finding") -> Iterator[str]:
     """At most 80 columns; colours only on a terminal, which typer detects."""
     first, *rest = wrap(finding.seen, WIDTH - len(INDENT), break_on_hyphens=False)
-    yield f"{_color(finding.colour.value)}{finding.subject:<{SUBJECT_WIDTH}}{first}"
+    padding = " " * (COLOUR_WIDTH - len(finding.colour.value))
+    color = (typer.style(finding.colour.value, fg=finding.colour.value) if takes_colours() else finding.colour.value) + padding
+    yield f"{color}{finding.subject:<{SUBJECT_WIDTH}}{first}"
     yield from (INDENT + line for line in rest)
     if finding.fix:
         yield from (INDENT + line for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False))
     for command in finding.commands:
         yield from _command_lines(command)
-
-
-def _color(colour: str) -> str:
-    padding = " " * (COLOUR_WIDTH - len(colour))
-    return (typer.style(colour, fg=colour) if takes_colours() else colour) + padding
 
 
 def _command_lines(command: str) -> list[str]:

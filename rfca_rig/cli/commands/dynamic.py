@@ -5,12 +5,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort, out_folder
+from rfca_rig.cli.options import (
+    Command,
+    Dry,
+    Fault,
+    Json,
+    Model,
+    Operator,
+    Pace,
+    Protocol,
+    Rig,
+    Runs,
+    Sample,
+    Seed,
+    View,
+    ViewPort,
+    out_folder,
+)
 
 if TYPE_CHECKING:
-    from rfca_rig.analysis.phases import Undetermined
-    from rfca_rig.analysis.valley import Valley
+    from rfca_rig.analysis.phases import Undetermined, Valley
     from rfca_rig.bench.recorder import Recorder
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.protocol_file import DynamicFile
@@ -51,8 +65,8 @@ def run(
     Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
     """
     from rfca_rig.cli.attach_view import parse_viewing
+    from rfca_rig.cli.run_config import RunOptions, make_run_config
     from rfca_rig.cli.run_experiment import run_and_record
-    from rfca_rig.cli.run_options import RunOptions, make_run_config
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.protocol.experiments import flapping_plan
 
@@ -87,7 +101,7 @@ def replace_conditions(protocol: "DynamicFile", height_mm: float | None, speed_r
 
 def say_valley(stage: "Stage", recorder: "Recorder", say: "Say") -> None:
     """A line for every stroke."""
-    from rfca_rig.analysis.valley import stroke_valley
+    from rfca_rig.analysis.phases import stroke_valley
     from rfca_rig.protocol.plan import Flap
 
     if isinstance(stage, Flap):
@@ -102,7 +116,7 @@ class Valleys:
 
     def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
         """Called after each stage."""
-        from rfca_rig.analysis.valley import describe_stroke
+        from rfca_rig.analysis.phases import describe_stroke
         from rfca_rig.protocol.plan import Flap
 
         if isinstance(stage, Flap):
@@ -112,7 +126,7 @@ class Valleys:
 
 def valley_text(valley: "Valley | Undetermined") -> str:
     """A valley, or why there is none, for a line of output."""
-    from rfca_rig.analysis.valley import Valley
+    from rfca_rig.analysis.phases import Valley
 
     return f"valley ({valley.time_s:.3f} s, {valley.fz_N:.2f} N)" if isinstance(valley, Valley) else f"no valley: {valley.reason}"
 

@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Json
+from rfca_rig.cli.options import Command, Json
 
 app = typer.Typer(help="Recordings for other programs: MCAP for Foxglove and PlotJuggler, CSV for the rest.", no_args_is_help=True)
 Recorded = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")]

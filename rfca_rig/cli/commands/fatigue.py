@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Dry, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort
+from rfca_rig.cli.options import Command, Dry, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.stiffness_drift import StiffnessDrift
@@ -17,8 +16,7 @@ if TYPE_CHECKING:
     from rfca_rig.cli.run_config import RunConfig
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.protocol_file import FatigueFile
-    from rfca_rig.protocol.cycles import StiffnessCheck
-    from rfca_rig.protocol.plan import Stage
+    from rfca_rig.protocol.plan import Stage, StiffnessCheck
     from rfca_rig.recording.model import StaticStage
 
 app = typer.Typer(help="Fatigue: bend the leg again and again, and look now and then how stiff it still is.", no_args_is_help=True)
@@ -52,8 +50,8 @@ def run(
     Example: rfca-rig fatigue run --cycles 1000
     """
     from rfca_rig.cli.attach_view import parse_viewing
+    from rfca_rig.cli.run_config import RunOptions, make_run_config
     from rfca_rig.cli.run_experiment import run_and_record
-    from rfca_rig.cli.run_options import RunOptions, make_run_config
     from rfca_rig.description.protocol_file import read_fatigue
     from rfca_rig.protocol.experiments import fatigue_plan
 
@@ -77,7 +75,7 @@ def say_bending(config: "RunConfig") -> None:
     """Prints how far the model bends the leg in a cycle, before anything moves."""
     from rfca_rig.bench.expectation import predict_bending
     from rfca_rig.cli.progress import make_marked_say
-    from rfca_rig.protocol.cycles import cycles_in
+    from rfca_rig.protocol.plan import cycles_in
 
     for height_m, speed_rad_s in sorted({(stage.height_m, stage.speed_rad_s) for stage in cycles_in(config.plan)}):
         bending = predict_bending(config.nominal_source.model(), height_m, speed_rad_s)
@@ -92,8 +90,7 @@ class Watcher:
 
     def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
         from rfca_rig.cli.commands.dynamic import say_valley
-        from rfca_rig.protocol.cycles import Cycles, StiffnessCheck
-        from rfca_rig.protocol.plan import Flap
+        from rfca_rig.protocol.plan import Cycles, Flap, StiffnessCheck
 
         match stage:
             case Flap():
@@ -139,10 +136,10 @@ def close(mark: str, folder: Path, as_json: bool) -> None:
 
 def _results(folder: Path) -> dict[str, Any]:
     """Cycles counted and planned, strokes among them, and the drift at each check after the first."""
-    from rfca_rig.protocol.cycles import StiffnessCheck, cycles_in
+    from rfca_rig.protocol.plan import StiffnessCheck, cycles_in
     from rfca_rig.protocol.written_plan import parse_plan
-    from rfca_rig.recording.cycle_table import cycle_table
     from rfca_rig.recording.run_folder import read_stages
+    from rfca_rig.recording.tables import cycle_table
 
     recording = read_stages(folder)
     plan = parse_plan(recording.title, recording.provenance)

@@ -120,7 +120,7 @@ def _fit_mechanism(folder: Path, names: list[str], effects: list[str], out: Path
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT, fit_mechanism
     from rfca_rig.errors import BadInput
-    from rfca_rig.mechanism.amend import write_amended_model
+    from rfca_rig.mechanism.model_files import write_amended_model
 
     if out is not None and out.suffix != ".xml":
         raise BadInput(f"{out}: the model of a mechanism is MJCF; name a file that ends with .xml")

@@ -43,7 +43,7 @@ def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, d
 
 
 def _write_experiment(mjcf: Path, data: Path) -> None:
-    from rfca_rig.campaign.experiment_draft import PLACEHOLDER, write_draft
+    from rfca_rig.campaign.experiment import PLACEHOLDER, write_draft
     from rfca_rig.mechanism.load import load_mechanism
 
     path = write_draft(load_mechanism(mjcf), data)

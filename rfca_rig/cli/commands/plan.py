@@ -48,8 +48,8 @@ def plan(
     """
     from rfca_rig.cli.preflight import check_before_run
     from rfca_rig.cli.progress import make_marked_say
-    from rfca_rig.cli.run_options import RunOptions, make_run_config
-    from rfca_rig.description.planning import read_plan
+    from rfca_rig.cli.run_config import RunOptions, make_run_config
+    from rfca_rig.description.protocol_file import read_plan
 
     config = make_run_config(RunOptions(rig, protocol, model, Path("runs"), is_dry=True), read_plan)
     expected = check_before_run(config, make_marked_say(config.mark, as_json))

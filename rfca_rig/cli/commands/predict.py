@@ -27,8 +27,8 @@ def predict(
     import json
 
     from rfca_rig.analysis.prediction import predict_stroke, write_csv
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.cli.progress import announce_first_compile, progress
-    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
 
@@ -57,8 +57,8 @@ def strip(
     import json
 
     from rfca_rig.analysis.strips import compare_strips
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.cli.progress import announce_first_compile, progress
-    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.description.rig_file import read_rig
 
     model = read_rig(find_rig(rig)).model()

@@ -45,12 +45,14 @@ def prove(
     Example: rfca-rig prove --out exam --seed 1 --cases 40
     """
     from rfca_rig.cli.options import Printing
+    from rfca_rig.errors import BadInput
     from rfca_rig.exam.scored import score_exam, score_exam_so_far
     from rfca_rig.reports.exam.files import write_exam
 
     printing = Printing(pdf)
     if so_far:
-        _refuse_more(follows, takes_out)
+        if follows or takes_out:
+            raise BadInput("--so-far only marks; leave out --follow-up and --take-out-each, or leave out --so-far")
     else:
         _work(out, seed, _numbers(cases, kind), workers, cluster, follows, takes_out, as_json)
     result = score_exam_so_far(out) if so_far else score_exam(out)
@@ -66,9 +68,8 @@ def _work(
     from rfca_rig.cli.progress import progress
     from rfca_rig.clock import WallClock
     from rfca_rig.errors import Stopped
-    from rfca_rig.exam.ablation import run_ablation
     from rfca_rig.exam.examine import examine
-    from rfca_rig.exam.follow_up import follow_up
+    from rfca_rig.exam.follow_up import follow_up, run_ablation
 
     try:
         with progress(quiet=quiet) as bars, open_executor(workers, cluster, bars.report, out) as executor:
@@ -80,13 +81,6 @@ def _work(
     # Completed cases are on disk, so the same command continues.
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
-
-
-def _refuse_more(follows: bool, takes_out: bool) -> None:
-    from rfca_rig.errors import BadInput
-
-    if follows or takes_out:
-        raise BadInput("--so-far only marks; leave out --follow-up and --take-out-each, or leave out --so-far")
 
 
 def _tell(result: "ExamResult", out: Path, as_json: bool) -> None:

@@ -100,7 +100,7 @@ def _write_mechanism(folder: Path, out: Path, as_json: bool, model: Path | None,
     from rfca_rig.campaign.experiment import read_experiment
     from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.mechanisms.comparison import compare_mechanism
+    from rfca_rig.diagnosis.mechanisms.fit import compare_mechanism
     from rfca_rig.reports.strokes.motions import mechanism_report
 
     printing = Printing(pdf)
@@ -188,14 +188,12 @@ def _say(table: "Table2", out: Path, runs: int) -> None:
     """Prints the pages, the most informative one first."""
     pages = f"{out / 'run.html'}" if runs == 1 else f"{out / 'run-1.html'} to run-{runs}.html"
     if table.rows:
-        typer.echo(f"{out / 'report.html'}: {_averages(table)}", err=True)
+        if table.average_time_error_pct is None or table.average_force_error_pct is None:
+            averages = "no condition with a measured and a simulated valley"
+        else:
+            averages = (
+                f"{len(table.rows)} conditions, average error of the valley {table.average_time_error_pct:.1f} % in time, "
+                f"{table.average_force_error_pct:.1f} % in force"
+            )
+        typer.echo(f"{out / 'report.html'}: {averages}", err=True)
     typer.echo(f"{pages}: how the run{'s' if runs > 1 else ''} went", err=True)
-
-
-def _averages(table: "Table2") -> str:
-    if table.average_time_error_pct is None or table.average_force_error_pct is None:
-        return "no condition with a measured and a simulated valley"
-    return (
-        f"{len(table.rows)} conditions, average error of the valley {table.average_time_error_pct:.1f} % in time, "
-        f"{table.average_force_error_pct:.1f} % in force"
-    )

@@ -8,13 +8,8 @@ import typer
 from rfca_rig.cli.options import Dry, Json, Operator, Pace, View, ViewPort
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rfca_rig.bench.recorder import Recorder
     from rfca_rig.bench.resume import InterruptedRun
     from rfca_rig.cli.run_config import RunConfig
-    from rfca_rig.cli.terminal import Say
-    from rfca_rig.protocol.plan import Stage
 
 
 def resume(
@@ -43,27 +38,25 @@ def resume(
 
     from rfca_rig.bench.resume import read_interrupted_run
     from rfca_rig.cli.attach_view import parse_viewing
-    from rfca_rig.cli.commands.fatigue import say_bending
+    from rfca_rig.cli.commands.dynamic import say_valley
+    from rfca_rig.cli.commands.fatigue import Watcher, say_bending
+    from rfca_rig.cli.commands.static import say_stage
     from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.cli.run_experiment import run_and_record
+    from rfca_rig.errors import BadInput
 
     begun = read_interrupted_run(run.parent if run.suffix == ".h5" else run)
     config = replace(_order(begun, rig, as_json, dry_run), viewing=parse_viewing(view, view_port, pace), operator=operator)
-    _check_trip(begun, after_trip)
-    make_marked_say(config.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
-    if config.plan.experiment == "fatigue":
-        say_bending(config)
-    folder, _ = run_and_record(config, _on_stage(begun))
-    if folder is not None:
-        _close(config, begun, as_json)
-
-
-def _check_trip(begun: "InterruptedRun", after_trip: bool) -> None:
-    from rfca_rig.errors import BadInput
-
     if begun.has_tripped and not after_trip:
         # Nothing resumes by itself after a trip: a person must have looked at the rig.
         raise BadInput(f"{begun.folder}: was stopped by {begun.why}; look at the rig, then say --after-trip to go on")
+    make_marked_say(config.mark, as_json)(f"{begun.folder} stopped: {begun.why}; what remains of its plan:")
+    if config.plan.experiment == "fatigue":
+        say_bending(config)
+    on_stage = {"dynamic": say_valley, "static": say_stage, "fatigue": Watcher(begun).say_stage}[begun.plan.experiment]
+    folder, _ = run_and_record(config, on_stage)
+    if folder is not None:
+        _close(config, begun, as_json)
 
 
 def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: bool) -> "RunConfig":
@@ -71,8 +64,8 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
 
     from rfca_rig.bench.resume import read_compatible_rig
     from rfca_rig.cli.close_the_loop import nominal_model_of
+    from rfca_rig.cli.paths import check_trusted, find_rig
     from rfca_rig.cli.run_config import RunConfig
-    from rfca_rig.cli.trusted_code import check_trusted, find_rig
     from rfca_rig.errors import BadInput
     from rfca_rig.protocol.written_plan import make_remaining_plan
 
@@ -107,14 +100,6 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
         begun=begun,
         rig_changes=now.changes,
     )
-
-
-def _on_stage(begun: "InterruptedRun") -> "Callable[[Stage, Recorder, Say], None]":
-    from rfca_rig.cli.commands.dynamic import say_valley
-    from rfca_rig.cli.commands.fatigue import Watcher
-    from rfca_rig.cli.commands.static import say_stage
-
-    return {"dynamic": say_valley, "static": say_stage, "fatigue": Watcher(begun).say_stage}[begun.plan.experiment]
 
 
 def _close(config: "RunConfig", begun: "InterruptedRun", as_json: bool) -> None:

@@ -8,8 +8,23 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.commands import static_report
-from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Dry, Fault, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort, out_file
+from rfca_rig.cli.options import (
+    Command,
+    Dry,
+    Fault,
+    Json,
+    Model,
+    Operator,
+    Pace,
+    Protocol,
+    Rig,
+    Runs,
+    Sample,
+    Seed,
+    View,
+    ViewPort,
+    out_file,
+)
 from rfca_rig.cli.terminal import print_lines
 
 if TYPE_CHECKING:
@@ -97,7 +112,7 @@ def force(
     else:
         from rfca_rig.campaign.opening import open_recordings
         from rfca_rig.cli.commands.static_report import read_nominal_values
-        from rfca_rig.description.nominal_model import nominal_model
+        from rfca_rig.description.model_file import nominal_model
         from rfca_rig.model.parameters import GRAVITY_M_S2
 
         assert run is not None
@@ -125,7 +140,7 @@ def force(
 
 
 def _leg(rig: str, model: Path | None) -> "Leg":
-    from rfca_rig.cli.trusted_code import find_rig
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
 
@@ -258,8 +273,8 @@ def run(
     Example: rfca-rig static run --protocol bending
     """
     from rfca_rig.cli.attach_view import parse_viewing
+    from rfca_rig.cli.run_config import RunOptions, make_run_config
     from rfca_rig.cli.run_experiment import run_and_record
-    from rfca_rig.cli.run_options import RunOptions, make_run_config
     from rfca_rig.description.protocol_file import read_static
     from rfca_rig.protocol.experiments import static_plan
 

@@ -114,7 +114,7 @@ def _is_path(name: str) -> bool:
 
 
 def _model(rig: str | None, model: Path | None) -> "RigModel":
-    from rfca_rig.cli.trusted_code import find_rig
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput

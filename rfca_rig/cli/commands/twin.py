@@ -6,8 +6,7 @@ from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.help import Command
-from rfca_rig.cli.options import Rig, Seed
+from rfca_rig.cli.options import Command, Rig, Seed
 from rfca_rig.cli.terminal import print_lines
 from rfca_rig.errors import BadInput, DeviceError, Stopped
 
@@ -61,8 +60,8 @@ def serve(
     """
     from rfca_rig.bench.fault_injection import faults_of_served_rig
     from rfca_rig.bench.served import Openings, open_served
+    from rfca_rig.cli.paths import find_rig
     from rfca_rig.cli.progress import COMPILE_NOTICE, make_marked_say
-    from rfca_rig.cli.trusted_code import find_rig
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.model.compiled import is_warm

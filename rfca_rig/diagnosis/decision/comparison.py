@@ -29,7 +29,7 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, propagate_smooth_error
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior
 
 Floats = NDArray[np.float64]
 
@@ -228,11 +228,6 @@ class Comparison:
         removable = before.misfit**2 - self.noise_floor**2
         return (before.misfit**2 - after.misfit**2) / removable if removable > 0.0 else 0.0
 
-    def _as_good_with(self, ids: Collection[str]) -> list[ScaledHypothesis]:
-        """Hypotheses of the size of the best one that have one of these effects and are as good."""
-        alike = [one for one in self.ranked if len(one.ids) == len(self.best.ids) and set(one.ids) & set(ids)]
-        return [one for one in alike if self._is_as_good(one)]
-
     def law_error(self, one: ScaledHypothesis) -> float:
         """Root of the held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""
         left, removed = max(one.misfit**2 - self.noise_floor**2, 0.0), self.nothing.misfit**2 - one.misfit**2
@@ -258,6 +253,8 @@ class Comparison:
         numbers = [number for number, name in enumerate(best.ids) if name in ids]
         if not numbers:
             raise ValueError(f"none of {', '.join(ids)} is part of the best explanation, {', '.join(best.ids) or 'nothing'}")
+        # Hypotheses of the size of the best one that have one of these effects.
+        alike = [one for one in self.ranked if len(one.ids) == len(self.best.ids) and set(one.ids) & set(ids)]
         return Support(
             ids=tuple(ids),
             rival=rival.ids,
@@ -266,7 +263,7 @@ class Comparison:
             removed_share=self._compute_removed_share(rival, best),
             # Of several effects of one family the best counts: the statement is true if any of them is there.
             condition_scatter=min(self.condition_scatter(number) for number in numbers),
-            strain=min(one.max_nuisance_shift for one in self._as_good_with(ids)),
+            strain=min(one.max_nuisance_shift for one in alike if self._is_as_good(one)),
             bound=min(self._farthest_size(number) for number in numbers),
         )
 

@@ -39,8 +39,7 @@ from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, suppor
 from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis, compare
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
-from rfca_rig.diagnosis.likelihood.laplace import laplace_posterior
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior, laplace_posterior
 from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Verdict
 from rfca_rig.model.catalogue import Family, families_of, list_related
 
@@ -199,8 +198,9 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             explained_share=comparison.explained_share(comparison.best),
             relieved_strain=_describe_relief(comparison, comparison.best),
         )
-    # A usual held-out misfit alone is not enough: something unlisted must also be less probable.
-    against_unknown = _probability_against_unknown(found)
+    # A usual held-out misfit alone is not enough: something unlisted must also be less probable. This is the probability that nothing is
+    # missing, if only something unlisted is left as an alternative.
+    against_unknown = float(expit(found.nothing.log_joint - found.unknown.log_evidence - np.log(PRIOR_UNKNOWN)))
     if is_usual and against_unknown > 0.5:
         return replace(decision, grade="nothing missing", probability=against_unknown)
     return replace(decision, probability=1.0 - next(rival.probability for rival in rivals if not rival.ids))
@@ -306,6 +306,10 @@ def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int
     parameters, shape = estimate_sizes(comparison, hypothesis, number)
     law_error = comparison.law_error(one)
     off = f"the law is off by about {100.0 * law_error:.0f} % of what it explains"
+    # Effects of the same family that could take its place, and whose law error is usual, or no larger than its own.
+    kept, most = set(one.ids) - {effect.id}, max(LAW_ERROR, comparison.law_error(one))
+    swapped = [rival for rival in comparison.ranked if len(rival.ids) == len(one.ids) and kept <= set(rival.ids)]
+    others = {other for rival in swapped if comparison.law_error(rival) <= most for other in set(rival.ids) - set(one.ids)}
     return NamedEffect(
         id=effect.id,
         left_out=effect.left_out,
@@ -314,18 +318,10 @@ def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int
         parameters=parameters,
         shape=shape,
         cannot_tell_from=tuple(
-            sorted({*supported.cannot_tell_from, *comparison.equals_of(one, effect.id), *_family_rivals(comparison, one, effect.id)})
+            sorted({*supported.cannot_tell_from, *comparison.equals_of(one, effect.id), *(others & list_related((effect.id,)))})
         ),
         wording=off if law_error < 1.0 else "these data do not tell how well the law holds",
     )
-
-
-def _family_rivals(comparison: Comparison, one: ScaledHypothesis, name: str) -> set[str]:
-    """Effects of the same family that could take its place, and whose law error is usual, or no larger than its own."""
-    kept, most = set(one.ids) - {name}, max(LAW_ERROR, comparison.law_error(one))
-    swapped = [rival for rival in comparison.ranked if len(rival.ids) == len(one.ids) and kept <= set(rival.ids)]
-    others = {other for rival in swapped if comparison.law_error(rival) <= most for other in set(rival.ids) - set(one.ids)}
-    return others & list_related((name,))
 
 
 def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
@@ -347,11 +343,6 @@ def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
         for ids, (log_joint, evidence, error) in ((ids, max(entries)) for ids, entries in joint.items())
     ]
     return tuple(sorted(rivals, key=lambda rival: -rival.probability))
-
-
-def _probability_against_unknown(found: ModelSelectionResult) -> float:
-    """Probability that nothing is missing, if only something unlisted is left as an alternative."""
-    return float(expit(found.nothing.log_joint - found.unknown.log_evidence - np.log(PRIOR_UNKNOWN)))
 
 
 def join_decisions(forces: Decision, shaft: Decision) -> Decision:

@@ -1,9 +1,14 @@
-"""The next experiment on a leg: strokes at a height and speed, or static stages at a height, within the limits of the rig."""
+"""The next experiment on a leg: strokes at a height and speed, or static stages at a height, within the limits of the rig.
+
+A proposal becomes the protocol file that `rfca-rig dynamic run` and `rfca-rig static run` take.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +16,9 @@ from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.bench.expectation import predict_loads
+from rfca_rig.description.protocol_file import DynamicFile, StaticFile
+from rfca_rig.description.toml import comment, format_value, table, validate
 from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, Option, list_options, propose
-from rfca_rig.diagnosis.experiment_design.next_protocol import DYNAMIC, NEXT_PROTOCOL, STATIC, make_protocol
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses, list_open_hypotheses
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, make_shaft_condition
@@ -24,7 +30,21 @@ from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.experiments import RigFacts, static_plan
 from rfca_rig.protocol.plan import Limits, Rates
+from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.model import Column, StaticStage, Stream, Stroke
+
+NEXT_PROTOCOL = "next-experiment.toml"
+# Settling and speeds as in protocols/static-angle.toml and protocols/flapping.toml
+STATIC: Mapping[str, Any] = {
+    "move_speed_rad_s": 0.4,
+    "average_s": 0.5,
+    "settle": {"force_band_N": 0.1, "angle_band_deg": 0.05, "for_s": 0.5, "limit_s": 15.0},
+}
+DYNAMIC: Mapping[str, Any] = {
+    "sweep_deg": 200.0,  # from the start angle through the ground and up again
+    "return_speed_rad_s": 3.0,  # at most: a stroke's speed is within the limits, a greater one may not be
+    "settle": {"force_band_N": 0.3, "angle_band_deg": 0.2, "for_s": 0.3, "limit_s": 10.0},
+}
 
 REPEATS = (3, 5, 10)  # strokes of one condition: from a quick look to a usual series
 GRID = 4  # heights, and speeds: the ends of the range and two between
@@ -39,6 +59,34 @@ SEQUENCES = {  # shaft angles in degrees; a bent leg wedges when it is pushed ba
     "slow reversal": (90.0, 105.0, 120.0, 135.0, 133.0, 131.0, 129.0, 131.0, 133.0, 135.0),
     "hold": (60.0, *[120.0] * 6),
 }
+
+
+def make_protocol(proposal: Mapping[str, Any]) -> DynamicFile | StaticFile:
+    """The protocol of a proposal with "height_mm", and "speed_rad_s" or "stages". Raises BadInput where no rig can do it."""
+    title, height_mm = "next experiment", proposal["height_mm"]
+    if "speed_rad_s" not in proposal:
+        static = {"experiment": "static", "title": title, "heights_mm": [height_mm], **STATIC, "stages": proposal["stages"]}
+        return validate(static, StaticFile, f"the {title}")
+    speed_rad_s, repeats = proposal["speed_rad_s"], proposal.get("repeats", 1)
+    # A return that is faster than the stroke could exceed the limits of the rig.
+    back = {"return_speed_rad_s": min(DYNAMIC["return_speed_rad_s"], speed_rad_s)}
+    conditions = [{"height_mm": height_mm, "speed_rad_s": speed_rad_s}]
+    dynamic = {"experiment": "dynamic", "title": title, "repeats": repeats, **DYNAMIC, **back, "conditions": conditions}
+    return validate(dynamic, DynamicFile, f"the {title}")
+
+
+def write_next_protocol(folder: Path, proposal: Mapping[str, Any] | None) -> Path | None:
+    """Write the protocol of a proposal into `folder`; where none is proposed for the rig, remove an old one. Raises RigError."""
+    path = folder / NEXT_PROTOCOL
+    if proposal is None or proposal["protocol"] is None:
+        path.unlink(missing_ok=True)
+        return None
+    content = make_protocol(proposal).model_dump(mode="json", exclude_unset=True)
+    settle, entries = content.pop("settle"), "stages" if "stages" in content else "conditions"
+    tables = [table("settle", settle), *(table(f"[{entries}]", entry) for entry in content.pop(entries))]
+    plain = "".join(f"{name} = {format_value(value)}\n" for name, value in content.items())
+    write_atomically(path, (comment(proposal["why"]) + "\n".join([plain, *tables])).encode("utf-8"))
+    return path
 
 
 @dataclass(frozen=True)

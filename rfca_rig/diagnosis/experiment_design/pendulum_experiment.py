@@ -13,8 +13,7 @@ from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_options, propose
 from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypotheses
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.pendulums.nuisances import PendulumInput
-from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, Stretch, cut_stretches, usual_torque_Nm
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, PendulumInput, Stretch, cut_stretches, usual_torque_Nm
 from rfca_rig.model.effects.joint_torques import torque_trace
 from rfca_rig.model.parameters import GRAVITY_M_S2
 from rfca_rig.model.pendulum import make_driven_pendulum

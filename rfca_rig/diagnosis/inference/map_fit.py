@@ -32,8 +32,14 @@ from rfca_rig.diagnosis.config import (
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, Whitening
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior, laplace_posteriors
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, MarginalPosterior, make_marginal_likelihood
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
+    LinearModel,
+    MarginalLikelihood,
+    MarginalPosterior,
+    laplace_posterior,
+    laplace_posteriors,
+    make_marginal_likelihood,
+)
 
 Floats = NDArray[np.float64]
 

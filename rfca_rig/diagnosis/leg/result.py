@@ -7,8 +7,7 @@ import numpy as np
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S
-from rfca_rig.analysis.phases import Undetermined
-from rfca_rig.analysis.valley import Valley, find_valley
+from rfca_rig.analysis.phases import Undetermined, Valley, find_valley
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
 from rfca_rig.diagnosis.experiment_design.leg_experiment import propose_experiment

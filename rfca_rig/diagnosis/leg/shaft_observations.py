@@ -151,11 +151,8 @@ def tracks_command(shaft: ShaftCondition, ramp_s: float) -> bool:
 
 def tracking_error(shaft: ShaftCondition, ramp_s: float) -> float:
     """Deviation of the shaft from its command; below 1 where it follows the command, at once or with a delay."""
-    return min(rms(shaft.deviation_rad) / AS_COMMANDED_RAD, _beside_delay_rad(shaft, ramp_s) / DELAYED_RAD)
-
-
-def _beside_delay_rad(shaft: ShaftCondition, ramp_s: float) -> float:
-    return rms(shaft.deviation_rad + estimate_delay_s(shaft, ramp_s) * shaft.commanded_rad_s(ramp_s))
+    beside_delay_rad = rms(shaft.deviation_rad + estimate_delay_s(shaft, ramp_s) * shaft.commanded_rad_s(ramp_s))
+    return min(rms(shaft.deviation_rad) / AS_COMMANDED_RAD, beside_delay_rad / DELAYED_RAD)
 
 
 def estimate_delay_s(shaft: ShaftCondition, ramp_s: float) -> float:

@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance, make_whitening
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator, spread
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined
+from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, Valley, stroke_valley, valley_and_phases
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.analysis.valley import Valley, stroke_valley, valley_and_phases
 from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
@@ -221,13 +220,9 @@ def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
     end = min(max(phases.valley_s, min(phases.lift_off_s, phases.valley_s + 0.5) - BEFORE_LIFT_OFF_S), end_s)
     pieces = [(begin_s, 0.0, REST_BIN_S), (0.0, touch, BIN_S), (touch, loading, TOUCHDOWN_BIN_S)]
     pieces += [(loading, phases.valley_s, BIN_S), (phases.valley_s, end, BIN_S)]
-    edges = [_even(a, b, width) for a, b, width in pieces if b - a > 0.5 * width]
+    # Even edges, about `width` apart, both ends among them.
+    edges = [np.linspace(a, b, max(round((b - a) / width), 1) + 1) for a, b, width in pieces if b - a > 0.5 * width]
     return np.unique(np.concatenate(edges))
-
-
-def _even(begin: float, end: float, width: float) -> Floats:
-    """Even edges from `begin` to `end`, about `width` apart, both ends among them."""
-    return np.linspace(begin, end, max(round((end - begin) / width), 1) + 1)
 
 
 def _bin_means(stroke: Stroke, signal: str, edges: Floats) -> Floats:

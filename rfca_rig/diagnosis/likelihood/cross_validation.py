@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel
 
 Floats = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 `problem` cuts the recordings into windows, `windows` makes conditions of them and predicts them, and `nuisances` holds the parameters with
 priors. The effects are those of `rfca_rig.mechanism.effects`.
 
-`check.check_experiment`, `fit.fit_mechanism` and `comparison.compare_mechanism` are behind the commands `check`, `fit` and `report`.
+`check.check_experiment`, `fit.fit_mechanism` and `fit.compare_mechanism` are behind the commands `check`, `fit` and `report`.
 `column_checks`, `speeds` and `readings` find signs and units that are probably wrong. `states` estimates positions, speeds and
 accelerations for them.
 """

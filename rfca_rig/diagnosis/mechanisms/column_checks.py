@@ -47,7 +47,8 @@ def check_signals(described: ExperimentFile, experiment: Experiment, ratios: Map
     """A line per signal, and warnings; `ratios` are those of `compare_speeds`."""
     for place, signal in enumerate(described.signals):
         columns = [run.signals[:, place] / signal.factor for run in experiment.runs]
-        noise, step = _noise_of(columns), min((step for column in columns if (step := smallest_step(column))), default=0.0)
+        noise = rms(np.array([float(sample_std(column[:, None])[0]) for column in columns]))
+        step = min((step for column in columns if (step := smallest_step(column))), default=0.0)
         low, high = _range_of(columns)
         values = {"low": low, "high": high, "noise": signal.noise_std or noise}
         words = f"{signal.words}: {low:.4g} to {high:.4g} {signal.unit}, "
@@ -72,10 +73,6 @@ def check_signals(described: ExperimentFile, experiment: Experiment, ratios: Map
             message += f"it is in the unit of the column: set it in {name_of('signals', place, signal)}, or remove it"
             yield CheckLine("signal", signal.column, message, is_warning=True)
         yield from _check_wrapping(signal, place, experiment)
-
-
-def _noise_of(columns: Sequence[Floats]) -> float:
-    return rms(np.array([float(sample_std(column[:, None])[0]) for column in columns]))
 
 
 def _range_of(columns: Sequence[Floats]) -> tuple[float, float]:

@@ -1,7 +1,14 @@
-"""`diagnose_mechanism`: recordings and a model file in, the same kind of answer out as for a leg."""
+"""`diagnose_mechanism`: recordings and a model file in, the same kind of answer out as for a leg.
 
-from collections.abc import Collection, Mapping
+It measures the torque in one joint as the recordings show it, in place of the effects of the catalogue that a diagnosis states there.
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions
@@ -10,22 +17,181 @@ from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.data.windows import WINDOWS_OF_CONDITION
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, propose_motion
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
-from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
-from rfca_rig.diagnosis.mechanisms.joint_law import MeasuredJointLaw, measure_joint_law, parse_place
-from rfca_rig.diagnosis.mechanisms.problem import make_problem
-from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT
+from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
+from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
+from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT, MechanismSimulator
+from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, StatedLaw
+from rfca_rig.diagnosis.residual_force.law_arguments import make_joint_argument
+from rfca_rig.diagnosis.residual_force.measured_law import LawStart, measure_best_law
+from rfca_rig.diagnosis.residual_force.stated_law import CURVE_POINTS
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors.cores import single_threaded_blas
-from rfca_rig.mechanism.load import load_mechanism
+from rfca_rig.mechanism.laws import QUANTITIES, compute_own_law
+from rfca_rig.mechanism.load import Mechanism, load_mechanism
 from rfca_rig.mechanism.plant import Plant
-from rfca_rig.model.effect import Effect
+from rfca_rig.model.effect import Effect, Values
+from rfca_rig.suggestions import suggestion
+
+Floats = NDArray[np.float64]
+
+# Effects that are a law of the quantity; beside one of them the residual torque would be what that law leaves.
+LAWS_OF = {
+    "speed": ("joint_friction", "joint_stribeck", "joint_hysteresis", "joint_load_friction", "joint_damping", "joint_drag"),
+    "position": ("joint_spring",),
+}
+OF_ONE = "_of_one"
 
 # Twelve single effects are enough for a leg. Of a hopper whose force was 15 % too small the right one promised only the fourteenth most,
 # since a motion with contacts is not linear in it; what was fitted instead were three effects that do the same together.
 SEARCH = replace(DEFAULT_SEARCH, singles_coarse=18)
+
+
+@dataclass(frozen=True)
+class JointPlace:
+    """Where a law is measured: the joint, and the quantities that are tried as its argument."""
+
+    joint: int
+    quantities: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MeasuredJointLaw:
+    """The law, and the mechanism with it: effects, nuisance parameters and the table at their posterior means."""
+
+    stated: StatedLaw
+    plant: Plant
+
+
+def parse_place(place: str, mechanism: Mechanism) -> JointPlace:
+    """Parse "JOINT", "JOINT.speed" or "JOINT.position". Raises BadInput where there is no such joint."""
+    joint, _, quantity = place.rpartition(".")
+    # The name of a joint may itself end with ".speed"; then the whole text is the joint.
+    if place not in mechanism.joints and quantity in QUANTITIES and joint in mechanism.joints:
+        return JointPlace(mechanism.joints.index(joint), (quantity,))
+    if place in mechanism.joints:
+        return JointPlace(mechanism.joints.index(place), QUANTITIES)
+    known = [*mechanism.joints, *(f"{joint}.{quantity}" for joint in mechanism.joints for quantity in QUANTITIES)]
+    raise BadInput(f"--law {place}: no law can be measured there; name a joint, or one as joint.speed; {suggestion(place, known)}")
+
+
+def measure_joint_law(
+    problem: MechanismProblem, found: ModelSelectionResult, hypothesis: Hypothesis, place: JointPlace
+) -> MeasuredJointLaw:
+    """Measure the law in a joint beside the rest of a hypothesis. Its effects that are such a law there are left out.
+
+    Parameters
+    ----------
+    problem
+        What was diagnosed.
+    found
+        The result of the search.
+    hypothesis
+        What is stated; `found.nothing` where nothing is.
+    place
+        The joint and its arguments.
+
+    Raises
+    ------
+    SimulationFailed
+        Where the model has no answer without those effects, or with any law.
+    """
+    mechanism = problem.simulator.mechanism
+    terms = hypothesis.fitted.coordinates.choices
+    others = [_leave_out(term, mechanism, place) for term in terms]
+    instead_of = tuple(term.effect.id for term, other in zip(terms, others, strict=True) if other is not term)
+    simulator = _with_effects(problem.simulator, [term for term in others if term is not None])
+    # The reduced effects replace the whole ones under the same ids.
+    found = replace(found, dataset=replace(found.dataset, simulator=simulator))
+    base = _fit_base(found, hypothesis, others) if instead_of else hypothesis
+    plants = (
+        problem.simulator.plant(_at_mean(hypothesis)),
+        simulator.plant(base.fitted.coordinates.supposed(base.fitted.x)),
+    )
+
+    def curve(argument: str, u: Floats) -> Floats | None:
+        """Law (k,) of the effects that are left out, as far as it is a function of the argument."""
+        own = [compute_own_law(plant, place.joint, argument.startswith("speed"), u) for plant in plants]
+        having, without = (np.zeros_like(u) if each is None else each for each in own)
+        return having - without if instead_of and np.any(having != without) else None
+
+    usual = float(problem.usual.torque[place.joint])
+    arguments = [make_joint_argument(mechanism, place.joint, quantity, usual) for quantity in place.quantities]
+    law = measure_best_law(found, arguments, base, LawStart(base.fitted.x, curve) if instead_of else None, renew_range=True)
+    u = np.linspace(*law.visited, CURVE_POINTS)
+    drawn = curve(law.argument, u)
+    stated = StatedLaw(law, instead_of, None if drawn is None else CatalogueCurve(" and ".join(instead_of), u, drawn))
+    return MeasuredJointLaw(stated, simulator.plant(_at_mean(law.hypothesis)))
+
+
+def _at_mean(hypothesis: Hypothesis) -> MechanismInput:
+    at: MechanismInput = hypothesis.fitted.coordinates.supposed(hypothesis.marginal.posterior.mean)
+    return at
+
+
+def _with_effects(simulator: MechanismSimulator, terms: Sequence[EffectTerm]) -> MechanismSimulator:
+    """The simulator in which these terms' effects have their ids."""
+    return replace(simulator, effects={**simulator.effects, **{term.effect.id: term.effect for term in terms}})
+
+
+def _fit_base(found: ModelSelectionResult, hypothesis: Hypothesis, terms: Sequence[EffectTerm | None]) -> Hypothesis:
+    """The hypothesis with these terms in place of its own, fitted again from its posterior mean."""
+    coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
+    x = [mean[: coordinates.nuisances]]
+    for number, (own, term) in enumerate(zip(coordinates.choices, terms, strict=True)):
+        if term is not None:
+            # Only the coordinates of the parameters that remain.
+            x.append(mean[coordinates.part(number)][[parameter in term.free for parameter in own.free]])
+    optimizer = GaussNewton(found.dataset, found.likelihood)
+    start = optimizer.at(coordinates.with_terms([term for term in terms if term is not None]), np.concatenate(x))
+    if start is None:
+        raise SimulationFailed("the model has no answer without the effects that a law takes the place of")
+    best = optimizer.converge(optimizer.refine(start))
+    return Hypothesis(best.ids, best, optimizer.evaluate(best), 0.0)
+
+
+def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> EffectTerm | None:
+    """The term without its part in the joint.
+
+    It is the term itself if it is no such law there, and None if nothing is left of it.
+    """
+    effect = term.effect
+    if effect.id.removesuffix(OF_ONE) not in (law for quantity in place.quantities for law in LAWS_OF[quantity]):
+        return term
+    # Such an effect acts in one joint only; joints count from 1 in effects.
+    if effect.id.endswith(OF_ONE):
+        return term if int(dict(term.whole)["joint"]) != place.joint + 1 else None
+    own = _own_parameter(effect, mechanism, place.joint)
+    if own is None:  # a law of the driven joints, of which this is none; or the only joint
+        return term if len(mechanism.joints) > 1 else None
+    rest = tuple(parameter for parameter in effect.parameters if parameter.name != own)
+    if not any(_own_parameter(replace(effect, parameters=rest), mechanism, joint) for joint in range(len(mechanism.joints))):
+        return None
+    return replace(term, effect=replace(effect, parameters=rest, apply=_with_zero(effect, own)))
+
+
+def _own_parameter(effect: Effect, mechanism: Mechanism, joint: int) -> str | None:
+    """Name of the size of the effect in this joint. Of several joint names that fit, the longest is the right one."""
+    for parameter in effect.parameters:
+        owners = [name for name in mechanism.joints if parameter.name.startswith(f"{name}_")]
+        if owners and max(owners, key=len) == mechanism.joints[joint]:
+            return parameter.name
+    return None
+
+
+def _with_zero(effect: Effect, name: str) -> Callable[[Any, Values], Any]:
+    """The effect with one of its sizes at zero."""
+
+    def apply(plant: object, values: Values) -> object:
+        return effect.apply(plant, {**values, name: 0.0})
+
+    return apply
 
 
 @dataclass(frozen=True)

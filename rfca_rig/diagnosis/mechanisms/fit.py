@@ -1,27 +1,34 @@
-"""`fit_mechanism`: nominal values of a mechanism, and effects that the user names, fitted to its recordings."""
+"""`fit_mechanism`: nominal values of a mechanism, and effects that the user names, fitted to its recordings.
+
+`compare_mechanism`: recordings of a mechanism beside its nominal and its fitted model, for the report.
+"""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
+from rfca_rig.diagnosis.mechanisms.check import can_balance, estimate_states, refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
 from rfca_rig.diagnosis.window_fit import WindowFit, fit_effects, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
+from rfca_rig.mechanism.inverse_dynamics import balance_torques
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.effect import Effect
 from rfca_rig.suggestions import suggestion
 
 MECHANISM_FIT = "rfca-mechanism-fit/1"
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -102,3 +109,63 @@ def _select(space: Prior[MechanismInput], names: Collection[str]) -> Prior[Mecha
     chosen = [place for place, full in enumerate(space.names) if not names or full in names or keys[place] in names]
     parameters = tuple(space.parameters[place] for place in chosen)
     return Prior(parameters, space.centre, space.std[chosen], np.ones(len(chosen), dtype=bool))
+
+
+@dataclass(frozen=True)
+class JointRemainder:
+    """Torque or force in one joint in the recorded motion that the nominal model does not explain, all (k,).
+
+    Parameters
+    ----------
+    joint
+        Its name.
+    is_slide
+        Whether positions are in m and the remainder in N, instead of rad and N m.
+    position, speed, remainder
+        Of each state.
+    """
+
+    joint: str
+    is_slide: bool
+    position: Floats
+    speed: Floats
+    remainder: Floats
+
+
+@dataclass(frozen=True)
+class MechanismComparison:
+    """The fit of the values of [known_to], and the torque in each joint that the nominal model lacks."""
+
+    fit: WindowFit
+    joints: tuple[JointRemainder, ...]
+
+
+@single_threaded_blas()
+def compare_mechanism(experiment: Experiment, progress: Progress) -> MechanismComparison:
+    """Recordings beside their model.
+
+    Parameters
+    ----------
+    experiment
+        The recordings and the model file.
+    progress
+        Called with what is being done and the share that is done.
+
+    Raises
+    ------
+    BadInput
+        Where recordings and model do not fit together.
+    SimulationFailed
+        Where the nominal model cannot be simulated.
+    """
+    mechanism = load_mechanism(experiment.model)
+    problem = make_problem(experiment, mechanism)
+    fit = fit_problem(problem, problem.space, (), progress).fit
+    mechanism = problem.simulator.mechanism
+    states = estimate_states(experiment, mechanism)
+    remainder = balance_torques(mechanism, states).remainder
+    joints = [
+        JointRemainder(name, bool(mechanism.is_slide[j]), states.position[:, j], states.speed[:, j], remainder[:, j])
+        for j, name in enumerate(mechanism.joints if can_balance(mechanism) else ())
+    ]
+    return MechanismComparison(fit, tuple(joints))

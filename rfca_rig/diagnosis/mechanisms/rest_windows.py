@@ -114,7 +114,10 @@ def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Pl
         square += (0.5 * (ahead - behind) / USUAL_ERROR) ** 2
     t_s = bin_means(window.t_s[:, None], window.bins)[:, 0]
     scale, jolt = np.sqrt(square), np.zeros(window.measured.shape)
-    moves = _has_begun(window, motion.speed[:, list(simulator.mechanism.simulated)])
+    # Whether any of the joints, with speeds (k, s), moves in a bin (b,).
+    speed = motion.speed[:, list(simulator.mechanism.simulated)]
+    fastest = np.abs(speed) / np.maximum(np.abs(speed).max(axis=0), 1e-300)
+    moves = bin_means(fastest.max(axis=1)[:, None], window.bins)[:, 0] > MOVES
     for row, column in enumerate(simulator.columns):
         # Positions and speeds stand before the sensors in the columns.
         if column < 2 * joints:
@@ -125,12 +128,6 @@ def correct_rest_window(window: Window, simulator: MechanismSimulator, plant: Pl
             scale[row] = np.sqrt(square[row] + values**2 + (LATE_S * np.gradient(values, t_s)) ** 2 + least**2)
             jolt[row] = _bounces(t_s, values, moves, float(motion.touch_s.min(initial=np.inf)))
     return CorrectedWindow(window, np.empty((0, *window.measured.shape)), scale, np.hypot(TRANSIENT_SHARE * scale, jolt))
-
-
-def _has_begun(window: Window, speed: Floats) -> NDArray[np.bool_]:
-    """(b,) whether any of the joints with these speeds (k, s) moves in a bin."""
-    fastest = np.abs(speed) / np.maximum(np.abs(speed).max(axis=0), 1e-300)
-    return bin_means(fastest.max(axis=1)[:, None], window.bins)[:, 0] > MOVES
 
 
 def _bounces(t_s: Floats, values: Floats, moves: NDArray[np.bool_], touch_s: float) -> Floats:

@@ -13,7 +13,7 @@ from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.diagnosis.data.windows import WindowRows, observe, start_gain
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, shift_plant
 from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator
-from rfca_rig.mechanism.joint_law import make_tabulated_effect
+from rfca_rig.mechanism.laws import make_tabulated_effect
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.plant import Plant, make_plant, update_constants
 from rfca_rig.mechanism.prescribed import PrescribedMotion

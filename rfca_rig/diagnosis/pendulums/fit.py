@@ -7,8 +7,7 @@ from rfca_rig.analysis.swings import SwingProblem, apply_nuisances, make_swing_p
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.pendulums.nuisances import space_of_pendulum, to_pendulum_input
-from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, cut_stretches, make_pendulum_dataset
+from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, cut_stretches, make_pendulum_dataset, space_of_pendulum, to_pendulum_input
 from rfca_rig.diagnosis.window_fit import WindowFit, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas

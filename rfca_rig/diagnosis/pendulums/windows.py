@@ -6,23 +6,28 @@ The model error refers to wrong torques. An error of 1 % means: angles and speed
 torque in each joint is off by 1 % of that of weight and drive. Near the top, where small differences grow, that is much. Where
 `torque_error` states another share than 1 %, that share counts as 1 %: the diagnosis calls 1 % usual. Neighbouring rows have correlated
 errors, so they do not count as independent.
+
+Nuisance parameters of a pendulum are the values of [known_to], of each link.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.swings import SwingProblem, SwingWindow, apply_nuisances
+from rfca_rig.analysis.fitting.parameters import ModelPoint
+from rfca_rig.analysis.fitting.space import FitParameter, Prior, never_below
+from rfca_rig.analysis.swings import Nuisance, SwingProblem, SwingWindow, apply_nuisances
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
 from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.diagnosis.data.windows import WindowRows, group_windows, observe, start_gain
-from rfca_rig.diagnosis.pendulums.nuisances import PendulumInput
 from rfca_rig.diagnosis.simulator import Simulator
 from rfca_rig.model.parameters import GRAVITY_M_S2
-from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, make_driven_pendulum
+from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, make_driven_pendulum, rods
+
+NEVER_NEGATIVE = ("joint_damping_Nm_s_per_rad", "joint_friction_Nm", "rotor_inertia_kg_m2")
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +35,41 @@ SWING_EXPERIMENT = "swings"  # what their experiment is called
 WINDOW_S = 0.5
 BIN_S = 0.05  # ten rows per window and signal: pendulums of laboratory size turn back a few times a second
 SMOOTH_OVER_S = 0.15  # of the model's error: torques err with the joint's angle, which changes that fast
+
+
+@dataclass(frozen=True)
+class PendulumInput(ModelPoint):
+    """Input of one simulation of a pendulum: the effects in `rig`, and the shifts of nominal values, by nuisance parameter."""
+
+    off: tuple[tuple[str, float], ...] = ()
+
+
+def space_of_pendulum(pendulum: Pendulum, nuisances: Sequence[Nuisance]) -> Prior[PendulumInput]:
+    """Space of the nuisance parameters around the nominal pendulum."""
+    std = np.array([nuisance.std for nuisance in nuisances])
+    parameters = tuple(_parameter(pendulum, nuisance) for nuisance in nuisances)
+    return Prior(parameters, PendulumInput(rods(pendulum)), std, np.ones(len(std), dtype=bool))
+
+
+def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> FitParameter[PendulumInput]:
+    link, _, key = nuisance.name.partition(".")
+    shift: Callable[[float], float] = float
+    if key in NEVER_NEGATIVE:
+        shift = never_below(getattr(pendulum.links[int(link.removeprefix("link")) - 1], key), nuisance.std)
+
+    def read(at: PendulumInput) -> float:
+        return dict(at.off).get(nuisance.name, 0.0)
+
+    def write(at: PendulumInput, value: float) -> PendulumInput:
+        return replace(at, off=(*(pair for pair in at.off if pair[0] != nuisance.name), (nuisance.name, shift(value))))
+
+    unit = "" if nuisance.name.endswith("_relative") else nuisance.name.split("_", 2)[-1]
+    return FitParameter(nuisance.name, unit, False, nuisance.std, read, write)
+
+
+def to_pendulum_input(at: ModelPoint) -> PendulumInput:
+    """The input as that of a pendulum; without shifts where it has none."""
+    return at if isinstance(at, PendulumInput) else PendulumInput(at.rig)
 
 
 @dataclass(frozen=True)

@@ -197,7 +197,10 @@ def _pull(shares_of: Callable[[SimulatedStroke], Floats], down: bool) -> Callabl
     def response(here: NominalCondition) -> Floats:
         arms, windows = arms_of(here, shares_of(here.stroke), down), here.bumps.at(here.flap.t_s)
         # The arms change during the stroke, so torque courses are expressed in the same bumps before they are superposed.
-        levers = _as_bumps(windows, windows[:, :, None] * arms[:, None, 1:])
+        # Sizes (count, k, hinges) of the bumps (n, count) that are closest to courses (n, k, hinges), by least squares.
+        courses = windows[:, :, None] * arms[:, None, 1:]
+        flat = np.linalg.lstsq(windows, courses.reshape(len(courses), -1), rcond=None)[0]
+        levers = np.asarray(flat.reshape(windows.shape[1], *courses.shape[1:]))
         torque = -windows * arms[:, :1]
         fy, fz = (0.0 * windows, windows) if down else (-windows, 0.0 * windows)
         own = here.rows_of({"fy_N": fy, "fz_N": fz, "tx_Nm": torque + here.supposed.rig.sensor.below_shaft_m * fy})
@@ -205,12 +208,6 @@ def _pull(shares_of: Callable[[SimulatedStroke], Floats], down: bool) -> Callabl
         return np.asarray(own - np.einsum("mji,jki->mk", here.in_hinge, levers))
 
     return response
-
-
-def _as_bumps(bumps: Floats, courses: Floats) -> Floats:
-    """Sizes (count, k, hinges) of the bumps (n, count) that are closest to courses (n, k, hinges), by least squares."""
-    flat = np.linalg.lstsq(bumps, courses.reshape(len(courses), -1), rcond=None)[0]
-    return np.asarray(flat.reshape(bumps.shape[1], *courses.shape[1:]))
 
 
 def arms_of(here: NominalCondition, shares: Floats, down: bool) -> Floats:

@@ -118,15 +118,11 @@ def make_scene(dataset: Dataset, nothing: MapFit, scatter: Floats) -> ForceScene
     ends_s = np.array([flap.t_s[-1] for flap in flaps])
     dynamic = dataset.rows.experiment == "dynamic"
     selected = dynamic & (dataset.rows.t_s < ends_s[np.where(dynamic, dataset.rows.condition, 0)])
-    rows = _select_rows(dataset.rows, selected)
+    arrays = {f.name: getattr(dataset.rows, f.name)[selected] for f in fields(dataset.rows) if f.name != "labels"}
+    rows = replace(dataset.rows, **arrays)
     linear = nothing.linear(dataset.rows.measured).kept(selected)
     conditions = nominal_conditions(flaps, nothing.coordinates.supposed(nothing.x))
     return ForceScene(rows, linear.target, linear.jacobian, make_marginal_likelihood(rows, scatter[selected]), conditions)
-
-
-def _select_rows(rows: Observations, kept: NDArray[np.bool_]) -> Observations:
-    arrays = {f.name: getattr(rows, f.name)[kept] for f in fields(rows) if f.name != "labels"}
-    return replace(rows, **arrays)
 
 
 def localize_force(scene: ForceScene, place: ForceInput, responses: Sequence[Floats]) -> LocalizedForce:

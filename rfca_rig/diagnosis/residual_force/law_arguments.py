@@ -1,10 +1,13 @@
 """Arguments that a force at a place may depend on: ranges over the recordings, knots, and the law that the model has there already.
 
 Ranges come from the simulated motion, which has no noise, never from a differentiated recording.
+
+A torque in a joint of a mechanism may depend on its speed, or on its position.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,18 +18,23 @@ from rfca_rig.analysis.swings import apply_nuisances
 from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.leg.simulator import select_strokes
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
-from rfca_rig.diagnosis.mechanisms.windows import Motions
-from rfca_rig.diagnosis.pendulums.nuisances import to_pendulum_input
-from rfca_rig.diagnosis.pendulums.windows import Stretch
-from rfca_rig.diagnosis.residual_force.joint_argument import courses_of_motions, own_law_of_joint
+from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
+from rfca_rig.diagnosis.mechanisms.windows import MechanismSimulator, Motions
+from rfca_rig.diagnosis.pendulums.windows import Stretch, to_pendulum_input
 from rfca_rig.diagnosis.residual_force.law import Course, LawArgument
 from rfca_rig.errors import BadInput
+from rfca_rig.mechanism.laws import compute_own_law, make_tabulated_effect, name_argument
+from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.model.hinge_springs import bending_torque_Nm
+from rfca_rig.model.parameters import LawTable
 from rfca_rig.model.pendulum import make_driven_pendulum
 from rfca_rig.model.stroke import SimulatedStroke
 from rfca_rig.model.tabulated_law import SURE_OF_SIGN_RAD_S, effect_of_table, kind_of
 
 Floats = NDArray[np.float64]
+
+# Of the usual torque of the joint; sizes of a tenth to ten times of it are compared, as they are for a leg.
+PLAUSIBLE_SHARE = 0.1
 
 # Knots of a law that may change sign with its argument stand denser around zero, where friction changes: even in asinh(u / (0.05 of the
 # largest)). 15 knots are 10 to 40 % of the argument apart.
@@ -40,6 +48,70 @@ PRESSED = 0.05  # of the largest load: a tip that hardly touches shows nothing o
 SIGNED = ("rate_rad_s", "slip_m_s")
 ZERO_AT_ZERO = ("rate_rad_s",)  # what resists a turn is not there without one: a steady torque is a spring's or a weight's
 PLAUSIBLE = {"N m": 0.1, "N": 2.0, "": 0.3}  # size of a law's value, in its unit: some percent of what the paper's leg does in a stroke
+
+
+def make_joint_argument(mechanism: Mechanism, joint: int, quantity: str, usual_torque: float) -> LawArgument:
+    """A law of the joint's "speed" or "position"; `usual_torque` [N m or N] is that of the joint in the recordings.
+
+    A force that resists motion is zero at rest: a steady torque depends on the position.
+    """
+    by_speed, slides = quantity == "speed", bool(mechanism.is_slide[joint])
+    unit = ("m" if slides else "rad") + ("/s" if by_speed else "")
+    return LawArgument(
+        place=mechanism.joints[joint],
+        name=name_argument(mechanism, joint, quantity),
+        unit=unit,
+        value_unit="N" if slides else "N m",
+        plausible=PLAUSIBLE_SHARE * usual_torque,
+        is_signed=by_speed,
+        zero_at_zero=by_speed,
+        effect_of=partial(make_tabulated_effect, mechanism),
+    )
+
+
+def courses_of_motions(dataset: Dataset, motions: Sequence[Motions], supposed: MechanismInput, place: str, argument: str) -> list[Course]:
+    """The simulated argument over all windows. Raises SimulationFailed."""
+    simulator = _simulator(dataset)
+    plant, joint = simulator.plant(supposed), simulator.mechanism.joints.index(place)
+    found = []
+    for each in (each for part in motions for each in part.windows):
+        motion = simulator.roll(plant, each.window)
+        values = motion.speed if argument.startswith("speed") else motion.position - plant.zero_offset
+        found.append(Course(each.window.t_s, values[:, [joint]], np.ones((len(values), 1), dtype=bool)))
+    return found
+
+
+def own_law_of_joint(dataset: Dataset, supposed: MechanismInput, place: str, argument: str, u: Floats) -> Floats | None:
+    """Torque or force (k,) of the mechanism in the joint with these values and effects, at `u` (k,); None where it has none."""
+    simulator = _simulator(dataset)
+    joint = simulator.mechanism.joints.index(place)
+    return compute_own_law(simulator.plant(supposed), joint, argument.startswith("speed"), u)
+
+
+def turning_rate(dataset: Dataset, supposed: MechanismInput, table: LawTable, share: float) -> float:
+    """This share of the greatest rate of the argument. Below it the direction of the argument counts as none."""
+    motions = [part for part in dataset.parts if isinstance(part, Motions)]
+    found = courses_of_motions(dataset, motions, supposed, table.place, table.argument)
+    return share * max(float(np.abs(np.gradient(each.values, each.t_s, axis=0)).max()) for each in found) + 1e-12
+
+
+def response_to_branch(dataset: Dataset, part: Motions, supposed: MechanismInput, knot: int, size: float, turning: float) -> Floats:
+    """Response (m,) of the rows of a condition to a unit of the branches at one knot, by a difference of this `size`.
+
+    The law itself acts already.
+    """
+    simulator = _simulator(dataset)
+    plant = simulator.plant(supposed)
+    *others, law = plant.laws
+    branch = size * (np.arange(len(law.knots)) == knot)
+    moved = replace(plant, laws=(*others, replace(law, branches=branch, turning=turning)))
+    rows = [(simulator.predict(moved, each) - simulator.predict(plant, each)).ravel() / size for each in part.windows]
+    return np.concatenate(rows)
+
+
+def _simulator(dataset: Dataset) -> MechanismSimulator:
+    assert isinstance(dataset.simulator, MechanismSimulator)
+    return dataset.simulator
 
 
 def make_argument(place: str, argument: str) -> LawArgument:

@@ -19,15 +19,12 @@ from rfca_rig.analysis.swings import apply_nuisances
 from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.mechanisms.windows import Motions
-from rfca_rig.diagnosis.pendulums.nuisances import to_pendulum_input
-from rfca_rig.diagnosis.pendulums.windows import Stretch
+from rfca_rig.diagnosis.pendulums.windows import Stretch, to_pendulum_input
 from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arms_of, of_tip
-from rfca_rig.diagnosis.residual_force.joint_argument import response_to_branch, turning_rate
-from rfca_rig.diagnosis.residual_force.law import Course, MemoryTest
-from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, course_of_stroke
-from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, prior_root
+from rfca_rig.diagnosis.residual_force.law import ROUGHNESS, SIZES, Course, MemoryTest, prior_root
+from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, course_of_stroke, response_to_branch, turning_rate
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, advance_time, make_basis, simulate_forced_stroke
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.laws import HINGE, TABLE, LawUse
@@ -72,7 +69,11 @@ def detect_memory(
     SimulationFailed
         Where the model has no answer.
     """
-    responses = _responses(found, supposed, table, plausible) + _of_stages(found, table, slopes)
+    # At static stages a bend grows while loading; no rate is left there.
+    rows = found.dataset.rows
+    turn = np.where(rows.experiment == "static", np.where(rows.phase == "loading", 1.0, -1.0), 0.0)
+    grows = np.sign(table.knots) if table.argument in BENDING else np.zeros(len(table.knots))
+    responses = _responses(found, supposed, table, plausible) + turn[:, None] * slopes * grows
     whitening, knots = found.likelihood.level(linear), np.array(table.knots)
     without_branches = laplace_posterior(linear, whitening).log_evidence
     best, root = None, np.empty(0)
@@ -115,14 +116,6 @@ def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size
             if change is not None:
                 responses[rows.condition == number, knot] = change
     return responses
-
-
-def _of_stages(found: ModelSelectionResult, table: LawTable, slopes: Floats) -> Floats:
-    """Response (m, k) at static stages, where a bend grows while loading; no rate is left there."""
-    rows = found.dataset.rows
-    turn = np.where(rows.experiment == "static", np.where(rows.phase == "loading", 1.0, -1.0), 0.0)
-    grows = np.sign(table.knots) if table.argument in BENDING else np.zeros(len(table.knots))
-    return np.asarray(turn[:, None] * slopes * grows)
 
 
 def _branch(course: Course, table: LawTable, knot: int) -> Floats:

@@ -3,7 +3,7 @@
 The law is piecewise linear between values at knots. It acts in the simulator itself, beside the base hypothesis, so that the motion
 responds to it. The response of the observations to each value is found by finite differences there, and recomputed where the fit moves to.
 
-The values have the smooth Gaussian prior of `law_prior`, with the size and roughness of the greatest evidence over a grid. All nuisance
+The values have the smooth Gaussian prior of `law`, with the size and roughness of the greatest evidence over a grid. All nuisance
 parameters stay free, and the covariance of the data includes the discrepancy.
 """
 
@@ -19,8 +19,8 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals, products_without
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel
-from rfca_rig.diagnosis.residual_force.law import LawArgument, MeasuredLaw
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel
+from rfca_rig.diagnosis.residual_force.law import ROUGHNESS, SIZES, LawArgument, MeasuredLaw, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import (
     add_own_law,
     arguments_at,
@@ -31,7 +31,6 @@ from rfca_rig.diagnosis.residual_force.law_arguments import (
     place_knots,
 )
 from rfca_rig.diagnosis.residual_force.law_memory import detect_memory
-from rfca_rig.diagnosis.residual_force.law_prior import ROUGHNESS, SIZES, prior_root
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.effect import Parameter
 from rfca_rig.model.parameters import LawTable, PresentEffect

@@ -14,8 +14,7 @@ from scipy.special import chdtrc
 from rfca_rig.diagnosis.data.observations import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.likelihood.covariance import make_whitening
-from rfca_rig.diagnosis.likelihood.laplace import LinearModel, laplace_posterior
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, MarginalLikelihood, laplace_posterior
 from rfca_rig.diagnosis.result import Located, MapCell
 
 Floats = NDArray[np.float64]

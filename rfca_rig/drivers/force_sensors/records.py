@@ -57,25 +57,20 @@ class RecordSequence:
 
     def _sort_out(self, ahead: Ints) -> tuple[Ints, Ints]:
         for old in ahead[ahead < 0]:
-            self._count_old(self._next + int(old))
+            number = self._next + int(old)
+            if number in self._missing:
+                self._missing.remove(number)
+                self.out_of_order += 1
+            else:
+                self.duplicate += 1
         new = np.flatnonzero(ahead >= 0)
         fresh, first = np.unique(ahead[new], return_index=True)
         self.duplicate += len(new) - len(fresh)
-        self._count_late(ahead[new], np.sort(first))
+        # Counts records that a higher number overtook within the batch.
+        order = ahead[new][np.sort(first)]
+        self.out_of_order += int((order < np.maximum.accumulate(order)).sum()) if len(order) else 0
         self._count_gaps(fresh)
         return new[first], fresh
-
-    def _count_old(self, number: int) -> None:
-        if number in self._missing:
-            self._missing.remove(number)
-            self.out_of_order += 1
-        else:
-            self.duplicate += 1
-
-    def _count_late(self, arrived: Ints, first: Ints) -> None:
-        """Counts records that a higher number overtook within the batch."""
-        order = arrived[first]
-        self.out_of_order += int((order < np.maximum.accumulate(order)).sum()) if len(order) else 0
 
     def _count_gaps(self, fresh: Ints) -> None:
         if len(fresh) == 0:

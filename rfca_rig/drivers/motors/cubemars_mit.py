@@ -85,10 +85,13 @@ class CubemarsMitMotor:
             raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start again")
         self._await_replies()
         await_standstill(self._clock, self._limp_speed_rad_s)
-        self._target = self._target_at(self._replies.angle_rad)
+        self._target = MovingTarget(
+            self._settings.angle_gain_per_s, self._settings.max_lag_rad, self._replies.angle_rad, self._clock.now_s()
+        )
         began_rad, until_s = self._replies.angle_rad, self._clock.now_s() + WATCH_S
         # The guardian is armed before the frame that energises, so that no gap is left unguarded.
-        self._arm()
+        if self._guard is not None:
+            arm(self._guard)
         # ENTER puts the last command into force; the commands without gains sent before make it harmless.
         self._send(encode_special(Special.ENTER))
         while self._clock.now_s() < until_s:
@@ -96,13 +99,6 @@ class CubemarsMitMotor:
             self._wait_and_drain()
             self._refuse_if_moved(began_rad)
         self._refuse_if_error()
-
-    def _arm(self) -> None:
-        if self._guard is not None:
-            arm(self._guard)
-
-    def _target_at(self, angle_rad: float) -> MovingTarget:
-        return MovingTarget(self._settings.angle_gain_per_s, self._settings.max_lag_rad, angle_rad, self._clock.now_s())
 
     def _await_replies(self) -> None:
         self._replies.drain()

@@ -83,7 +83,8 @@ class MoteusMotor:
         if refused:
             state = self._state()
             self.disable()
-            raise DeviceError(f"drive not enabled: drive {self._settings.drive_id} {how} {_fault_of(state)}mode {mode_text(state.mode)}")
+            fault = f"{fault_text(state.fault)}, " if state.fault else ""
+            raise DeviceError(f"drive not enabled: drive {self._settings.drive_id} {how} {fault}mode {mode_text(state.mode)}")
 
     def _state(self) -> MoteusState:
         if self._replies.state is None:
@@ -240,10 +241,6 @@ def _state_text(state: MoteusState) -> str:
     """Mode as text. Fault codes of a running drive name what limits its output at the moment."""
     limited = state.mode != Mode.FAULT and state.fault >= MIN_LIMIT_CODE
     return f"{mode_text(state.mode)}, {fault_text(state.fault)}" if limited else mode_text(state.mode)
-
-
-def _fault_of(state: MoteusState) -> str:
-    return f"{fault_text(state.fault)}, " if state.fault else ""
 
 
 def _hexadecimal(value: float | None, digits: int) -> str:

@@ -74,20 +74,17 @@ class MoteusSettings(ShaftGear):
     bitrate_switch: bool = True
 
     def __post_init__(self) -> None:
-        self._check_addresses()
-        self.check_gear()
-        for name in ("watchdog_s", "reply_timeout_s", "enable_timeout_s"):
-            check_positive(name, getattr(self, name))
-        if self.torque_limit_Nm is not None:
-            check_positive("torque_limit_Nm", self.torque_limit_Nm)
-
-    def _check_addresses(self) -> None:
         if not 1 <= self.drive_id <= LARGEST_ID:
             raise BadInput(f"drive: drive_id is {self.drive_id}, must be 1..{LARGEST_ID}")
         if not 0 <= self.own_id <= LARGEST_ID or self.own_id == self.drive_id:
             raise BadInput(f"drive: own_id is {self.own_id}, must be 0..{LARGEST_ID} and not the drive's")
         if not 0 <= self.can_prefix <= LARGEST_PREFIX:
             raise BadInput(f"drive: can_prefix is {self.can_prefix}, must be 0..{LARGEST_PREFIX}")
+        self.check_gear()
+        for name in ("watchdog_s", "reply_timeout_s", "enable_timeout_s"):
+            check_positive(name, getattr(self, name))
+        if self.torque_limit_Nm is not None:
+            check_positive("torque_limit_Nm", self.torque_limit_Nm)
 
 
 @dataclass(frozen=True)
@@ -219,7 +216,11 @@ class MoteusReplies:
         if asked_s is None:
             # No query is open: the frame was duplicated on the way.
             return
-        self._check_position(values)
+        # A limit check on a position or speed that is not finite would never trip.
+        if not (isfinite(values[Register.POSITION]) and isfinite(values[Register.VELOCITY])):
+            raise DeviceError(
+                f"drive {self._settings.drive_id} knows no position, mode {mode_text(int(values[Register.MODE]))}; check its encoder"
+            )
         self.answers += 1
         self.state = MoteusState(
             mode=int(values[Register.MODE]),
@@ -237,13 +238,6 @@ class MoteusReplies:
             # A jump is the same in either direction of the shaft, so the sign is left out here.
             per_turn = abs(self._settings.shaft_rad_per_turn)
             self._leap.follow(asked_s, stamp_s, per_turn * values[Register.POSITION], per_turn * values[Register.VELOCITY])
-
-    def _check_position(self, values: dict[int, float]) -> None:
-        """Raises DeviceError for a position or speed that is not finite, as a limit check on it would never trip."""
-        if not (isfinite(values[Register.POSITION]) and isfinite(values[Register.VELOCITY])):
-            raise DeviceError(
-                f"drive {self._settings.drive_id} knows no position, mode {mode_text(int(values[Register.MODE]))}; check its encoder"
-            )
 
     def _match_query(self, counter: int) -> float | None:
         """Time of the query that the answer with this counter belongs to; None without open queries. Older ones are dropped."""

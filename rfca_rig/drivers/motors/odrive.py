@@ -49,12 +49,16 @@ class OdriveMotor:
         """
         self.disable()
         # With a lost zero every angle is wrong, so the zero must be found again before a new start.
-        self._refuse_lost_zero()
-        self._forget_part_errors()
+        if self._reports.zero_lost is not None:
+            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
+        self._reports.part_errors.clear()
+        self._asked_parts.clear()
         self._send(cansimple.clear_errors(self._settings.node_id, self._settings.dialect))
         self._send(cansimple.request(self._settings.node_id, OdriveCommand.VERSION), remote=True)
         self._await_reports()
-        self._check_dialect()
+        # Firmware 0.6 answers a version request, 0.5 does not. A heartbeat decoded in the wrong dialect would be wrong.
+        if self._settings.dialect == OdriveFirmware.V0_5 and self._reports.firmware != "unknown":
+            raise DeviceError(f'drive not enabled: its firmware is {self._reports.firmware}; set dialect = "0.6"')
         self._refuse_if(_is_faulty(self._beat()), "still reports")
         # Set-point first, then mode, then closed loop: an old set-point in the drive would make the shaft jump.
         hold = cansimple.set_input_pos(self._settings.node_id, self._reports.turns)
@@ -63,10 +67,6 @@ class OdriveMotor:
         self._send(cansimple.set_axis_state(self._settings.node_id, AxisState.CLOSED_LOOP))
         self._await_closed_loop(hold)
         self._armed = True
-
-    def _refuse_lost_zero(self) -> None:
-        if self._reports.zero_lost is not None:
-            raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
 
     def _await_reports(self) -> None:
         """Waits for every required message, and for enough encoder frames to measure their rate."""
@@ -92,15 +92,6 @@ class OdriveMotor:
             self._wait_and_drain()
         return (self._clock.now_s() - started_s) / self._reports.encoder_frames
 
-    def _check_dialect(self) -> None:
-        """Firmware 0.6 answers a version request, 0.5 does not. A heartbeat decoded in the wrong dialect would be wrong."""
-        if self._settings.dialect == OdriveFirmware.V0_5 and self._reports.firmware != "unknown":
-            raise DeviceError(f'drive not enabled: its firmware is {self._reports.firmware}; set dialect = "0.6"')
-
-    def _forget_part_errors(self) -> None:
-        self._reports.part_errors.clear()
-        self._asked_parts.clear()
-
     def _ask_for_part_errors(self) -> None:
         failed = set() if self._reports.beat is None else set(self._reports.beat.failed)
         for part in sorted(failed - self._asked_parts):
@@ -123,18 +114,15 @@ class OdriveMotor:
         if refused:
             beat = self._beat()
             self.disable()
-            self._learn_part_errors()
+            # Waits briefly for the drive to report the error of each part.
+            self._ask_for_part_errors()
+            deadline_s = self._clock.now_s() + PART_ERROR_S
+            while self._asked_parts - self._reports.part_errors.keys() and self._clock.now_s() < deadline_s:
+                self._wait_and_drain()
             result = f", procedure result {result_text(beat.procedure_result)}" if self._settings.dialect == OdriveFirmware.V0_6 else ""
             raise DeviceError(
                 f"drive not enabled: node {self._settings.node_id} {how} {self._errors(beat)}, state {state_text(beat.state)}{result}"
             )
-
-    def _learn_part_errors(self) -> None:
-        """Waits briefly for the drive to report the error of each part."""
-        self._ask_for_part_errors()
-        deadline_s = self._clock.now_s() + PART_ERROR_S
-        while self._asked_parts - self._reports.part_errors.keys() and self._clock.now_s() < deadline_s:
-            self._wait_and_drain()
 
     def _errors(self, beat: Heartbeat) -> str:
         """Text of the drive's error word and of its parts' error words, as far as they are known."""
@@ -180,16 +168,13 @@ class OdriveMotor:
         `limit_s`. The heartbeat alone takes up to 0.1 s to show it.
         """
         started_s = self._clock.now_s()
-        while not self._watchdog_tripped():
+        while not (self._beat().error & WATCHDOG_EXPIRED[self._settings.dialect] and self._beat().state == AxisState.IDLE):
             if self._clock.now_s() - started_s > limit_s:
                 self.disable()
                 raise DeviceError(f"drive's watchdog let it run through {limit_s:g} s of silence; set enable_watchdog and watchdog_timeout")
             self._wait_and_drain()
         self.disable()
         return self._clock.now_s() - started_s
-
-    def _watchdog_tripped(self) -> bool:
-        return bool(self._beat().error & WATCHDOG_EXPIRED[self._settings.dialect]) and self._beat().state == AxisState.IDLE
 
     def read(self) -> ShaftSamples:
         """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""

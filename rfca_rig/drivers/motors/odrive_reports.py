@@ -167,25 +167,21 @@ class OdriveReports:
         # The order of the checks leads the user from the wiring to single messages.
         if self._own_frames == 0:
             return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate"
-        if self.heartbeats < self._beats_needed():
+        # A first heartbeat with an error may predate the clearing of the error.
+        needed = 2 if self.beat is not None and self.beat.error else 1
+        if self.heartbeats < needed:
             return f"no heartbeat from node {node}; set the drive's {self._rate('heartbeat')} to 100"
         if self.encoder_frames == 0:
             return f"no encoder estimates from node {node}; set its {self._rate('encoder')} to {1e3 * self._settings.encoder_period_s:g}"
         if self._torque_frames == 0:
-            return f"no {self.torque_source} from node {node}; set the cyclic rate of that message in the drive{self._or_dialect()}"
+            older = self._settings.dialect == OdriveFirmware.V0_5
+            or_dialect = " (iq_rate_ms)" if older else ', or dialect = "0.5" if its firmware is 0.5'
+            return f"no {self.torque_source} from node {node}; set the cyclic rate of that message in the drive{or_dialect}"
         return None
 
     def _rate(self, message: str) -> str:
         """The drive's setting for the period of a cyclic message; its name changed with firmware 0.6."""
         return f"{message}_rate_ms" if self._settings.dialect == OdriveFirmware.V0_5 else f"{message}_msg_rate_ms"
-
-    def _or_dialect(self) -> str:
-        older = self._settings.dialect == OdriveFirmware.V0_5
-        return " (iq_rate_ms)" if older else ', or dialect = "0.5" if its firmware is 0.5'
-
-    def _beats_needed(self) -> int:
-        """Number of heartbeats to wait for: a first one with an error may predate the clearing of the error."""
-        return 2 if self.beat is not None and self.beat.error else 1
 
     def _take(self, message: can.Message) -> None:
         if message.is_extended_id or message.dlc == 0:

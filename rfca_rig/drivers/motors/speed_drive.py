@@ -121,7 +121,12 @@ class SpeedDrive(ABC, Generic[Keys]):
         self._say(self.to_clear())
         self._await_reports()
         self._check_period()
-        self._await_on()
+        until_s = self._clock.now_s() + ENABLE_S
+        while not self._last().is_on:
+            self._say(self.to_energise(self._last()))
+            self._wait_and_drain()
+            self._refuse_if(self._last().fault is not None, "refuses with")
+            self._refuse_if(self._clock.now_s() > until_s, f"not energised after {ENABLE_S:g} s:")
         self._armed = True
 
     def _await_reports(self) -> None:
@@ -151,14 +156,6 @@ class SpeedDrive(ABC, Generic[Keys]):
         while self._clock.now_s() - began_s < PERIODS_PER_ATTEMPT * period_s:
             self._wait_and_drain()
         return (self._clock.now_s() - began_s) / max(self._reports.heard, 1)
-
-    def _await_on(self) -> None:
-        until_s = self._clock.now_s() + ENABLE_S
-        while not self._last().is_on:
-            self._say(self.to_energise(self._last()))
-            self._wait_and_drain()
-            self._refuse_if(self._last().fault is not None, "refuses with")
-            self._refuse_if(self._clock.now_s() > until_s, f"not energised after {ENABLE_S:g} s:")
 
     def _refuse_if(self, refused: bool, how: str) -> None:
         if refused:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.exam.simulator.compiled import jit_cached
+from rfca_rig.exam.simulator.body import jit_cached
 from rfca_rig.exam.simulator.step import FIRST_ANGLE, run
 from rfca_rig.exam.simulator.world import GRAVITY_M_S2, HINGES, World
 

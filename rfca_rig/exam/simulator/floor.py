@@ -7,8 +7,7 @@ only, not on the step.
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.simulator.body import COS, FD, FY, MOMENT, SIN, SPIN, VD, VY, D, Y
-from rfca_rig.exam.simulator.compiled import jit_internal
+from rfca_rig.exam.simulator.body import COS, FD, FY, MOMENT, SIN, SPIN, VD, VY, D, Y, jit_internal
 
 Floats = NDArray[np.float64]
 

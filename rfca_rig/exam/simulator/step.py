@@ -8,8 +8,7 @@ The shaft's drive has a command, the motor that follows it, and the transmission
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.exam.simulator.body import LENGTH, SD, SY, gather, place_bodies, solve_between
-from rfca_rig.exam.simulator.compiled import jit_cached, jit_internal
+from rfca_rig.exam.simulator.body import LENGTH, SD, SY, gather, jit_cached, jit_internal, place_bodies, solve_between
 from rfca_rig.exam.simulator.floor import (
     HINGE_DAMPING,
     QUADRATIC,

@@ -136,7 +136,13 @@ def add_ripple(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: 
     x = np.sqrt(1.0 - amplitude * amplitude) * cycles * (motion.angle_rad(t) - start) / 2.0 + _scale_tangent(0.5 * phase_rad, 1.0 / r)
     half = _scale_tangent(x, r)
     angle = start + (2.0 * half - phase_rad) / cycles
-    return _through(t, angle, _speed(motion, t) * (1.0 + amplitude * np.cos(2.0 * half)), motion)
+    speed = _speed(motion, t) * (1.0 + amplitude * np.cos(2.0 * half))
+    # Cubic Hermite pieces through angles and speeds.
+    step = np.diff(t)
+    rise = np.diff(angle) / step
+    square = (3.0 * rise - 2.0 * speed[:-1] - speed[1:]) / step
+    cube = (speed[:-1] + speed[1:] - 2.0 * rise) / step**2
+    return ShaftMotion(t, np.column_stack([angle[:-1], speed[:-1], square, cube]), motion.landings_s)
 
 
 def _scale_tangent(x: Floats | float, r: float) -> Floats:
@@ -156,15 +162,6 @@ def _speed(motion: ShaftMotion, t: Floats) -> Floats:
     i = np.clip(np.searchsorted(motion.breaks_s, t) - 1, 0, len(motion.coefficients) - 1)
     x, c = t - motion.breaks_s[i], motion.coefficients[i].T
     return np.asarray(c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]))
-
-
-def _through(t: Floats, angle: Floats, speed: Floats, motion: ShaftMotion) -> ShaftMotion:
-    # Cubic Hermite pieces through angles and speeds.
-    step = np.diff(t)
-    rise = np.diff(angle) / step
-    square = (3.0 * rise - 2.0 * speed[:-1] - speed[1:]) / step
-    cube = (speed[:-1] + speed[1:] - 2.0 * rise) / step**2
-    return ShaftMotion(t, np.column_stack([angle[:-1], speed[:-1], square, cube]), motion.landings_s)
 
 
 MOTOR_SPEED_RIPPLE = Effect(

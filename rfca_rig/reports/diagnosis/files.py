@@ -72,7 +72,9 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
     if failed and diagnosis.grade != "nothing missing":
         yield "not identified: " + "; ".join(f"{criterion.name} ({criterion.found})" for criterion in failed)
     yield from (f"unexplained: {text}" for text in diagnosis.unexplained[:1])
-    yield from _detection_summary(diagnosis)
+    ruled_out = sum(one.would_have_seen is not None for one in diagnosis.not_seen)
+    if diagnosis.not_seen:
+        yield f"ruled out: {count_noun(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
     if diagnosis.next_experiment:
         yield "next: " + "; ".join(f"{name}: {text}" for name, text in entries(diagnosis.next_experiment))
 
@@ -107,12 +109,6 @@ def _figures(diagnosis: Diagnosis) -> Iterable[str]:
 
 def _change(figure: BeforeAfter) -> str:
     return f"{format_significant(figure.before, 2)} -> {format_significant(figure.after, 2)}"
-
-
-def _detection_summary(diagnosis: Diagnosis) -> Iterable[str]:
-    ruled_out = sum(one.would_have_seen is not None for one in diagnosis.not_seen)
-    if diagnosis.not_seen:
-        yield f"ruled out: {count_noun(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
 
 
 def _wrap(text: str, most: int) -> Sequence[str]:

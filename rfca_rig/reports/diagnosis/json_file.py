@@ -24,6 +24,9 @@ def as_json(diagnosis: Diagnosis) -> str:
 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """Content of diagnosis.json: first the keys that the format requires, then additional ones."""
+    # Misfits before and after: signals with their noise floor, errors of the valley, which have none, without.
+    forces = {**all_misfits(diagnosis), **diagnosis.held_out}
+    floored = {name: _before_after(each) | {"noise_floor": each.noise_floor} for name, each in forces.items()}
     return {
         "format": FORMAT,
         "verdict": diagnosis.verdict,
@@ -32,7 +35,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "not_seen": [
             {"id": one.id, "would_have_seen": one.would_have_seen} for one in diagnosis.not_seen if one.would_have_seen is not None
         ],
-        "fit": _misfits(diagnosis),
+        "fit": floored | {name: _before_after(each) for name, each in diagnosis.valley.items()},
         "unexplained": diagnosis.unexplained,
         "next_experiment": diagnosis.next_experiment,
         "grade": diagnosis.grade,
@@ -120,13 +123,6 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
 
 def _value(value: Value) -> dict[str, float]:
     return {"value": value.value, "std": value.std}
-
-
-def _misfits(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Misfits before and after: signals with their noise floor, errors of the valley, which have none, without."""
-    forces = {**all_misfits(diagnosis), **diagnosis.held_out}
-    floored = {name: _before_after(each) | {"noise_floor": each.noise_floor} for name, each in forces.items()}
-    return floored | {name: _before_after(each) for name, each in diagnosis.valley.items()}
 
 
 def _before_after(each: BeforeAfter) -> dict[str, float | None]:

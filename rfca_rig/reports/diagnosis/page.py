@@ -344,8 +344,8 @@ def _nuisances(diagnosis: Diagnosis) -> list[dict[str, str]]:
             z, half = (value.value - prior.value) / prior.std, STDS_90 * value.std / prior.std
             half = half if isfinite(half) else 0.0
             texts["prior"] = format_with_interval_90(prior)
-            told = f"{words}: {texts['value']} {unit}, prior {texts['prior']} {unit}"
-            texts["forest"] = draw_forest((-STDS_90, 0.0, STDS_90), (z - half, z, z + half), FOREST_STDS, told, 0.0)
+            shown_text = f"{words}: {texts['value']} {unit}, prior {texts['prior']} {unit}"
+            texts["forest"] = draw_forest((-STDS_90, 0.0, STDS_90), (z - half, z, z + half), FOREST_STDS, shown_text, 0.0)
         found.append(texts)
     return found
 
@@ -397,13 +397,13 @@ def _parameter(effect_id: str, name: str, value: Value) -> dict[str, str]:
     half = STDS_90 * value.std if isfinite(value.std) else 0.0
     ends = [plausible.low, plausible.high, value.value - half, value.value, value.value + half]
     texts["range"] = f"{format_significant(plausible.low)} to {format_significant(plausible.high)}"
-    told = f"{words}: {texts['value']} {unit}, plausible {texts['range']} {unit}"
+    shown_text = f"{words}: {texts['value']} {unit}, plausible {texts['range']} {unit}"
     # A range over more than a decade is drawn on a logarithmic axis.
     if min(ends) > 0.0 and plausible.high > 10.0 * plausible.low:
         ends = [log10(end) for end in ends]
     low, high, *posterior = ends
     axis = (min(ends), max(ends))
-    texts["forest"] = draw_forest((low, 0.5 * (low + high), high), (posterior[0], posterior[1], posterior[2]), axis, told)
+    texts["forest"] = draw_forest((low, 0.5 * (low + high), high), (posterior[0], posterior[1], posterior[2]), axis, shown_text)
     return texts
 
 
@@ -438,13 +438,13 @@ def _rival(rival: Rival, best_evidence: float) -> dict[str, Any]:
     prior = "" if rival.prior is None else format_probability(rival.prior)
     # Decades of probability: those of rivals differ by orders of magnitude.
     at, before = (max(log10(max(p, 1e-300)), LEAST_DECADE) for p in (rival.probability, rival.prior or 1.0))
-    told = f"{name}: {probability}" + (f", before the data {prior}" if prior else "")
+    shown_text = f"{name}: {probability}" + (f", before the data {prior}" if prior else "")
     bar = None if rival.prior is None else (before, before, before)
     return {
         "name": name,
         "probability": probability,
         "prior": prior or NOTHING,
-        "forest": draw_forest(bar, (at, at, at), (LEAST_DECADE, 0.0), told),
+        "forest": draw_forest(bar, (at, at, at), (LEAST_DECADE, 0.0), shown_text),
         "behind": format_significant(rival.log_evidence - best_evidence) if rival.log_evidence < best_evidence else "0",
         "model_error": f"{format_significant(100.0 * rival.model_error, 2)}\u00a0%",
     }

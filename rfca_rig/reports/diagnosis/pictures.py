@@ -34,8 +34,8 @@ Interval = tuple[float, float, float]
 DASHES = (0, (3.2, 1.8))
 # Resolution of a line in a panel: two points for each column keep every peak.
 COLUMNS = 90
-# Curves that differ by less than this share of the signal's range (rms) are not told apart by eye: a panel is 90 points high, and
-# the broad line takes 2.8 of them, 3 %.
+# Curves that differ by less than this share of the signal's range (rms) look alike: a panel is 90 points high, and the
+# broad line takes 2.8 of them, 3 %.
 COINCIDE = 0.02
 RESIDUAL_IN = (4.7, 2.1)
 # Share of a panel's height that marks the start of a window.
@@ -183,8 +183,10 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     windows = np.searchsorted(overlay.t_s, overlay.starts_s)
     with drawing():
         figure, axes = make_panel(f"residual of {words} ({unit})" if unit else f"residual of {words}", "time (s)", RESIDUAL_IN)
-        for begin_s, end_s in _stretches(overlay.t_s, inside):
-            axes.axvspan(begin_s, end_s, color=PALE, lw=0.0)
+        # Begin and end of each unbroken stretch of `inside`.
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            axes.axvspan(float(overlay.t_s[begin]), float(overlay.t_s[end - 1]), color=PALE, lw=0.0)
         axes.axhline(0.0, color=FAINT, lw=0.6)
         for values, color, lw, dashes in ((after, SIMULATED, 2.4, "-"), (before, OTHER, 1.4, DASHES)):
             x, y = _with_breaks(overlay.t_s, values, windows, COLUMNS)
@@ -199,12 +201,6 @@ def draw_residual(diagnosis: Diagnosis) -> Picture | None:
     others = f" The worst of {count} conditions where it shows." if count > 1 else ""
     caption = f"Measured less simulated at {overlay.condition}. Rms ({where}): {numbers}.{others}"
     return Picture(f"Residual of {words}", (Panel("", svg),), keep_units_together(caption))
-
-
-def _stretches(t_s: Floats, inside: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Begin and end of each unbroken stretch of `inside` (m,), at times t_s (m,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
-    return [(float(t_s[begin]), float(t_s[end - 1])) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def draw_forest(prior: Interval | None, posterior: Interval, axis: tuple[float, float], words: str, marker: float | None = None) -> str:

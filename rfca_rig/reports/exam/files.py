@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig import __version__
-from rfca_rig.exam.ablation import AblationResult
+from rfca_rig.exam.follow_up import AblationResult
 from rfca_rig.exam.score import ExamScores, Share
 from rfca_rig.exam.scored import ExamResult, ScoredCase
 from rfca_rig.exam.scoring import bars

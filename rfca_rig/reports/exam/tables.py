@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from math import isfinite
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.ablation import AblationResult, WronglyNamed
 from rfca_rig.exam.answer import CLASS, EXTRA, RIGHT, VERDICTS, WRONG
-from rfca_rig.exam.follow_up import ArmResult
+from rfca_rig.exam.follow_up import AblationResult, ArmResult, WronglyNamed
 from rfca_rig.exam.scored import ScoredCase
 from rfca_rig.exam.scoring import ScoreGoal
 from rfca_rig.exam.sizes import SIZE_RANGES

@@ -51,6 +51,7 @@ LIMIT_WORDS = (
 def health(story: RunStory) -> Pairs:
     """Health of a run: pairs of name and text, with the limit where there is one."""
     known = story.recording.provenance
+    times = json.loads(known.get("resumed", "[]"))
     texts = {
         "ended": _end_text(known),
         "in or after": known.get("ended_in_stage", ""),
@@ -62,7 +63,7 @@ def health(story: RunStory) -> Pairs:
         "samples to the recorder": known.get("recorder_samples", ""),
         "drift of the sensor\u2019s zero": known.get("tare_drift", ""),
         "zero of the sensor at rest": _tares(story.events),
-        "went on": _resume_text(known),
+        "went on": "; ".join(f"at {event['utc']}{_changes_text(event)}, had stopped: {event['stopped']}" for event in times),
     }
     return [(name, text) for name, text in texts.items() if text]
 
@@ -86,11 +87,6 @@ def _tares(events: Sequence[Mapping[str, Any]]) -> str:
         return ""
     spread = f" ± {np.std(fz_N, ddof=1):.3f}" if len(fz_N) > 1 else ""
     return f"fz {number(float(np.mean(fz_N)), 3)}{spread} N, mean and standard deviation over {count_noun(len(fz_N), 'rest')} in the air"
-
-
-def _resume_text(known: Mapping[str, str]) -> str:
-    times = json.loads(known.get("resumed", "[]"))
-    return "; ".join(f"at {event['utc']}{_changes_text(event)}, had stopped: {event['stopped']}" for event in times)
 
 
 def _changes_text(event: Mapping[str, Any]) -> str:
@@ -143,6 +139,9 @@ def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: 
     recording, known = story.recording, story.recording.provenance
     stages, done, checks = tables
     shown, stages_shown = pictures.select_traces(story.parts), pictures.select_static_stages(recording.static)
+    # The first rows, and all marked ones: stages that were cut short.
+    rows = tuple(row for place, row in enumerate(stages.rows) if place < MOST_ROWS or row.marked)
+    strokes = _of(len(shown), sum(part.trace is not None for part in story.parts), "stroke")
     return template("run.html").render(
         sheets=("verdict.css",),
         origin=context.origin,
@@ -157,11 +156,11 @@ def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: 
         done=done,
         limits=_limits(story),
         health=[(name, keep_units_together(text)) for name, text in health(story)],
-        stages=_first_and_marked(stages),
+        stages=Table(stages.name, stages.caption, stages.columns, rows),
         stages_file=next((name for name in files if name.endswith("-stages.csv")), ""),
         left_out=max(len(stages.rows) - MOST_ROWS, 0),
         traces=pictures.draw_traces(shown, story.rig),
-        traced=_traces_caption(len(shown), sum(part.trace is not None for part in story.parts)),
+        traced=f"{strokes}, each measured once, on one scale. Expected: the nominal model, with the shaft as commanded.",
         static=pictures.draw_static_forces(stages_shown) if stages_shown else "",
         static_count=_of(len(stages_shown), len(recording.static), "stage"),
         cycles=pictures.draw_cycles(story) if pictures.has_cycles(recording) else "",
@@ -189,12 +188,6 @@ def _limits(story: RunStory) -> list[tuple[str, str]]:
             first, last = (f"{factor * limits[key]:.4g} {unit}" for limits in (story.limits, story.last_limits))
             lines.append((words, first if first == last else f"{first}, later {last}"))
     return lines
-
-
-def _first_and_marked(stages: Table) -> Table:
-    """The first rows, and all marked ones: stages that were cut short."""
-    rows = tuple(row for place, row in enumerate(stages.rows) if place < MOST_ROWS or row.marked)
-    return Table(stages.name, stages.caption, stages.columns, rows)
 
 
 def _thin_out(checks: Table) -> Table:
@@ -259,11 +252,6 @@ def _loads_sentence(story: RunStory) -> str:
     sentence += f", {100.0 * peak.force_N / limit:.0f} % of the limit of {limit:g} N" if limit else ""
     sentence += f"; the model expected {expected.force_N:.1f} N there" if expected else ""
     return keep_units_together(f"{sentence}.")
-
-
-def _traces_caption(shown: int, of: int) -> str:
-    strokes = _of(shown, of, "stroke")
-    return f"{strokes}, each measured once, on one scale. Expected: the nominal model, with the shaft as commanded."
 
 
 def _of(shown: int, of: int, what: str) -> str:

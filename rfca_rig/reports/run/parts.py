@@ -10,17 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.bench.expectation import predict_loads
-from rfca_rig.channels import WRENCH
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.cycles import Cycles
-from rfca_rig.protocol.plan import Plan, flap_label
+from rfca_rig.protocol.plan import Cycles, Plan, flap_label
 from rfca_rig.protocol.written_plan import parse_plan
-from rfca_rig.recording.cycle_table import CYCLES
+from rfca_rig.recording.layout import WRENCH
 from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stream, Stroke
+from rfca_rig.recording.tables import CYCLES
 
 Floats = NDArray[np.float64]
 Kind = Literal["stroke", "static stage", "cycles", "cut short"]
@@ -195,7 +194,9 @@ def _parts(recording: Recording, expected: _PredictedLoads, begun: Mapping[str, 
         label = flap_label(stroke.height_m, stroke.speed_rad_s, stroke.repeat)
         yield _stroke(stroke, label, expected, _next(begun, label))
     for stage in (stage for stage in recording.raw if CYCLES in stage.streams and not stage.cut_short):
-        yield _cycles(stage, expected, _next(begun, stage.label))
+        count = len(stage.streams[CYCLES].t_s)
+        loads = _peak(stage.streams), expected.of(stage.label)
+        yield RunPart("cycles", stage.label, _cycle_condition(stage.label), _next(begun, stage.label), count, *loads, count=count)
     holds = [stage for stage in whole.values() if CYCLES not in stage.streams]
     for place, static in enumerate(recording.static):
         # Samples belong to means one for one, or it is not known which belong to which.
@@ -227,12 +228,6 @@ def _static(stage: StaticStage, raw: RawStage | None, expected: _PredictedLoads,
         return RunPart("static stage", label, condition, None, 0, None, None)
     loads = _peak(raw.streams), expected.of(raw.label)
     return RunPart("static stage", raw.label, condition, begun, _samples(raw.streams), *loads)
-
-
-def _cycles(stage: RawStage, expected: _PredictedLoads, begun: PartBeginning | None) -> RunPart:
-    count = len(stage.streams[CYCLES].t_s)
-    loads = _peak(stage.streams), expected.of(stage.label)
-    return RunPart("cycles", stage.label, _cycle_condition(stage.label), begun, count, *loads, count=count)
 
 
 def _cut_short(stage: RawStage, expected: _PredictedLoads, begun: PartBeginning | None) -> RunPart:

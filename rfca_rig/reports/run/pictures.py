@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
-from rfca_rig.recording.cycle_table import cycle_table
 from rfca_rig.recording.model import Recording, StaticStage
+from rfca_rig.recording.tables import cycle_table
 from rfca_rig.reports.run.parts import RunPart, RunStory
 from rfca_rig.reports.style import (
     BAD,
@@ -70,7 +70,9 @@ def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> list[Panel]:
         drawn = []
         for part, trace in traces:
             figure, axes = make_panel("fz (N)", "time (s)", TRACE_IN)
-            condition = _height_and_speed(part.label)
+            # Height in m and speed in rad/s from the label of a stroke; None for another label.
+            words = part.label.replace(",", "").split()
+            condition = (1e-3 * float(words[1]), float(words[3])) if words[:1] == ["flap"] else None
             expected = None if rig is None or condition is None else _predict_stroke(rig, *condition, round(float(trace.t_s[-1]), 2))
             values = {"measured": trace.fz_N}
             if expected is not None:
@@ -88,12 +90,6 @@ def draw_traces(parts: Sequence[RunPart], rig: RigModel | None) -> list[Panel]:
             label = escape(f"fz over time, {title}, measured and expected", quote=True)
             panels.append(Panel(title, inline_svg(figure, f"trace {len(panels)}", label, hovers), ended=bool(part.ended)))
     return panels
-
-
-def _height_and_speed(label: str) -> tuple[float, float] | None:
-    """Height in m and speed in rad/s from the label of a stroke; None for another label."""
-    words = label.replace(",", "").split()
-    return (1e-3 * float(words[1]), float(words[3])) if words[:1] == ["flap"] else None
 
 
 # Repeats of a condition share one simulation; the end is rounded to 10 ms by the caller so that they find it.

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.stiffness_drift import stiffness_drift
-from rfca_rig.protocol.cycles import Cycles, StiffnessCheck, cycles_in
-from rfca_rig.protocol.plan import Flap
-from rfca_rig.recording.cycle_table import CYCLES
+from rfca_rig.protocol.plan import Cycles, Flap, StiffnessCheck, cycles_in
+from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME
 from rfca_rig.recording.model import RawStage, Recording, Stream, Stroke
-from rfca_rig.recording.rows import DEVICE_TIME, HOST_TIME
+from rfca_rig.recording.tables import CYCLES
 from rfca_rig.reports.run.parts import RunPart, RunStory
 from rfca_rig.reports.table import Table, TableColumn, TableRow, Value
 

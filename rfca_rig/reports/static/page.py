@@ -8,9 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
 from rfca_rig.analysis.torque_rotation.remarks import remarks
-from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult
 from rfca_rig.drivers.photo_files import Image, read_picture
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording.model import StaticStage

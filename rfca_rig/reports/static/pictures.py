@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.tip_load import LoadedShape
 from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
-from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
-from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult
 from rfca_rig.reports.style import (
     BAD,
     FAINT,

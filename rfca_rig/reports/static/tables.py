@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
-from rfca_rig.analysis.torque_rotation.elastica_curves import PredictedHingeCurve
-from rfca_rig.analysis.torque_rotation.static_result import StaticResult
+from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.table import Table, TableColumn, TableRow, Value, with_common_decimals
 
@@ -63,7 +62,13 @@ def _value(name: str, value: float, std: float, reach: float, unit: str) -> Tabl
 
 def curve_table(curve: TorqueCurve, angles: int) -> Table:
     """A few rows over the range of the curve, for reading, with bending positive; `angles` is the number of measured ones."""
-    return _curve(curve, np.radians(_round_angles(curve)) * curve.bends, f"from {angles} hinge angles")
+    # Round angles over the range of the curve, in steps that make FEW_LINES lines or less.
+    low, high = sorted(abs(float(np.degrees(angle))) for angle in curve.range_rad)
+    step = TABLE_STEP_DEG
+    while (high - low) / step > FEW_LINES:
+        step *= 2.0
+    round_deg = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
+    return _curve(curve, np.radians(round_deg) * curve.bends, f"from {angles} hinge angles")
 
 
 def full_curve_table(curve: TorqueCurve) -> Table:
@@ -99,15 +104,6 @@ def _curve_row(reach: float, angle: float, torque: float, torque_std: float, sti
             "stiffness_high_Nm_per_rad": stiffness + stiff_half,
         }
     )
-
-
-def _round_angles(curve: TorqueCurve) -> NDArray[np.float64]:
-    """Round angles (n,) deg over the range of the curve, in steps that make FEW_LINES lines or less."""
-    low, high = sorted(abs(float(np.degrees(angle))) for angle in curve.range_rad)
-    step = TABLE_STEP_DEG
-    while (high - low) / step > FEW_LINES:
-        step *= 2.0
-    return np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
 
 
 def hinges_table(result: StaticResult) -> Table:

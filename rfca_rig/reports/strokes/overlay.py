@@ -1,17 +1,35 @@
-"""Figure of one condition in the manner of the paper's Fig. 7 (c) to (f), with the residual below on its own scale."""
+"""Figure of one condition in the manner of the paper's Fig. 7 (c) to (f), with the residual below on its own scale.
 
-from collections.abc import Iterable
+The figure of the cross-check has the contact force of the model and of MuJoCo in the same manner.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.compare import ComparedCondition
-from rfca_rig.analysis.phases import StrokePhases, StrokeRegion
-from rfca_rig.analysis.valley import Valley
-from rfca_rig.reports.style import FAINT, MEASURED, SIMULATED, SIMULATED_EDGE, SMALL, Hover, drawing, envelope, hover_values, inline_svg
+from rfca_rig.analysis.crosscheck import CheckedCondition
+from rfca_rig.analysis.phases import StrokePhases, StrokeRegion, Valley
+from rfca_rig.reports.style import (
+    FAINT,
+    MEASURED,
+    SIMULATED,
+    SIMULATED_EDGE,
+    SMALL,
+    Hover,
+    check_picture_path,
+    drawing,
+    envelope,
+    hover_values,
+    inline_svg,
+    save_picture,
+)
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +47,8 @@ WORD_SHARE = 0.1
 REST_DRAWN_S = 0.1
 # Half the width of the parabola that is fitted to a valley.
 BEFORE_VALLEY_S = 0.01
+
+COLUMN_IN, HEIGHT_IN = 3.3, 3.6
 
 
 @dataclass(frozen=True)
@@ -151,10 +171,36 @@ def _residual_scale(compared: ComparedCondition) -> tuple[float, float | None]:
         before = max(before, float(size[repeat.t_s < first_s].max(initial=0.0)))
         anywhere = max(anywhere, float(size.max(initial=0.0)))
     # At least 1 N: a finer scale would show nothing but noise.
-    limit_N = _round_up(max(before, 1.0))
+    value = max(before, 1.0)
+    decade = 10.0 ** np.floor(np.log10(value))
+    limit_N = float(next(step * decade for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0) if step * decade >= value))
     return limit_N, anywhere if anywhere > limit_N else None
 
 
-def _round_up(value: float) -> float:
-    decade = 10.0 ** np.floor(np.log10(value))
-    return float(next(step * decade for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0) if step * decade >= value))
+def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) -> None:
+    """Writes a picture of the checked conditions to `path`, whose ending decides the format. Raises BadInput where that fails."""
+    # The ending is checked before anything is drawn.
+    check_picture_path(path)
+    with drawing():
+        # A fixed salt makes ids in the SVG, and so its bytes, the same each time; fonttype "none" keeps text as text.
+        mpl.rcParams.update({"svg.hashsalt": "crosscheck", "svg.fonttype": "none"})
+        figure = Figure(figsize=(COLUMN_IN * len(checked), HEIGHT_IN), layout="constrained")
+        axes = figure.subplots(2, len(checked), squeeze=False, sharex="col", sharey="row", height_ratios=(2.2, 1.0))
+        for column, one in zip(axes.T, checked, strict=True):
+            _draw(column[0], column[1], one)
+        axes[0, 0].set_ylabel("contact force (N)")
+        axes[1, 0].set_ylabel("difference (N)")
+        axes[0, 0].legend(frameon=False, fontsize=8.2)
+        save_picture(figure, path)
+
+
+def _draw(force: Axes, difference: Axes, one: CheckedCondition) -> None:
+    t_s = one.ours.t_s
+    force.plot(t_s, one.contact_N, color=SIMULATED, lw=2.8, label="this model")
+    force.plot(t_s, one.theirs.normal_N, color=MEASURED, lw=0.7, label="MuJoCo")
+    force.set_title(f"{one.label}: {one.stroke_pct:.2g} %", fontsize=9.2)
+    difference.plot(t_s, one.contact_N - one.theirs.normal_N, color=MEASURED, lw=0.6)
+    difference.set_xlabel("time from the start of the motion (s)")
+    # Only the contact is of interest: the axis shows it with 50 ms on either side.
+    touching = t_s[(one.contact_N > 0.0) | (one.theirs.normal_N > 0.0)]
+    force.set_xlim(float(np.min(touching)) - 0.05, float(np.max(touching)) + 0.05)

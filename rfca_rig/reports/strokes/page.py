@@ -8,7 +8,7 @@ from rfca_rig.analysis.compare import PAPER_AVERAGE_ERROR_PCT, ComparedCondition
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, make_peak_row
 from rfca_rig.analysis.repeats import group_by_condition
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.model.parameters import LawTable, RigModel
 from rfca_rig.model.tabulated_law import kind_of
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
@@ -109,7 +109,9 @@ def compare_sources(
     SimulationFailed
         Where a stroke cannot be simulated.
     """
-    names = _number_equal_titles([recording.title for recording in recordings])
+    # Equal titles are numbered in their order.
+    titles = [recording.title for recording in recordings]
+    names = [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]
     conditions = [len(group_by_condition(recording.strokes)) for recording in recordings]
     return tuple(
         _compare(name, recording, shaft, given, _offset_watcher(watcher, sum(conditions[:number]), sum(conditions)))
@@ -128,11 +130,6 @@ def _compare(name: str, recording: Recording, shaft: Shaft, given: GivenModel | 
     rig = nominal_model(recording.nominal) if given is None else given.rig
     conditions = iterate_with_progress(group_by_condition(recording.strokes), watcher)
     return ComparedSource(name, recording, rig, tuple(compare_condition(rig, condition, shaft) for condition in conditions))
-
-
-def _number_equal_titles(titles: Sequence[str]) -> list[str]:
-    """Equal titles are numbered in their order."""
-    return [f"{title} ({titles[: i + 1].count(title)})" if titles.count(title) > 1 else title for i, title in enumerate(titles)]
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,9 @@ from rfca_rig.reports.table import Table, TableColumn, TableRow
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import count_noun, number
 from rfca_rig.sweep.outputs import RequestedOutput
+from rfca_rig.sweep.plan import points
 from rfca_rig.sweep.quantities import find_quantity
 from rfca_rig.sweep.result import CSV, H5, SweepResult
-from rfca_rig.sweep.samples import points
 
 FILES = [CSV, H5, "sweep.json"]
 DEFINITIONS = (
@@ -220,7 +220,9 @@ def _sensitivity(each: OutputSensitivity) -> dict[str, Any]:
 def lines(result: SweepResult) -> list[str]:
     """Summary for a terminal: the extremes of each output, and where they are."""
     content = summary(result, [])
-    text = [f"{result.plan.title}: {count_noun(result.plan.count, 'case')}{_failures(result)}"]
+    parts = [(result.failed, "failed"), (result.incomplete, "without some output"), (result.mistakes, "met a mistake of rfca-rig")]
+    failures = "".join(f", {count} {words}" for count, words in parts if count)
+    text = [f"{result.plan.title}: {count_noun(result.plan.count, 'case')}{failures}"]
     for output in content["outputs"]:
         low, high = output["lowest"], output["highest"]
         text.append(
@@ -235,8 +237,3 @@ def _end_line(result: SweepResult, end: dict[str, Any]) -> str:
         with_unit(name, value) for name, value in end["at"].items() if result.plan.samples is None or name not in result.plan.samples.names
     ]
     return f"{value_text(end['value'])} ({', '.join(place)})" if place else value_text(end["value"])
-
-
-def _failures(result: SweepResult) -> str:
-    parts = [(result.failed, "failed"), (result.incomplete, "without some output"), (result.mistakes, "met a mistake of rfca-rig")]
-    return "".join(f", {count} {words}" for count, words in parts if count)

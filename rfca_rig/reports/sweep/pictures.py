@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.reports.style import ALIKE, BAD, FAINT, MEASURED, OTHER, PALE, SIMULATED, SMALL, drawing, inline_svg
 from rfca_rig.reports.sweep.views import View, axis_label, is_named, name_and_unit, value_text, with_unit
-from rfca_rig.sweep.plan import Axis
-from rfca_rig.sweep.samples import Range
+from rfca_rig.sweep.plan import Axis, Range
 
 Floats = NDArray[np.float64]
 

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.reports.table import Table, TableColumn, TableRow
 from rfca_rig.reports.text import MINUS, words_and_unit
-from rfca_rig.sweep.plan import Axis, SweepPlan
+from rfca_rig.sweep.plan import Axis, FirstOrder, SweepPlan, first_order, shares
 from rfca_rig.sweep.quantities import Value
 from rfca_rig.sweep.result import SweepResult
-from rfca_rig.sweep.samples import FirstOrder, first_order, shares
 
 Floats = NDArray[np.float64]
 
@@ -79,18 +78,14 @@ def views(plan: SweepPlan) -> tuple[list[View], int]:
     """The views of a grid, at most MOST_FACETS, and their number without that limit. A sweep with samples has none."""
     if plan.samples is not None or not plan.axes:
         return [], 0
-    # The horizontal axis is the one with the most numbers, so that a line has many points.
-    x = max(plan.axes, key=lambda axis: (_is_a_line(axis), is_named(axis), len(axis.values)))
+    # The horizontal axis is the one with the most numbers, so that a line has many points. Two points give no line, and words are then
+    # easier to read along the bottom.
+    x = max(plan.axes, key=lambda axis: (not is_named(axis) and len(axis.values) > 2, is_named(axis), len(axis.values)))
     others = sorted((axis for axis in plan.axes if axis is not x), key=lambda axis: -len(axis.values))
     second = others[0] if others else None
     rest = [axis for axis in plan.axes if axis not in (x, second)]
     facets = list(product(*([(axis.name, value) for value in axis.values] for axis in rest)))
     return [View(x, second, _as_map(x, second), facet) for facet in facets[:MOST_FACETS]], len(facets)
-
-
-def _is_a_line(axis: Axis) -> bool:
-    """Whether an axis gives a line: two points do not, and words are then easier to read along the bottom."""
-    return not is_named(axis) and len(axis.values) > 2
 
 
 def _as_map(x: Axis, second: Axis | None) -> bool:

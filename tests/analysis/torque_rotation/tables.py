@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import root
 
 from rfca_rig.analysis.mujoco_leg import mujoco_leg, settle_at_rest
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.exam.simulator.experiment import READ_S, STEP_S, plan_stages, sense, simulate
 from rfca_rig.exam.simulator.world import World

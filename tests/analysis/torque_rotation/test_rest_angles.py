@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.systematics import Instruments
-from rfca_rig.description.nominal_model import nominal_model
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.exam.nominal_world import nominal_world
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording
 

@@ -1,15 +1,20 @@
-"""The static experiment as an HDF5 group of columns, one row per settled stage."""
+"""The static experiment as an HDF5 group of columns, one row per settled stage, and the table of a fatigue run's cycles.
+
+The cycles are stored block by block like every other stage, a row of numbers each.
+"""
 
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, cast
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
-from rfca_rig.recording.columns import read_column, read_names, write_column
-from rfca_rig.recording.model import Column, Direction, StaticStage
+from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME, ColumnForm, Rows, StreamForm, read_column, read_names, write_column
+from rfca_rig.recording.model import Column, Direction, Floats, Recording, StaticStage
 from rfca_rig.recording.strokes import BEFORE, height_mm
 
 STATIC = "static"
@@ -21,6 +26,23 @@ _SETTLED = {None: -1, False: 0, True: 1}
 # UTF-8; files from before there were cameras have none.
 _TEXTS = ("photo", "overlay", "photo_doubts")
 _PLAIN = {"shaft_angle_rad": "rad", "fy_N": "N", "fz_N": "N", "tx_Nm": "N m"}
+
+CYCLES = "cycles"
+NUMBER = "cycle"
+
+CYCLE_FORM = StreamForm(
+    CYCLES,
+    (
+        ColumnForm(NUMBER, "<u4", ""),
+        ColumnForm("peak_force_N", "<f4", "N"),
+        ColumnForm("peak_moment_Nm", "<f4", "N m"),
+        ColumnForm("min_fz_N", "<f4", "N"),
+        ColumnForm("mean_speed_rad_s", "<f4", "rad/s"),
+        ColumnForm(HOST_TIME, "<f8", "s"),
+        ColumnForm(DEVICE_TIME, "<f8", "s"),
+    ),
+)
+_DTYPE = CYCLE_FORM.dtype
 
 
 def write_static(parent: h5py.Group, stages: Sequence[StaticStage]) -> None:
@@ -105,3 +127,30 @@ def _stage(row: dict[str, Any], hinges: int, std: Sequence[str]) -> StaticStage:
         **{name: row[name] for name in _PLAIN},
         **{name: row.get(name, "") for name in _TEXTS},
     )
+
+
+def cycle_row(number: int, values: tuple[float, float, float, float], host_s: float, device_s: float) -> Rows:
+    """One cycle as a record array (1,); `values` are peak force, peak moment, least fz and mean speed."""
+    return np.array([(number, *values, host_s, device_s)], _DTYPE)
+
+
+@dataclass(frozen=True)
+class CycleTable:
+    """All cycles of a run in order; all (m,). `numbers` count from 1 over the whole run; cycles recorded as full strokes are not here."""
+
+    numbers: NDArray[np.uint32]
+    peak_force_N: Floats
+    peak_moment_Nm: Floats
+    min_fz_N: Floats
+    mean_speed_rad_s: Floats
+
+
+def cycle_table(recording: Recording) -> CycleTable:
+    """The cycles of every block, complete or cut short; empty where the run has none."""
+    streams = [stage.streams[CYCLES] for stage in recording.raw if CYCLES in stage.streams]
+
+    def join_column(name: str) -> NDArray[np.float64]:
+        return np.concatenate([np.zeros(0), *(stream.columns[name].values for stream in streams)])
+
+    numbers = np.concatenate([np.zeros(0, np.uint32), *(stream.columns[NUMBER].raw for stream in streams)])
+    return CycleTable(numbers, *(join_column(name) for name in ("peak_force_N", "peak_moment_Nm", "min_fz_N", "mean_speed_rad_s")))
