@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.config import MOST_RIVALS, MOVED_PRIOR_STD, PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN
 from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision, Supported
@@ -15,6 +16,8 @@ from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
 from rfca_rig.diagnosis.result import Criterion, Diagnosis, Located, MovedPrior, NotSeen, Value
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
+
+Floats = NDArray[np.float64]
 
 
 def describe(decision: Decision) -> str:
@@ -98,7 +101,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         overlays=make_overlays(found, explanation, experiment),
         settings=_settings(found, effects),
         found_effects=present_effects(used),
-        found_rig=used.fitted.coordinates.supposed(used.marginal.posterior.mean).rig,
+        found_rig=used.fitted.coordinates.supposed(_possible_mean(used)).rig,
         grade=decision.grade,
         probability=None if decision.grade == "not enough data" else decision.probability,
         family=decision.family,
@@ -160,10 +163,17 @@ def nuisance_priors(hypothesis: Hypothesis) -> Mapping[str, Value]:
     return {name: Value(float(v), float(s)) for name, v, s in zip(space.names, space.centres, space.prior_std, strict=True)}
 
 
+def _possible_mean(hypothesis: Hypothesis) -> Floats:
+    """Posterior mean (p,) with every nuisance parameter raised to its lowest possible value."""
+    space, mean = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior.mean
+    count = len(space.std)
+    return np.concatenate([space.clip(mean[:count]), mean[count:]])
+
+
 def nuisance_values(hypothesis: Hypothesis) -> Mapping[str, Value]:
     """Posterior means and standard deviations of the nuisance parameters, in their units."""
     space, posterior = hypothesis.fitted.coordinates.space, hypothesis.marginal.posterior
-    x = posterior.mean[: len(space.std)]
+    x = _possible_mean(hypothesis)[: len(space.std)]
     std = space.std_in_units(x, np.sqrt(np.diag(posterior.covariance))[: len(space.std)])
     return {name: Value(float(v), float(s)) for name, v, s in zip(space.names, space.values(x), std, strict=True)}
 

@@ -187,13 +187,15 @@ def test_a_scaled_parameter_stays_positive():
     assert 0.0 < result.parameters[0].value < 0.01
 
 
-def test_a_shifted_value_stops_at_its_lowest():
+def test_a_point_is_clipped_to_the_lowest_values():
     coulomb = replace(BELIEF, rig=replace(BELIEF.rig, ground=replace(BELIEF.rig.ground, drag_N_s_per_m=0.0)))
     space = make_prior(("tangential_damping", "friction_rise"), coulomb, {})
     # Damping that drives a sliding point does not exist; friction may act below the lowest point of a print.
-    assert space.values(np.array([-0.5, -0.5])) == pytest.approx([0.0, -0.25])
-    assert space.at(np.array([-0.5, 0.0])).rig.ground.drag_N_s_per_m == 0.0
-    assert space.at(np.array([0.5, 0.0])).rig.ground.drag_N_s_per_m == 0.5
+    assert space.values(space.clip(np.array([-0.5, -0.5]))) == pytest.approx([0.0, -0.25])
+    assert space.at(space.clip(np.array([-0.5, 0.0]))).rig.ground.drag_N_s_per_m == 0.0
+    assert space.clip(np.array([0.5, 0.0])).tolist() == [0.5, 0.0]
+    scaled = make_prior(("k0",), coulomb, {})
+    assert scaled.clip(np.array([-4.0])).tolist() == [-4.0]
 
 
 def test_two_answers_show_as_starts_that_disagree():

@@ -40,8 +40,7 @@ class Prior(Generic[S]):
     """The parameters of one fit around a first point.
 
     A point x (p,) counts prior standard deviations, so that one step length suits all. The value is centre + std x, or centre exp(std x)
-    for relative parameters, which keeps them positive. Below the lowest possible value it is that value: the residuals no longer depend on
-    x, and the prior leads back. `std` (p,) falls back to `spread` where `has_prior` (p,) is False.
+    for relative parameters, which keeps them positive. `std` (p,) falls back to `spread` where `has_prior` (p,) is False.
     """
 
     parameters: tuple[FitParameter[S], ...]
@@ -63,8 +62,14 @@ class Prior(Generic[S]):
         """The values at x, (p,), in the parameters' units."""
         # np.where evaluates both branches: without the inner one, exp could overflow for parameters that are not relative.
         relative = self._is_relative
-        values = np.where(relative, self.centres * np.exp(np.where(relative, self.std * x, 0.0)), self.centres + self.std * x)
-        return np.maximum(values, self._lowest)
+        return np.where(relative, self.centres * np.exp(np.where(relative, self.std * x, 0.0)), self.centres + self.std * x)
+
+    def clip(self, x: Floats) -> Floats:
+        """The point x (p,) with every value raised to its lowest possible one.
+
+        A search without bounds may pass them: beyond, slopes stay those of the values inside, where clipped values would have none.
+        """
+        return np.maximum(x, (self._lowest - self.centres) / self.std)
 
     def point(self, name: str, value: float) -> float:
         """The coordinate x at which parameter `name` has `value`."""
