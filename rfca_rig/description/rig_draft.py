@@ -18,16 +18,16 @@ IN_THE_PICTURE_mm = 330.0
 # Of a floor with Coulomb friction only, these keys are absent.
 NOT_COULOMB = ("presliding_mm", "tangential_damping_N_s_per_m")
 
-# Usual values of the keys that each device needs, beside those that were asked for. Those of an ODrive and a Net F/T are the twin's.
+# Usual values of the keys that each device needs, beside those that were asked for. The devices of the shipped twin have its values.
 _SERVO = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.115, "zero_deg": 0.0, "status_period_ms": 2.0}
 DRIVES: dict[str, dict[str, Any]] = {
-    "odrive": {"gear_ratio": 9.0, "zero_turns": 0.0, "encoder_period_ms": 2.0},
+    "odrive": {},
     "cubemars-mit": {"model": "AK80-9", "zero_deg": 0.0},
     "cubemars-servo": _SERVO,
     "moteus": {"zero_turns": 0.0},
 }
 SENSORS: dict[str, dict[str, Any]] = {
-    "ati-net-ft": {"counts_per_N": 1e6, "counts_per_Nm": 1e6, "rate_Hz": 7000.0},
+    "ati-net-ft": {},
     "ati-serial": {"counts_per_N": 20.0, "counts_per_Nm": 333.3333, "rate_Hz": 60.0},
     "ati-daq": {"rate_Hz": 15000.0},
 }
@@ -81,7 +81,14 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     usual
         The tables of the shipped twin, from which all other values come.
     """
-    sensor_values = SENSORS[answers.sensor]
+    # A make that the shipped twin does not have takes nothing of it.
+    motor_values, sensor_values = (
+        usual[section] if usual[section]["device"] == device else values
+        for section, device, values in (
+            ("motor", answers.drive, DRIVES[answers.drive]),
+            ("force_sensor", answers.sensor, SENSORS[answers.sensor]),
+        )
+    )
     asked: dict[str, dict[str, Any]] = {
         "rig": {"title": title, "kind": "twin"},
         "leg": {
@@ -108,7 +115,7 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     others: dict[str, Mapping[str, Any]] = {
         **usual,
         "ground": {key: value for key, value in usual["ground"].items() if key not in NOT_COULOMB},
-        "motor": {"direction": 1, **DRIVES[answers.drive]},
+        "motor": {"direction": usual["motor"]["direction"], **motor_values},
         "force_sensor": sensor_values,
         "twin": {},
     }

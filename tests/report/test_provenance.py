@@ -58,7 +58,7 @@ def test_the_head_states_date_operator_specimen_rig_and_version():
     one, other = recording(static=stages(), provenance=known), recording(static=stages(), provenance={**known, "operator": "Bo"})
     facts = dict(origin_in_memory([one, other]).facts)
     assert [facts[name] for name in ("Date", "Operator", "Specimen", "Rig")] == ["2026-11-03 14:05 UTC", "Ada, Bo", "leg 4", "bench"]
-    # What nobody stated stands together in one place.
+    # What is not stated stands together in one place.
     assert dict(origin_in_memory([recording(static=stages())]).facts)[NOT_STATED] == "date, operator, specimen, rig"
     assert [name for name, _ in Origin().facts] == ["Version"]
 

@@ -10,7 +10,6 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.result import describe_pair
@@ -25,7 +24,7 @@ from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
 from rfca_rig.reports.provenance import Origin
-from rfca_rig.reports.style import FAINT, MEASURED, OTHER, SIMULATED, Panel, drawing, inline_svg
+from rfca_rig.reports.style import FAINT, MEASURED, OTHER, SIMULATED, Panel, drawing, inline_svg, make_panel
 from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, as_csv, table_files, write_all
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import MINUS, name_with_unit, words_and_unit
@@ -34,7 +33,6 @@ Floats = NDArray[np.float64]
 
 # Points of one series in one panel.
 MOST_POINTS = 400
-LEFT_IN, RIGHT_IN, TOP_IN, BOTTOM_IN, PANEL_IN = 0.76, 0.2, 0.08, 0.5, (3.4, 1.5)
 POSITION, SPEED = "_position_", "_speed_"
 
 PAGE = "report.html"
@@ -122,8 +120,6 @@ def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
 
 def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, Panel]:
     """Two panels on a common scale, over position and over speed; `name` is that of the residual."""
-    size_in = np.array([PANEL_IN[0] + LEFT_IN + RIGHT_IN, PANEL_IN[1] + BOTTOM_IN + TOP_IN])
-    box = (np.array([LEFT_IN, BOTTOM_IN, *PANEL_IN]) / [*size_in, *size_in]).tolist()
     words, unit = words_and_unit(name)
     of_position, unit_of_position = words_and_unit(position)
     over = {
@@ -133,15 +129,12 @@ def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, P
     panels = []
     for part, label in over.items():
         with drawing():
-            figure = Figure(figsize=tuple(size_in))
-            axes = figure.add_axes(box)
+            figure, axes = make_panel(f"residual ({unit})", label)
             axes.axhline(0.0, color=FAINT, lw=0.6)
             for one in series:
                 # Every n-th point, n rounded up: more points only blacken the panel.
                 every = max(1, -(-len(one.residual) // MOST_POINTS))
                 axes.plot(getattr(one, part)[::every], one.residual[::every], ls="", marker=".", ms=3.4, mew=0.0, color=one.color)
-            axes.set_ylabel(f"residual ({unit})")
-            axes.set_xlabel(label)
             svg = inline_svg(figure, f"residual {name} {part}", escape(f"residual of {words} over {part} of the joint", quote=True))
         panels.append(Panel("", svg))
     return panels[0], panels[1]
