@@ -1,6 +1,6 @@
 """Scores a folder of diagnoses: python -m rfca_rig.exam.scoring --cases DIR --diagnoses DIR.
 
-The goals that the scores are compared with are its bars.
+Each score has a goal, see `bars`.
 """
 
 import argparse
@@ -46,25 +46,25 @@ def bars(marks: ExamScores) -> Sequence[ScoreGoal]:
     return (
         _most("nothing missing: effects or families stated", Share(*statements.claims_on_nothing), 0.0),
         _most("wrong effects or families stated at 80 % or more", Share(*statements.wrong), 0.02),
-        _most("false names where nothing is missing", marks.null_false_claims, 0.0),
-        _most("wrong among all names", marks.false_discoveries, 0.05),
-        _most("strangers given a wrong name at 90 % or more", marks.stranger_confident_wrong, 0.05),
-        _least("strangers reported as unexplained", marks.stranger_unexplained, 0.8),
-        _least("one effect that can be seen: right, or in its class", marks.single_in_class_detectable, 0.95),
-        _least("the same: effect or family stated at any grade", Share(*statements.singles), 0.95),
-        _least("one effect above a model error of 1 %: the same", marks.single_in_class_above, 0.9),
-        _least("two effects that can be seen: exactly both", marks.pairs_exact_detectable, 0.9),
-        _least("two effects above a model error of 1 %: the same", marks.pairs_exact_above, 0.8),
-        _least("two effects: no wrong name", marks.pairs_without_wrong, 0.9),
+        _most("nothing missing: effects identified", marks.null_false_claims, 0.0),
+        _most("wrong among all identified effects", marks.false_discoveries, 0.05),
+        _most("outside the catalogue: wrong effect at 90 % or more", marks.stranger_confident_wrong, 0.05),
+        _least("outside the catalogue: reported as unexplained", marks.stranger_unexplained, 0.8),
+        _least("one detectable effect: right, or in its indistinguishable set", marks.single_in_class_detectable, 0.95),
+        _least("one detectable effect: effect or family stated at any grade", Share(*statements.singles), 0.95),
+        _least("one effect above a model error of 1 %: right, or in its set", marks.single_in_class_above, 0.9),
+        _least("two detectable effects: exactly both", marks.pairs_exact_detectable, 0.9),
+        _least("two effects above a model error of 1 %: exactly both", marks.pairs_exact_above, 0.8),
+        _least("two effects: none wrong", marks.pairs_without_wrong, 0.9),
         _least("three effects: two or more stated, none wrong", Share(*statements.triples), 0.7),
         _least("laws wrong by 20 to 40 %: right family stated", Share(*statements.family), 0.9),
-        _least("the same: sizes inside their 90 % interval", Share(*statements.family_sizes), 0.87),
+        _least("laws wrong by 20 to 40 %: sizes inside their 90 % interval", Share(*statements.family_sizes), 0.87),
         _least("outside the catalogue: place, where one is stated", Share(*statements.place), 0.8),
         _least("right family with a wrong law: family, or unexplained", marks.wrong_law_acceptable, 0.9),
-        _most("poor data: wrong names", marks.poor_data_wrong, 0.05),
-        _most("wrong metadata: wrong names", marks.mislabelled_wrong, 0.05),
-        _least("truth in the class that was given", marks.truth_in_class, 0.95),
-        ScoreGoal("mean size of a class", marks.mean_class_size, None, 3.0, ""),
+        _most("poor data: wrong effects", marks.poor_data_wrong, 0.05),
+        _most("wrong metadata: wrong effects", marks.mislabelled_wrong, 0.05),
+        _least("truth in the indistinguishable set that is stated", marks.truth_in_class, 0.95),
+        ScoreGoal("mean size of an indistinguishable set", marks.mean_class_size, None, 3.0, ""),
         ScoreGoal(
             "calibration error of stated probabilities",
             statements.calibration_error,
@@ -72,17 +72,17 @@ def bars(marks: ExamScores) -> Sequence[ScoreGoal]:
             0.05,
             f"{statements.probabilities} probabilities",
         ),
-        ScoreGoal("calibration error of probabilities of names", claims.ece, None, 0.05, ""),
-        ScoreGoal("right among claims at 90 % or more", claims.confident_right, 0.9, None, f"{claims.confident} claims"),
+        ScoreGoal("calibration error of probabilities of identified effects", claims.ece, None, 0.05, ""),
+        ScoreGoal("right among effects identified at 90 % or more", claims.confident_right, 0.9, None, f"{claims.confident} claims"),
         ScoreGoal("median error of parameters", values.median_error, None, 0.1, f"{values.count} values"),
         _least("stated sizes inside their 90 % interval", Share(*statements.sizes), 0.87),
-        ScoreGoal("parameters of names inside their 90 % interval", values.coverage_90, 0.85, 0.95, f"{values.count} values"),
+        ScoreGoal("parameters of identified effects inside their 90 % interval", values.coverage_90, 0.85, 0.95, f"{values.count} values"),
         _most("pendulums, nothing missing: effects or families stated", Share(*pendulums.claims_on_nothing), 0.0),
         _most("pendulums: wrong effects or families at 80 % or more", Share(*pendulums.wrong), 0.02),
-        _least("pendulums, one effect that can be seen: it or its family", Share(*pendulums.singles), 0.9),
+        _least("pendulums, one detectable effect: it or its family", Share(*pendulums.singles), 0.9),
         _least("pendulums: stated sizes inside their 90 % interval", Share(*pendulums.sizes), 0.87),
         ScoreGoal("pendulums: calibration error", pendulums.calibration_error, None, 0.05, f"{pendulums.probabilities} probabilities"),
-        ScoreGoal("gap closed on held-out conditions", marks.gap_closed, 0.8, None, f"{marks.gap_worse.of} cases"),
+        ScoreGoal("misfit removed on held-out conditions", marks.gap_closed, 0.8, None, f"{marks.gap_worse.of} cases"),
     )
 
 
@@ -116,20 +116,20 @@ def format_scores(marks: ExamScores) -> Iterator[str]:
     yield ""
     if any(each.of for each in marks.power):
         yield (
-            f"one effect, it or its family stated, by multiples of what can be seen ({', '.join(f'{at:g}' for at in POWER_AT)}): "
+            f"one effect, it or its family stated, by multiples of the detection limit ({', '.join(f'{at:g}' for at in POWER_AT)}): "
             + ", ".join(f"{each.hits}/{each.of}" for each in marks.power)
         )
     if marks.calibration.bins:
         yield f"Brier {marks.calibration.brier:.3f}, logarithmic score {marks.calibration.log_score:.3f}"
     yield (
         f"detection: {marks.false_alarms.hits} false alarms of {marks.false_alarms.of}, {marks.missed.hits} missed of {marks.missed.of}, "
-        f"{marks.detection_errors.hits} errors of {marks.detection_errors.of}; {marks.classification_errors} names wrong or missing"
+        f"{marks.detection_errors.hits} errors of {marks.detection_errors.of}; {marks.classification_errors} effects wrong or missing"
     )
     if marks.null_false_claims.of:
-        yield f"false names where nothing is missing: below {marks.null_false_claims.upper:.1%} with 95 % confidence"
+        yield f"effects identified where nothing is missing: below {marks.null_false_claims.upper:.1%} with 95 % confidence"
     for (true, called), count in sorted(marks.confusion.items()):
         if true != called:
-            yield f"{count} x {true} called {called}"
+            yield f"{count} x {true} identified as {called}"
     yield from (f"{miss.case} ({miss.kind}): {miss.reason}" for miss in marks.worst)
 
 
@@ -143,7 +143,7 @@ def _lines(bar: ScoreGoal) -> Iterator[str]:
 
 def main() -> int:
     """The command."""
-    parser = argparse.ArgumentParser(description="Opens the truths and marks what was diagnosed.")
+    parser = argparse.ArgumentParser(description="Opens the hidden truths and scores the diagnoses.")
     parser.add_argument("--cases", type=Path, required=True, help="the folder that the cases were written into")
     parser.add_argument("--diagnoses", type=Path, required=True, help="holds case-NNNN/diagnosis.json")
     arguments = parser.parse_args()

@@ -71,12 +71,12 @@ def test_a_stopped_exam_leaves_nobody_behind_and_goes_on_where_it_stood(monkeypa
     kept = [*(out / "sealed").iterdir(), out / "seals.txt", *out.glob("campaigns/*/campaign.toml"), *out.glob("diagnoses/case-0001/*")]
     before = {path: path.stat().st_mtime_ns for path in kept}
     said = prove(monkeypatch, capsys, out, "--so-far")
-    assert said.exit_code == 0 and "poor data: wrong names" in said.out and "0 of 1" in said.out
+    assert said.exit_code == 0 and "poor data: wrong effects" in said.out and "0 of 1" in said.out
     assert "3 cases of the kind" in (out / "exam.html").read_text() and "1 of them so far" in (out / "exam.html").read_text()
     monkeypatch.setattr(prove_command, "diagnose_as_typed", wants_more_data)
     said = prove(monkeypatch, capsys, out, *EXAM)
     assert said.exit_code == 0
-    assert "poor data: wrong names" in said.out and "0 of 3" in said.out
+    assert "poor data: wrong effects" in said.out and "0 of 3" in said.out
     assert {path: path.stat().st_mtime_ns for path in kept} == before
     assert sorted(folder.name for folder in (out / "diagnoses").iterdir()) == ["case-0001", "case-0002", "case-0003"]
 

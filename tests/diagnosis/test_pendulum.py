@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.fitting.space import never_below
-from rfca_rig.analysis.swings import make_swing_problem
-from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun, read_pendulum_campaign
+from rfca_rig.analysis.swings import Nuisance, make_swing_problem
+from rfca_rig.campaign.pendulum import KnownToPendulum, PendulumCampaign, PendulumRun, read_pendulum_campaign
 from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
 from rfca_rig.diagnosis.pendulums.windows import PendulumInput, cut_stretches, space_of_pendulum
 from rfca_rig.model.effects.joint_torques import torque_trace
@@ -210,6 +210,15 @@ def test_rows_lie_beside_what_the_model_says_of_them():
         rows = stretch.rows()
         usual = np.hypot(rows.noise, 0.01 * rows.scale)
         assert np.sqrt(np.mean(((rows.measured - stretch.simulated(supposed)) / usual) ** 2)) < 1.0
+
+
+def test_every_nuisance_parameter_has_the_unit_of_its_key():
+    keys = [key for key in KnownToPendulum.model_fields if key != "torque_error_relative"]
+    space = space_of_pendulum(BELIEVED, [Nuisance(f"link1.{key}", 0.1) for key in keys])
+    units = dict(zip(keys, (parameter.unit for parameter in space.parameters), strict=True))
+    spelled = {key: unit.replace("N m", "Nm").replace("/", " per ").replace(" ", "_") for key, unit in units.items()}
+    assert [key for key in keys if not key.endswith(spelled[key])] == []
+    assert all(bool(units[key]) != key.endswith("_relative") for key in keys)
 
 
 @pytest.mark.parametrize("which", [0, 1], ids=["angle", "speed"])

@@ -135,7 +135,7 @@ def test_a_folder_of_diagnoses_is_marked(tmp_path):
     marks = score_folder(tmp_path / "out", tmp_path / "told")
     assert marks.outcomes == {cases.POOR_DATA: {"right": 2}}
     text = "\n".join(format_scores(marks))
-    assert "poor data: wrong names" in text and "0 of 2" in text
+    assert "poor data: wrong effects" in text and "0 of 2" in text
 
 
 def test_the_table_of_all_kinds_fits_a_terminal():

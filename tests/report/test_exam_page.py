@@ -46,8 +46,8 @@ def test_every_bar_is_told_with_goal_value_and_counts(exam, shown):
         assert bar.name in text and bar.counted in text
     false = exam.marks.false_discoveries
     assert false.hits > 0
-    assert f"wrong among all namesat most 5 %{100 * false.value:.1f} %{false.hits} of {false.of}" in text
-    assert f"{false.hits} of {false.of} names were false" in text
+    assert f"wrong among all identified effectsat most 5 %{100 * false.value:.1f} %{false.hits} of {false.of}" in text
+    assert f"{false.hits} of {false.of} identified effects were wrong" in text
     failed = sum(bar.passed is False for bar in bars(exam.marks))
     assert failed > 0 and shown.count('<td class="failed">') == failed
 
@@ -90,7 +90,7 @@ def test_an_exam_of_one_kind_is_told_without_what_it_did_not_ask(tmp_path):
     told = page(small)
     text = Outline(told).text
     assert "nan" not in text and "no case" in text
-    assert "nothing was named; none of 4 campaigns that lack nothing were given a name" in text
+    assert "no effect was identified; in none of 4 campaigns without one, an effect was identified" in text
     assert "rfca-rig prove --out exam --seed 3 --cases 4 --kind 'nothing missing'" in text
     assert score_exam(tmp_path).plan == ExamPlan(3, {cases.NOTHING: 4})
 
@@ -110,7 +110,7 @@ def test_the_matrix_counts_and_shows_the_worst():
         replace(PLAIN, kind=cases.PAIR, concealed=("tip_mass", "sensor_lag")),
     ]
     matrix = matrix_of(marked)
-    assert (matrix.names, matrix.verdicts) == (("tip_mass", "fluid_drag"), ("several names", "nothing missing", "unexplained"))
+    assert (matrix.names, matrix.verdicts) == (("tip_mass", "fluid_drag"), ("several effects", "nothing missing", "unexplained"))
     (single, (row,)), (stranger, (other,)) = matrix.kinds
     assert (single, stranger, row.concealed, other.concealed) == (cases.SINGLE, cases.STRANGER, "tip_mass", "floor_magnet")
     assert row.cells == (MatrixCell(2, "right"), MatrixCell(2, "wrong"), MatrixCell(1, "wrong"), MatrixCell(1, ""), None)

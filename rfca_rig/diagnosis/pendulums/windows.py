@@ -28,6 +28,16 @@ from rfca_rig.model.parameters import GRAVITY_M_S2
 from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, make_driven_pendulum, rods
 
 NEVER_NEGATIVE = ("joint_damping_Nm_s_per_rad", "joint_friction_Nm", "rotor_inertia_kg_m2")
+# Units of the nuisance parameters; those that are missing here are shares.
+UNITS = {
+    "centre_of_mass_m": "m",
+    "joint_damping_Nm_s_per_rad": "N m s/rad",
+    "joint_friction_Nm": "N m",
+    "torque_offset_Nm": "N m",
+    "zero_offset_rad": "rad",
+    "torque_delay_s": "s",
+    "rotor_inertia_kg_m2": "kg m2",
+}
 
 Floats = NDArray[np.float64]
 
@@ -63,8 +73,7 @@ def _parameter(pendulum: Pendulum, nuisance: Nuisance) -> FitParameter[PendulumI
     def write(at: PendulumInput, value: float) -> PendulumInput:
         return replace(at, off=(*(pair for pair in at.off if pair[0] != nuisance.name), (nuisance.name, shift(value))))
 
-    unit = "" if nuisance.name.endswith("_relative") else nuisance.name.split("_", 2)[-1]
-    return FitParameter(nuisance.name, unit, False, nuisance.std, read, write)
+    return FitParameter(nuisance.name, UNITS.get(key, ""), False, nuisance.std, read, write)
 
 
 def to_pendulum_input(at: ModelPoint) -> PendulumInput:

@@ -24,13 +24,13 @@ from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import NO_BREAK, NOTHING, count_noun, number
 
 MEANINGS = {
-    "right": "names exactly what is there; or nothing where nothing is; or says that it cannot explain what no name fits",
-    "class": "what is there is among those that a name is said to be indistinguishable from",
-    "partial": "some of what is there, nothing false",
-    "extra": "all that is there, and something false",
-    "wrong": "something false, and not all that is there",
-    "silent": "“nothing missing”, though something is",
-    "cautious": "no name where one was to be had, or an alarm where nothing is missing",
+    "right": "exactly the hidden effects; nothing where nothing is hidden; unexplained where the effect is outside the catalogue",
+    "class": "the hidden effect is in the indistinguishable set of the identified one",
+    "partial": "some of the hidden effects, none wrong",
+    "extra": "all hidden effects, and a wrong one",
+    "wrong": "a wrong effect, and not all hidden ones",
+    "silent": "nothing missing, though an effect is hidden",
+    "cautious": "no effect where one could be identified, or an alarm where nothing is hidden",
 }
 PASSED = {True: "passed", False: "failed", None: "none"}
 
@@ -44,9 +44,9 @@ SCORED_KINDS = (cases.SINGLE, cases.PAIR)
 # Parts of a stacked bar from below: outcomes, colour, words. The part without outcomes takes all that no other part lists.
 PARTS = (
     ((RIGHT,), MEASURED, "right"),
-    ((CLASS,), ALIKE, "in its class"),
-    ((), PALE, "no name"),
-    ((WRONG, EXTRA), BAD, "false name"),
+    ((CLASS,), ALIKE, "in its indistinguishable set"),
+    ((), PALE, "none identified"),
+    ((WRONG, EXTRA), BAD, "wrong effect"),
 )
 
 
@@ -60,7 +60,7 @@ def page(exam: ExamResult, files: Sequence[str] = (), version: str = __version__
     files
         Names of the files beside the page, which it links.
     version
-        Version of the program, for the foot of the
+        Version of the program, for the foot of the page.
     """
     marks, all_bars = exam.marks, bars(exam.marks)
     judged = [bar for bar in all_bars if bar.passed is not None]
@@ -68,7 +68,7 @@ def page(exam: ExamResult, files: Sequence[str] = (), version: str = __version__
         sheets=("verdict.css", "exam.css"),
         origin=Origin(_command_line(exam), (), version, "of the same cases"),
         files=files,
-        of=f"Blind exam of the diagnosis: {exam.words}, rfca-rig {__version__}",
+        of=f"Blind benchmark of the diagnosis: {exam.words}, rfca-rig {__version__}",
         sentence=_sentence(marks, len(exam.cases)),
         passed=sum(bar.passed is True for bar in judged),
         judged=len(judged),
@@ -101,12 +101,12 @@ def share_text(value: float, trimmed: bool = True) -> str:
 
 
 def _sentence(marks: ExamScores, count: int) -> str:
-    """Standfirst: number of cases, and of false names, which are the worst answers."""
+    """Headline: number of cases, and of wrong effects, which are the worst answers."""
     names, null = marks.false_discoveries, marks.null_false_claims
-    text = f"{count_noun(count, 'campaign')} of another simulator, truths under seal: "
+    text = f"{count_noun(count, 'campaign')} of another simulator with hidden effects: "
     were = "was" if names.of == 1 else "were"
-    text += f"{names.hits} of {count_noun(names.of, 'name')} {were} false" if names.of else "nothing was named"
-    return f"{text}; {null.hits or 'none'} of {null.of} campaigns that lack nothing were given a name." if null.of else f"{text}."
+    text += f"{names.hits} of {count_noun(names.of, 'identified effect')} {were} wrong" if names.of else "no effect was identified"
+    return f"{text}; in {null.hits or 'none'} of {null.of} campaigns without one, an effect was identified." if null.of else f"{text}."
 
 
 def _bar(bar: ScoreGoal) -> dict[str, str]:
@@ -159,20 +159,20 @@ def _calibration(marks: ExamScores) -> str:
 
 def _values(marks: ExamScores) -> str:
     found = marks.values
-    covered = f"; {share_text(found.coverage_90)} of the 90 % intervals hold the truth" if isfinite(found.coverage_90) else ""
-    return f"{count_noun(found.count, 'parameter')}: half of them within {share_text(found.median_error)}{covered}."
+    covered = f"; {share_text(found.coverage_90)} of the 90 % intervals contain the true value" if isfinite(found.coverage_90) else ""
+    return f"{count_noun(found.count, 'parameter')}: median error {share_text(found.median_error)}{covered}."
 
 
 def _gap(marks: ExamScores) -> str:
     got = marks.gap_worse
-    return f"Median {share_text(marks.gap_closed)} over {count_noun(got.of, 'case')} with right names; {got.hits or 'none'} got worse."
+    return f"Median {share_text(marks.gap_closed)} over {count_noun(got.of, 'case')} with right answers; {got.hits or 'none'} became worse."
 
 
 def _detection(marks: ExamScores) -> str:
     alarms, missed, errors = (_of(share) for share in (marks.false_alarms, marks.missed, marks.detection_errors))
     return (
-        f"As the DXC competitions count: {alarms} false alarms where nothing is missing; {missed} missed of what can be seen; "
-        f"{errors} cases with the wrong answer to whether anything is missing; {marks.classification_errors} names false or missing."
+        f"Counted as in the DXC diagnosis competitions: {alarms} false alarms where nothing is missing; {missed} missed of the detectable; "
+        f"{errors} cases with the wrong answer to whether anything is missing; {marks.classification_errors} effects wrong or missing."
     )
 
 
@@ -205,7 +205,7 @@ def draw_reliability(found: ClaimCalibration) -> str:
 def draw_power(marked: Sequence[ScoredCase]) -> str:
     """Shares of outcomes for single effects over their strength, in bins of equal width."""
     single = [case for case in marked if case.kind == cases.SINGLE]
-    return _draw_figure(lambda axes: _draw_power_axes(axes, single), HEIGHT_IN, "what came of one effect, by its strength")
+    return _draw_figure(lambda axes: _draw_power_axes(axes, single), HEIGHT_IN, "outcomes of cases with one effect, by its strength")
 
 
 def draw_parameter_errors(marked: Sequence[ScoredCase]) -> str:
@@ -220,7 +220,7 @@ def draw_gaps(marked: Sequence[ScoredCase]) -> str:
     """Histogram of the share of the misfit on held-out conditions that right answers remove; cases that got worse are left of 0."""
     right = [case for case in marked if case.kind in SCORED_KINDS and case.outcome == RIGHT]
     closed = [case.gap_closed for case in right if case.gap_closed is not None]
-    return _draw_figure(lambda axes: _gaps(axes, closed), HEIGHT_IN, "share of the gap that right names close on held-out conditions")
+    return _draw_figure(lambda axes: _gaps(axes, closed), HEIGHT_IN, "share of the misfit that right answers remove on held-out conditions")
 
 
 def _draw_figure(draw: Callable[[Axes], None], height_in: float, label: str, left_in: float = 0.6) -> str:
@@ -297,6 +297,6 @@ def _gaps(axes: Axes, closed: Sequence[float]) -> None:
     # The goal for the median share in the exam.
     axes.axvline(0.8, color=FAINT, lw=0.7, ls=(0, (3, 2)))
     axes.set_xlim(edges[0], edges[-1])
-    axes.set_xlabel("share of the gap closed (1: down to the noise)")
-    axes.set_ylabel("right names")
+    axes.set_xlabel("share of the misfit removed (1: down to the noise)")
+    axes.set_ylabel("right answers")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))

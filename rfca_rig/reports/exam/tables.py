@@ -15,7 +15,7 @@ from rfca_rig.exam.scoring import ScoreGoal
 from rfca_rig.exam.sizes import SIZE_RANGES
 from rfca_rig.reports.table import Table, TableColumn, TableRow, Value
 
-SEVERAL = "several names"
+SEVERAL = "several effects"
 # Kinds of cases with one hidden effect or none. Cases with several have no single row.
 ROWS_OF = (cases.SINGLE, cases.WRONG_LAW, cases.STRANGER, cases.MISLABEL, cases.NOTHING, cases.MODEL_ERROR)
 SHADES = {RIGHT: "right", CLASS: "class", WRONG: "wrong", EXTRA: "wrong"}
@@ -94,14 +94,14 @@ def bars_table(all_bars: Sequence[ScoreGoal]) -> Table:
     """Required scores: goal, value reached, counts, and the worst value that is still compatible at 95 % confidence."""
     rows = tuple(TableRow(_bar(bar), marked=bar.passed is False) for bar in all_bars)
     columns = (
-        TableColumn("mark", "Mark"),
+        TableColumn("mark", "Score"),
         TableColumn("goal", "Goal"),
         TableColumn("reached", "Reached", set_value=True),
         TableColumn("counts", "Counts"),
         TableColumn("bound_95", "With 95 % confidence", set_value=True),
         TableColumn("passed", "Passed"),
     )
-    return Table("bars", "Shares of cases; the last bound is how bad the share may still be on cases that were not drawn.", columns, rows)
+    return Table("bars", "Shares of cases; the last column is the worst share that these counts allow, at 95 % confidence.", columns, rows)
 
 
 def _bar(bar: ScoreGoal) -> dict[str, Value]:
@@ -120,15 +120,19 @@ def follow_up_table(ways: Sequence[ArmResult]) -> Table:
         TableColumn("experiments", "Experiments on average", digits=2),
     )
     caption = (
-        "Cases of too few recordings that conceal nothing or something that can be seen. Settled: the right verdict with nothing as likely "
-        "beside it, within four experiments; four are counted where it was not."
+        "Cases of too few recordings, with no hidden effect or a detectable one. Settled: the right verdict without an equal rival, "
+        "within four experiments; four are counted where it was not."
     )
     return Table("next-experiments", caption, columns, rows)
 
 
 def ablation_table(found: AblationResult) -> Table:
-    """Effects that were given another name after they had been removed from the catalogue."""
-    columns = (TableColumn("concealed", "Concealed"), TableColumn("named", "Named"), TableColumn("probability", "Probability", digits=3))
+    """Effects that were identified as another one after they had been removed from the catalogue."""
+    columns = (
+        TableColumn("concealed", "Hidden"),
+        TableColumn("named", "Identified as"),
+        TableColumn("probability", "Probability", digits=3),
+    )
     caption = f"{found.words[0].upper()}{found.words[1:]}."
     return Table("taken-out", caption, columns, tuple(TableRow(_false_name(each)) for each in found.named))
 
@@ -149,5 +153,5 @@ def confusion_table(marked: Sequence[ScoredCase]) -> Table:
         for kind, of_kind in matrix.kinds
         for row in of_kind
     )  # fmt: skip
-    caption = "Numbers of cases: rows are what is concealed, columns what was named, the last of them answers without a name."
-    return Table("confusion", caption, (TableColumn("kind", role="group"), TableColumn("concealed", "Concealed"), *columns), rows)
+    caption = "Numbers of cases: rows are hidden effects, columns identified effects, the last of them answers without one."
+    return Table("confusion", caption, (TableColumn("kind", role="group"), TableColumn("concealed", "Hidden"), *columns), rows)
