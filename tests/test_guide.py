@@ -1,4 +1,4 @@
-"""The guide from one's own rig to a diagnosis: its commands run as written, and print what it shows."""
+"""The tutorials: their commands run as written, and print what is shown."""
 
 import re
 import shlex
@@ -13,23 +13,36 @@ from tests.cli.typed import typed
 from tests.trip_pages import form
 
 ROOT = Path(__file__).parents[1]
-GUIDE = (ROOT / "docs" / "from-your-rig-to-a-diagnosis.md").read_text(encoding="utf-8")
-BLOCK = re.compile(r"(?P<long><!-- long -->\n)?```sh\n(?P<typed>.*?)```(?:\n\n```text\n(?P<shown>.*?)```)?", re.DOTALL)
+RIG, MECHANISM = "from-your-rig-to-a-diagnosis", "from-a-model-file-to-a-diagnosis"
+GUIDES = {name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in (RIG, MECHANISM)}
+GUIDE = GUIDES[RIG]
+BLOCK = re.compile(
+    r"(?:<!-- file: (?P<file>\S+) -->\n```toml\n(?P<content>.*?)```)"
+    r"|(?P<long><!-- long -->\n)?```sh\n(?P<typed>.*?)```(?:\n\n```text\n(?P<shown>.*?)```)?",
+    re.DOTALL,
+)
 
 
 @dataclass(frozen=True)
 class Block:
-    """Commands that stand together, and what is shown of what they print."""
+    """Commands that stand together, and what is shown of what they print; or a file with its content."""
 
     commands: Sequence[str]
     shown: Sequence[str]
     is_long: bool
+    file: tuple[str, str] | None = None
 
 
-BLOCKS = [
-    Block(found["typed"].splitlines(), [line for line in (found["shown"] or "").splitlines() if line != "..."], bool(found["long"]))
-    for found in BLOCK.finditer(GUIDE)
-]
+def read_blocks(text: str) -> list[Block]:
+    """The blocks of a tutorial, in their order."""
+    blocks = []
+    for found in BLOCK.finditer(text):
+        if found["file"]:
+            blocks.append(Block((), (), False, (found["file"], found["content"])))
+        else:
+            shown = [line for line in (found["shown"] or "").splitlines() if line != "..."]
+            blocks.append(Block(found["typed"].splitlines(), shown, bool(found["long"])))
+    return blocks
 
 
 @pytest.fixture
@@ -43,11 +56,14 @@ def clone(tmp_path, monkeypatch):
 def follow(blocks, monkeypatch, capsys):
     """Types every command; each line that is shown must have been said, whatever its numbers."""
     for block in blocks:
+        if block.file is not None:
+            path, content = block.file
+            Path(path).write_text(content, encoding="utf-8")
         said = ""
         for command in block.commands:
             program, *words = shlex.split(command)
-            if program == "cp":
-                shutil.copy(*words)
+            if program in ("cp", "mkdir"):
+                shutil.copy(*words) if program == "cp" else Path(*words).mkdir()
                 continue
             assert program == "rfca-rig"
             answer = typed(monkeypatch, capsys, *words)
@@ -62,22 +78,25 @@ def plain(text: str) -> str:
     return form(" ".join(text.split()))
 
 
-def test_the_guide_has_blocks_of_both_kinds():
-    assert [sum(block.is_long is kind for block in BLOCKS) for kind in (False, True)] == [6, 5]
+@pytest.mark.parametrize(("name", "short", "long"), [(RIG, 6, 5), (MECHANISM, 4, 2)])
+def test_a_tutorial_has_blocks_of_both_kinds(name, short, long):
+    assert [sum(block.is_long is kind for block in read_blocks(GUIDES[name])) for kind in (False, True)] == [short, long]
 
 
-def test_its_short_commands_run_as_written(clone, monkeypatch, capsys):
-    follow([block for block in BLOCKS if not block.is_long], monkeypatch, capsys)
+@pytest.mark.parametrize("name", [RIG, pytest.param(MECHANISM, marks=pytest.mark.slow)])
+def test_its_short_commands_run_as_written(name, clone, monkeypatch, capsys):
+    follow([block for block in read_blocks(GUIDES[name]) if not block.is_long], monkeypatch, capsys)
 
 
 @pytest.mark.long
 @pytest.mark.timeout(1200)
-def test_all_of_it_runs_as_written(clone, monkeypatch, capsys):
-    follow(BLOCKS, monkeypatch, capsys)
+@pytest.mark.parametrize("name", GUIDES)
+def test_all_of_it_runs_as_written(name, clone, monkeypatch, capsys):
+    follow(read_blocks(GUIDES[name]), monkeypatch, capsys)
 
 
 def test_the_pages_that_it_leads_to_are_there():
-    for page in re.findall(r"`((?:docs|calibration|tests)/[\w./-]+)`", GUIDE):
+    for page in re.findall(r"`((?:docs|calibration|tests)/[\w./-]+)`", "".join(GUIDES.values())):
         assert (ROOT / page).exists(), page
 
 

@@ -71,7 +71,8 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
     failed = [criterion for criterion in diagnosis.criteria if not criterion.passed]
     if failed and diagnosis.grade != "nothing missing":
         yield "not identified: " + "; ".join(f"{criterion.name} ({criterion.found})" for criterion in failed)
-    yield from (f"unexplained: {text}" for text in diagnosis.unexplained[:1])
+    # What follows the closest entry repeats the failed criteria.
+    yield from (f"unexplained: {text}" for text in diagnosis.unexplained[:1] if text.startswith("closest"))
     ruled_out = sum(one.would_have_seen is not None for one in diagnosis.not_seen)
     if diagnosis.not_seen:
         yield f"ruled out: {count_noun(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
