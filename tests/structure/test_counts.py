@@ -6,7 +6,7 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 500,
+    "modules": 505,
     "lines": 88_100,
     "lines of code": 56_200,
     "modules with one user, in their package": 38,
@@ -15,7 +15,7 @@ AT_MOST = {
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,
-    "modules of the largest folder": 25,
+    "modules of the largest folder": 20,
     "words of our own dialect": 38,
 }
 AT_LEAST = {

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
+from rfca_rig.cli.commands.understand.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.executors import Cluster, open_executor
 from rfca_rig.cli.names import FIT_PARAMETERS
 from rfca_rig.cli.options import AsIs, Json, out_file
