@@ -191,7 +191,13 @@ def compute_nominal_law(dataset: Dataset, supposed: Any, place: str, argument: s
         return own_law_of_joint(dataset, replace(supposed, effects=()), place, argument, u)
     leg, ground = supposed.rig.leg, supposed.rig.ground
     if place.startswith("joint"):
-        return _own_of_joint(dataset, supposed, place, argument, u)
+        stretch = next(part for part in dataset.parts if isinstance(part, Stretch))
+        links = apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)).links
+        number = "1" if len(links) == 1 else place.removeprefix("joint")
+        if argument != "rate_rad_s" or not number.isdecimal():
+            return None
+        link = links[int(number) - 1]
+        return np.asarray(link.joint_damping_Nm_s_per_rad * u + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S))
     laws: dict[str, Callable[[], Floats]] = {
         "rate_rad_s": lambda: leg.hinge_damping_Nm_s_per_rad * u,
         "angle_rad": lambda: bending_torque_Nm(leg, u),
@@ -205,16 +211,6 @@ def compute_nominal_law(dataset: Dataset, supposed: Any, place: str, argument: s
 def add_own_law(place: str, own: Floats, values: Floats) -> Floats:
     """The whole law (k,) from `own` (k,) and the table `values` (k,): a share of the friction coefficient, elsewhere a force."""
     return np.asarray(own * (1.0 + values) if place == "floor_friction" else own + values)
-
-
-def _own_of_joint(dataset: Dataset, supposed: ModelPoint, place: str, argument: str, u: Floats) -> Floats | None:
-    stretch = next(part for part in dataset.parts if isinstance(part, Stretch))
-    links = apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)).links
-    number = "1" if len(links) == 1 else place.removeprefix("joint")
-    if argument != "rate_rad_s" or not number.isdecimal():
-        return None
-    link = links[int(number) - 1]
-    return np.asarray(link.joint_damping_Nm_s_per_rad * u + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S))
 
 
 def course_of_stroke(flap: DynamicCondition, supposed: ModelPoint, place: str, argument: str) -> Course:
