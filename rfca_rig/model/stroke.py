@@ -213,13 +213,10 @@ def simulate_strokes(jobs: Sequence[Job], threads: int | None = None) -> list[Si
         return [_stroke(job) for job in jobs]
     results: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(jobs)
     with ThreadPoolExecutor(count) as pool:
-        for first, part in enumerate(pool.map(_simulate_in_turn, [jobs[first::count] for first in range(count)])):
-            results[first::count] = part
+        parts = [jobs[first::count] for first in range(count)]
+        for first, strokes in enumerate(pool.map(lambda part: [_stroke(job) for job in part], parts)):
+            results[first::count] = strokes
     return results
-
-
-def _simulate_in_turn(jobs: Sequence[Job]) -> list[SimulatedStroke | SimulationFailed]:
-    return [_stroke(job) for job in jobs]
 
 
 def _stroke(job: Job) -> SimulatedStroke | SimulationFailed:

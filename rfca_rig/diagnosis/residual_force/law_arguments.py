@@ -223,7 +223,11 @@ def course_of_stroke(flap: DynamicCondition, supposed: ModelPoint, place: str, a
         if place != "hinges":
             values = values[:, int(place.removeprefix("hinge")) - 2][:, None]
         return Course(stroke.t_s, values, np.ones(values.shape, dtype=bool))
-    values, counts = _at_floor(flap, supposed, stroke)[argument] if place.startswith("floor") else _of_channel(stroke, place, argument)
+    if place.startswith("floor"):
+        values, counts = _at_floor(flap, supposed, stroke)[argument]
+    else:
+        values = {"time_s": stroke.t_s, "shaft_angle_rad": stroke.shaft_angle_rad}.get(argument, getattr(stroke, place))
+        counts = np.ones(len(stroke.t_s), dtype=bool)
     return Course(stroke.t_s, values[:, None], counts[:, None])
 
 
@@ -235,11 +239,6 @@ def _at_floor(flap: DynamicCondition, supposed: ModelPoint, stroke: SimulatedStr
     depth = np.sin(q) @ length + supposed.rig.leg.link_radius_m - flap.height_m - supposed.height_offset_m
     pressed = load > PRESSED * load.max()
     return {"slip_m_s": (slip, pressed), "load_N": (load, load > 0.0), "depth_m": (depth, depth > 0.0)}
-
-
-def _of_channel(stroke: SimulatedStroke, place: str, argument: str) -> tuple[Floats, NDArray[np.bool_]]:
-    values = {"time_s": stroke.t_s, "shaft_angle_rad": stroke.shaft_angle_rad}.get(argument, getattr(stroke, place))
-    return values, np.ones(len(stroke.t_s), dtype=bool)
 
 
 def course_of_stretch(stretch: Stretch, supposed: ModelPoint, place: str, argument: str) -> list[Course]:
