@@ -105,7 +105,12 @@ def check_own_contact(rig: RigModel, condition: PlannedCondition, sweep_deg: flo
     stiff, t_s = stiff_ground(rig), _times(rig, condition, sweep_deg)
     ours = simulate_stroke_at_speed(stiff, condition.height_m, condition.speed_rad_s, t_s, TIGHT_TOLERANCE)
     _must_touch(ours, condition)
-    spring = _secant_N_per_m(stiff, ours)
+    # Secant stiffness of Hertz, force over indentation, of the end with the largest force, at the valley or else at the greatest force.
+    valley = find_valley(ours.t_s, ours.fz_N)
+    at = int(np.abs(ours.t_s - valley.time_s).argmin()) if isinstance(valley, Valley) else int(ours.normal_N.max(axis=1).argmax())
+    N = float(ours.normal_N[at].max())
+    # N = k d^1.5 gives N / d = (N k^2)^(1/3).
+    spring = float(np.cbrt(N * stiff.ground.stiffness_N_per_m1p5**2))
     return CheckedCondition(condition, ours, stroke_on_springs(stiff, condition.height_m, condition.speed_rad_s, t_s, spring))
 
 
@@ -130,15 +135,6 @@ def _must_touch(stroke: SimulatedStroke, condition: PlannedCondition) -> None:
         raise BadInput(f"at {1e3 * condition.height_m:g} mm the leg never touches the ground: no contact force to compare; lower the rack")
     if (stroke.normal_N[0] > 0.0).any():
         raise BadInput(f"at {1e3 * condition.height_m:g} mm the leg lies on the ground before the stroke begins; raise the rack")
-
-
-def _secant_N_per_m(rig: RigModel, stroke: SimulatedStroke) -> float:
-    """Secant stiffness of Hertz, force over indentation, of the end with the largest force, at the valley or else at the greatest force."""
-    valley = find_valley(stroke.t_s, stroke.fz_N)
-    at = int(np.abs(stroke.t_s - valley.time_s).argmin()) if isinstance(valley, Valley) else int(stroke.normal_N.max(axis=1).argmax())
-    N = float(stroke.normal_N[at].max())
-    # N = k d^1.5 gives N / d = (N k^2)^(1/3).
-    return float(np.cbrt(N * rig.ground.stiffness_N_per_m1p5**2))
 
 
 def _valley(t_s: Floats, fz_N: Floats) -> tuple[float, float] | None:

@@ -84,7 +84,21 @@ def make_motor(rig: RigFile, bus: can.BusABC, clock: Clock) -> ShaftMotor:
         case CubemarsServoSection():
             return CubemarsServoMotor(bus, clock, _servo(motor, timeout_s), guard)
         case MoteusSection():
-            return MoteusMotor(bus, clock, _moteus(motor, timeout_s))
+            return MoteusMotor(
+                bus,
+                clock,
+                MoteusSettings(
+                    drive_id=motor.drive_id,
+                    can_prefix=motor.can_prefix,
+                    gear_ratio=motor.gear_ratio,
+                    direction=motor.direction,
+                    zero_turns=motor.zero_turns,
+                    watchdog_s=motor.watchdog_ms / 1e3,
+                    torque_limit_Nm=motor.torque_limit_Nm,
+                    reply_timeout_s=timeout_s,
+                    bitrate_switch=motor.bitrate_switch,
+                ),
+            )
         case MotorKeys():
             return motor.driver(bus, clock, timeout_s)
         case OwnMotorSection():
@@ -96,7 +110,19 @@ def make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> M
     motor = rig.motor
     match motor:
         case OdriveSection():
-            return OdriveTwin(bus, _odrive_twin(motor, drive))
+            return OdriveTwin(
+                bus,
+                OdriveTwinSettings(
+                    node_id=motor.node_id,
+                    gear_ratio=motor.gear_ratio,
+                    direction=motor.direction,
+                    zero_turns=motor.zero_turns,
+                    gains=_gains(drive),
+                    encoder_period_s=motor.encoder_period_ms / 1e3,
+                    dialect=OdriveFirmware(motor.dialect),
+                    torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A or 1.0,
+                ),
+            )
         case CubemarsMitSection():
             # Its gains come over the wire; of [twin.drive] it only uses the torque limit.
             settings = MitTwinSettings(
@@ -108,7 +134,19 @@ def make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> M
             )
             return CubemarsMitTwin(bus, settings)
         case CubemarsServoSection():
-            return CubemarsServoTwin(bus, _servo_twin(motor, drive))
+            return CubemarsServoTwin(
+                bus,
+                ServoTwinSettings(
+                    drive_id=motor.drive_id,
+                    gear_ratio=motor.gear_ratio,
+                    pole_pairs=motor.pole_pairs,
+                    torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
+                    direction=motor.direction,
+                    zero_deg=motor.zero_deg,
+                    gains=_gains(drive),
+                    status_period_s=motor.status_period_ms / 1e3,
+                ),
+            )
         case MoteusSection():
             return MoteusTwin(bus, _moteus_twin(motor, drive))
         case OwnMotorSection():
@@ -126,19 +164,6 @@ def _odrive(motor: OdriveSection, timeout_s: float) -> OdriveSettings:
         heartbeat_timeout_s=timeout_s,
         dialect=OdriveFirmware(motor.dialect),
         torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
-    )
-
-
-def _odrive_twin(motor: OdriveSection, drive: TwinDriveSection) -> OdriveTwinSettings:
-    return OdriveTwinSettings(
-        node_id=motor.node_id,
-        gear_ratio=motor.gear_ratio,
-        direction=motor.direction,
-        zero_turns=motor.zero_turns,
-        gains=_gains(drive),
-        encoder_period_s=motor.encoder_period_ms / 1e3,
-        dialect=OdriveFirmware(motor.dialect),
-        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A or 1.0,
     )
 
 
@@ -164,33 +189,6 @@ def _servo(motor: CubemarsServoSection, timeout_s: float) -> ServoSettings:
         zero_deg=motor.zero_deg,
         status_period_s=motor.status_period_ms / 1e3,
         status_timeout_s=timeout_s,
-    )
-
-
-def _servo_twin(motor: CubemarsServoSection, drive: TwinDriveSection) -> ServoTwinSettings:
-    return ServoTwinSettings(
-        drive_id=motor.drive_id,
-        gear_ratio=motor.gear_ratio,
-        pole_pairs=motor.pole_pairs,
-        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
-        direction=motor.direction,
-        zero_deg=motor.zero_deg,
-        gains=_gains(drive),
-        status_period_s=motor.status_period_ms / 1e3,
-    )
-
-
-def _moteus(motor: MoteusSection, timeout_s: float) -> MoteusSettings:
-    return MoteusSettings(
-        drive_id=motor.drive_id,
-        can_prefix=motor.can_prefix,
-        gear_ratio=motor.gear_ratio,
-        direction=motor.direction,
-        zero_turns=motor.zero_turns,
-        watchdog_s=motor.watchdog_ms / 1e3,
-        torque_limit_Nm=motor.torque_limit_Nm,
-        reply_timeout_s=timeout_s,
-        bitrate_switch=motor.bitrate_switch,
     )
 
 

@@ -73,12 +73,9 @@ class Outcome:
         """None for a run that was completed."""
         if error is None:
             return Outcome(DONE, 0, DONE)
-        return Outcome(str(error), error.exit_code, str(error.code) if isinstance(error, Tripped) else _kind(error))
-
-
-def _kind(error: RigError) -> str:
-    """Class name in lower case with hyphens: DiskFull becomes disk-full."""
-    return re.sub(r"(?<!^)(?=[A-Z])", "-", type(error).__name__).lower()
+        # The class name in lower case with hyphens: DiskFull becomes disk-full.
+        kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(error).__name__).lower()
+        return Outcome(str(error), error.exit_code, str(error.code) if isinstance(error, Tripped) else kind)
 
 
 def software_and_host(bench: Bench) -> dict[str, str]:

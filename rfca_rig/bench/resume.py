@@ -97,7 +97,12 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
     strokes = [stroke for part in outlines for stroke in part.strokes]
     ending = read_ending(folder)
     static = run_folder.with_photo_angles(tuple(stage for part in outlines for stage in part.static), ending)
-    _check_stages(folder, plan, strokes, static)
+    flaps = [(flap.height_m, flap.speed_rad_s, flap.repeat) for flap in plan.flaps][: len(strokes)]
+    holds = [(hold.height_m, hold.number) for hold in plan.holds][: len(static)]
+    # Files hold mm and plans m; see `height_mm` of `recording.strokes` for the exact round trip.
+    flapped = [(height_mm / 1e3, *speed_and_repeat) for height_mm, *speed_and_repeat in strokes]
+    if flapped != flaps or [(stage.height_m, stage.stage) for stage in static] != holds:
+        raise BadInput(f"{folder}: its stage files are not what its plan begins with; type rfca-rig check {folder}")
     last: dict[str, Any] = next((event for event in reversed(events) if "utc" in event), {})
     return InterruptedRun(
         folder=folder,
@@ -128,15 +133,6 @@ def _why(events: list[dict[str, Any]]) -> str:
     # A trip takes precedence: it is the cause of whatever ended the run after it.
     tripped = [why for why in reasons if why.startswith(TRIP)]
     return (tripped or reasons or [NO_REASON_RECORDED])[-1]
-
-
-def _check_stages(folder: Path, plan: Plan, strokes: Sequence[tuple[float, float, int]], static: Sequence[StaticStage]) -> None:
-    flaps = [(flap.height_m, flap.speed_rad_s, flap.repeat) for flap in plan.flaps][: len(strokes)]
-    holds = [(hold.height_m, hold.number) for hold in plan.holds][: len(static)]
-    # Files hold mm and plans m; see `height_mm` of `recording.strokes` for the exact round trip.
-    flapped = [(height_mm / 1e3, *speed_and_repeat) for height_mm, *speed_and_repeat in strokes]
-    if flapped != flaps or [(stage.height_m, stage.stage) for stage in static] != holds:
-        raise BadInput(f"{folder}: its stage files are not what its plan begins with; type rfca-rig check {folder}")
 
 
 def reopen_run(begun: InterruptedRun, clock: Clock, operator: str, seed: int | None, rig_changes: Mapping[str, str]) -> None:

@@ -13,32 +13,12 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
-from rfca_rig.cli.commands import (
-    calibrate,
-    check,
-    contract,
-    crosscheck,
-    diagnose,
-    doctor,
-    dynamic,
-    export,
-    fatigue,
-    fit,
-    init,
-    plan,
-    predict,
-    prove,
-    recover,
-    report,
-    resume,
-    runs,
-    schema,
-    static,
-    sweep,
-    trip,
-    twin,
-    view,
-)
+from rfca_rig.cli.commands.design import predict, sweep
+from rfca_rig.cli.commands.files import check, export, init, recover, schema
+from rfca_rig.cli.commands.look import runs, trip, view
+from rfca_rig.cli.commands.measure import dynamic, fatigue, plan, resume, static
+from rfca_rig.cli.commands.set_up import calibrate, contract, doctor, twin
+from rfca_rig.cli.commands.understand import crosscheck, diagnose, fit, prove, report
 from rfca_rig.cli.names import add_completions
 from rfca_rig.cli.options import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.terminal import open_null, use_ascii_fallback

@@ -179,7 +179,11 @@ def _add(command: Any, path: str) -> None:
     for name, below in getattr(command, "commands", {}).items():
         _add(below, f"{path} {name}")
     for parameter in command.params:
-        offer = _offer(path.partition(" ")[2], parameter)
+        typed = path.partition(" ")[2]
+        option = next((one for one in parameter.opts if one.startswith("--")), "")
+        # The more specific wins: by command, then by option, then by metavar.
+        offers = {**_BY_METAVAR, **_BY_OPTION, **{key: offer for (where, key), offer in _BY_COMMAND.items() if where == typed}}
+        offer = offers.get(option) or offers.get(parameter.metavar or "")
         if offer is not None:
             parameter.shell_complete = _answer(offer)
 
@@ -187,14 +191,6 @@ def _add(command: Any, path: str) -> None:
 def _answer(offer: Offer) -> Callable[[object, str], list[Offered]]:
     """Where nothing matches, the shell offers files."""
     return lambda _context, begun: [Offered(word) for word in offer(begun) if word.startswith(begun)]
-
-
-def _offer(command: str, parameter: Any) -> Offer | None:
-    """Completions of an option or argument; None where there are none."""
-    option = next((one for one in parameter.opts if one.startswith("--")), "")
-    # The more specific wins: by command, then by option, then by metavar.
-    offers = {**_BY_METAVAR, **_BY_OPTION, **{key: offer for (where, key), offer in _BY_COMMAND.items() if where == command}}
-    return offers.get(option) or offers.get(parameter.metavar or "")
 
 
 def _each_of(words: Iterable[str]) -> Offer:

@@ -114,16 +114,11 @@ class CameraFile(Section):
         if self.plane is None:
             raise BadInput("the camera file has no [plane]: where the camera stands is unknown; calibrate camera --plane PHOTO adds it")
         translation_m = np.array(self.plane.translation_mm) / 1e3
-        turn = _nearest_rotation(np.array(self.plane.rotation))
+        # The numbers of the file are rounded.
+        # Orthogonal Procrustes: dropping the singular values gives the nearest orthogonal matrix.
+        left, _, right = np.linalg.svd(np.array(self.plane.rotation))
+        turn: Floats = left @ right
         return CameraModel(self.matrix(), self.distortion(), self.camera.image_size_px, turn, translation_m)
-
-
-def _nearest_rotation(rows: Floats) -> Floats:
-    """The rotation nearest to the rounded numbers of the file."""
-    # Orthogonal Procrustes: dropping the singular values gives the nearest orthogonal matrix.
-    left, _, right = np.linalg.svd(rows)
-    turn: Floats = left @ right
-    return turn
 
 
 def read_camera_file(path: Path) -> CameraFile:

@@ -14,7 +14,7 @@ from rfca_rig.description.model_file import nominal_model
 from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH
 from rfca_rig.diagnosis.decision.decide import decide
-from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
+from rfca_rig.diagnosis.decision.sizes import find_detection_limits
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
@@ -114,7 +114,8 @@ def diagnose(
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
         found = replace(found, stated_law=measure_stated_law(findings.leg, findings.leg_decision.explanation, law_at))
-    return replace(found, recordings=tuple(map(_identify, recordings)), remarks=(*found.remarks, *describe_exclusions(without)))
+    identified = tuple(Diagnosed(one.title, one.source, identity_of(one.title, one.source, one.provenance)) for one in recordings)
+    return replace(found, recordings=identified, remarks=(*found.remarks, *describe_exclusions(without)))
 
 
 def find_omissions(recordings: Sequence[Recording], progress: Progress, without: Collection[str] = ()) -> tuple[PreparedData, Findings]:
@@ -137,10 +138,6 @@ def search_base(recordings: Sequence[Recording], progress: Progress) -> ModelSel
     """
     body, tables = prepare_data(recordings)
     return search_models(make_leg_dataset([*body.flaps, *tables], body.as_commanded), body.coordinates, [], progress)
-
-
-def _identify(recording: Recording) -> Diagnosed:
-    return Diagnosed(recording.title, recording.source, identity_of(recording.title, recording.source, recording.provenance))
 
 
 def prepare_data(recordings: Sequence[Recording]) -> tuple[PreparedData, tuple[StageTable, ...]]:

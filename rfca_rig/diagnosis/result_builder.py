@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.config import MOST_RIVALS, MOVED_PRIOR_STD, PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN
-from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision, Supported
-from rfca_rig.diagnosis.decision.detection_limits import find_detection_limits
+from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision
+from rfca_rig.diagnosis.decision.sizes import find_detection_limits
 from rfca_rig.diagnosis.figures import compare_held_out, compare_residuals, make_overlays
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import make_projection
@@ -39,16 +39,13 @@ def describe(decision: Decision) -> str:
     if decision.grade == "not enough data":
         return f"Not enough data for a verdict: {decision.criteria[0].found}."
     if decision.grade == "nothing missing":
-        likely = " and ".join(f"{one.id} ({100.0 * one.probability:.0f} %)" for one in _list_likely(decision))
+        # Where the model predicts as usual without them, a probability above 0.5 is not enough to state them.
+        effects = [one for one in decision.supported if one.kind == "effect" and one.probability > 0.5]
+        likely = " and ".join(f"{one.id} ({100.0 * one.probability:.0f} %)" for one in effects)
         tail = f" Likely there, and no more than a model's usual error: {likely}." if likely else ""
         return f"Nothing is missing that these recordings would show.{tail}"
     closest = f" The closest entry is {' with '.join(decision.closest.ids)}, which is not stated." if decision.closest else ""
     return f"Something is missing that no entry of the catalogue explains.{closest}"
-
-
-def _list_likely(decision: Decision) -> list[Supported]:
-    """Effects with a probability above 0.5. Where the model predicts as usual without them, that is not enough to state them."""
-    return [one for one in decision.supported if one.kind == "effect" and one.probability > 0.5]
 
 
 def describe_refusal(decision: Decision) -> tuple[str, ...]:
@@ -78,6 +75,10 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
     used = explanation if decision.effects or not explanation.ids else found.nothing
     cells, places = locate_mismatch(found.dataset.rows, found.nominal, found.likelihood)
     is_open = decision.grade in ("mostly", "family", "unexplained")
+    # Where recordings and explanation still differ, worst first.
+    remaining: tuple[Located, ...] = ()
+    if is_open:
+        _, remaining = locate_mismatch(found.dataset.rows, replace(explanation.fitted, predicted=explanation.rows), found.likelihood)
     is_stated = decision.grade in ("identified", "mostly", "family")
     return Diagnosis(
         title=title,
@@ -107,7 +108,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         family=decision.family,
         # what takes the place of an implausible value removes no more misfit than that did
         explained_share=decision.explained_share if is_stated and not decision.relieved_strain else None,
-        remaining=_remaining(found, explanation) if is_open else (),
+        remaining=remaining,
         moved_priors=list_moved_priors(explanation),
         support=tuple(asdict(one) for one in decision.supported),
     )
@@ -122,11 +123,6 @@ def present_effects(hypothesis: Hypothesis) -> tuple[PresentEffect, ...]:
     """The effects of a hypothesis with the values found."""
     coordinates, mean = hypothesis.fitted.coordinates, hypothesis.marginal.posterior.mean
     return tuple(choice.present(mean[coordinates.part(number)]) for number, choice in enumerate(coordinates.choices))
-
-
-def _remaining(found: ModelSelectionResult, explanation: Hypothesis) -> tuple[Located, ...]:
-    """Where recordings and explanation still differ, worst first."""
-    return locate_mismatch(found.dataset.rows, replace(explanation.fitted, predicted=explanation.rows), found.likelihood)[1]
 
 
 def _find_not_seen(

@@ -304,7 +304,11 @@ def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
     """
     try:
         with open_bus(rig.motor) as bus:
-            angles_rad = _read_angles(rig, bus, clock)
+            motor, angles_rad = make_motor(rig, bus, clock), list[float]()
+            until_s = clock.now_s() + LISTEN_S
+            while clock.now_s() < until_s:
+                clock.wait_until(clock.now_s() + POLL_S)
+                angles_rad += motor.read().angle_rad.tolist()
     # The bus was fine a moment ago; a failure now is reported, and the other checks go on.
     except (RigError, can.CanError, OSError, ValueError) as error:
         yield yellow(SHAFT, f"not read: {shorten_error(error)}", "mend what is red first")
@@ -313,15 +317,6 @@ def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
         yield green(
             SHAFT, f"at {np.degrees(angles_rad[-1]):.1f} deg{_encoder(rig, angles_rad[-1])}: is it? 0 is horizontal, 90 straight down"
         )
-
-
-def _read_angles(rig: RigFile, bus: can.BusABC, clock: Clock) -> list[float]:
-    motor, angles_rad = make_motor(rig, bus, clock), list[float]()
-    until_s = clock.now_s() + LISTEN_S
-    while clock.now_s() < until_s:
-        clock.wait_until(clock.now_s() + POLL_S)
-        angles_rad += motor.read().angle_rad.tolist()
-    return angles_rad
 
 
 def _encoder(rig: RigFile, angle_rad: float) -> str:

@@ -100,7 +100,10 @@ def prove_guard(guard: Guard, held_Nm: float, least_Nm: float, limit_s: float, a
     DeviceError
         If the guardian silenced nothing, the drive sent nothing, or it still shows a torque.
     """
-    silenced = _await_torque_off(guard, limit_s)
+    try:
+        silenced = guard.await_let_go(limit_s)
+    except can.CanError as error:
+        raise DeviceError(f"guardian not proven: {error}") from error
     if silenced is None:
         raise DeviceError(f"guardian not proven: it did nothing within {limit_s:g} s of silence; end this program and start it again")
     # Without a report there is no evidence either way, so a silent drive is never accepted as off.
@@ -121,10 +124,3 @@ def _evidence(held_Nm: float, least_Nm: float, answers: bool) -> str:
     # Without a load the torque cannot be seen to disappear: only the delivery of the frames is shown.
     reached = "the drive answered the guardian" if answers else "the bus took the guardian's frames"
     return f"{reached}; the motor held nothing that could be seen to go"
-
-
-def _await_torque_off(guard: Guard, limit_s: float) -> TorqueOffResult | None:
-    try:
-        return guard.await_let_go(limit_s)
-    except can.CanError as error:
-        raise DeviceError(f"guardian not proven: {error}") from error

@@ -122,9 +122,7 @@ class SensorMonitor:
         elif np.isnan(self._changed_s):
             self._changed_s = float(samples.device_s[0])
         self._last = counts[-1:]
-        self._check_frozen(float(samples.device_s[-1]) - self._changed_s)
-
-    def _check_frozen(self, frozen_s: float) -> None:
+        frozen_s = float(samples.device_s[-1]) - self._changed_s
         limit_s = self._limits.sensor_frozen_s
         if frozen_s > limit_s:
             raise Tripped(
@@ -203,11 +201,10 @@ class LoadMonitor:
         if here.torque_Nm > self._limits.torque_Nm:
             limit_Nm = self._limits.torque_Nm
             raise Tripped(Trip.MOMENT, f"moment {here.torque_Nm:.2f} N m, limit {limit_Nm:g} N m; raise the rack or go slower")
-        self._check_lasting(samples.device_s, force_N, torque_Nm)
-
-    def _check_lasting(self, device_s: Floats, force_N: Floats, torque_Nm: Floats) -> None:
-        self._check_one(Trip.FORCE_LASTS, self._force.seconds(device_s, force_N, self._ceiling.force_N), f"force {force_N[-1]:.1f} N", "N")
-        lasts_s = self._torque.seconds(device_s, torque_Nm, self._ceiling.torque_Nm)
+        self._check_one(
+            Trip.FORCE_LASTS, self._force.seconds(samples.device_s, force_N, self._ceiling.force_N), f"force {force_N[-1]:.1f} N", "N"
+        )
+        lasts_s = self._torque.seconds(samples.device_s, torque_Nm, self._ceiling.torque_Nm)
         self._check_one(Trip.MOMENT_LASTS, lasts_s, f"moment {torque_Nm[-1]:.2f} N m", "N m")
 
     def _check_one(self, code: Trip, lasts_s: float, value: str, unit: str) -> None:

@@ -100,18 +100,15 @@ class PhotoCapture:
         """Whether to ask again later. Once False, `photo` holds the photo, or `fault` says why there is none."""
         if self._camera is None:
             return False
-        self._look(self._camera, now_s)
-        return self._camera is not None
-
-    def _look(self, camera: Photographer, now_s: float) -> None:
         try:
-            self.photo = camera.fetch_photo()
+            self.photo = self._camera.fetch_photo()
         except RigError as error:
             self._end(str(error))
         if self.photo is not None:
             self._end("")
         elif not self.fault and now_s >= self._ends_s:
             self._end(f"the camera gave no photo within {self._limit_s:g} s; check its cable and power")
+        return self._camera is not None
 
     def _end(self, fault: str) -> None:
         self.fault = fault

@@ -58,21 +58,16 @@ def stop(bench: Bench) -> Standstill:
     Every step is tried, whatever became of the one before, and bounded in time. Raises DeviceError where the drive could not be reached.
     """
     try:
-        _disable_or_wait_for_watchdog(bench)
+        try:
+            disable_motor(bench.motor, bench.clock)
+        except DeviceError:
+            # The run must not be reported as over while the drive may still have torque: its watchdog or the guardian must have acted.
+            bench.clock.wait_until(bench.clock.now_s() + WATCHDOG_WAIT_S)
+            raise
         return _watch_shaft(bench)
     finally:
         # Also where the drive could not be reached.
         bench.sensor.stop()
-
-
-def _disable_or_wait_for_watchdog(bench: Bench) -> None:
-    """Disables the motor. Where the drive cannot be reached, waits until its watchdog or the guardian must have acted."""
-    try:
-        disable_motor(bench.motor, bench.clock)
-    except DeviceError:
-        # The run must not be reported as over while the drive may still have torque.
-        bench.clock.wait_until(bench.clock.now_s() + WATCHDOG_WAIT_S)
-        raise
 
 
 def switch_off(bench: Bench) -> None:

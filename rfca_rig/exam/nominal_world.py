@@ -118,6 +118,7 @@ def draw_structured_error(share: float, random: np.random.Generator) -> Structur
 def apply_structured_error(world: World, error: StructuredError) -> World:
     """The world with these errors."""
     links, hinges = world.links, world.hinges
+    # The stiffness keeps the force at a typical depth: only the shape of the law changes.
     return replace(
         world,
         links=replace(links, length_m=_each(links.length_m, error.length), mass_kg=_each(links.mass_kg, error.mass)),
@@ -126,20 +127,15 @@ def apply_structured_error(world: World, error: StructuredError) -> World:
             k0_Nm_per_rad=_each(hinges.k0_Nm_per_rad, error.k0),
             damping_Nm_s_per_rad=_each(hinges.damping_Nm_s_per_rad, error.damping),
         ),
-        floor=_reshape(world.floor, error),
-    )
-
-
-def _reshape(floor: Floor, error: StructuredError) -> Floor:
-    # The stiffness keeps the force at a typical depth: only the shape of the law changes.
-    return replace(
-        floor,
-        stiffness=floor.stiffness * TYPICAL_DEPTH_M ** (floor.exponent - error.exponent),
-        exponent=error.exponent,
-        two_sided=error.two_sided,
-        presliding_m=floor.presliding_m * error.presliding_factor,
-        lever_share=error.lever_share,
-        lever_power=error.lever_power,
+        floor=replace(
+            world.floor,
+            stiffness=world.floor.stiffness * TYPICAL_DEPTH_M ** (world.floor.exponent - error.exponent),
+            exponent=error.exponent,
+            two_sided=error.two_sided,
+            presliding_m=world.floor.presliding_m * error.presliding_factor,
+            lever_share=error.lever_share,
+            lever_power=error.lever_power,
+        ),
     )
 
 

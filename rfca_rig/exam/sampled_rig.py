@@ -312,7 +312,12 @@ def build_world(case: Case, height_m: float, scatter: ExamScatter, repeat: int, 
     # Laws scale only the damping that an effect adds, so the damping before the effects is kept.
     damping = world.hinges.damping_Nm_s_per_rad
     for effect, values in case.effects.items():
-        world = with_effect(world, effect, {name: _vary(name, value, stronger) for name, value in values.items()})
+        # Sizes vary between conditions; the speed and angle scales of a law do not.
+        world = with_effect(
+            world,
+            effect,
+            {name: value if name in ("speed_m_s", "cycles_per_turn") else value * stronger for name, value in values.items()},
+        )
     if case.law is not None:
         world = shape_laws(world, case.law, damping)
     if case.uneven is not None:
@@ -320,11 +325,6 @@ def build_world(case: Case, height_m: float, scatter: ExamScatter, repeat: int, 
     for name, values in case.strangers.items():
         world = with_unknown_fault(world, name, values, repeat)
     return world
-
-
-def _vary(name: str, value: float, stronger: float) -> float:
-    """Sizes vary between conditions; the speed and angle scales of a law do not."""
-    return value if name in ("speed_m_s", "cycles_per_turn") else value * stronger
 
 
 def _scatter(world: World, scatter: ExamScatter) -> World:

@@ -118,7 +118,11 @@ def begin(folder: Path, plan: ExamPlan) -> None:
     """Create the folder with the plan, or check that it holds the same plan. Raises BadInput where `folder` holds anything else."""
     path = folder / FILE
     if path.is_file():
-        _check_same(plan, read_plan(folder), folder)
+        begun = read_plan(folder)
+        # A kind with zero cases is the same as a kind that is not listed.
+        numbers = [{kind: number for kind, number in each.numbers.items() if number} for each in (plan, begun)]
+        if plan.seed != begun.seed or numbers[0] != numbers[1]:
+            raise BadInput(f"{folder}: holds an exam with {begun.words}, not {plan.words}; ask for the same again, or name a new folder")
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BadInput(f"{folder}: is not empty, and holds no exam that could be continued; name a new folder")
@@ -140,10 +144,3 @@ def read_plan(folder: Path) -> ExamPlan:
         return ExamPlan(int(content["seed"]), {kind: int(number) for kind, number in content["numbers"].items()})
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{path}: is not the plan of an exam ({type(error).__name__}: {error}); name a new folder") from None
-
-
-def _check_same(asked: ExamPlan, begun: ExamPlan, folder: Path) -> None:
-    # A kind with zero cases is the same as a kind that is not listed.
-    numbers = [{kind: number for kind, number in plan.numbers.items() if number} for plan in (asked, begun)]
-    if asked.seed != begun.seed or numbers[0] != numbers[1]:
-        raise BadInput(f"{folder}: holds an exam with {begun.words}, not {asked.words}; ask for the same again, or name a new folder")

@@ -136,7 +136,15 @@ def _static(
         stages += static_table(world, height_mm, ramp_s, random, wanted)
     if not stages:
         return []
-    (folder / "runs" / f"{name}.csv").write_text(_static_csv(stages, case.mislabelled), encoding="utf-8")
+    forces = {name: np.array([getattr(stage, name) for stage in stages]) for name in ("fy_N", "fz_N", "tx_Nm")}
+    written = columns_as_written(forces, case.mislabelled)
+    header = "height_mm,stage,direction,shaft_angle_rad,hinge2_deg,hinge3_deg,hinge4_deg,hinge5_deg,hinge6_deg,hinge7_deg,fy_N,fz_N,tx_Nm"
+    lines = [header]
+    for i, stage in enumerate(stages):
+        hinges = ",".join(f"{angle:.4f}" for angle in stage.hinge_deg)
+        columns = ",".join(f"{written[name][i]:.4f}" for name in ("fy_N", "fz_N", "tx_Nm"))
+        lines.append(f"{stage.height_mm:g},{stage.stage},{stage.direction},{stage.shaft_angle_rad:.4f},{hinges},{columns}")
+    (folder / "runs" / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return [f'[[runs]]\nexperiment = "static"\nfile = "runs/{name}.csv"\nstrokes_before = {before}\nheld_s = {HELD_S:g}\n']
 
 
@@ -149,15 +157,3 @@ def _csv(columns: dict[str, Floats]) -> str:
     form = ",".join(f"%.{DIGITS.get(name, TORQUE_DIGITS)}f" for name in columns)
     rows = np.column_stack(list(columns.values()))
     return "\n".join([",".join(columns), *(form % tuple(row) for row in rows.tolist())]) + "\n"
-
-
-def _static_csv(stages: list[ExamStage], mislabelled: str | None) -> str:
-    forces = {name: np.array([getattr(stage, name) for stage in stages]) for name in ("fy_N", "fz_N", "tx_Nm")}
-    written = columns_as_written(forces, mislabelled)
-    header = "height_mm,stage,direction,shaft_angle_rad,hinge2_deg,hinge3_deg,hinge4_deg,hinge5_deg,hinge6_deg,hinge7_deg,fy_N,fz_N,tx_Nm"
-    lines = [header]
-    for i, stage in enumerate(stages):
-        hinges = ",".join(f"{angle:.4f}" for angle in stage.hinge_deg)
-        columns = ",".join(f"{written[name][i]:.4f}" for name in ("fy_N", "fz_N", "tx_Nm"))
-        lines.append(f"{stage.height_mm:g},{stage.stage},{stage.direction},{stage.shaft_angle_rad:.4f},{hinges},{columns}")
-    return "\n".join(lines) + "\n"

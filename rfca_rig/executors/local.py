@@ -68,22 +68,19 @@ class ProcessExecutor(TaskExecutor):
         try:
             # The lock keeps a process from being started after `stop_starting_processes`.
             with self._start_lock:
-                future = self._own_pool().submit(fn, *args, **kwargs)
+                if self._is_over:
+                    raise WorkerLost("the work was stopped")
+                pool: ProcessPoolExecutor | None = getattr(self._of_thread, "pool", None)
+                if pool is None:
+                    # Spawn, as a forked copy of a process with threads may deadlock.
+                    pool = self._of_thread.pool = ProcessPoolExecutor(1, get_context("spawn"), _initialise)
+                    self._pools.append(pool)
+                future = pool.submit(fn, *args, **kwargs)
             return future.result()
         except BrokenProcessPool:
             # A broken pool cannot be used again; the next task of this thread starts a new one.
             self._of_thread.pool = None
             raise WorkerLost("its process was ended from outside, perhaps for want of memory") from None
-
-    def _own_pool(self) -> ProcessPoolExecutor:
-        if self._is_over:
-            raise WorkerLost("the work was stopped")
-        pool: ProcessPoolExecutor | None = getattr(self._of_thread, "pool", None)
-        if pool is None:
-            # Spawn, as a forked copy of a process with threads may deadlock.
-            pool = self._of_thread.pool = ProcessPoolExecutor(1, get_context("spawn"), _initialise)
-            self._pools.append(pool)
-        return pool
 
     def stop_starting_processes(self) -> None:
         """From now on no process is started."""

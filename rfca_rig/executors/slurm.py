@@ -76,17 +76,16 @@ class JobArray:
             # Compiled code is cached on the node's own disk.
             'export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-${SLURM_TMPDIR:-${TMPDIR:-/tmp}}/rfca-rig-$(id -u)}"',
             *self.setup,
-            shlex.join(self._worker(address, folder / KEYS)),
+            shlex.join(
+                [
+                    *("exec", self.python, "-m", "distributed.cli.dask_worker", address),
+                    *("--nworkers", f"{self.workers_per_job}", "--nthreads", "1", "--memory-limit", f"{self.memory_per_worker_MB}MB"),
+                    *("--death-timeout", f"{DEATH_TIMEOUT_S}", "--no-dashboard", "--local-directory", "/tmp"),
+                    *(f"--tls-{part}={folder / KEYS}" for part in ("ca-file", "cert", "key")),
+                ]
+            ),
         ]
         return "\n".join(lines) + "\n"
-
-    def _worker(self, address: str, keys: Path) -> list[str]:
-        return [
-            *("exec", self.python, "-m", "distributed.cli.dask_worker", address),
-            *("--nworkers", f"{self.workers_per_job}", "--nthreads", "1", "--memory-limit", f"{self.memory_per_worker_MB}MB"),
-            *("--death-timeout", f"{DEATH_TIMEOUT_S}", "--no-dashboard", "--local-directory", "/tmp"),
-            *(f"--tls-{part}={keys}" for part in ("ca-file", "cert", "key")),
-        ]
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import SensorOutput, Setup
 from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Chain, Laws, Samples, State
+from rfca_rig.model.state import Samples
 
 Floats = NDArray[np.float64]
 
@@ -161,7 +161,10 @@ def _move(setup: Setup, t_s: Floats, tolerance: Tolerance) -> tuple[Samples, Ste
     everything = allocate_samples(t_s, state.q.size, links)
     resting = int(np.searchsorted(t_s, setup.begins_s, side="right"))
     # Samples before the motion begins cost no integration.
-    _fill_resting(chain, laws, state, everything, resting)
+    work, force = allocate_workspace(state.q.size, state.anchor.size), np.empty(3)
+    measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
+    everything.q[:resting], everything.w[:resting] = state.q, 0.0
+    everything.force[:resting], everything.contact[:resting] = force, work.contact
     moving = Samples(*(column[resting:] for column in everything))
     return everything, advance(chain, shaft, state, (setup.begins_s, float(t_s[-1])), FIRST_STEP_S, tolerance, moving, laws)
 
@@ -187,12 +190,6 @@ def _sense(setup: Setup, everything: Samples, cost: Steps) -> SimulatedStroke:
     )
 
 
-def _fill_resting(chain: Chain, laws: Laws, state: State, samples: Samples, rows: int) -> None:
-    work, force = allocate_workspace(state.q.size, state.anchor.size), np.empty(3)
-    measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
-    samples.q[:rows], samples.w[:rows], samples.force[:rows], samples.contact[:rows] = state.q, 0.0, force, work.contact
-
-
 @dataclass(frozen=True)
 class Job:
     """One stroke to simulate, with sample times `t_s` (m,); fields as the arguments of `simulate_stroke`."""
@@ -216,13 +213,10 @@ def simulate_strokes(jobs: Sequence[Job], threads: int | None = None) -> list[Si
         return [_stroke(job) for job in jobs]
     results: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(jobs)
     with ThreadPoolExecutor(count) as pool:
-        for first, part in enumerate(pool.map(_simulate_in_turn, [jobs[first::count] for first in range(count)])):
-            results[first::count] = part
+        parts = [jobs[first::count] for first in range(count)]
+        for first, strokes in enumerate(pool.map(lambda part: [_stroke(job) for job in part], parts)):
+            results[first::count] = strokes
     return results
-
-
-def _simulate_in_turn(jobs: Sequence[Job]) -> list[SimulatedStroke | SimulationFailed]:
-    return [_stroke(job) for job in jobs]
 
 
 def _stroke(job: Job) -> SimulatedStroke | SimulationFailed:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rfca_rig.cli.commands.dynamic import replace_conditions
+from rfca_rig.cli.commands.measure.dynamic import replace_conditions
 from rfca_rig.cli.preflight import check_before_run
 from rfca_rig.cli.run_config import RunConfig, RunOptions, make_run_config
 from rfca_rig.cli.run_experiment import run_and_record

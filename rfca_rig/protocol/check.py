@@ -45,17 +45,14 @@ def check_plan(plan: Plan, expected: Mapping[Stage, Load], supposing: str = "") 
         if isinstance(stage, Hold) and not 0.0 <= stage.angle_rad <= np.pi:
             raise BadInput(f"{stage.label}: static shaft angles lie between 0 and 180 degrees; beyond, the leg leaves the ground")
         if stage in expected:
-            _check_load(stage, plan, expected[stage], supposing)
-
-
-def _check_load(stage: Stage, plan: Plan, expected: Load, supposing: str) -> None:
-    limits = plan.limits
-    if expected.force_N > limits.force_N or expected.torque_Nm > limits.torque_Nm:
-        turns = isinstance(stage, Approach | Cycles | Flap)
-        # Slower helps only where speed makes the load; in static moves it is a bent leg that is pushed back and
-        # wedges.
-        way_out = "go slower" if turns else "turn the shaft back less: a bent leg that is pushed back wedges"
-        raise BadInput(
-            f"{stage.label}: the model expects {expected.force_N:.0f} N and {expected.torque_Nm:.1f} N m{supposing}, the rig's limits "
-            f"are {limits.force_N:g} N and {limits.torque_Nm:g} N m; raise the rack or {way_out}, or raise [limits] if the rig can take it"
-        )
+            load, limits = expected[stage], plan.limits
+            if load.force_N > limits.force_N or load.torque_Nm > limits.torque_Nm:
+                turns = isinstance(stage, Approach | Cycles | Flap)
+                # Slower helps only where speed makes the load; in static moves it is a bent leg that is pushed back and
+                # wedges.
+                way_out = "go slower" if turns else "turn the shaft back less: a bent leg that is pushed back wedges"
+                raise BadInput(
+                    f"{stage.label}: the model expects {load.force_N:.0f} N and {load.torque_Nm:.1f} N m{supposing}, the rig's limits "
+                    f"are {limits.force_N:g} N and {limits.torque_Nm:g} N m; raise the rack or {way_out}, "
+                    "or raise [limits] if the rig can take it"
+                )

@@ -139,18 +139,13 @@ def make_stream_from_rows(form: StreamForm, rows: Rows, start: CommandedStart) -
         column.name: Column(np.ascontiguousarray(rows[column.name]), column.unit, column.conversion, column.offset)
         for column in apply_start(form, start).columns
     }
-    return Stream(_device_time(rows, start.start_s), columns)
+    offset_s = host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME]) if len(rows) else 0.0
+    return Stream(rows[DEVICE_TIME] + (offset_s - start.start_s), columns)
 
 
 def apply_start(form: StreamForm, start: CommandedStart) -> StreamForm:
     """The form with the offsets that depend on the commanded start."""
     return replace(form, columns=tuple(replace(column, offset=start.offsets.get(column.name, column.offset)) for column in form.columns))
-
-
-def _device_time(rows: Rows, start_s: float) -> Floats:
-    if not len(rows):
-        return np.zeros(0)
-    return rows[DEVICE_TIME] + (host_offset_s(rows[HOST_TIME], rows[DEVICE_TIME]) - start_s)
 
 
 def host_offset_s(host_s: Floats, device_s: Floats) -> float:
@@ -174,7 +169,10 @@ def host_offset_s(host_s: Floats, device_s: Floats) -> float:
 
 def make_column(group: h5py.Group, form: ColumnForm, length: int) -> h5py.Dataset:
     """One 1-d dataset without values yet, compressed so that it opens everywhere without plugins."""
-    dataset = group.create_dataset(link_name(form.name), shape=(length,), dtype=form.dtype, track_times=False, **_storage(length))
+    # gzip at its fastest, with shuffle; HDF5 allows no chunks in an empty dataset.
+    chunked = {"chunks": (min(length, ROWS_PER_CHUNK),), "compression": "gzip", "compression_opts": 1, "shuffle": True}
+    storage: dict[str, Any] = chunked if length else {}
+    dataset = group.create_dataset(link_name(form.name), shape=(length,), dtype=form.dtype, track_times=False, **storage)
     long_name = _LONG_NAMES.get(form.name, form.name)
     for key, value in {"units": form.unit, "conversion": form.conversion, "offset": form.offset, "long_name": long_name}.items():
         dataset.attrs[key] = value
@@ -248,13 +246,6 @@ def read_column(group: h5py.Group, name: str) -> Column:
     """One column, raw as it was stored."""
     dataset = check_column(group, name)
     return Column(dataset[:], *read_scale(dataset))
-
-
-def _storage(length: int) -> dict[str, Any]:
-    """gzip at its fastest, with shuffle; HDF5 allows no chunks in an empty dataset."""
-    if not length:
-        return {}
-    return {"chunks": (min(length, ROWS_PER_CHUNK),), "compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def link_name(name: str) -> str:

@@ -21,7 +21,12 @@ def write_sums(folder: Path, coming: Mapping[str, bytes] | None = None) -> None:
     """`SHA256SUMS`. `coming` has the content of files, by name, that will be written after it."""
     coming = coming or {}
     # Sorted, so that the same run gives the same bytes.
-    files = sorted(file for file in folder.rglob("*") if file.is_file() and _belongs(file))
+    # The reserve is gone after the run, files being written are not part of it, and links may show files of somebody else.
+    files = sorted(
+        file
+        for file in folder.rglob("*")
+        if file.is_file() and file.name not in (SUMS, BALLAST) and file.suffix != WRITING and not file.is_symlink()
+    )
     names = {file: file.relative_to(folder).as_posix() for file in files}
     lines = (
         f"{hashlib.sha256(coming[name]).hexdigest()}  {name}" if name in coming else sum_line(file, folder) for file, name in names.items()
@@ -32,11 +37,6 @@ def write_sums(folder: Path, coming: Mapping[str, bytes] | None = None) -> None:
 def sum_line(file: Path, folder: Path) -> str:
     """A file's line in the format of sha256sum, without the line end."""
     return f"{sha256_of(file)}  {file.relative_to(folder).as_posix()}"
-
-
-def _belongs(file: Path) -> bool:
-    # The reserve is gone after the run, files being written are not part of it, and links may show files of somebody else.
-    return file.name not in (SUMS, BALLAST) and file.suffix != WRITING and not file.is_symlink()
 
 
 def read_sums(folder: Path) -> dict[str, str]:

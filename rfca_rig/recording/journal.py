@@ -58,10 +58,14 @@ def frame_block(block: JournalBlock) -> bytes:
 
 def parse_blocks(content: bytes) -> tuple[list[JournalBlock], int]:
     """The blocks up to the first that is torn or damaged, and how many bytes they take."""
-    blocks, used = [], 0
-    for block in _blocks(memoryview(content)):
-        blocks.append(block)
-        used += block_size(block)
+    blocks, view, used = list[JournalBlock](), memoryview(content), 0
+    while len(view) - used >= _HEAD.size:
+        mark, kind, length, checksum = _HEAD.unpack_from(view, used)
+        payload = bytes(view[used + _HEAD.size : used + _HEAD.size + length])
+        if mark != _MARK or len(payload) != length or checksum != _checksum(kind, payload) or kind not in _KINDS:
+            break
+        blocks.append(JournalBlock(BlockKind(kind), payload))
+        used += block_size(blocks[-1])
     return blocks, used
 
 
@@ -89,17 +93,6 @@ def _may_go_on(remainder: bytes) -> bool:
         return True
     mark, kind, length, _ = _HEAD.unpack_from(remainder)
     return mark == _MARK and kind in _KINDS and length <= MAX_BLOCK_BYTES and len(remainder) < _HEAD.size + length
-
-
-def _blocks(content: memoryview) -> Iterator[JournalBlock]:
-    at = 0
-    while len(content) - at >= _HEAD.size:
-        mark, kind, length, checksum = _HEAD.unpack_from(content, at)
-        payload = bytes(content[at + _HEAD.size : at + _HEAD.size + length])
-        if mark != _MARK or len(payload) != length or checksum != _checksum(kind, payload) or kind not in _KINDS:
-            return
-        yield JournalBlock(BlockKind(kind), payload)
-        at += _HEAD.size + length
 
 
 def _checksum(kind: int, payload: bytes) -> int:

@@ -61,7 +61,10 @@ def _copy_stages(made: NewHdf5File, files: Iterable[Path], source: Source) -> St
             for kind in (STROKES, RAW):
                 # By number, not by name: "1000" sorts before "999".
                 for number in sorted(stage.get(kind, ()), key=int):
-                    yield from _copy_stage(stage[kind][number], _place(made.root, kind), source)
+                    part, target = stage[kind][number], _place(made.root, kind)
+                    for name, value in part.attrs.items():
+                        target.attrs[name] = value
+                    yield from copy_streams(part, target, source)
         # After each stage: writes that the disk refused stay in memory, which must not grow.
         made.check()
     return tuple(static)
@@ -71,12 +74,6 @@ def _place(root: h5py.Group, kind: str) -> h5py.Group:
     """The next numbered group of its kind."""
     parent = root[kind] if kind in root else make_raw_stages(root)
     return parent.create_group(f"{len(parent) + 1:03d}")
-
-
-def _copy_stage(stage: h5py.Group, target: h5py.Group, source: Source) -> Steps[None]:
-    for name, value in stage.attrs.items():
-        target.attrs[name] = value
-    yield from copy_streams(stage, target, source)
 
 
 def _finish(made: NewHdf5File, folder: Path, known: Recording, ending: Ending | None) -> None:

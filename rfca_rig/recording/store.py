@@ -12,7 +12,7 @@ Behind the end stands a seal, see `hdf5_file`.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -50,8 +50,11 @@ def mark_recording(file: h5py.Group, recording: Recording, has_strokes: bool) ->
     file.attrs["title"] = recording.title
     file.attrs["source"] = recording.source
     strokes.mark_root(file, STROKES if has_strokes else RAW)
-    for name, text in (("believed", recording.nominal), ("known_to", recording.known_to), ("provenance", recording.provenance)):
-        _write_text(file, name, text)
+    # Datasets, because HDF5 attributes end at 64 kB and a plan may be longer.
+    for name, content in (("believed", recording.nominal), ("known_to", recording.known_to), ("provenance", recording.provenance)):
+        text = json.dumps(dict(content), ensure_ascii=False).encode()
+        # Without track_times the file holds no date of its making, so that equal recordings give equal bytes.
+        file.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8", len(text)), track_times=False)
 
 
 def read_recording(path: Path) -> Recording:
@@ -112,13 +115,6 @@ def report_damage(path: Path) -> Iterator[None]:
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError, MemoryError, ArithmeticError) as error:
         message = " ".join(str(error).split()) or type(error).__name__
         raise BadInput(f"{path}: is not a whole recording of format {FORMAT!r}: {message[:240]}") from error
-
-
-def _write_text(file: h5py.File, name: str, content: Mapping[str, Any]) -> None:
-    """Writes a dataset, because HDF5 attributes end at 64 kB and a plan may be longer."""
-    # Without track_times the file holds no date of its making, so that equal recordings give equal bytes.
-    text = json.dumps(dict(content), ensure_ascii=False).encode()
-    file.create_dataset(name, data=text, dtype=h5py.string_dtype("utf-8", len(text)), track_times=False)
 
 
 def read_text(file: h5py.File, name: str) -> dict[str, Any]:

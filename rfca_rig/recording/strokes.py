@@ -117,7 +117,14 @@ def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], s
     group.attrs["order"] = json.dumps(names)
     mark_stage(group, names)
     for form, length in streams:
-        _make_stream(group.create_group(link_name(form.name)), form, length, source)
+        stream, columns = group.create_group(link_name(form.name)), [column.name for column in form.columns]
+        stream.attrs["source"] = source
+        stream.attrs["order"] = json.dumps(columns)
+        mark_stream(stream, columns, TIME)
+        time = make_column(stream, _TIME_FORM, length)
+        time.make_scale(TIME)
+        for column in form.columns:
+            make_column(stream, column, length).dims[0].attach_scale(time)
 
 
 def write_rows(group: h5py.Group, column: str, at: int, values: Rows) -> None:
@@ -187,17 +194,6 @@ def _form_of(name: str, stream: Stream) -> StreamForm:
         if known.raw.shape != stream.t_s.shape:
             raise ValueError(f"column {column} has shape {known.raw.shape}, its time {stream.t_s.shape}")
     return StreamForm(name, forms)
-
-
-def _make_stream(group: h5py.Group, form: StreamForm, length: int, source: Source) -> None:
-    names = [column.name for column in form.columns]
-    group.attrs["source"] = source
-    group.attrs["order"] = json.dumps(names)
-    mark_stream(group, names, TIME)
-    time = make_column(group, _TIME_FORM, length)
-    time.make_scale(TIME)
-    for column in form.columns:
-        make_column(group, column, length).dims[0].attach_scale(time)
 
 
 def _read_stream(group: h5py.Group) -> Stream:

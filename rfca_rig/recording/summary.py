@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 
 from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
-from rfca_rig.recording.model import Source, StaticStage
+from rfca_rig.recording.model import StaticStage
 from rfca_rig.recording.store import open_sealed, read_provenance, read_title
 from rfca_rig.recording.strokes import RAW, STROKES, TIME, check_times, read_condition, streams_in
 from rfca_rig.recording.tables import CYCLES, NUMBER, read_static
@@ -48,7 +48,7 @@ def summarize(path: Path, thorough: bool = True, has_right_seal: bool = False) -
             read_condition(stroke)
         samples: Counter[str] = Counter()
         missing = []
-        for name, group in _streams((*strokes, *raw), source):
+        for name, group in (each for stage in (*strokes, *raw) for each in streams_in(stage, source)):
             samples[name] += len(group[TIME])
             # Only reading every chunk finds all damage: HDF5 decodes a chunk no earlier.
             if thorough:
@@ -71,11 +71,6 @@ def add_up(tallies: Iterable[RecordingSummary]) -> RecordingSummary:
 
 def _in_order(group: h5py.Group) -> list[h5py.Group]:
     return [group[number] for number in sorted(group, key=int)]
-
-
-def _streams(stages: Iterable[h5py.Group], source: Source) -> Iterator[tuple[str, h5py.Group]]:
-    for stage in stages:
-        yield from streams_in(stage, source)
 
 
 def _read_through(stream: h5py.Group) -> None:

@@ -101,11 +101,12 @@ def set_effect_value(rig: RigModel, id_: str, name: str, value: float) -> RigMod
     """The rig with one parameter of an effect set; an effect that is absent is added."""
     if not any(present.id == id_ for present in rig.effects):
         return replace(rig, effects=(*rig.effects, PresentEffect(id_, ((name, value),))))
-    return replace(rig, effects=tuple(_with_value(each, name, value) if each.id == id_ else each for each in rig.effects))
-
-
-def _with_value(present: PresentEffect, name: str, value: float) -> PresentEffect:
-    return replace(present, values=tuple({**dict(present.values), name: value}.items()))
+    return replace(
+        rig,
+        effects=tuple(
+            replace(each, values=tuple({**dict(each.values), name: value}.items())) if each.id == id_ else each for each in rig.effects
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -169,9 +170,19 @@ def _of_the_stroke() -> tuple[Quantity, ...]:
             _between(1.0, 330.0),
         ),
         Quantity(
-            "start_angle_rad", "where a stroke begins, below the horizontal", _start_angle_rad, _between(-np.pi, np.pi), sets="start_angle"
+            "start_angle_rad",
+            "where a stroke begins, below the horizontal",
+            lambda at, x: replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, start_angle_rad=_number(x)))),
+            _between(-np.pi, np.pi),
+            sets="start_angle",
         ),
-        Quantity("ramp_s", "time in which the drive reaches its speed", _ramp_s, _above_zero, sets="ramp"),
+        Quantity(
+            "ramp_s",
+            "time in which the drive reaches its speed",
+            lambda at, x: replace(at, rig=replace(at.rig, drive=replace(at.rig.drive, ramp_s=_number(x)))),
+            _above_zero,
+            sets="ramp",
+        ),
     )
 
 
@@ -186,7 +197,12 @@ def _of_the_strip() -> tuple[Quantity, ...]:
 
 def _of_the_links() -> tuple[Quantity, ...]:
     return (
-        Quantity("links", "number of links, the leg's length, mass and strip as they are", _links, _whole_links),
+        Quantity(
+            "links",
+            "number of links, the leg's length, mass and strip as they are",
+            lambda at, x: replace(at, links=int(_number(x))),
+            _whole_links,
+        ),
         Quantity(
             "first_link_mm",
             "length of the first link, the others sharing the rest",
@@ -240,14 +256,6 @@ def _with_unit(parameter: ModelParameter[ModelPoint]) -> str:
     return f"{parameter.name}_{unit}" if unit else parameter.name
 
 
-def _start_angle_rad(at: SweepCase, value: Value) -> SweepCase:
-    return replace(at, rig=replace(at.rig, leg=replace(at.rig.leg, start_angle_rad=_number(value))))
-
-
-def _ramp_s(at: SweepCase, value: Value) -> SweepCase:
-    return replace(at, rig=replace(at.rig, drive=replace(at.rig.drive, ramp_s=_number(value))))
-
-
 def _material(at: SweepCase, value: Value) -> SweepCase:
     material = next(each for each in table_1_materials() if each.name == value)
     return replace(at, strip=replace(at.strip, material=material))
@@ -257,10 +265,6 @@ def _of_strip(field: str, at: SweepCase, value: Value) -> SweepCase:
     # 0.8 mm is then bitwise the thickness of the paper's strip.
     metres = round(1e-3 * _number(value), 9)
     return replace(at, strip=replace(at.strip, thickness_m=metres) if field == "thickness_m" else replace(at.strip, width_m=metres))
-
-
-def _links(at: SweepCase, value: Value) -> SweepCase:
-    return replace(at, links=int(_number(value)))
 
 
 def _number(value: Value) -> float:

@@ -311,7 +311,15 @@ class FdcanusbPort(_SerialAdapter):
             frame = fdcanusb.decode_send(text)
         except MalformedFrame as error:
             return f"ERR {error}"
-        self._end.send(_message_of(frame))
+        self._end.send(
+            can.Message(
+                arbitration_id=frame.can_id,
+                data=frame.data,
+                is_extended_id=frame.extended,
+                is_fd=True,
+                bitrate_switch=frame.bitrate_switch,
+            )
+        )
         return "OK"
 
     def _queue_frames(self) -> None:
@@ -321,13 +329,3 @@ class FdcanusbPort(_SerialAdapter):
                 self._waiting += fdcanusb.encode_received(
                     FdFrame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.bitrate_switch)
                 )
-
-
-def _message_of(frame: FdFrame) -> can.Message:
-    return can.Message(
-        arbitration_id=frame.can_id,
-        data=frame.data,
-        is_extended_id=frame.extended,
-        is_fd=True,
-        bitrate_switch=frame.bitrate_switch,
-    )

@@ -194,7 +194,8 @@ def _paint_plate(
     edge_px = camera.project(np.vstack([front, front[::-1] - np.array([0.0, 0.0, 0.01])]))
     paint(scene, face_px, PLATE)
     covered = compute_coverage(scene.shape[:2], face_px)
-    if reflection > 0.0 and covered is not None and _above(camera, depth_m):
+    sees_upper_face = -(camera.rotation.T @ camera.translation_m)[2] > -depth_m
+    if reflection > 0.0 and covered is not None and sees_upper_face:
         mirrored = scene.copy()
         # The mirror image lies as far below the plate as the leg is above it.
         below_m = np.column_stack([hinges_m[:, 0], -2.0 * depth_m - hinges_m[:, 1]])
@@ -203,11 +204,6 @@ def _paint_plate(
         rows, columns, share = covered
         scene[rows, columns] += reflection * share[..., None] * (mirrored - scene)[rows, columns]
     paint(scene, edge_px, (0.12, 0.12, 0.11))
-
-
-def _above(camera: CameraModel, depth_m: float) -> bool:
-    """Whether the camera sees the upper face of the plate."""
-    return bool(-(camera.rotation.T @ camera.translation_m)[2] > -depth_m)
 
 
 def _paint_frame(

@@ -234,7 +234,9 @@ class NetFtBoxTwin:
         except MalformedFrame:
             return b""
         if isinstance(order, ReadCalibrationInfo):
-            return encode_calibration(self._calibration_info())
+            says = self.configuration
+            per_unit = round(says.counts_per_force), round(says.counts_per_torque)
+            return encode_calibration(CalibrationInfo(says.force_unit, says.torque_unit, *per_unit, self._scale_factors()))
         # From now on the twin samples without a stream too, so that later readings are current.
         self._streaming.samples_without_stream = True
         if order.bias:
@@ -243,11 +245,6 @@ class NetFtBoxTwin:
         scaled = np.rint(counts / np.array(self._scale_factors()))
         small = np.clip(scaled, -LARGEST_READING - 1, LARGEST_READING).astype(int)
         return encode_reading(NetFtReading(status >> 16, tuple(small.tolist())))
-
-    def _calibration_info(self) -> CalibrationInfo:
-        says = self.configuration
-        counts = round(says.counts_per_force), round(says.counts_per_torque)
-        return CalibrationInfo(says.force_unit, says.torque_unit, *counts, self._scale_factors())
 
     def _scale_factors(self) -> tuple[int, ...]:
         """Smallest integer scale factors with which the full scale fits 16 bits."""

@@ -88,7 +88,11 @@ class Gauges:
         if len(ticks.counts):
             self._loads(ticks.force_device_s, ticks.counts)
         self._motion(ticks)
-        self._ages(ticks)
+        # Age of the newest force record at each tick; none before the first record arrived.
+        heard_s = np.maximum.accumulate(np.where(ticks.force_records > 0, ticks.now_s, self._heard_s))
+        self._heard_s = float(heard_s[-1])
+        if np.isfinite(heard_s).any():
+            self._sensor.show(1e3 * float((ticks.now_s - heard_s)[np.isfinite(heard_s)].max()))
         self._drive.show(1e3 * float(ticks.drive_silent_s.max()))
         self._late.show(1e3 * max(float(ticks.late_s.max()), 0.0))
         if not np.isnan(ticks.temperature_C[-1]):
@@ -122,13 +126,6 @@ class Gauges:
         behind_rad = np.abs(ticks.target_rad[reported] - last[2])
         worst = int((behind_rad / allowed_rad).argmax())
         self._following.show(float(np.degrees(behind_rad[worst])), float(np.degrees(allowed_rad[worst])))
-
-    def _ages(self, ticks: SeenTicks) -> None:
-        """Age of the newest force record at each tick; none before the first record arrived."""
-        heard_s = np.maximum.accumulate(np.where(ticks.force_records > 0, ticks.now_s, self._heard_s))
-        self._heard_s = float(heard_s[-1])
-        if np.isfinite(heard_s).any():
-            self._sensor.show(1e3 * float((ticks.now_s - heard_s)[np.isfinite(heard_s)].max()))
 
     def read_values(self) -> Mapping[str, Mapping[str, float]]:
         """The worst values since the last call, by name of the gauge."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from math import tau
 from typing import Any
@@ -154,7 +155,10 @@ class Legs:
     """
 
     def __init__(self, nominal: Mapping[str, Any]) -> None:
-        self._rig = _read_model(nominal)
+        self._rig: RigModel | None = None
+        # A model section that this version cannot read costs the picture of the leg, not the whole view.
+        with suppress(RigError):
+            self._rig = nominal_model(nominal) if nominal else None
         self._shapes: LegShapes | None = None
         self._prepared: set[SceneStroke] = set()
 
@@ -224,14 +228,6 @@ class Legs:
         if stroke is None or stroke not in self._prepared:
             return shapes.hanging(shaft_rad)
         return shapes.at_shaft(stroke.height_m, shaft_rad, stroke.speed_rad_s)
-
-
-def _read_model(nominal: Mapping[str, Any]) -> RigModel | None:
-    try:
-        # A model section that this version cannot read costs the picture of the leg, not the whole view.
-        return nominal_model(nominal) if nominal else None
-    except RigError:
-        return None
 
 
 def _as_lists(points: Floats) -> list[list[float]]:

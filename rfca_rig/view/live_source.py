@@ -136,19 +136,17 @@ class LiveSource:
             self._samples(ticks)
             return float(ticks.wall_s[0])
         for block in blocks:
-            self._handle_event(json.loads(block.payload))
+            event = json.loads(block.payload)
+            match event["about"]:
+                case "stage":
+                    self._stage(event)
+                case "vitals":
+                    self._health.vitals(event)
+                case "line":
+                    self._lines.append(event["text"])
+                case "end":
+                    self._end(event["why"], event["code"], event["wall_s"])
         return np.inf
-
-    def _handle_event(self, event: dict[str, Any]) -> None:
-        match event["about"]:
-            case "stage":
-                self._stage(event)
-            case "vitals":
-                self._health.vitals(event)
-            case "line":
-                self._lines.append(event["text"])
-            case "end":
-                self._end(event["why"], event["code"], event["wall_s"])
 
     def _stage(self, event: dict[str, Any]) -> None:
         number = event["number"]

@@ -195,7 +195,10 @@ def time_line(stored: StoredRecording, start_rad: float | None, ramp_s: float) -
 
 def _in_order(stored: StoredRecording, start_rad: float | None, ramp_s: float) -> Iterator[Clip]:
     strokes = iter([_stroke_clip(stroke, start_rad, ramp_s) for stroke in stored.strokes])
-    holds = iter(_hold_clips(stored))
+    # Raw samples only where the recording kept them for every stage.
+    whole = [stage for stage in stored.raw if not stage.cut_short and not stage.is_cycle_table]
+    behind = whole if len(whole) == len(stored.static) else [None] * len(stored.static)
+    holds = iter([_hold_clip(stage, raw) for stage, raw in zip(stored.static, behind, strict=True)])
     # A plan may be longer than what was recorded: `_next` then gives nothing. Without a plan, strokes come before static stages.
     plan = plan_in(stored)
     for stage, scene in zip(plan.stages, scenes(plan), strict=True) if plan else ():
@@ -243,13 +246,6 @@ def _command_rad(start_rad: float, speed_rad_s: float, ramp_s: float, t_s: float
 
 def _load_samples(stage: StoredStage) -> StageSamples:
     return samples_of(stage.samples.whole())
-
-
-def _hold_clips(stored: StoredRecording) -> list[Clip]:
-    """Clips of static stages, with their raw samples where the recording kept them for every stage."""
-    whole = [stage for stage in stored.raw if not stage.cut_short and not stage.is_cycle_table]
-    behind = whole if len(whole) == len(stored.static) else [None] * len(stored.static)
-    return [_hold_clip(stage, raw) for stage, raw in zip(stored.static, behind, strict=True)]
 
 
 def _hold_clip(stage: StaticStage, raw: StoredStage | None) -> Clip:

@@ -72,7 +72,13 @@ def calibrate(found: Sequence[BoardPhoto | RefusedPhoto]) -> CameraCalibration:
     _check_tilts(photos)
     fit = _fit(photos)
     # One round of rejection: photos that fit none of the others, such as those of a bent board, would bias all parameters.
-    outliers = _find_outliers(photos, fit.errors_px)
+    limit_px = max(OUTLIER_FACTOR * float(np.median(fit.errors_px)), GOOD_ERROR_PX)
+    why = "its corners lie {:.2f} px off, those of the others {:.2f} px: the board was bent, moved or another one"
+    outliers = [
+        RefusedPhoto(photo.name, why.format(error_px, float(np.median(fit.errors_px))))
+        for photo, error_px in zip(photos, fit.errors_px, strict=True)
+        if error_px > limit_px
+    ]
     if not outliers:
         return _calibration(photos, fit, refused)
     refused += outliers
@@ -153,16 +159,6 @@ def _solve(photos: Sequence[BoardPhoto], flags: int) -> _Fit:
 
 def _numbers(given: Any) -> Floats:
     return np.asarray(given, np.float64).ravel()
-
-
-def _find_outliers(photos: Sequence[BoardPhoto], errors_px: Floats) -> list[RefusedPhoto]:
-    limit_px = max(OUTLIER_FACTOR * float(np.median(errors_px)), GOOD_ERROR_PX)
-    why = "its corners lie {:.2f} px off, those of the others {:.2f} px: the board was bent, moved or another one"
-    return [
-        RefusedPhoto(photo.name, why.format(error_px, float(np.median(errors_px))))
-        for photo, error_px in zip(photos, errors_px, strict=True)
-        if error_px > limit_px
-    ]
 
 
 def _calibration(photos: Sequence[BoardPhoto], fit: _Fit, refused: Sequence[RefusedPhoto]) -> CameraCalibration:

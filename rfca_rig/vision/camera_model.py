@@ -59,7 +59,11 @@ class CameraModel:
         Raises BadInput where the lens model has no inverse, which happens only far outside the picture that it was calibrated on.
         """
         target = np.asarray(px, dtype=np.float64)
-        point = self._without_lens(target)
+        # Start of the search: points where straight rays through the pixels meet the plane.
+        rays = np.linalg.solve(self.matrix, np.concatenate([target, np.ones((*target.shape[:-1], 1))], axis=-1)[..., None])[..., 0]
+        directions = rays @ self.rotation
+        origin = -self.translation_m @ self.rotation
+        point: Floats = np.asarray(origin[1:] - directions[..., 1:] * (origin[0] / directions[..., :1]))
         for _ in range(NEWTON_STEPS):
             miss = self.project(point) - target
             point = point - np.linalg.solve(self.project_jacobian(point), miss[..., None])[..., 0]
@@ -110,13 +114,6 @@ class CameraModel:
         outwards = np.linspace(0.1, 1.0, 10).reshape(-1, *[1] * seen.ndim)
         jacobian = _distortion_jacobian(outwards * (seen[..., :2] / seen[..., 2:]), self.distortion)
         return bool((np.linalg.det(jacobian) > 0.0).all() and (seen[..., 2] > 0.0).all())
-
-    def _without_lens(self, px: Floats) -> Floats:
-        """Points where straight rays through the pixels meet the plane: the start of the search with the lens."""
-        rays = np.linalg.solve(self.matrix, np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1)[..., None])[..., 0]
-        directions = rays @ self.rotation
-        origin = -self.translation_m @ self.rotation
-        return np.asarray(origin[1:] - directions[..., 1:] * (origin[0] / directions[..., :1]))
 
 
 def _to_space(points_m: ArrayLike) -> Floats:

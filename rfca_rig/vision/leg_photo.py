@@ -39,7 +39,7 @@ def draw_overlay(
     _chain(picture, identified, pen)
     for index, mark in enumerate(identified.marks):
         if mark is not None:
-            _ring(picture, mark, _label(index, plan), pen)
+            _ring(picture, mark, plan.name(index).replace("mark at ", "").replace(" mark", ""), pen)
     for mark in identified.extra:
         _cross(picture, mark, pen)
     _lines(picture, _angle_words(angles) + [f"{doubt.kind}: {doubt.words}" for doubt in identified.doubts if doubt.kind != "extra"], pen)
@@ -73,10 +73,6 @@ def _cross(picture: Pixels, mark: Mark, pen: float) -> None:
     for way in (np.array([arm, arm]), np.array([arm, -arm])):
         cv2.line(picture, _fine(mark.px - way), _fine(mark.px + way), EXTRA, round(pen), cv2.LINE_AA, FINE_BITS)
     _write(picture, "not the leg's", mark.px + np.array([0.9, 0.2]) * mark.diameter_px, EXTRA, pen)
-
-
-def _label(index: int, plan: MarkPlan) -> str:
-    return plan.name(index).replace("mark at ", "").replace(" mark", "")
 
 
 def _angle_words(angles: HingeAngles | None) -> list[str]:
@@ -136,7 +132,10 @@ def read_marks(image: Pixels, eye: PhotoSetup) -> IdentifiedMarks:
     if size_px != eye.camera.image_size_px:
         width, height = eye.camera.image_size_px
         raise BadInput(f"a photo of {size_px[0]} x {size_px[1]} pixels, the camera was calibrated with {width} x {height}")
-    marks, rejected = find_marks_and_rejected(image, _usual_diameter_px(eye))
+    # Expected size: marks of a leg that hangs straight down, about the middle of its range of motion.
+    down = np.full(len(eye.link_lengths_m), 0.5 * np.pi)
+    diameters_px = eye.camera.disc_diameter_px(mark_positions(down, eye.link_lengths_m, eye.plan), eye.plan.diameter_m)
+    marks, rejected = find_marks_and_rejected(image, float(np.median(diameters_px)))
     return identify(marks, eye.camera, eye.plan, eye.link_lengths_m, rejected=rejected)
 
 
@@ -145,9 +144,3 @@ def read_leg_photo(image: Pixels, eye: PhotoSetup) -> LegPhoto:
     identified = read_marks(image, eye)
     angles = hinge_angles(identified, eye.camera, eye.plan, eye.link_lengths_m)
     return LegPhoto(identified, angles, draw_overlay(image, identified, eye.camera, eye.plan, angles))
-
-
-def _usual_diameter_px(eye: PhotoSetup) -> float:
-    """Median diameter of the marks of a leg that hangs straight down, about the middle of its range of motion."""
-    down = np.full(len(eye.link_lengths_m), 0.5 * np.pi)
-    return float(np.median(eye.camera.disc_diameter_px(mark_positions(down, eye.link_lengths_m, eye.plan), eye.plan.diameter_m)))

@@ -72,7 +72,9 @@ def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, 
     for threshold in sorted({max(MIN_COUNTS, share * brightest) for share in SHARES}, reverse=True):
         found = (red > threshold).astype(np.uint8)
         for gap in GAP_SHARES:
-            _, _, boxes, middles = cv2.connectedComponentsWithStats(_close_cuts(found, gap * diameter), connectivity=8)
+            size = max(3, round(gap * diameter) | 1)
+            closed = cv2.morphologyEx(found, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+            _, _, boxes, middles = cv2.connectedComponentsWithStats(np.asarray(closed, np.uint8), connectivity=8)
             # Component 0 is the background.
             own = (_patch(box, middle, shrink) for box, middle in zip(boxes[1:], middles[1:], strict=True))
             patches += [patch for patch in own if _has_size_of_mark(patch, expected_diameter_px)]
@@ -94,11 +96,6 @@ def _shrink(image_bgr: Pixels, shrink: int) -> Pixels:
     height, width = image_bgr.shape[:2]
     whole = image_bgr[: height - height % shrink, : width - width % shrink]
     return np.asarray(cv2.resize(whole, (width // shrink, height // shrink), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _close_cuts(mask: Pixels, gap_px: float) -> Pixels:
-    size = max(3, round(gap_px) | 1)
-    return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))), np.uint8)
 
 
 def _patch(box: NDArray[np.int32], middle: Floats, shrink: int) -> Patch:

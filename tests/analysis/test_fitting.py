@@ -359,7 +359,7 @@ def test_effects_that_were_believed_stay_and_a_fitted_height_adds_to_a_believed_
 
 
 def app() -> typer.Typer:
-    from rfca_rig.cli.commands.fit import fit as command
+    from rfca_rig.cli.commands.understand.fit import fit as command
 
     made = typer.Typer()
     made.command()(command)

@@ -52,6 +52,12 @@ def test_every_command_stands_in_one_group_of_the_help(monkeypatch, capsys):
         assert re.findall(r"^  ([a-z]+)  ", section, re.MULTILINE) == list(members)
 
 
+@pytest.mark.parametrize("path", LEAVES, ids=" ".join)
+def test_every_command_stands_in_the_package_of_its_group(path):
+    title = next(title for title, members in GROUPS.items() if path[0] in members)
+    assert leaf(path).callback.__module__.startswith(f"rfca_rig.cli.commands.{title.lower().replace(' ', '_')}.")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", list(every_command()), ids=" ".join)
 def test_no_help_names_a_type_of_python_or_a_unit_in_words(monkeypatch, capsys, path):

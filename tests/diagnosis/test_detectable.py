@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.repeats import group_by_condition
-from rfca_rig.diagnosis.decision.detection_limits import _threshold, find_detection_limits
+from rfca_rig.diagnosis.decision.sizes import _threshold, find_detection_limits
 from rfca_rig.diagnosis.diagnose import find_excluded_sizes
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
 from rfca_rig.diagnosis.inference.screening import EffectProbe

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from rfca_rig.cli.commands.plan import _rows
+from rfca_rig.cli.commands.measure.plan import _rows
 from rfca_rig.clock import TwinClock
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import run_plan

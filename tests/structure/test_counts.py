@@ -6,20 +6,20 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 500,
-    "lines": 88_100,
-    "lines of code": 56_200,
-    "modules with one user, in their package": 38,
-    "functions": 5_930,
-    "private functions with one use": 815,
+    "modules": 505,
+    "lines": 87_900,
+    "lines of code": 56_150,
+    "modules with one user, in their package": 36,
+    "functions": 5_850,
+    "private functions with one use": 715,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,
-    "modules of the largest folder": 25,
+    "modules of the largest folder": 20,
     "words of our own dialect": 38,
 }
 AT_LEAST = {
-    "full-line comments": 2_700,
+    "full-line comments": 2_780,
     "array functions whose docstring states shapes, %": 99.0,
     "docstrings with structured sections": 210,
 }

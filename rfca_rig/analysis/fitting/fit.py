@@ -218,7 +218,9 @@ def fit(problem: Problem, space: Prior[ModelPoint], search: Search | None = None
     if residuals.at([np.zeros(len(space.std))])[0] is None:
         raise SimulationFailed("the model cannot be computed with its nominal values; is a decimal point of leg or ground misplaced?")
     # Whitening needs a point to linearise at. All starts share it, so that their costs can be compared.
-    first = _first_point(space, search)
+    first = np.zeros(len(space.std))
+    for name, value in search.start.items():
+        first[space.names.index(name)] = space.point(name, value)
     _whiten(residuals, first, scatter)
     runs = _descend_all(residuals, [first, *_screen_prior(residuals, search)], search)
     best = min(runs, key=lambda run: float(run.cost))
@@ -272,13 +274,6 @@ def _descent(
     """One descent, in whichever process, and the number of points that it computed."""
     residuals = Residuals(problem, space.space(), _silent, whitening)
     return descend(residuals, start[1], most_evaluations), residuals.computed
-
-
-def _first_point(space: Prior[ModelPoint], search: Search) -> Floats:
-    first = np.zeros(len(space.std))
-    for name, value in search.start.items():
-        first[space.names.index(name)] = space.point(name, value)
-    return first
 
 
 def _screen_prior(residuals: Residuals, search: Search) -> list[Floats]:

@@ -9,7 +9,7 @@ from typing import Any
 from rfca_rig.analysis.fitting.result import FitResult, FittedParameter
 from rfca_rig.description.model_file import write_model
 from rfca_rig.description.torque_rotation import scale_keys
-from rfca_rig.model.parameters import Leg, RigModel
+from rfca_rig.model.parameters import RigModel
 
 HEIGHT_OFFSET = "height_offset"
 
@@ -54,7 +54,12 @@ def make_fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offse
             "link_lengths_mm": [1e3 * length_m for length_m in leg.link_lengths_m],
             "link_masses_g": [1e3 * mass_kg for mass_kg in leg.link_masses_kg],
             "link_radius_mm": 1e3 * leg.link_radius_m,
-            **_springs(nominal["leg"], leg),
+            # k0 and k2, or the curve multiplied by the fitted factor.
+            **(
+                {"torque_rotation": scale_keys(nominal["leg"]["torque_rotation"], leg.k0_Nm_per_rad)}
+                if leg.torque_splines
+                else {"k0_Nm_per_rad": leg.k0_Nm_per_rad, "k2_per_rad2": leg.k2_per_rad2}
+            ),
             "hinge_damping_Nm_s_per_rad": leg.hinge_damping_Nm_s_per_rad,
             "start_angle_rad": leg.start_angle_rad,
             **({"rest_angles_deg": [math.degrees(rest_rad) for rest_rad in leg.rest_angles_rad]} if leg.rest_angles_rad else {}),
@@ -74,13 +79,6 @@ def make_fitted_sections(nominal: Mapping[str, Any], rig: RigModel, height_offse
         "drive": {**nominal["drive"], "ramp_s": rig.drive.ramp_s},
         "effects": _effects(rig, 1e3 * height_offset_m),
     }
-
-
-def _springs(nominal: Mapping[str, Any], leg: Leg) -> dict[str, Any]:
-    """k0 and k2, or the curve multiplied by the fitted factor."""
-    if leg.torque_splines:
-        return {"torque_rotation": scale_keys(nominal["torque_rotation"], leg.k0_Nm_per_rad)}
-    return {"k0_Nm_per_rad": leg.k0_Nm_per_rad, "k2_per_rad2": leg.k2_per_rad2}
 
 
 def _effects(rig: RigModel, offset_mm: float) -> list[dict[str, Any]]:

@@ -88,7 +88,15 @@ def list_motions(condition: Condition, shaft: Shaft, ramp_s: float, end_s: float
     """
     before = condition.strokes_before
     if shaft == "recorded":
-        return _distinct([replace(_motion_of(stroke, ramp_s, end_s), strokes_before=before) for stroke in condition.strokes])
+        turns = [replace(_motion_of(stroke, ramp_s, end_s), strokes_before=before) for stroke in condition.strokes]
+        distinct: list[StrokeMotion] = []
+        own: list[int] = []
+        for turn in turns:
+            alike = next((i for i, other in enumerate(distinct) if _same(turn, other)), len(distinct))
+            if alike == len(distinct):
+                distinct.append(turn)
+            own.append(alike)
+        return tuple(distinct), tuple(own)
     speed_rad_s = condition.speed_rad_s
     if shaft == "average":
         speed_rad_s = float(np.mean([average_speed(stroke, ramp_s).speed_rad_s for stroke in condition.strokes]))
@@ -107,17 +115,6 @@ def _motion_of(stroke: Stroke, ramp_s: float, end_s: float) -> StrokeMotion:
     if angle is None:
         return StrokeMotion(stroke.height_m, average_speed(stroke, ramp_s).speed_rad_s, None, end_s)
     return StrokeMotion(stroke.height_m, stroke.speed_rad_s, follow(*angle), end_s)
-
-
-def _distinct(turns: Sequence[StrokeMotion]) -> tuple[tuple[StrokeMotion, ...], tuple[int, ...]]:
-    distinct: list[StrokeMotion] = []
-    own: list[int] = []
-    for turn in turns:
-        alike = next((i for i, other in enumerate(distinct) if _same(turn, other)), len(distinct))
-        if alike == len(distinct):
-            distinct.append(turn)
-        own.append(alike)
-    return tuple(distinct), tuple(own)
 
 
 def _same(turn: StrokeMotion, other: StrokeMotion) -> bool:

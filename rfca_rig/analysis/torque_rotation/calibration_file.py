@@ -44,7 +44,21 @@ def write_calibration(
     sections = _sections({**nominal, "leg": leg}, result.rig, rests)
     apart = 0.0 if result.form.holds else abs(result.form.apart_relative)
     measured_to = {name: float(np.hypot(std, apart)) for name, std in result.values.known_to.items()}
-    write_model(path, sections, _keep_stated(known_to) | measured_to | _rest_known_to(rests), _comments(result, sources))
+    fitted = result.values
+    low, high = (abs(np.degrees(angle)) for angle in sorted(result.curve.range_rad, key=abs))
+    write_model(
+        path,
+        sections,
+        _keep_stated(known_to) | measured_to | _rest_known_to(rests),
+        [
+            *_from(sources),
+            f"k0 {fitted.k0_Nm_per_rad:.4f} +- {fitted.reach * fitted.k0_std:.4f} N m/rad, k2 {fitted.k2_per_rad2:.4f} +- "
+            f"{fitted.reach * fitted.k2_std:.4f} 1/rad2 (95 %), "
+            f"errors correlated by {fitted.correlation:+.2f}; from {low:.1f} to {high:.1f} degrees",
+            *_of_rests(result.rests[0]),
+            *remarks(result),
+        ],
+    )
 
 
 def write_curve(path: Path, result: StaticResult, nominal: Mapping[str, Any], known_to: Mapping[str, Any], sources: Sequence[str]) -> None:
@@ -61,7 +75,19 @@ def write_curve(path: Path, result: StaticResult, nominal: Mapping[str, Any], kn
     # The curve has no k2; its scale takes the key k0_relative.
     known = {key: value for key, value in _keep_stated(known_to).items() if key not in ("k0_relative", "k2_relative")}
     known["k0_relative"] = float(np.hypot(band or 0.0, apart))
-    write_model(path, sections, known | _rest_known_to(rests), _curve_comments(result, sources))
+    low, high = (abs(np.degrees(angle)) for angle in sorted(result.model.range_rad, key=abs))
+    write_model(
+        path,
+        sections,
+        known | _rest_known_to(rests),
+        [
+            *_from(sources),
+            f"A cubic spline through rest, measured from {low:.1f} to {high:.1f} degrees; straight beyond the last angle",
+            *_of_rests(result.rests[1]),
+            *_of_form(result.model_form),
+            *remarks(result),
+        ],
+    )
 
 
 def curve_keys(result: StaticResult) -> dict[str, Any]:
@@ -91,30 +117,6 @@ def _keep_stated(known_to: Mapping[str, Any]) -> dict[str, float]:
 def _rest_known_to(rests: RestAngles | None) -> dict[str, float]:
     """One number for all hinges: the largest of them."""
     return {} if rests is None else {"rest_angle_deg": float(np.degrees(rests.std_rad.max()))}
-
-
-def _comments(result: StaticResult, sources: Sequence[str]) -> list[str]:
-    values = result.values
-    low, high = (abs(np.degrees(angle)) for angle in sorted(result.curve.range_rad, key=abs))
-    return [
-        *_from(sources),
-        f"k0 {values.k0_Nm_per_rad:.4f} +- {values.reach * values.k0_std:.4f} N m/rad, k2 {values.k2_per_rad2:.4f} +- "
-        f"{values.reach * values.k2_std:.4f} 1/rad2 (95 %), "
-        f"errors correlated by {values.correlation:+.2f}; from {low:.1f} to {high:.1f} degrees",
-        *_of_rests(result.rests[0]),
-        *remarks(result),
-    ]
-
-
-def _curve_comments(result: StaticResult, sources: Sequence[str]) -> list[str]:
-    low, high = (abs(np.degrees(angle)) for angle in sorted(result.model.range_rad, key=abs))
-    return [
-        *_from(sources),
-        f"A cubic spline through rest, measured from {low:.1f} to {high:.1f} degrees; straight beyond the last angle",
-        *_of_rests(result.rests[1]),
-        *_of_form(result.model_form),
-        *remarks(result),
-    ]
 
 
 def _from(sources: Sequence[str]) -> list[str]:

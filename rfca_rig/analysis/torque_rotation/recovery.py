@@ -74,7 +74,13 @@ def solve_contacts(balance: Balance, data: StageData, C: Floats, start: Point, e
     """
     tried, point = set(), start
     for _ in range(MAX_CONTACT_ROUNDS):
-        adjusted = _adjust_or_fail(balance, data, C, point, ends)
+        try:
+            adjusted = adjust(balance, group_by_contacts(data, ends), data.measured, C, point)
+        except NotConverged as error:
+            raise SimulationFailed(
+                f"no balance of moments is found for these {len(data.stages)} stages; {data.label(error.row)} is farthest from one: look "
+                "for a wrong sign, unit or height there or in all stages, or for a slipped decimal point in the leg"
+            ) from None
         # A set that was tried before would repeat itself for ever.
         tried.add(tuple(ends))
         depth = _depths(balance, data, adjusted.point.z, adjusted.point.p)
@@ -84,16 +90,6 @@ def solve_contacts(balance: Balance, data: StageData, C: Floats, start: Point, e
             break
         ends, point = found, make_start_point(balance, data, adjusted.point, found)
     return adjusted, tuple(ends)
-
-
-def _adjust_or_fail(balance: Balance, data: StageData, C: Floats, point: Point, ends: Sequence[Ends]) -> Adjustment:
-    try:
-        return adjust(balance, group_by_contacts(data, ends), data.measured, C, point)
-    except NotConverged as error:
-        raise SimulationFailed(
-            f"no balance of moments is found for these {len(data.stages)} stages; {data.label(error.row)} is farthest from one: look for a "
-            "wrong sign, unit or height there or in all stages, or for a slipped decimal point in the leg"
-        ) from None
 
 
 def guess_contacts(balance: Balance, data: StageData, p: Floats) -> tuple[Ends, ...]:

@@ -91,18 +91,14 @@ def make_stage_data(
     left_out: list[OmittedStage] = []
     for number, recording in enumerate(recordings):
         for stage in recording.static:
-            why = _useless(stage)
+            why = "" if np.isfinite(stage.hinge_deg).any() else "no hinge angle"
+            if stage.settled is False:
+                why = "had not settled"
             if why:
                 left_out.append(OmittedStage(number, stage, why))
             else:
                 usable.append((number, stage))
     return _arrays(usable, left_out, noise_std, hinge_std_deg)
-
-
-def _useless(stage: StaticStage) -> str:
-    if stage.settled is False:
-        return "had not settled"
-    return "" if np.isfinite(stage.hinge_deg).any() else "no hinge angle"
 
 
 def _arrays(
@@ -124,11 +120,16 @@ def _arrays(
     height_m = np.array([round(stage.height_m, 5) for stage in stages])
     sample = np.array([noise_std.get(name) or USUAL_NOISE[name] for name in FORCES])
     stated = np.array([[stage.std.get(name) or usual for name, usual in zip(FORCES, sample, strict=True)] for stage in stages])
+    # Initial guess for missing angles: interpolated from the hinges that were seen.
+    places, complete = np.arange(hinge_deg.shape[1]), hinge_deg.copy()
+    for row in complete:
+        seen = np.isfinite(row)
+        row[~seen] = np.interp(places[~seen], places[seen], row[seen])
     return StageData(
         stages=stages,
         recording=number,
         height_m=height_m,
-        measured=np.concatenate([np.radians(_fill_missing(hinge_deg)), others], axis=1),
+        measured=np.concatenate([np.radians(complete), others], axis=1),
         hinge_std_rad=np.radians(std_deg),
         # Only the start: the factor on this error is estimated from the stages.
         force_std=stated / np.sqrt(MEAN_OF_SAMPLES),
@@ -136,15 +137,6 @@ def _arrays(
         turned=_turn_directions(hinge_deg, stages, number),
         left_out=tuple(left),
     )
-
-
-def _fill_missing(hinge_deg: Floats) -> Floats:
-    """Initial guess for missing angles: interpolated from the hinges that were seen."""
-    places, complete = np.arange(hinge_deg.shape[1]), hinge_deg.copy()
-    for row in complete:
-        seen = np.isfinite(row)
-        row[~seen] = np.interp(places[~seen], places[seen], row[seen])
-    return complete
 
 
 # A turn whose direction is beyond doubt.
@@ -155,12 +147,10 @@ def _turn_directions(hinge_deg: Floats, stages: Sequence[StaticStage], number: N
     """Direction of the change since the stage before; the first stage of a series came from the straight leg."""
     before = np.zeros_like(hinge_deg)
     for i in range(1, len(stages)):
-        if not _begins(stages[i - 1], stages[i]) and number[i] == number[i - 1]:
+        earlier, stage = stages[i - 1], stages[i]
+        # A new series begins at another height, or with loading after unloading.
+        begins = earlier.height_m != stage.height_m or (earlier.direction == "unloading" and stage.direction == "loading")
+        if not begins and number[i] == number[i - 1]:
             before[i] = hinge_deg[i - 1]
     change = np.nan_to_num(hinge_deg - before)
     return np.where(np.abs(change) > CLEAR_DEG, np.sign(change), 0.0)
-
-
-def _begins(before: StaticStage, after: StaticStage) -> bool:
-    """Whether a new series begins: another height, or loading after unloading."""
-    return before.height_m != after.height_m or (before.direction == "unloading" and after.direction == "loading")

@@ -59,7 +59,10 @@ def points_of(found: CurveFit, data: StageData) -> Points:
     """Compute the points; zeros, tares, shares of several touching ends, and missing angles are taken from the solution."""
     balance, h = found.adjusted.balance, data.hinges
     p, curve = found.adjusted.point.p, slice(0, found.adjusted.balance.curve_size)
-    z, C = _as_measured(found, data)
+    # Missing readings are taken from the solution, without error.
+    known = np.concatenate([data.seen, np.ones((len(data.seen), 4), dtype=bool)], axis=1)
+    whole = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)
+    z, C = np.where(known, data.measured, found.adjusted.point.z), whole * known[:, :, None] * known[:, None, :]
     angle = balance.correct_readings(z, p, data.recording)[:, :h] - balance.rest_rad(p)
     torque, std = np.empty(data.seen.shape), np.empty(data.seen.shape)
     for group, c in zip(found.adjusted.groups, found.adjusted.point.c, strict=True):
@@ -73,13 +76,6 @@ def points_of(found: CurveFit, data: StageData) -> Points:
     angle_std = np.sqrt(np.diagonal(C, axis1=1, axis2=2))[:, :h]
     angle, angle_std, torque, std = (np.where(data.seen, each, np.nan) for each in (angle, angle_std, torque, std))
     return Points(angle, angle_std, torque, std, data.turned * np.sign(data.measured[:, :h]))
-
-
-def _as_measured(found: CurveFit, data: StageData) -> tuple[Floats, Floats]:
-    """Readings (S, m) and their covariance (S, m, m); missing readings are taken from the solution, without error."""
-    known = np.concatenate([data.seen, np.ones((len(data.seen), 4), dtype=bool)], axis=1)
-    C = found.errors.covariance(data, found.adjusted.balance.rig.leg.link_lengths_m)
-    return np.where(known, data.measured, found.adjusted.point.z), C * known[:, :, None] * known[:, None, :]
 
 
 def _through_floor(line: LinearConditions, hinges: int) -> Floats:

@@ -49,11 +49,8 @@ class Dataset:
     def predict_all(self, inputs: Sequence[Any]) -> list[Floats | None]:
         """The model's rows (m,) for each of many inputs, in parallel: a compiled model releases the interpreter lock."""
         with ThreadPoolExecutor(THREADS) as pool:
-            return list(pool.map(self._predict_in_sequence, inputs))
-
-    def _predict_in_sequence(self, at: Any) -> Floats | None:
-        # One thread per input: nested pools would only oversubscribe the cores.
-        return _join_or_none(self.simulator.simulate(at, part) for part in self.parts)
+            # One thread per input: nested pools would only oversubscribe the cores.
+            return list(pool.map(lambda at: _join_or_none(self.simulator.simulate(at, part) for part in self.parts), inputs))
 
 
 def _join_or_none(rows: Iterable[Floats]) -> Floats | None:

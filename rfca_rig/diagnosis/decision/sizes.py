@@ -1,4 +1,4 @@
-"""Sizes of stated effects, with intervals that include the remaining misfit.
+"""Sizes of effects: of stated ones with intervals that include the remaining misfit, and detection limits of all others.
 
 The standard deviation of a parameter has two independent parts:
 
@@ -6,19 +6,25 @@ The standard deviation of a parameter has two independent parts:
    jackknife over conditions (Quenouille, Biometrika 43 (1956) 353), which is robust to errors that the observations of one condition share.
 2. The law itself: a real cause departs from its law in the catalogue by LAW_SIZE_ERROR at least. Where held-out misfit remains, it
    departs by up to the share of that misfit in what the effect removes.
+
+The detection limit of an effect that was not found is the smallest size at which these recordings would have shown it.
 """
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.config import LAW_MISFIT_SHARE, LAW_SHAPE_ERROR, LAW_SIZE_ERROR
+from rfca_rig.diagnosis.config import LAW_MISFIT_SHARE, LAW_SHAPE_ERROR, LAW_SIZE_ERROR, NEGLIGIBLE_POWER, OCCAM
 from rfca_rig.diagnosis.decision.comparison import Comparison
-from rfca_rig.diagnosis.decision.detection_limits import size_parameter, without_effect
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, value_of
+from rfca_rig.diagnosis.inference.screening import EffectProbe
 from rfca_rig.diagnosis.likelihood.cross_validation import jackknife_std
-from rfca_rig.diagnosis.result import Value
-from rfca_rig.model.effect import Parameter
+from rfca_rig.diagnosis.result import NotSeen, Value
+from rfca_rig.model.effect import Effect, Parameter
+from rfca_rig.model.parameters import RigModel
 
 Floats = NDArray[np.float64]
 
@@ -68,3 +74,103 @@ def _jackknife_std(comparison: Comparison, hypothesis: Hypothesis) -> Floats:
     """Standard deviations (p,) of all unknowns by leaving one condition out at a time."""
     rows = comparison.result.dataset.rows
     return jackknife_std(hypothesis.fitted.linear(rows.measured), hypothesis.marginal.whitening, rows.condition)
+
+
+def size_parameter(effect: Effect) -> Parameter:
+    """The parameter that states how large an effect is: the first one that does not count something."""
+    return next(parameter for parameter in effect.parameters if not parameter.whole)
+
+
+def without_effect(effect: Effect, rig: RigModel) -> float:
+    """Value of the size parameter at which an effect does nothing.
+
+    A stiffness in series does nothing at infinity, but is counted from 0.
+    """
+    size = size_parameter(effect)
+    # Its size is the whole k2, so the nominal value does nothing.
+    if effect.id == "stiffness_hardening":
+        return rig.leg.k2_per_rad2
+    if size.name.endswith("factor"):
+        return 1.0
+    return 0.0
+
+
+class SignatureMeasure(Protocol):
+    """Measure of how clearly a signature (m,) shows."""
+
+    def power(self, signature: Floats) -> float:
+        """Squared size of a signature (m,), in the unit of `needed`."""
+        ...
+
+
+def find_detection_limits(
+    effects: Sequence[Effect], probes: Sequence[EffectProbe], shows: SignatureMeasure, rig: RigModel, needed: float | None = None
+) -> tuple[NotSeen, ...]:
+    """Detection limit of each effect.
+
+    Parameters
+    ----------
+    effects
+        The effects that were not found.
+    probes
+        Their signatures (m,) at grid points.
+    shows
+        Measures the power of a signature.
+    rig
+        The nominal model, from which sizes are counted.
+    needed
+        The power that is enough. If not given, it is the power at which an effect would have been identified, beyond noise and nuisances.
+
+    Returns
+    -------
+    tuple
+        One entry per effect.
+    """
+    if needed is None:
+        # Chi-square is twice a log evidence: odds of 20, the choice among all effects, and the cost of one parameter. See docs/method.md.
+        needed = 2.0 * (3.0 + float(np.log(max(len(effects), 1))) + OCCAM)
+    return tuple(NotSeen(effect.id, _size(effect, probes, shows, rig, needed)) for effect in effects)
+
+
+def _size(
+    effect: Effect, probes: Sequence[EffectProbe], shows: SignatureMeasure, rig: RigModel, needed: float
+) -> Mapping[str, float] | None:
+    size, off = size_parameter(effect), without_effect(effect, rig)
+    powers: dict[float, list[float]] = {}
+    signed_sum = 0.0
+    for probe in probes:
+        if probe.choice.effect.id == effect.id:
+            value = dict(probe.choice.present(probe.z).values)[size.name]
+            signed_sum += value - off
+            # Sizes on both sides of zero count by their distance. Rounding joins what is equal but for the last digits.
+            powers.setdefault(round(abs(value - off), 12), []).append(shows.power(probe.signature))
+    # Several probes may have one distance, for example one per hinge; their median power counts.
+    points = sorted((distance, max(float(np.median(p)), NEGLIGIBLE_POWER * needed)) for distance, p in powers.items() if distance > 0.0)
+    if not any(power > NEGLIGIBLE_POWER * needed for _, power in points):
+        return None
+    distance, rising = _threshold(np.array(points), needed)
+    value = off + distance if off == 0.0 or signed_sum >= 0.0 else off - distance
+    value = value if rising else min(value, size.high)
+    if (rising and value > size.high) or (not rising and value < size.low) or value < min(size.low, 0.0):
+        return None
+    return {size.name: float(f"{value:.3g}")}
+
+
+def _threshold(points: Floats, needed: float) -> tuple[float, bool]:
+    """Distance at which the power reaches `needed`, and whether power rises with distance; for a stiffness it falls.
+
+    `points` (k, 2) are distance and power. The line is straight on logarithmic scales between points. Beyond them power grows with the
+    square of the distance.
+    """
+    size, power, log_needed = np.log(points[:, 0]), np.log(points[:, 1]), float(np.log(needed))
+    rising = bool(power[-1] >= power[0])
+    if not rising:
+        size, power = size[::-1], power[::-1]
+    enough = np.flatnonzero(power >= log_needed)
+    nearest = int(enough[0]) if len(enough) else int(np.argmax(power))
+    if len(enough) and nearest > 0:
+        share = (log_needed - power[nearest - 1]) / (power[nearest] - power[nearest - 1])
+        return float(np.exp(size[nearest - 1] + share * (size[nearest] - size[nearest - 1]))), rising
+    # Extrapolation: a signature is proportional to a small size, so its power to the square.
+    step = 0.5 * (log_needed - power[nearest])
+    return float(np.exp(size[nearest] + (step if rising else -step))), rising

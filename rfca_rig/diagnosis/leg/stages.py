@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.diagnosis.data.observations import Label, Observations
 from rfca_rig.model.chain import Tolerance
-from rfca_rig.model.parameters import PresentEffect, RigModel
+from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves, make_stage_motion
 from rfca_rig.model.stroke import simulate_stroke
 from rfca_rig.recording.model import StaticStage, collect_strokes_before
@@ -81,7 +81,13 @@ class StageTable:
 
     def _simulate_all(self, supposed: ModelPoint) -> Floats:
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
-        settled = tuple(effect for effect in supposed.rig.effects if not _in_motion_only(effect))
+        # A settled reading does not show what acts in motion only. The sensor is tared at each stage, so what it adds over time does not
+        # show either.
+        settled = tuple(
+            effect
+            for effect in supposed.rig.effects
+            if not (effect.id in IN_MOTION_ONLY or (effect.table is not None and effect.table.argument == "time_s"))
+        )
         rig = replace(supposed.rig, swing=None, effects=settled)
         held = _simulate_stages(
             rig, self.height_m + supposed.height_offset_m, turned, self._moves(), collect_strokes_before(self.stages[:1])
@@ -130,14 +136,6 @@ class StageTable:
             condition=np.zeros(int(present.sum()), dtype=np.intp),
             labels=tuple(Label("static", f"{1e3 * self.height_m:g} mm", signal) for signal in signals),
         )
-
-
-def _in_motion_only(present: PresentEffect) -> bool:
-    """Whether a settled reading does not show the effect.
-
-    The sensor is tared at each stage, so what it adds over time does not show either.
-    """
-    return present.id in IN_MOTION_ONLY or (present.table is not None and present.table.argument == "time_s")
 
 
 @lru_cache(maxsize=REMEMBERED)

@@ -125,7 +125,15 @@ def check_experiment(folder: Path) -> Iterator[CheckLine]:
     if not can_balance(mechanism):
         words = "not checked: it needs the state of every joint, no prescribed joint, and MuJoCo's own contacts"
         yield CheckLine("balance", "all joints", words)
-    yield from (CheckLine("balance", name, _describe_balance(share), values={"imbalance": share}) for name, share in shares.items())
+    yield from (
+        CheckLine(
+            "balance",
+            name,
+            f"inertia, weight and drive of the model balance in the recorded motion to {100.0 * share:.2g} %",
+            values={"imbalance": share},
+        )
+        for name, share in shares.items()
+    )
     corrections = find_corrections(described, mechanism, states, ratios)
     yield from check_corrections(corrections)
     # Later checks use corrected states, so that one wrong sign is not reported as several mistakes.
@@ -203,10 +211,6 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
 def _imbalances(mechanism: Mechanism, balance: TorqueBalance) -> dict[str, float]:
     """Imbalance of the torques of each joint, as a share; none without states."""
     return dict(zip(mechanism.joints, balance.imbalance.tolist(), strict=True)) if len(balance.inertial) else {}
-
-
-def _describe_balance(share: float) -> str:
-    return f"inertia, weight and drive of the model balance in the recorded motion to {100.0 * share:.2g} %"
 
 
 def _gains(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import sample_std, smallest_step
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
-from rfca_rig.campaign.experiment_layout import ExperimentFile, SignalSection
+from rfca_rig.campaign.experiment_layout import ExperimentFile
 from rfca_rig.diagnosis.data.observations import rms
 from rfca_rig.diagnosis.mechanisms.readings import Correction
 from rfca_rig.diagnosis.mechanisms.speeds import FOLLOWS, SpeedRatio, find_wraps, is_one, list_fixes, name_of
@@ -72,7 +72,12 @@ def check_signals(described: ExperimentFile, experiment: Experiment, ratios: Map
             message = f"noise_std = {signal.noise_std:g} is stated and the samples scatter by {noise:.2g} {signal.unit}; "
             message += f"it is in the unit of the column: set it in {name_of('signals', place, signal)}, or remove it"
             yield CheckLine("signal", signal.column, message, is_warning=True)
-        yield from _check_wrapping(signal, place, experiment)
+        found = ((run, wraps[0]) for run in experiment.runs if (wraps := find_wraps(experiment, run, place)).size)
+        # One warning is enough: the fix is the same for all jumps.
+        for run, sample in islice(found, 1):
+            size = abs(float(run.signals[sample + 1, place] - run.signals[sample, place]) / signal.factor)
+            message = f"jumps by {size:.4g} {signal.unit} at {run.t_s[sample + 1]:.4g} s of {run.label}; export the angle unwrapped"
+            yield CheckLine("signal", signal.column, message, is_warning=True)
 
 
 def _range_of(columns: Sequence[Floats]) -> tuple[float, float]:
@@ -85,16 +90,6 @@ def _constant(name: str, columns: Sequence[Floats], runs: Sequence[MechanismRun]
     if len(dead) == len(runs):
         return True, f"column {name} is {columns[0][0]:g} in all samples"
     return False, f"column {name} never changes in {'; '.join(dead)}" if dead else ""
-
-
-def _check_wrapping(signal: SignalSection, place: int, experiment: Experiment) -> Iterator[CheckLine]:
-    """A warning for the first jump of an angle that wraps."""
-    # One warning is enough: the fix is the same for all jumps.
-    found = ((run, wraps[0]) for run in experiment.runs if (wraps := find_wraps(experiment, run, place)).size)
-    for run, sample in islice(found, 1):
-        size = abs(float(run.signals[sample + 1, place] - run.signals[sample, place]) / signal.factor)
-        message = f"jumps by {size:.4g} {signal.unit} at {run.t_s[sample + 1]:.4g} s of {run.label}; export the angle unwrapped"
-        yield CheckLine("signal", signal.column, message, is_warning=True)
 
 
 def check_speeds(

@@ -3,9 +3,8 @@
 It measures the torque in one joint as the recordings show it, in place of the effects of the catalogue that a diagnosis states there.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameteri
 from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
-from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT, MechanismSimulator
+from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, StatedLaw
 from rfca_rig.diagnosis.residual_force.law_arguments import make_joint_argument
 from rfca_rig.diagnosis.residual_force.measured_law import LawStart, measure_best_law
@@ -36,7 +35,7 @@ from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.laws import QUANTITIES, compute_own_law
 from rfca_rig.mechanism.load import Mechanism, load_mechanism
 from rfca_rig.mechanism.plant import Plant
-from rfca_rig.model.effect import Effect, Values
+from rfca_rig.model.effect import Effect
 from rfca_rig.suggestions import suggestion
 
 Floats = NDArray[np.float64]
@@ -106,7 +105,8 @@ def measure_joint_law(
     terms = hypothesis.fitted.coordinates.choices
     others = [_leave_out(term, mechanism, place) for term in terms]
     instead_of = tuple(term.effect.id for term, other in zip(terms, others, strict=True) if other is not term)
-    simulator = _with_effects(problem.simulator, [term for term in others if term is not None])
+    reduced = {term.effect.id: term.effect for term in others if term is not None}
+    simulator = replace(problem.simulator, effects={**problem.simulator.effects, **reduced})
     # The reduced effects replace the whole ones under the same ids.
     found = replace(found, dataset=replace(found.dataset, simulator=simulator))
     base = _fit_base(found, hypothesis, others) if instead_of else hypothesis
@@ -133,11 +133,6 @@ def measure_joint_law(
 def _at_mean(hypothesis: Hypothesis) -> MechanismInput:
     at: MechanismInput = hypothesis.fitted.coordinates.supposed(hypothesis.marginal.posterior.mean)
     return at
-
-
-def _with_effects(simulator: MechanismSimulator, terms: Sequence[EffectTerm]) -> MechanismSimulator:
-    """The simulator in which these terms' effects have their ids."""
-    return replace(simulator, effects={**simulator.effects, **{term.effect.id: term.effect for term in terms}})
 
 
 def _fit_base(found: ModelSelectionResult, hypothesis: Hypothesis, terms: Sequence[EffectTerm | None]) -> Hypothesis:
@@ -173,7 +168,7 @@ def _leave_out(term: EffectTerm, mechanism: Mechanism, place: JointPlace) -> Eff
     rest = tuple(parameter for parameter in effect.parameters if parameter.name != own)
     if not any(_own_parameter(replace(effect, parameters=rest), mechanism, joint) for joint in range(len(mechanism.joints))):
         return None
-    return replace(term, effect=replace(effect, parameters=rest, apply=_with_zero(effect, own)))
+    return replace(term, effect=replace(effect, parameters=rest, apply=lambda plant, values: effect.apply(plant, {**values, own: 0.0})))
 
 
 def _own_parameter(effect: Effect, mechanism: Mechanism, joint: int) -> str | None:
@@ -183,15 +178,6 @@ def _own_parameter(effect: Effect, mechanism: Mechanism, joint: int) -> str | No
         if owners and max(owners, key=len) == mechanism.joints[joint]:
             return parameter.name
     return None
-
-
-def _with_zero(effect: Effect, name: str) -> Callable[[Any, Values], Any]:
-    """The effect with one of its sizes at zero."""
-
-    def apply(plant: object, values: Values) -> object:
-        return effect.apply(plant, {**values, name: 0.0})
-
-    return apply
 
 
 @dataclass(frozen=True)

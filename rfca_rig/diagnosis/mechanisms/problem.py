@@ -119,7 +119,9 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     match = match_columns(experiment, mechanism)
     cut = list_windows(experiment, mechanism, match)
     recorded = sum(len(of_run) for of_run in cut)
-    cut = [_thin(of_run, experiment.most_windows / max(recorded, 1)) for of_run in cut]
+    # About this share of the windows of each run is used, evenly spread; all if it is 1 or more.
+    share = experiment.most_windows / max(recorded, 1)
+    cut = [[of_run[place] for place in spread(len(of_run), max(1, round(share * len(of_run))))] for of_run in cut]
     windows = [window for of_run in cut for window in of_run]
     if not windows:
         raise BadInput(f"{experiment.path}: {_describe_no_window(experiment)}")
@@ -218,11 +220,6 @@ def _find_steady_step(simulator: MechanismSimulator, windows: Sequence[Window]) 
     # No pair of steps agreed: the shortest one is used if it can be simulated at all.
     stepping.follow(stepping.plant(MechanismInput()), windows[0])  # says why where it fails
     return STEPS_S[-1]
-
-
-def _thin(windows: list[Window], share: float) -> list[Window]:
-    """About this share of the windows of a run, evenly spread; all if it is 1 or more."""
-    return [windows[place] for place in spread(len(windows), max(1, round(share * len(windows))))]
 
 
 def choose_step(simulator: MechanismSimulator, windows: Sequence[CorrectedWindow]) -> float:

@@ -213,11 +213,9 @@ def _scale(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> Floats
     free = make_driven_pendulum(Pendulum(tuple(replace(link, driven=True) for link in pendulum.links)))
     square = np.zeros_like(window.measured)
     for more in USUAL_ERROR * np.diag(torque_Nm):
-        ahead, behind = (_with_torque(window, sign * more).predicted(free) for sign in (1.0, -1.0))
+        ahead, behind = (
+            replace(window, trace=replace(window.trace, torque_Nm=window.trace.torque_Nm + sign * more)).predicted(free)
+            for sign in (1.0, -1.0)
+        )
         square += (0.5 * (ahead - behind) / USUAL_ERROR) ** 2
     return np.asarray(np.maximum.accumulate(np.sqrt(square), axis=2))
-
-
-def _with_torque(window: SwingWindow, more_Nm: Floats) -> SwingWindow:
-    """The window with additional torque (n,) in the joints."""
-    return replace(window, trace=replace(window.trace, torque_Nm=window.trace.torque_Nm + more_Nm))

@@ -73,7 +73,12 @@ class ForceScene:
     @cached_property
     def roots(self) -> list[Floats]:
         """For each smoothness a root (k, r) of the covariance of all forces at size 1."""
-        return _roots(self.conditions)
+        way_s = [here.flap.phases.valley_s - here.flap.phases.touchdown_s for here in self.conditions]
+        # Time is scaled so that touchdown and valley of all conditions coincide, since they share a part of the force.
+        at = [(h.bumps.centres_s - h.flap.phases.touchdown_s) / way * np.mean(way_s) for h, way in zip(self.conditions, way_s, strict=True)]
+        t, condition = np.concatenate(at), np.repeat(np.arange(len(at)), [len(a) for a in at])
+        together = np.where(condition[:, None] == condition, 1.0, CONDITION_CORRELATION)
+        return [_root(np.exp(-0.5 * ((t[:, None] - t) / over) ** 2) * together) for over in SMOOTH_OVER_S]
 
     @property
     def places(self) -> tuple[ForceInput, ...]:
@@ -241,16 +246,6 @@ def make_held_out_equations(scene: ForceScene, whitening: DiscrepancyWhitening, 
             NormalEquations(products[:-1, :-1], products[:-1, -1], -0.5 * (float(products[-1, -1]) + log_det), scene.jacobian.shape[1])
         )
     return found
-
-
-def _roots(conditions: Sequence[NominalCondition]) -> list[Floats]:
-    """For each smoothness a root (k, r) of the covariance of the forces at size 1."""
-    way_s = [here.flap.phases.valley_s - here.flap.phases.touchdown_s for here in conditions]
-    # Time is scaled so that touchdown and valley of all conditions coincide, since they share a part of the force.
-    at = [(h.bumps.centres_s - h.flap.phases.touchdown_s) / way * np.mean(way_s) for h, way in zip(conditions, way_s, strict=True)]
-    t, condition = np.concatenate(at), np.repeat(np.arange(len(at)), [len(a) for a in at])
-    together = np.where(condition[:, None] == condition, 1.0, CONDITION_CORRELATION)
-    return [_root(np.exp(-0.5 * ((t[:, None] - t) / over) ** 2) * together) for over in SMOOTH_OVER_S]
 
 
 def _root(covariance: Floats) -> Floats:

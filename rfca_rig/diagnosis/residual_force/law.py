@@ -136,13 +136,10 @@ class MeasuredLaw:
     @property
     def present(self) -> PresentEffect:
         """The law as an effect of the model."""
-        return PresentEffect(TABULATED_LAW, table=LawTable(self.place, self.argument, tuple(map(float, self.knots)), self._possible))
-
-    @property
-    def _possible(self) -> tuple[float, ...]:
-        """The values, limited where they cannot be physical: a friction coefficient cannot be negative."""
+        # A friction coefficient cannot be negative.
         least = -1.0 if self.place == "floor_friction" else -np.inf
-        return tuple(max(float(value), least) for value in self.values)
+        values = tuple(max(float(value), least) for value in self.values)
+        return PresentEffect(TABULATED_LAW, table=LawTable(self.place, self.argument, tuple(map(float, self.knots)), values))
 
 
 @dataclass(frozen=True)

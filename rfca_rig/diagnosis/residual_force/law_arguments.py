@@ -191,7 +191,13 @@ def compute_nominal_law(dataset: Dataset, supposed: Any, place: str, argument: s
         return own_law_of_joint(dataset, replace(supposed, effects=()), place, argument, u)
     leg, ground = supposed.rig.leg, supposed.rig.ground
     if place.startswith("joint"):
-        return _own_of_joint(dataset, supposed, place, argument, u)
+        stretch = next(part for part in dataset.parts if isinstance(part, Stretch))
+        links = apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)).links
+        number = "1" if len(links) == 1 else place.removeprefix("joint")
+        if argument != "rate_rad_s" or not number.isdecimal():
+            return None
+        link = links[int(number) - 1]
+        return np.asarray(link.joint_damping_Nm_s_per_rad * u + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S))
     laws: dict[str, Callable[[], Floats]] = {
         "rate_rad_s": lambda: leg.hinge_damping_Nm_s_per_rad * u,
         "angle_rad": lambda: bending_torque_Nm(leg, u),
@@ -207,16 +213,6 @@ def add_own_law(place: str, own: Floats, values: Floats) -> Floats:
     return np.asarray(own * (1.0 + values) if place == "floor_friction" else own + values)
 
 
-def _own_of_joint(dataset: Dataset, supposed: ModelPoint, place: str, argument: str, u: Floats) -> Floats | None:
-    stretch = next(part for part in dataset.parts if isinstance(part, Stretch))
-    links = apply_nuisances(stretch.pendulum, dict(to_pendulum_input(supposed).off)).links
-    number = "1" if len(links) == 1 else place.removeprefix("joint")
-    if argument != "rate_rad_s" or not number.isdecimal():
-        return None
-    link = links[int(number) - 1]
-    return np.asarray(link.joint_damping_Nm_s_per_rad * u + link.joint_friction_Nm * np.tanh(u / SURE_OF_SIGN_RAD_S))
-
-
 def course_of_stroke(flap: DynamicCondition, supposed: ModelPoint, place: str, argument: str) -> Course:
     """The argument over one simulated stroke."""
     stroke, rig = flap.stroke(supposed), supposed.rig
@@ -227,7 +223,11 @@ def course_of_stroke(flap: DynamicCondition, supposed: ModelPoint, place: str, a
         if place != "hinges":
             values = values[:, int(place.removeprefix("hinge")) - 2][:, None]
         return Course(stroke.t_s, values, np.ones(values.shape, dtype=bool))
-    values, counts = _at_floor(flap, supposed, stroke)[argument] if place.startswith("floor") else _of_channel(stroke, place, argument)
+    if place.startswith("floor"):
+        values, counts = _at_floor(flap, supposed, stroke)[argument]
+    else:
+        values = {"time_s": stroke.t_s, "shaft_angle_rad": stroke.shaft_angle_rad}.get(argument, getattr(stroke, place))
+        counts = np.ones(len(stroke.t_s), dtype=bool)
     return Course(stroke.t_s, values[:, None], counts[:, None])
 
 
@@ -239,11 +239,6 @@ def _at_floor(flap: DynamicCondition, supposed: ModelPoint, stroke: SimulatedStr
     depth = np.sin(q) @ length + supposed.rig.leg.link_radius_m - flap.height_m - supposed.height_offset_m
     pressed = load > PRESSED * load.max()
     return {"slip_m_s": (slip, pressed), "load_N": (load, load > 0.0), "depth_m": (depth, depth > 0.0)}
-
-
-def _of_channel(stroke: SimulatedStroke, place: str, argument: str) -> tuple[Floats, NDArray[np.bool_]]:
-    values = {"time_s": stroke.t_s, "shaft_angle_rad": stroke.shaft_angle_rad}.get(argument, getattr(stroke, place))
-    return values, np.ones(len(stroke.t_s), dtype=bool)
 
 
 def course_of_stretch(stretch: Stretch, supposed: ModelPoint, place: str, argument: str) -> list[Course]:

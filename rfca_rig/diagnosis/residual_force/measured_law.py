@@ -270,7 +270,11 @@ def _hypothesis(optimizer: GaussNewton, fitted: MapFit) -> Hypothesis:
 
 def _make_measured_law(found: ModelSelectionResult, base: Hypothesis, fits: _Fits) -> MeasuredLaw:
     """The most probable fit as plain values, with standard deviations that include the spread between equally good fits."""
-    law, spread = fits.laws[0], _spread(fits.laws)
+    # Covariance (p, p) between fits that are about as probable, as of a mixture of all; zero for a single one. Contact makes the misfit
+    # rough, so fits from different starts stop at different places.
+    estimates = np.array([_estimate(law) for law in fits.laws])
+    apart = estimates - estimates.mean(axis=0)
+    law, spread = fits.laws[0], np.asarray(apart.T @ apart / len(fits.laws))
     term, part = _term_of(law.fitted)
     argument = term.argument
     values, knots = _estimate(law)[part], np.array(term.knots)
@@ -302,16 +306,6 @@ def _estimate(law: Hypothesis) -> Floats:
     term, part = _term_of(law.fitted)
     mean = law.marginal.posterior.mean
     return np.asarray(_to_values(len(mean), part, np.array(term.root)) @ mean)
-
-
-def _spread(laws: Sequence[Hypothesis]) -> Floats:
-    """Covariance (p, p) between fits that are about as probable, as of a mixture of all; zero for a single one.
-
-    Contact makes the misfit rough, so fits from different starts stop at different places.
-    """
-    estimates = np.array([_estimate(law) for law in laws])
-    apart = estimates - estimates.mean(axis=0)
-    return np.asarray(apart.T @ apart / len(laws))
 
 
 def _widest(covariances: Sequence[Floats]) -> Floats:

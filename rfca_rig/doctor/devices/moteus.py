@@ -1,6 +1,6 @@
 """A moteus. It replies only when asked, and reading its registers changes nothing; if it is silent, every other id is asked."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import nan
 
@@ -90,15 +90,12 @@ def look_for_moteus(listener: Listener, drive_id: int, prefix: int, bitrate_swit
     listener.ask(_question(drive_id, prefix, bitrate_switch))
     listener.listen(ANSWER_S)
     if observe_moteus(listener.frames, drive_id, prefix).answer is None:
-        _ask_all((other for other in DRIVE_IDS if other != drive_id), listener, prefix, bitrate_switch)
+        for other in DRIVE_IDS:
+            if other != drive_id:
+                listener.ask(_question(other, prefix, bitrate_switch))
+                listener.listen(SPACING_S)
+        listener.listen(ANSWER_S)
     return observe_moteus(listener.frames, drive_id, prefix)
-
-
-def _ask_all(ids: Iterable[int], listener: Listener, prefix: int, bitrate_switch: bool) -> None:
-    for other in ids:
-        listener.ask(_question(other, prefix, bitrate_switch))
-        listener.listen(SPACING_S)
-    listener.listen(ANSWER_S)
 
 
 def _question(drive_id: int, prefix: int, bitrate_switch: bool) -> can.Message:

@@ -92,7 +92,13 @@ class AtiSerialSensor:
         answer, deadline_s = b"", self._clock.now_s() + ANSWER_S
         while PROMPT not in (answer.partition(command)[2] if command else answer):
             if self._clock.now_s() > deadline_s:
-                raise DeviceError(_no_answer(command, answer, self._settings))
+                request = f"to {bytes(command).decode()!r}" if command else "to a carriage return"
+                reply = f"but sent {answer[-40:]!r}" if answer else "and sent nothing"
+                raise DeviceError(
+                    f"F/T controller on {self._settings.address or 'its serial port'} gives no prompt {request} "
+                    f"within {ANSWER_S:g} s, {reply}; "
+                    f"check its power, the cable, and that it is set to {self._settings.bits_per_s} bit/s"
+                )
             self._clock.wait_until(self._clock.now_s() + POLL_S)
             answer += self._receive()
 
@@ -198,7 +204,10 @@ class AtiSerialSensor:
     def _notes(self) -> list[str]:
         notes = []
         if self._running and self.silent_s() > 0.1 + 2.0 / self._settings.rate_Hz:
-            notes.append(f"no record for {self.silent_s():.2f} s: {self._why_silent()}")
+            why = "check the controller's power and the cable"
+            if self._stream.malformed and not self._received:
+                why = "bytes come, but none are records; try another form, and without checksum"
+            notes.append(f"no record for {self.silent_s():.2f} s: {why}")
         if self._frozen.frozen:
             notes.append(f"all six values stood still over {self._frozen.frozen} records: is the transducer connected?")
         if self._status.faulty:
@@ -206,11 +215,6 @@ class AtiSerialSensor:
         if self._stream.malformed:
             notes.append(f"{self._stream.malformed} pieces of the stream were no records, the last one: {self._stream.last_malformed}")
         return notes
-
-    def _why_silent(self) -> str:
-        if self._stream.malformed and not self._received:
-            return "bytes come, but none are records; try another form, and without checksum"
-        return "check the controller's power and the cable"
 
     def identity(self) -> dict[str, str]:
         return {
@@ -221,12 +225,3 @@ class AtiSerialSensor:
             "counts_per_Nm": repr(self._settings.counts_per_Nm),
             "rate_Hz": f"{self._settings.rate_Hz:.6g}",
         }
-
-
-def _no_answer(command: AtiCommand, answer: bytes, settings: AtiSerialSettings) -> str:
-    request = f"to {bytes(command).decode()!r}" if command else "to a carriage return"
-    reply = f"but sent {answer[-40:]!r}" if answer else "and sent nothing"
-    return (
-        f"F/T controller on {settings.address or 'its serial port'} gives no prompt {request} within {ANSWER_S:g} s, {reply}; "
-        f"check its power, the cable, and that it is set to {settings.bits_per_s} bit/s"
-    )

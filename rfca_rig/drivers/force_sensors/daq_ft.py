@@ -115,12 +115,6 @@ class DaqFtSensor:
         """
         was_running = self._running
         self.start()
-        self._unloaded_V = self._mean_volts()
-        self.stop()
-        if was_running:
-            self.start()
-
-    def _mean_volts(self) -> Floats:
         blocks: list[GageBlock] = []
         deadline_s = self._clock.now_s() + BIAS_TIMEOUT_S
         while sum(len(block.volts) for block in blocks) < BIAS_S * self._rate_Hz:
@@ -130,7 +124,10 @@ class DaqFtSensor:
             self._clock.wait_until(self._clock.now_s() + 0.1 * BIAS_S)
             blocks += self._valid_blocks(self._gages.read())
         mean: Floats = np.concatenate([block.volts for block in blocks]).mean(axis=0)
-        return mean
+        self._unloaded_V = mean
+        self.stop()
+        if was_running:
+            self.start()
 
     def read(self) -> ForceSamples:
         """Records (m, 6) since the last call, ascending, each once. Raises DeviceError if the card stopped."""
@@ -153,7 +150,12 @@ class DaqFtSensor:
         return [block for block in whole if len(block.volts)]
 
     def _samples(self, volts: Floats, numbers: NDArray[np.int64]) -> ForceSamples:
-        status = np.where(self._at_a_rail(volts), np.uint32(SATURATED), np.uint32(0)).astype(np.uint32)
+        lowest_V, highest_V = self._calibration.rails_V
+        slack_V = RAIL_SLACK * (highest_V - lowest_V)
+        gages = volts[:, :GAGES]
+        # A clipped voltage makes all six forces wrong, as each depends on all gages.
+        outside = (gages <= lowest_V + slack_V) | (gages >= highest_V - slack_V)
+        status = np.where(outside.any(axis=1), np.uint32(SATURATED), np.uint32(0)).astype(np.uint32)
         if len(numbers):
             self._heard_s = self._read_s
             self._status.take(status)
@@ -166,14 +168,6 @@ class DaqFtSensor:
             status=status,
             counts=np.clip(counts, -MAX_COUNT, MAX_COUNT).astype(np.int32),
         )
-
-    def _at_a_rail(self, volts: Floats) -> NDArray[np.bool_]:
-        lowest_V, highest_V = self._calibration.rails_V
-        slack_V = RAIL_SLACK * (highest_V - lowest_V)
-        gages = volts[:, :GAGES]
-        # A clipped voltage makes all six forces wrong, as each depends on all gages.
-        outside = (gages <= lowest_V + slack_V) | (gages >= highest_V - slack_V)
-        return np.asarray(outside.any(axis=1))
 
     def silent_s(self) -> float:
         """Time in s from the last `read` with a record, or from the start, to the last `read`."""

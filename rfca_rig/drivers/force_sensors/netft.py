@@ -232,21 +232,17 @@ class NetFtSensor:
 
         Raises BadInput if the box is configured differently from the settings, DeviceError if it does not answer.
         """
-        self._check_box()
+        if self._box is not None:
+            configuration = self._box.says()
+            refuse_difference(configuration, self._settings, f"the box at {self._settings.address or 'the other end'}")
+            if isinstance(configuration, NetFtConfiguration):
+                self._serial_number = configuration.serial_number or self._serial_number
         self._send(RdtCommand.STOP)
         self._clock.wait_until(self._clock.now_s() + QUIET_S)
         self._datagrams.receive_all()
         self._reset()
         self._send(RdtCommand.START_BUFFERED if self._settings.buffered else RdtCommand.START_SINGLE)
         self._running = True
-
-    def _check_box(self) -> None:
-        if self._box is None:
-            return
-        configuration = self._box.says()
-        refuse_difference(configuration, self._settings, f"the box at {self._settings.address or 'the other end'}")
-        if isinstance(configuration, NetFtConfiguration):
-            self._serial_number = configuration.serial_number or self._serial_number
 
     def stop(self) -> None:
         """Ends the stream. Raises DeviceError if the request cannot be sent."""

@@ -120,7 +120,13 @@ class SpeedDrive(ABC, Generic[Keys]):
             raise DeviceError(f"drive not enabled: {self._reports.zero_lost}, then start again")
         self._say(self.to_clear())
         self._await_reports()
-        self._check_period()
+        period_s = self._period_s
+        # A wrong period would stretch the time base of the whole recording.
+        if period_s is not None and find_wrong_period(partial(self._measure_report_period_s, period_s), period_s) is not None:
+            raise DeviceError(
+                f"drive not enabled: it does not report every {1e3 * period_s:g} ms; set report_period_ms to what the drive is set to, "
+                "or the drive"
+            )
         until_s = self._clock.now_s() + ENABLE_S
         while not self._last().is_on:
             self._say(self.to_energise(self._last()))
@@ -139,16 +145,6 @@ class SpeedDrive(ABC, Generic[Keys]):
                 raise DeviceError(f"drive not enabled: within {ENABLE_S:g} s {self._reports.missing()}")
             self._refuse_if(self._clock.now_s() > until_s, "still reports")
             self._wait_and_drain()
-
-    def _check_period(self) -> None:
-        """Checks the report period; a wrong one would stretch the time base of the whole recording."""
-        if self._period_s is None:
-            return
-        if find_wrong_period(partial(self._measure_report_period_s, self._period_s), self._period_s) is not None:
-            raise DeviceError(
-                f"drive not enabled: it does not report every {1e3 * self._period_s:g} ms; set report_period_ms to what the drive "
-                "is set to, or the drive"
-            )
 
     def _measure_report_period_s(self, period_s: float) -> float:
         self._reports.reset_counters()

@@ -174,7 +174,11 @@ def equilibrium_under_tip_force(chain: TipChain, shaft_angle_rad: float, force_N
         else:
             step *= 0.5
         if step < SMALLEST_LOAD_STEP:
-            raise _no_equilibrium(shaft_angle_rad, force_N, carried)
+            raise SimulationFailed(
+                f"no equilibrium found beyond {100.0 * carried:.1f} % of weight and tip force "
+                f"({force_N[0]:.1f} N along, {force_N[1]:.1f} N down), "
+                f"shaft at {np.degrees(shaft_angle_rad):.1f} degrees; use a smaller force, or look for a slipped decimal point in the leg"
+            )
     # A minimum of the potential energy in the hinge angles, since the shaft is held.
     hinges = tangent_stiffness(chain, phi, force_N)[1:, 1:]
     return TipEquilibrium(phi, float(imbalance_Nm(chain, phi, force_N)[0]), bool(np.all(np.linalg.eigvalsh(hinges) > 0.0)))
@@ -196,13 +200,6 @@ def _newton(chain: TipChain, phi: Floats, force_N: Floats, weight_share: float) 
         if np.abs(change).max(initial=0.0) < CONVERGED_RAD:
             return angles
     return None
-
-
-def _no_equilibrium(shaft_angle_rad: float, force_N: Floats, carried: float) -> SimulationFailed:
-    return SimulationFailed(
-        f"no equilibrium found beyond {100.0 * carried:.1f} % of weight and tip force ({force_N[0]:.1f} N along, {force_N[1]:.1f} N down), "
-        f"shaft at {np.degrees(shaft_angle_rad):.1f} degrees; use a smaller force, or look for a slipped decimal point in the leg"
-    )
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Figures of a diagnosis: the located residual, signals before and after in panels on one scale, forest plots, measured laws."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -83,14 +83,10 @@ def _picture(signal: str, overlays: Sequence[SignalOverlay], is_kept: bool) -> P
     noun = "recording" if any(len(each.parts) > 1 for each in overlays) else "condition"
     caption = f"Means over the repeats, {count_noun(len(overlays), noun)} on one scale."
     summary = f"{signal_words(signal)}: all curves coincide, rms {format_significant(largest, 2)} {unit} at most".rstrip()
-    limits = [_limits(np.concatenate(list(values))) for values in ((o.t_s for o in overlays), _all_lines(overlays))]
+    lines = (line for o in overlays for line in (o.measured, o.before, o.after))
+    limits = [_limits(np.concatenate(list(values))) for values in ((o.t_s for o in overlays), lines)]
     panels = tuple(_panel(number, overlay, limits) for number, overlay in enumerate(overlays))
     return Picture(_quantity(signal), panels, caption, "" if is_kept or not coincide else summary)
-
-
-def _all_lines(overlays: Sequence[SignalOverlay]) -> Iterator[Floats]:
-    for overlay in overlays:
-        yield from (overlay.measured, overlay.before, overlay.after)
 
 
 def residuals_of(overlays: Sequence[SignalOverlay]) -> BeforeAfter:

@@ -6,11 +6,9 @@ exam.html is for people, exam.json for programs, exam.csv has a line for each ca
 import json
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
 
 from rfca_rig import __version__
-from rfca_rig.exam.follow_up import AblationResult
-from rfca_rig.exam.score import ExamScores, Share
+from rfca_rig.exam.score import Share
 from rfca_rig.exam.scored import ExamResult, ScoredCase
 from rfca_rig.exam.scoring import bars
 from rfca_rig.reports.diagnosis.json_file import to_json_types
@@ -47,28 +45,22 @@ def _line(case: ScoredCase) -> list[str]:
 
 def as_json(exam: ExamResult) -> str:
     """The JSON document: required scores (bars), all scores (marks), and every case; unknown values are null."""
+    scores = {field.name: _plain_score(getattr(exam.marks, field.name)) for field in fields(exam.marks)}
+    confused = [{"truth": true, "named": called, "count": count} for (true, called), count in sorted(exam.marks.confusion.items())]
     document = {
         "format": FORMAT,
         "version": __version__,
         "seed": exam.plan.seed,
         "numbers": exam.plan.numbers,
         "bars": [asdict(bar) | {"passed": bar.passed} for bar in bars(exam.marks)],
-        "marks": _scores(exam.marks),
+        "marks": scores | {"confusion": confused},
         "follow_ups": [asdict(way) for way in exam.ways],
-        "taken_out": _ablation_scores(exam.taken_out),
+        "taken_out": {one.name: _plain_score(getattr(exam.taken_out, one.name)) for one in fields(exam.taken_out)}
+        if exam.taken_out
+        else None,
         "cases": [asdict(case) for case in exam.cases],
     }
     return json.dumps(to_json_types(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _scores(marks: ExamScores) -> dict[str, Any]:
-    scores = {field.name: _plain_score(getattr(marks, field.name)) for field in fields(marks)}
-    confused = [{"truth": true, "named": called, "count": count} for (true, called), count in sorted(marks.confusion.items())]
-    return scores | {"confusion": confused}
-
-
-def _ablation_scores(found: AblationResult | None) -> dict[str, Any] | None:
-    return None if found is None else {field.name: _plain_score(getattr(found, field.name)) for field in fields(found)}
 
 
 def _plain_score(value: object) -> object:

@@ -9,7 +9,7 @@ from math import isfinite
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.answer import CLASS, EXTRA, RIGHT, VERDICTS, WRONG
-from rfca_rig.exam.follow_up import AblationResult, ArmResult, WronglyNamed
+from rfca_rig.exam.follow_up import AblationResult, ArmResult
 from rfca_rig.exam.scored import ScoredCase
 from rfca_rig.exam.scoring import ScoreGoal
 from rfca_rig.exam.sizes import SIZE_RANGES
@@ -134,12 +134,17 @@ def ablation_table(found: AblationResult) -> Table:
         TableColumn("probability", "Probability", digits=3),
     )
     caption = f"{found.words[0].upper()}{found.words[1:]}."
-    return Table("taken-out", caption, columns, tuple(TableRow(_false_name(each)) for each in found.named))
-
-
-def _false_name(each: WronglyNamed) -> dict[str, Value]:
-    named = " and ".join(each.named)
-    return {"concealed": each.effect.replace("_", " "), "named": named.replace("_", " "), "probability": each.probability}
+    rows = (
+        TableRow(
+            {
+                "concealed": each.effect.replace("_", " "),
+                "named": " and ".join(each.named).replace("_", " "),
+                "probability": each.probability,
+            }
+        )
+        for each in found.named
+    )
+    return Table("taken-out", caption, columns, tuple(rows))
 
 
 def confusion_table(marked: Sequence[ScoredCase]) -> Table:

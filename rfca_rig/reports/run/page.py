@@ -96,16 +96,13 @@ def _changes_text(event: Mapping[str, Any]) -> str:
 
 def devices(kept: Mapping[str, str]) -> Pairs:
     """What the devices reported of themselves: pairs of name and text."""
-    return [(_words(name), shorten(text)) for name, text in sorted(kept.items()) if name.startswith(DEVICES) and not _is_elsewhere(name)]
+    own = {name: text for name, text in kept.items() if name not in SHOWN_ELSEWHERE and not name.startswith("camera_file")}
+    return [(_words(name), shorten(text)) for name, text in sorted(own.items()) if name.startswith(DEVICES)]
 
 
 def provenance(kept: Mapping[str, str]) -> Pairs:
     """Provenance that no other part of the page shows: pairs of name and text."""
     return [(_words(n), shorten(text)) for n, text in sorted(kept.items()) if not n.startswith(DEVICES) and n not in SHOWN_ELSEWHERE]
-
-
-def _is_elsewhere(name: str) -> bool:
-    return name in SHOWN_ELSEWHERE or name.startswith("camera_file")
 
 
 def _words(name: str) -> str:

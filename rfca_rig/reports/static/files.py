@@ -101,11 +101,20 @@ def summary(result: StaticResult) -> dict[str, Any]:
     """Values with their intervals, and remarks on them, as in static.json."""
     values, form, errors, loop = result.values, result.form, result.found.errors, result.loop
     low, high = sorted(abs(float(np.degrees(angle))) for angle in result.curve.range_rad)
+    stage = result.most_bent
     return {
         "stages": len(result.data.stages),
         "angles": int(result.data.seen.sum()),
         "range_deg": [_round(low, 3), _round(high, 3)],
-        "most_bent": _most_bent(result),
+        # The stage with the largest angle between first and last link; none where no stage has all hinge angles.
+        "most_bent": None
+        if stage is None
+        else {
+            "bend_deg": _round(stage.bend_deg, 3),
+            "height_mm": _round(1e3 * stage.height_m, 3),
+            "stage": stage.stage,
+            "shaft_angle_deg": _round(np.degrees(stage.shaft_angle_rad), 3),
+        },
         "k0_Nm_per_rad": _value(values.k0_Nm_per_rad, values.k0_std, values.reach),
         "k2_per_rad2": _value(values.k2_per_rad2, values.k2_std, values.reach),
         "correlation": _round(values.correlation, 4),
@@ -122,19 +131,6 @@ def summary(result: StaticResult) -> dict[str, Any]:
         },
         "remarks": remarks(result),
     }  # fmt: skip
-
-
-def _most_bent(result: StaticResult) -> dict[str, Any] | None:
-    """The stage with the largest angle between first and last link; None where no stage has all hinge angles."""
-    stage = result.most_bent
-    if stage is None:
-        return None
-    return {
-        "bend_deg": _round(stage.bend_deg, 3),
-        "height_mm": _round(1e3 * stage.height_m, 3),
-        "stage": stage.stage,
-        "shaft_angle_deg": _round(np.degrees(stage.shaft_angle_rad), 3),
-    }
 
 
 def _rests(result: StaticResult) -> dict[str, Any] | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult
-from rfca_rig.drivers.photo_files import Image, read_picture
+from rfca_rig.drivers.photo_files import read_picture
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording.model import StaticStage
 from rfca_rig.reports.provenance import PageContext
@@ -47,18 +47,14 @@ def _picture(source: StaticSource, stage: StaticStage) -> StagePhoto:
         image = read_picture(path)
     except BadInput as error:
         return StagePhoto(stage, "", str(error).split(";")[0].replace(f"{path.parent}/", ""), stage.photo_doubts)
-    return StagePhoto(stage, _data_uri(image), "", stage.photo_doubts)
-
-
-def _data_uri(image: Image) -> str:
-    """Data URI of the image (rows, columns, 3) as JPEG; the same image gives the same bytes."""
+    # As JPEG: the same image gives the same bytes.
     rows, columns = image.shape[:2]
     if columns > WIDTH_PX:
         image = np.asarray(cv2.resize(image, (WIDTH_PX, max(1, round(rows * WIDTH_PX / columns))), interpolation=cv2.INTER_AREA), np.uint8)
     done, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     if not done:
         raise RigError(f"a picture of {columns} x {rows} pixels cannot be written as JPEG")
-    return "data:image/jpeg;base64," + b64encode(content.tobytes()).decode("ascii")
+    return StagePhoto(stage, "data:image/jpeg;base64," + b64encode(content.tobytes()).decode("ascii"), "", stage.photo_doubts)
 
 
 def photos_by_source(sources: Sequence[StaticSource]) -> list[tuple[str, list[StagePhoto]]]:

@@ -84,7 +84,10 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
         positions = [states[one.condition, position_name] for one in here]
         speeds = [states.get((one.condition, speed_name)) for one in here]
         position = np.concatenate([one.measured for one in positions])
-        speed = np.concatenate([_speed_of(p) if s is None else s.measured for p, s in zip(positions, speeds, strict=True)])
+        # Where no speed was recorded: central differences of the binned position.
+        speed = np.concatenate(
+            [np.asarray(np.gradient(p.measured, p.t_s)) if s is None else s.measured for p, s in zip(positions, speeds, strict=True)]
+        )
         residuals = [(OTHER, np.concatenate([one.measured - one.before for one in here]))]
         if with_fit:
             residuals.append((SIMULATED, np.concatenate([one.measured - one.after for one in here])))
@@ -100,11 +103,6 @@ def _split(signal: str) -> tuple[str, str]:
         if found:
             return joint, unit.removesuffix("_s")
     return "", ""
-
-
-def _speed_of(position: SignalOverlay) -> Floats:
-    """Speed (m,) by central differences of the binned position, where no speed was recorded."""
-    return np.asarray(np.gradient(position.measured, position.t_s))
 
 
 def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:

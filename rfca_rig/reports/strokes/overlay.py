@@ -116,20 +116,7 @@ def _mark_valleys(axes: Axes, valleys: Iterable[object], *, marker: str, mfc: st
 def _mark_phases(axes: Axes, phases: StrokePhases, end_s: float) -> None:
     """Draws the borders of the phases with their words, and the regions between them on a ruler above the frame."""
     across = axes.get_xaxis_transform()
-    for at_s, word, side in _border_words(phases, end_s):
-        axes.plot([at_s, at_s], [0.0, WORDS_AT], color=FAINT, lw=0.5, ls=(0, (2, 2)), zorder=0, transform=across, clip_on=False)
-        axes.text(at_s, WORDS_AT + 0.01, word, transform=across, ha=side, va="bottom", fontsize=SMALL, color="#555555")
-    for region in phases.regions(end_s):
-        span_s = [region.begin_s, region.end_s]
-        axes.plot(span_s, [RULER_AT, RULER_AT], color=FAINT, lw=1.0, marker="|", ms=4.0, transform=across, clip_on=False)
-        axes.text(float(np.mean(span_s)), RULER_AT + 0.015, region.name, transform=across, ha="center", va="bottom", fontsize=SMALL)
-
-
-def _border_words(phases: StrokePhases, end_s: float) -> list[tuple[float, str, str]]:
-    """Time, word and alignment of each border within the frame.
-
-    The word of a lift-off near the right edge is put on its left where there is room.
-    """
+    # The word of a lift-off near the right edge is put on its left where there is room.
     width_s = end_s + REST_DRAWN_S
     last = phases.lift_off_s > end_s - WORD_SHARE * width_s and phases.lift_off_s - phases.valley_s > WORD_SHARE * width_s
     words = [
@@ -137,7 +124,13 @@ def _border_words(phases: StrokePhases, end_s: float) -> list[tuple[float, str, 
         (phases.valley_s, "valley", "right"),
         (phases.lift_off_s, "lift-off", "right" if last else "left"),
     ]
-    return [each for each in words if each[0] <= end_s]
+    for at_s, word, side in [each for each in words if each[0] <= end_s]:
+        axes.plot([at_s, at_s], [0.0, WORDS_AT], color=FAINT, lw=0.5, ls=(0, (2, 2)), zorder=0, transform=across, clip_on=False)
+        axes.text(at_s, WORDS_AT + 0.01, word, transform=across, ha=side, va="bottom", fontsize=SMALL, color="#555555")
+    for region in phases.regions(end_s):
+        span_s = [region.begin_s, region.end_s]
+        axes.plot(span_s, [RULER_AT, RULER_AT], color=FAINT, lw=1.0, marker="|", ms=4.0, transform=across, clip_on=False)
+        axes.text(float(np.mean(span_s)), RULER_AT + 0.015, region.name, transform=across, ha="center", va="bottom", fontsize=SMALL)
 
 
 def _hovers(axes: Axes, compared: ComparedCondition) -> list[Hover]:

@@ -12,8 +12,8 @@ import numpy as np
 
 from rfca_rig.analysis.compare import PAPER_AVERAGE_ERROR_PCT, Table2
 from rfca_rig.analysis.compare import Table2Row as Compared
-from rfca_rig.analysis.peak_force import PeakForceRow, PeakSpread
-from rfca_rig.analysis.repeats import Condition, Spread
+from rfca_rig.analysis.peak_force import PeakForceRow
+from rfca_rig.analysis.repeats import Condition
 from rfca_rig.recording.model import StaticStage
 from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, Value
 from rfca_rig.reports.text import count_noun
@@ -121,7 +121,10 @@ def record(row: Compared) -> dict[str, Any]:
         "height_mm": round_or_none(1e3 * row.height_m, 3),
         "speed_rad_s": round_or_none(row.speed_rad_s, 5),
         "repeats": row.repeats,
-        **_measurement(row.time, row.fz),
+        "measured_time_s": round_or_none(row.time.mean, 6),
+        "measured_time_std_s": round_or_none(row.time.std, 6),
+        "measured_fz_N": round_or_none(row.fz.mean, 4),
+        "measured_fz_std_N": round_or_none(row.fz.std, 4),
         "simulated_time_s": round_or_none(row.simulated_time_s, 6),
         "simulated_fz_N": round_or_none(row.simulated_fz_N, 4),
         "time_error_pct": round_or_none(row.time_error_pct, 4),
@@ -131,15 +134,6 @@ def record(row: Compared) -> dict[str, Any]:
         "shaft_speed_rad_s": round_or_none(row.shaft_speed_rad_s, 5),
         "source": row.source,
         "refused": list(row.refused),
-    }
-
-
-def _measurement(time: Spread, fz: Spread) -> dict[str, float | None]:
-    return {
-        "measured_time_s": round_or_none(time.mean, 6),
-        "measured_time_std_s": round_or_none(time.std, 6),
-        "measured_fz_N": round_or_none(fz.mean, 4),
-        "measured_fz_std_N": round_or_none(fz.std, 4),
     }
 
 
@@ -177,7 +171,14 @@ def peak_record(row: PeakForceRow) -> dict[str, Any]:
         "height_mm": round_or_none(1e3 * row.height_m, 3),
         "speed_rad_s": round_or_none(row.speed_rad_s, 5),
         "repeats": row.repeats,
-        **_peak_measurement(row.measured),
+        "measured_force_N": round_or_none(row.measured.force_N.mean, 4),
+        "measured_force_std_N": round_or_none(row.measured.force_N.std, 4),
+        "measured_fy_N": round_or_none(row.measured.fy_N.mean, 4),
+        "measured_fy_std_N": round_or_none(row.measured.fy_N.std, 4),
+        "measured_fz_N": round_or_none(row.measured.fz_N.mean, 4),
+        "measured_fz_std_N": round_or_none(row.measured.fz_N.std, 4),
+        "measured_time_s": round_or_none(row.measured.time_s.mean, 6),
+        "measured_time_std_s": round_or_none(row.measured.time_s.std, 6),
         "simulated_force_N": round_or_none(row.simulated.force_N.mean, 4),
         "simulated_fy_N": round_or_none(row.simulated.fy_N.mean, 4),
         "simulated_fz_N": round_or_none(row.simulated.fz_N.mean, 4),
@@ -186,19 +187,6 @@ def peak_record(row: PeakForceRow) -> dict[str, Any]:
         "shaft_speed_rad_s": round_or_none(row.shaft_speed_rad_s, 5),
         "source": row.source,
         "refused": list(row.refused),
-    }
-
-
-def _peak_measurement(peaks: PeakSpread) -> dict[str, float | None]:
-    return {
-        "measured_force_N": round_or_none(peaks.force_N.mean, 4),
-        "measured_force_std_N": round_or_none(peaks.force_N.std, 4),
-        "measured_fy_N": round_or_none(peaks.fy_N.mean, 4),
-        "measured_fy_std_N": round_or_none(peaks.fy_N.std, 4),
-        "measured_fz_N": round_or_none(peaks.fz_N.mean, 4),
-        "measured_fz_std_N": round_or_none(peaks.fz_N.std, 4),
-        "measured_time_s": round_or_none(peaks.time_s.mean, 6),
-        "measured_time_std_s": round_or_none(peaks.time_s.std, 6),
     }
 
 

@@ -14,7 +14,7 @@ from rfca_rig.reports.run.page import tables_of
 from rfca_rig.reports.run.parts import story_of
 from rfca_rig.reports.strokes.page import ComparedSource, GivenModel, compare_sources, page
 from rfca_rig.reports.strokes.tables import as_json, as_table, peaks_as_json, peaks_as_table, stage_tables
-from rfca_rig.reports.table import Table, table_files, write_all
+from rfca_rig.reports.table import table_files, write_all
 from rfca_rig.reports.text import SHAFT_WORDS
 
 
@@ -65,7 +65,8 @@ def write_report(
     page_origin = origin or origin_in_memory(recordings)
     sources = compare_sources(recordings, shaft, given, watcher)
     table = Table2(tuple(row for source in sources for row in source.rows))
-    run_sources = _run_pages(sources)
+    # One run has run.html, several have run-1.html, run-2.html.
+    run_sources = [(f"run-{number}.html" if len(sources) > 1 else "run.html", source) for number, source in enumerate(sources, start=1)]
     found = find_pages(out_dir, page_origin, ("report.html", "run.html"))
     runs = {name: _run(name, source, page_origin, place, found) for place, (name, source) in enumerate(run_sources)}
     links = tuple(PageLink(name, f"How {source.name} went" if len(run_sources) > 1 else "How the run went") for name, source in run_sources)
@@ -84,23 +85,15 @@ def write_report(
     return WrittenReport(table, tuple(out_dir / name for name in ("report.html", *runs)))
 
 
-def _run_pages(sources: Sequence[ComparedSource]) -> list[tuple[str, ComparedSource]]:
-    """File names of the pages: run.html, or, of several, run-1.html, run-2.html."""
-    return [(f"run-{number}.html" if len(sources) > 1 else "run.html", source) for number, source in enumerate(sources, start=1)]
-
-
 def _run(name: str, source: ComparedSource, origin: Origin, place: int, found: tuple[PageLink, ...]) -> dict[str, str]:
     """The page on one run and its tables, by file name."""
     story = story_of(source.recording)
     tables = tables_of(story)
     written = [*tables, *stage_tables(source.name, source.recording.static)]
     # Empty tables are left out: static stages, strokes and cycles have different ones.
-    files = table_files(_with_stem(name.removesuffix(".html"), table) for table in written if table.rows)
+    # The page's stem stands before the names of its tables, as in run-2-stages.
+    stem = name.removesuffix(".html")
+    files = table_files(replace(table, name=f"{stem}-{table.name}") for table in written if table.rows)
     own = replace(origin, recordings=origin.recordings[place : place + 1])
     links = (PageLink("report.html", "Compared with the model"), *found)
     return {name: run_page(story, tables, PageContext(own, links), tuple(files)), **files}
-
-
-def _with_stem(stem: str, table: Table) -> Table:
-    """The table with the page's stem before its name, as in run-2-stages."""
-    return replace(table, name=f"{stem}-{table.name}")

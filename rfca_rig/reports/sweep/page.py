@@ -190,7 +190,16 @@ def summary(result: SweepResult, found: list[OutputSensitivity]) -> dict[str, An
         "varied": list(plan.varied),
         "fixed": dict(plan.fixed),
         "outputs": [_output(result, place) for place in range(len(plan.outputs))],
-        "sensitivities": [_sensitivity(each) for each in found],
+        "sensitivities": [
+            {
+                "at": dict(each.at),
+                "output": each.output,
+                "of": each.name,
+                "index": each.found.index if each.found else None,
+                "std": each.found.std if each.found else None,
+            }
+            for each in found
+        ],
     }
 
 
@@ -210,11 +219,6 @@ def _output(result: SweepResult, place: int) -> dict[str, Any]:
 def _end(result: SweepResult, values: np.ndarray[Any, Any], case: int) -> dict[str, Any]:
     plan = result.plan
     return {"value": float(values[case]), "case": case, "at": dict(zip(plan.varied, plan.point(case), strict=True))}
-
-
-def _sensitivity(each: OutputSensitivity) -> dict[str, Any]:
-    found = {"index": each.found.index, "std": each.found.std} if each.found else {"index": None, "std": None}
-    return {"at": dict(each.at), "output": each.output, "of": each.name, **found}
 
 
 def lines(result: SweepResult) -> list[str]:

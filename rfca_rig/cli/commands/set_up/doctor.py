@@ -81,10 +81,6 @@ def _lines(finding: "Finding") -> Iterator[str]:
     if finding.fix:
         yield from (INDENT + line for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False))
     for command in finding.commands:
-        yield from _command_lines(command)
-
-
-def _command_lines(command: str) -> list[str]:
-    """For copying: a long command continues on the next line with the shell's backslash."""
-    pieces = wrap(command, WIDTH - len(COMMAND_INDENT) - 2, break_long_words=False, break_on_hyphens=False)
-    return [COMMAND_INDENT + line for line in " \\\n".join(pieces).splitlines()]
+        # For copying: a long command continues on the next line with the shell's backslash.
+        pieces = wrap(command, WIDTH - len(COMMAND_INDENT) - 2, break_long_words=False, break_on_hyphens=False)
+        yield from [COMMAND_INDENT + line for line in " \\\n".join(pieces).splitlines()]

@@ -37,19 +37,15 @@ def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, d
     if rig is not None and mjcf is None and data is None:
         _write_rig_file(rig, yes)
     elif rig is None and mjcf is not None and data is not None:
-        _write_experiment(mjcf, data)
+        from rfca_rig.campaign.experiment import PLACEHOLDER, write_draft
+        from rfca_rig.mechanism.load import load_mechanism
+
+        path = write_draft(load_mechanism(mjcf), data)
+        open_questions = path.read_text(encoding="utf-8").count(f"= {PLACEHOLDER}")
+        typer.echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
+        typer.echo(f"then: rfca-rig check {data}", err=True)
     else:
         raise BadInput("init: give --rig FILE for a rig file, or --mjcf FILE and --data DIR for recordings of a mechanism")
-
-
-def _write_experiment(mjcf: Path, data: Path) -> None:
-    from rfca_rig.campaign.experiment import PLACEHOLDER, write_draft
-    from rfca_rig.mechanism.load import load_mechanism
-
-    path = write_draft(load_mechanism(mjcf), data)
-    open_questions = path.read_text(encoding="utf-8").count(f"= {PLACEHOLDER}")
-    typer.echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
-    typer.echo(f"then: rfca-rig check {data}", err=True)
 
 
 def _write_rig_file(path: Path, takes_all: bool) -> None:

@@ -1,23 +1,21 @@
 """rfca-rig fit"""
 
 import json
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
+from rfca_rig.cli.commands.understand.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.executors import Cluster, open_executor
 from rfca_rig.cli.names import FIT_PARAMETERS
 from rfca_rig.cli.options import AsIs, Json, out_file
 from rfca_rig.cli.terminal import print_lines
-from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
     from rfca_rig.analysis.fitting.result import FitResult
     from rfca_rig.diagnosis.window_fit import WindowFit
-    from rfca_rig.executors.mapping import TaskExecutor
 
 
 HELP_PARAMETERS = f"""What to fit, out of {", ".join(FIT_PARAMETERS)}; of a pendulum or a mechanism names of its own. All that the section
@@ -89,7 +87,8 @@ def fit(
     select_parameters(_names(parameters))
     recordings = open_with_nominal_model(paths, as_is)
     counter = _Counter()
-    with progress(quiet=as_json) as bars, _executor_of_starts(cluster, bars.report) as executor:
+    # Without a cluster there is no executor: threads of this process share out one descent better than processes share several.
+    with progress(quiet=as_json) as bars, open_executor(None, cluster, bars.report) if cluster is not None else nullcontext() as executor:
         bars.show_unbounded("fitting", counter.text)
         search = Search(starts=starts, rng=np.random.default_rng(seed), progress=counter.count, executor=executor)
         result = fit_recordings(recordings, _names(parameters), comparison, search)
@@ -140,11 +139,6 @@ def _print_windows(found: "WindowFit", file_format: str, folder: Path, out: Path
     print_lines(found.lines())
     if out is not None:
         typer.echo(f"{out}: the fitted model; rfca-rig report {folder} --model {out} compares it", err=True)
-
-
-def _executor_of_starts(cluster: str | None, report_progress: ProgressReport) -> "AbstractContextManager[TaskExecutor | None]":
-    """None without a cluster: threads of this process share out one descent better than processes share several."""
-    return nullcontext() if cluster is None else open_executor(None, cluster, report_progress)
 
 
 def _names(text: str) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.commands import diagnose
+from rfca_rig.cli.commands.understand import diagnose
 from rfca_rig.cli.executors import Cluster, Workers, open_executor
 from rfca_rig.cli.names import CASE_KINDS
 from rfca_rig.cli.options import Json, Pdf

@@ -38,9 +38,9 @@ def resume(
 
     from rfca_rig.bench.resume import read_interrupted_run
     from rfca_rig.cli.attach_view import parse_viewing
-    from rfca_rig.cli.commands.dynamic import say_valley
-    from rfca_rig.cli.commands.fatigue import Watcher, say_bending
-    from rfca_rig.cli.commands.static import say_stage
+    from rfca_rig.cli.commands.measure.dynamic import say_valley
+    from rfca_rig.cli.commands.measure.fatigue import Watcher, say_bending
+    from rfca_rig.cli.commands.measure.static import say_stage
     from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.cli.run_experiment import run_and_record
     from rfca_rig.errors import BadInput
@@ -105,7 +105,7 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
 def _close(config: "RunConfig", begun: "InterruptedRun", as_json: bool) -> None:
     import json
 
-    from rfca_rig.cli.commands import fatigue
+    from rfca_rig.cli.commands.measure import fatigue
     from rfca_rig.cli.finalize_run import describe_contents
     from rfca_rig.recording.layout import RECORDING
     from rfca_rig.recording.summary import summarize

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.commands import static_report
+from rfca_rig.cli.commands.measure import static_report
 from rfca_rig.cli.options import (
     Command,
     Dry,
@@ -111,7 +111,7 @@ def force(
         found.append(("these angles", find_tip_force(_leg(rig, model), shape, float(np.radians(angle_std))), None))
     else:
         from rfca_rig.campaign.opening import open_recordings
-        from rfca_rig.cli.commands.static_report import read_nominal_values
+        from rfca_rig.cli.commands.measure.static_report import read_nominal_values
         from rfca_rig.description.model_file import nominal_model
         from rfca_rig.model.parameters import GRAVITY_M_S2
 

@@ -89,7 +89,7 @@ class Watcher:
     begun: "InterruptedRun | None" = None
 
     def say_stage(self, stage: "Stage", recorder: "Recorder", say: "Say") -> None:
-        from rfca_rig.cli.commands.dynamic import say_valley
+        from rfca_rig.cli.commands.measure.dynamic import say_valley
         from rfca_rig.protocol.plan import Cycles, Flap, StiffnessCheck
 
         match stage:

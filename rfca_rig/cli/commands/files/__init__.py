@@ -1,0 +1,1 @@
+"""Commands on files: `init`, `import` and `export`, both in `export`, `check`, `recover` and `schema`."""

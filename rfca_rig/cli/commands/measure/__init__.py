@@ -1,0 +1,1 @@
+"""Commands that measure: `plan`, `dynamic`, `static` with its `static report`, `fatigue` and `resume`."""

@@ -1,0 +1,1 @@
+"""Commands that compare recordings with the model: `report`, `fit`, `diagnose`, `crosscheck` and `prove`."""
