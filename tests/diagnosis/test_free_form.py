@@ -77,6 +77,7 @@ def resting_condition():
         ShaftTurn(0.01, None),
         t_s,
         first,
+        np.full(len(first), 10),
         signals,
         nothing,
         StrokePhases(0.02, 0.03, 0.04),

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.phases import Valley, stroke_valley
+from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
 from rfca_rig.recording.model import Column, Stream, Stroke
 from tests.diagnosis.by_hand import NOISE, RIG, flaps_of, recorded
 
@@ -50,3 +52,22 @@ def test_the_shortest_of_several_says_where_the_rows_begin_and_end(whole):
     assert np.array_equal(both.first, alone.first)
     assert np.array_equal(both.t_s, alone.t_s)
     assert both.repeats[0] == pytest.approx(both.repeats[1])
+
+
+def test_a_fast_sensor_is_simulated_at_fewer_times_and_predicted_the_same():
+    slow, fast = (
+        flaps_of([drawn_from(simulate_stroke_at_speed(RIG, 0.215, 2.433, np.arange(-0.1, 1.4, step_s)))])[0] for step_s in (1e-3, 1e-3 / 7)
+    )
+    assert fast.samples.sum() > 6.5 * slow.samples.sum() and len(fast.t_s) < 2.5 * len(slow.t_s)
+    assert np.array_equal(slow.samples, slow.counts)
+    rows, predicted = fast.rows(), fast.simulated(ModelPoint(RIG))
+    for measured, simulated in zip(rows.measured.reshape(len(NOISE), -1), predicted.reshape(len(NOISE), -1), strict=True):
+        assert np.abs(measured - simulated).max() < 1e-4 * np.ptp(measured)
+    # Noise averages over the recorded samples, not over the simulated times.
+    assert np.median(rows.noise) == pytest.approx(np.median(slow.rows().noise) / np.sqrt(7.0), rel=0.02)
+
+
+def drawn_from(simulated: SimulatedStroke) -> Stroke:
+    """A recording of a simulated stroke, without noise."""
+    columns = {name: Column(getattr(simulated, name), "") for name in (*NOISE, "shaft_angle_rad")}
+    return Stroke(0.215, 2.433, 1, {"table": Stream(simulated.t_s, columns)})
