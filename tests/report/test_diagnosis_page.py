@@ -27,7 +27,14 @@ from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.reports.diagnosis.files import MOST_LINES, WIDTH, terminal_lines, write_diagnosis
 from rfca_rig.reports.diagnosis.page import EDGES, band, condition_grid, maps_of, page
 from rfca_rig.reports.diagnosis.pictures import RESIDUAL_IN, draw_forest, draw_residual, pictures_of
-from rfca_rig.reports.diagnosis.tables import UNLISTED, format_probability, format_significant, format_with_interval_90, hypothesis
+from rfca_rig.reports.diagnosis.tables import (
+    UNLISTED,
+    describe_moved_prior,
+    format_probability,
+    format_significant,
+    format_with_interval_90,
+    hypothesis,
+)
 from rfca_rig.reports.provenance import Origin, PageContext, PageLink, RecordingSource, find_pages
 from rfca_rig.reports.style import LEFT_IN, RIGHT_IN, compress_paths
 from rfca_rig.reports.text import name_with_unit
@@ -634,3 +641,14 @@ def test_report_and_diagnosis_of_the_same_recordings_link_each_other(tmp_path):
     assert 'href="../report/report.html"' in (tmp_path / "diagnosis" / "diagnosis.html").read_text(encoding="utf-8")
     (link,) = find_pages(tmp_path / "report", origin, ("report.html", "run.html"))
     assert link == PageLink("../diagnosis/diagnosis.html", "Diagnosis")
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "words"),
+    [
+        ("link1.centre_of_mass_m", "m", "link1.centre of mass moved to 0.300\u00a0m, 6.0 prior deviations from 0 ± 0.050\u00a0m: "),
+        ("pendulum.mass_relative", "", "pendulum.mass moved to 0.300\u00a0relative, 6.0 prior deviations from 0 ± 0.050\u00a0relative: "),
+    ],
+)
+def test_a_moved_prior_has_its_unit_once(name, unit, words):
+    assert describe_moved_prior(MovedPrior(name, unit, Value(0.0, 0.05), Value(0.3, 0.01), 6.0)).startswith(words)

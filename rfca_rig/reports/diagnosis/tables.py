@@ -96,7 +96,8 @@ def hypothesis(ids: Sequence[str]) -> str:
 
 def describe_moved_prior(one: MovedPrior) -> str:
     """Sentence on a nuisance parameter that moved beyond its prior."""
-    words, unit = one.name.replace("_", " "), f"{NO_BREAK}{one.unit}" if one.unit else ""
+    words, unit_of_name = words_and_unit(one.name)
+    unit = f"{NO_BREAK}{one.unit or unit_of_name}".rstrip(NO_BREAK)
     now, prior = (
         f"{format_significant(one.now.value)}{unit}",
         f"{format_significant(one.prior.value)} ± {format_significant(one.prior.std, 2)}{unit}",
