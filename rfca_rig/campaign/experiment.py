@@ -228,7 +228,7 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     columns = list_columns(files[0])
     times = columns.times
     lines = [
-        f'# Replace every "?". Then: rfca-rig diagnose {folder.name}',
+        f'# Replace every "?". Then: rfca-rig check {folder.name}',
         f"format = {format_value(FORMAT)}",
         f"title = {format_value(folder.resolve().name)}",
         f"model = {format_value(Path(os.path.relpath(mechanism.path, folder)).as_posix())}",
@@ -270,7 +270,10 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
             if mechanism.is_slide.all()
             else (f"zero_offset_deg = {PLACEHOLDER}  # of the encoders, 0.3 for joints that were set by hand",)
         ),
-        f"torque_error_relative = {PLACEHOLDER}  # usual error of the torques: 0.01 from a torque sensor, 0.03 from a motor current",
+        f"torque_error_relative = {PLACEHOLDER}  # of the torques: 0.01 from a sensor or torque control, 0.03 from a motor current",
+        "# Often uncertain too; remove the sign # in front.",
+        "# centre_of_mass_m = 0.002",
+        "# command_delay_s = 0.002",
     ]
     lines += [f"\n# Left out, as they are of another kind: {len(found[other])} x {other}" for other in others]
     for number, file in enumerate(files, start=1):

@@ -49,6 +49,8 @@ def terminal_lines(diagnosis: Diagnosis) -> list[str]:
     probability = diagnosis.probability
     verdict = diagnosis.grade.upper() + (f" ({format_probability(probability)})" if probability is not None else "")
     items = [(f"{verdict}: {diagnosis.sentence}", 3)]
+    # Sizes in every joint and all rivals: what an effect is about must not be cut.
+    items += [(_effect(effect), 4) for effect in diagnosis.effects[:3]]
     items += [(text, 2) for text in _body(diagnosis)]
     lines = [line for text, max_lines in items for line in _wrap(text, max_lines)]
     return lines[:MOST_LINES]
@@ -57,7 +59,6 @@ def terminal_lines(diagnosis: Diagnosis) -> list[str]:
 def _body(diagnosis: Diagnosis) -> Iterable[str]:
     if diagnosis.verdict == "not enough data":
         yield from diagnosis.remarks[:3]
-    yield from (_effect(effect) for effect in diagnosis.effects[:3])
     if diagnosis.stated_law is not None:
         law = diagnosis.stated_law.law
         yield f"law at {law.place} over {law.argument}, {describe_law(diagnosis.stated_law)}"
