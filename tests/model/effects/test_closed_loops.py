@@ -9,7 +9,7 @@ from rfca_rig.model.laws import HINGE
 from tests.model.effects.rigs import having, held
 from tests.model.legs import PAPER
 
-VALUES, PATHS, STEPS = 100, 100, 4000  # draws of a law's values, paths of each, steps of a lap
+VALUES, PATHS, MANY_PATHS, STEPS = 100, 20, 100, 4000  # draws of a law's values, paths of each, steps of a lap
 SUM_ERR = 4e-3  # of the work that goes through in a lap: the trapezoidal sum leaves 0.0022 of a stop, and 0.0003 with a quarter of the step
 
 
@@ -84,12 +84,12 @@ def test_a_law_that_is_softer_on_the_way_out_would_be_seen():
     assert least_work_of(numba.njit(soften_on_the_way_out), forget)(np.zeros(8), 10, STEPS, 1) < -0.01
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize("paths", [pytest.param(PATHS, marks=pytest.mark.slow), pytest.param(MANY_PATHS, marks=pytest.mark.long)])
 @pytest.mark.parametrize("effect", OF_HINGES, ids=lambda effect: effect.id)
-def test_ten_thousand_closed_paths_give_back_no_energy(effect):
+def test_closed_paths_give_back_no_energy(effect, paths):
     random, least, run = np.random.default_rng(1), np.inf, None
     for seed in range(VALUES):
         use = law_of(effect.id, drawn(effect, random))
         run = run or least_work_of(numba.njit(use.law), numba.njit(use.advance) if use.advance else forget)
-        least = min(least, run(np.resize(np.array(use.parameters, float), 8), PATHS, STEPS, seed))
+        least = min(least, run(np.resize(np.array(use.parameters, float), 8), paths, STEPS, seed))
     assert least > -SUM_ERR
