@@ -84,21 +84,7 @@ def make_motor(rig: RigFile, bus: can.BusABC, clock: Clock) -> ShaftMotor:
         case CubemarsServoSection():
             return CubemarsServoMotor(bus, clock, _servo(motor, timeout_s), guard)
         case MoteusSection():
-            return MoteusMotor(
-                bus,
-                clock,
-                MoteusSettings(
-                    drive_id=motor.drive_id,
-                    can_prefix=motor.can_prefix,
-                    gear_ratio=motor.gear_ratio,
-                    direction=motor.direction,
-                    zero_turns=motor.zero_turns,
-                    watchdog_s=motor.watchdog_ms / 1e3,
-                    torque_limit_Nm=motor.torque_limit_Nm,
-                    reply_timeout_s=timeout_s,
-                    bitrate_switch=motor.bitrate_switch,
-                ),
-            )
+            return MoteusMotor(bus, clock, _moteus(motor, timeout_s))
         case MotorKeys():
             return motor.driver(bus, clock, timeout_s)
         case OwnMotorSection():
@@ -110,19 +96,7 @@ def make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> M
     motor = rig.motor
     match motor:
         case OdriveSection():
-            return OdriveTwin(
-                bus,
-                OdriveTwinSettings(
-                    node_id=motor.node_id,
-                    gear_ratio=motor.gear_ratio,
-                    direction=motor.direction,
-                    zero_turns=motor.zero_turns,
-                    gains=_gains(drive),
-                    encoder_period_s=motor.encoder_period_ms / 1e3,
-                    dialect=OdriveFirmware(motor.dialect),
-                    torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A or 1.0,
-                ),
-            )
+            return OdriveTwin(bus, _odrive_twin(motor, drive))
         case CubemarsMitSection():
             # Its gains come over the wire; of [twin.drive] it only uses the torque limit.
             settings = MitTwinSettings(
@@ -134,19 +108,7 @@ def make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> M
             )
             return CubemarsMitTwin(bus, settings)
         case CubemarsServoSection():
-            return CubemarsServoTwin(
-                bus,
-                ServoTwinSettings(
-                    drive_id=motor.drive_id,
-                    gear_ratio=motor.gear_ratio,
-                    pole_pairs=motor.pole_pairs,
-                    torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
-                    direction=motor.direction,
-                    zero_deg=motor.zero_deg,
-                    gains=_gains(drive),
-                    status_period_s=motor.status_period_ms / 1e3,
-                ),
-            )
+            return CubemarsServoTwin(bus, _servo_twin(motor, drive))
         case MoteusSection():
             return MoteusTwin(bus, _moteus_twin(motor, drive))
         case OwnMotorSection():
@@ -164,6 +126,19 @@ def _odrive(motor: OdriveSection, timeout_s: float) -> OdriveSettings:
         heartbeat_timeout_s=timeout_s,
         dialect=OdriveFirmware(motor.dialect),
         torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
+    )
+
+
+def _odrive_twin(motor: OdriveSection, drive: TwinDriveSection) -> OdriveTwinSettings:
+    return OdriveTwinSettings(
+        node_id=motor.node_id,
+        gear_ratio=motor.gear_ratio,
+        direction=motor.direction,
+        zero_turns=motor.zero_turns,
+        gains=_gains(drive),
+        encoder_period_s=motor.encoder_period_ms / 1e3,
+        dialect=OdriveFirmware(motor.dialect),
+        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A or 1.0,
     )
 
 
@@ -189,6 +164,33 @@ def _servo(motor: CubemarsServoSection, timeout_s: float) -> ServoSettings:
         zero_deg=motor.zero_deg,
         status_period_s=motor.status_period_ms / 1e3,
         status_timeout_s=timeout_s,
+    )
+
+
+def _servo_twin(motor: CubemarsServoSection, drive: TwinDriveSection) -> ServoTwinSettings:
+    return ServoTwinSettings(
+        drive_id=motor.drive_id,
+        gear_ratio=motor.gear_ratio,
+        pole_pairs=motor.pole_pairs,
+        torque_constant_Nm_per_A=motor.torque_constant_Nm_per_A,
+        direction=motor.direction,
+        zero_deg=motor.zero_deg,
+        gains=_gains(drive),
+        status_period_s=motor.status_period_ms / 1e3,
+    )
+
+
+def _moteus(motor: MoteusSection, timeout_s: float) -> MoteusSettings:
+    return MoteusSettings(
+        drive_id=motor.drive_id,
+        can_prefix=motor.can_prefix,
+        gear_ratio=motor.gear_ratio,
+        direction=motor.direction,
+        zero_turns=motor.zero_turns,
+        watchdog_s=motor.watchdog_ms / 1e3,
+        torque_limit_Nm=motor.torque_limit_Nm,
+        reply_timeout_s=timeout_s,
+        bitrate_switch=motor.bitrate_switch,
     )
 
 

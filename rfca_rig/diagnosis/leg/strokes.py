@@ -125,7 +125,7 @@ class DynamicCondition:
         return replace(self, t_s=t_s, first=self.first[:bins], samples=self.samples[:bins], repeats=repeats.reshape(len(repeats), -1))
 
     def stroke(self, supposed: ModelPoint) -> SimulatedStroke:
-        """The whole simulated stroke at the samples' times. Raises SimulationFailed."""
+        """The whole stroke, simulated at `t_s`. Raises SimulationFailed."""
         motion = self.turn.motion(supposed, float(self.t_s[-1]))
         return recall_stroke(
             supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, STROKE_TOLERANCE, self.strokes_before
