@@ -8,6 +8,7 @@ depends on the depth alone is conservative.
 import numpy as np
 
 from rfca_rig.model.compiled import jit, jit_inline
+from rfca_rig.model.lanes import in_all_lanes, in_any_lane, select
 from rfca_rig.model.state import Chain, Floats, Work
 
 ROUNDS = 12  # of Newton's iteration at most; it takes three or four
@@ -34,23 +35,26 @@ def find_nearest(chain: Chain, y: float, up: float) -> tuple[float, float, float
     The rotation is that per metre that the end moves along the floor.
     """
     # Above the highest point by more than the radius, the end touches nothing, and the vertical distance will do.
-    if up - max(chain.bump_height, 0.0) > chain.radius:
-        rise, slope, _ = elevation(chain, y)
-        return up - rise, slope, 0.0
+    above = up - max(chain.bump_height, 0.0) > chain.radius
+    rise, slope, _ = elevation(chain, y)
+    vertical, slope_below = up - rise, slope
+    if in_all_lanes(above):
+        return vertical, slope_below, 0.0 * y
     # Newton for the foot of the perpendicular: (x - y) + (rise - up) slope = 0, where the line to the end is normal to the floor.
     x = y
     for _ in range(ROUNDS):
         rise, slope, bend = elevation(chain, x)
         step = (x - y + (rise - up) * slope) / max(1.0 + slope * slope + (rise - up) * bend, LEAST_SLOPE)
         x -= step
-        if abs(step) < FOUND_M:
+        if in_all_lanes(abs(step) < FOUND_M):
             break
     rise, slope, bend = elevation(chain, x)
     cos = 1.0 / np.sqrt(1.0 + slope * slope)
     distance = (up - rise - slope * (y - x)) * cos
     # Seen from the end, the radius of curvature of the floor is larger by the distance.
     curvature = bend * cos * cos * cos
-    return distance, slope, curvature / (1.0 - curvature * distance)
+    turn = curvature / (1.0 - curvature * distance)
+    return select(above, vertical, distance), select(above, slope_below, slope), select(above, 0.0, turn)
 
 
 @jit
@@ -72,7 +76,7 @@ def locate_on_bump(chain: Chain, k: int, y: float, along: float, into: float, wo
     cos = 1.0 / np.sqrt(1.0 + slope * slope)
     work.place[k, 0], work.place[k, 1] = chain.radius - distance, (into + slope * along) * cos
     work.place[k, Y], work.place[k, SLOPE], work.place[k, TURN] = y, slope, turn
-    return float((along - slope * into) * cos)
+    return (along - slope * into) * cos
 
 
 @jit_inline
@@ -80,17 +84,18 @@ def measure_climb(k: int, work: Work) -> float:
     """Path of end k along the floor since the step began less its path along the level [m]; second order in the step."""
     place, ends = work.place, work.ends
     # Trapezoid rule over the step, for the arc length and for the part of the tangent across the level floor.
-    longer = 0.5 * (np.sqrt(1.0 + place[k, SLOPE] ** 2) + np.sqrt(1.0 + ends[k, SLOPE] ** 2)) - 1.0
-    return float(longer * (place[k, Y] - ends[k, Y]) - 0.5 * (place[k, SLOPE] + ends[k, SLOPE]) * (place[k, 0] - ends[k, 0]))
+    longer = 0.5 * (np.sqrt(1.0 + place[k, SLOPE] * place[k, SLOPE]) + np.sqrt(1.0 + ends[k, SLOPE] * ends[k, SLOPE])) - 1.0
+    return longer * (place[k, Y] - ends[k, Y]) - 0.5 * (place[k, SLOPE] + ends[k, SLOPE]) * (place[k, 0] - ends[k, 0])
 
 
 @jit_inline
 def find_slope_direction(chain: Chain, k: int, work: Work) -> tuple[float, float]:
     """Cosine and sine of the floor's slope under end k."""
-    if chain.bump_height == 0.0:
-        return 1.0, 0.0
-    cos = 1.0 / np.sqrt(1.0 + work.place[k, SLOPE] ** 2)
-    return cos, cos * work.place[k, SLOPE]
+    cos, slope = 1.0, 0.0
+    if in_any_lane(chain.bump_height != 0.0):
+        slope = work.place[k, SLOPE]
+        cos = 1.0 / np.sqrt(1.0 + slope * slope)
+    return cos, cos * slope
 
 
 @jit_inline

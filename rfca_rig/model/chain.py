@@ -63,7 +63,7 @@ def settle(chain: Chain, laws: Laws, shaft: Shaft, state: State, tolerance: floa
             return False
         assemble_stiffness(chain, laws, state, LONG_S, q, still, still, work)
         close_shaft_row(shaft, q, work)
-        if not solve(work.J, work.pivot, work.R):
+        if not solve(work.J, work.R):
             return False
         change = 0.0
         for i in range(q.size):

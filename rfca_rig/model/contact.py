@@ -9,6 +9,7 @@ import numpy as np
 
 from rfca_rig.model.bump import SLOPE, Y, add_normal_rotation, locate_on_bump, measure_climb, rotate_arms
 from rfca_rig.model.compiled import jit_inline
+from rfca_rig.model.lanes import in_any_lane, lowest, select, sign
 from rfca_rig.model.laws import LOAD, NORMAL, SLIP, call_law
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 
@@ -29,18 +30,16 @@ def normal_force(stiffness: float, damping: float, depth: float, rate: float) ->
 
     N = stiffness depth^1.5 (1 + damping rate) for a depth [m] above 0 and a depth rate [m/s], after Hunt and Crossley (1975).
     """
-    # Below this rate the law would pull. N is continuous here, and zero slopes are those of the branch N = 0.
+    # Below the rate where `grow` is 0 the law would pull. N is continuous there, and zero slopes are those of the branch N = 0.
     root, grow = np.sqrt(depth), 1.0 + damping * rate
-    if grow <= 0.0:
-        return 0.0, 0.0, 0.0
-    N, N_depth = stiffness * depth * root, 1.5 * stiffness * root
-    return N * grow, N_depth * grow, N * damping
+    N, N_depth, pushes = stiffness * depth * root, 1.5 * stiffness * root, grow > 0.0
+    return select(pushes, N * grow, 0.0), select(pushes, N_depth * grow, 0.0), select(pushes, N * damping, 0.0)
 
 
 @jit_inline
 def plain_normal_force(chain: Chain, depth: float, rate: float) -> tuple[float, float, float]:
     """(N, dN/d depth, dN/d rate) of the nominal floor, whose damping may differ between an end that enters and one that leaves."""
-    damping = chain.contact_damping if rate > 0.0 else chain.leaving_damping
+    damping = select(rate > 0.0, chain.contact_damping, chain.leaving_damping)
     return normal_force(chain.contact_stiffness, damping, depth, rate)
 
 
@@ -82,11 +81,10 @@ def carry_stretch(stretch: float, limit: float, begun: float, begun_limit: float
     the limit falls, the force falls with it. Where it grows, the present force stays and only further stretch is stiffer: a force
     that grew with the limit would give back more energy than the tie took.
     """
-    if limit < begun_limit:
-        return limit * stretch, limit, stretch
+    falls = limit < begun_limit
     # The limit grows linearly over the step, so that further stretch meets its mean stiffness: second order in the step.
     mean, more = 0.5 * (limit + begun_limit), stretch - begun
-    return begun_limit * begun + mean * more, mean, 0.5 * more
+    return select(falls, limit * stretch, begun_limit * begun + mean * more), select(falls, limit, mean), select(falls, stretch, 0.5 * more)
 
 
 @jit_inline
@@ -101,18 +99,17 @@ def tangential_force(
     magnitude of N. `friction` is mu with its derivatives by slip and N; `begun` and `begun_limit` are as in `carry_stretch`.
     """
     mu, mu_v, mu_N = friction
-    pressed, sign = abs(normal), 1.0 if normal >= 0.0 else -1.0
+    pressed, side = abs(normal), select(normal >= 0.0, 1.0, -1.0)
     limit = mu * pressed
     carried, F_s, F_limit = carry_stretch(stretch, limit, begun, begun_limit)
     F, F_s, F_limit = -carried / chain.presliding, -F_s / chain.presliding, -F_limit / chain.presliding
     # The end slips: F is at its limit, its slope by stretch is 0, and by the limit it is the sign of F.
-    if abs(F) > limit:
-        F_limit = 1.0 if F > 0.0 else -1.0
-        F, F_s = F_limit * limit, 0.0
-    drag, drag_N = chain.drag, 0.0
-    if pressed < FULL_DRAG_N:
-        drag, drag_N = chain.drag * pressed / FULL_DRAG_N, chain.drag * sign / FULL_DRAG_N
-    F_N = F_limit * (mu * sign + mu_N * pressed) - drag_N * slip
+    slips, way = abs(F) > limit, select(F > 0.0, 1.0, -1.0)
+    F, F_s, F_limit = select(slips, way * limit, F), select(slips, 0.0, F_s), select(slips, way, F_limit)
+    light = pressed < FULL_DRAG_N
+    drag = select(light, chain.drag * pressed / FULL_DRAG_N, chain.drag)
+    drag_N = select(light, chain.drag * side / FULL_DRAG_N, 0.0)
+    F_N = F_limit * (mu * side + mu_N * pressed) - drag_N * slip
     return F - drag * slip, F_s, F_limit * mu_v * pressed - drag, F_N
 
 
@@ -123,12 +120,10 @@ def correct_path(chain: Chain, state: State, k: int, q: Floats, work: Work) -> f
     It is the path beyond that along a level floor with the full lever: the end rolls less, and it climbs the bump. Second order in the
     step; end k is located in `work`, and `q` (c,) are the present coordinates.
     """
-    way = 0.0
-    if chain.lever_rise != 0.0:
-        # The lever shrinks with the depth; the mean of both ends of the step makes the integral second order.
-        depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
-        way = float(chain.lever_rise * depth * (q[k] - state.q[k]))
-    return way + measure_climb(k, work) if chain.bump_height != 0.0 else way
+    # The lever shrinks with the depth; the mean of both ends of the step makes the integral second order.
+    depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
+    way = chain.lever_rise * depth * (q[k] - state.q[k])
+    return way + measure_climb(k, work) if in_any_lane(chain.bump_height != 0.0) else way
 
 
 @jit_inline
@@ -155,7 +150,7 @@ def locate_ends(chain: Chain, state: State, q: Floats, w: Floats, work: Work) ->
         sink += down * w[k]
         slide += along * w[k]
         place[k, 0], place[k, 1] = depth + chain.radius - chain.ground_depth * chain.floor_cos, sink
-        run = slide if chain.bump_height == 0.0 else locate_on_bump(chain, k, y, slide, sink, work)
+        run = locate_on_bump(chain, k, y, slide, sink, work) if in_any_lane(chain.bump_height != 0.0) else slide
         # The point where friction acts rolls along the floor: the link's angle times the lever is no sliding.
         place[k, 2] = y - chain.lever * q[k] + correct_path(chain, state, k, q, work) - state.anchor[k]
         place[k, 3] = run - (chain.lever - chain.lever_rise * max(place[k, 0], 0.0)) * w[k]
@@ -170,27 +165,32 @@ def add_contacts(chain: Chain, laws: Laws, w: Floats, weights: Weights | None, w
     place, contact = work.place, work.contact
     for k in range(place.shape[0]):
         contact[0, k] = contact[1, k] = work.regime[0, k] = work.limit[0, k] = 0.0
-        if place[k, 0] > 0.0:
-            plain = plain_normal_force(chain, place[k, 0], place[k, 1])
-            more = sum_normal_laws(laws, place[k, 0], place[k, 1], work)
-            normal = (plain[0] + more[0], plain[1] + more[1], plain[2] + more[2])
-            factor, factor_v, factor_N = friction_factor(laws, place[k, 3], normal[0], work)
+        touches = place[k, 0] > 0.0
+        if in_any_lane(touches):
+            depth = max(place[k, 0], 0.0)
+            N, N_depth, N_rate = plain_normal_force(chain, depth, place[k, 1])
+            more, more_depth, more_rate = sum_normal_laws(laws, depth, place[k, 1], work)
+            N, N_depth, N_rate = N + more, N_depth + more_depth, N_rate + more_rate
+            factor, factor_v, factor_N = friction_factor(laws, place[k, 3], N, work)
             friction = (chain.mu * factor, chain.mu * factor_v, chain.mu * factor_N)
-            tangential = tangential_force(chain, friction, place[k, 2], place[k, 3], normal[0], work.ends[k, 2], work.limit[2, k])
-            work.limit[0, k] = friction[0] * abs(normal[0])
+            F, F_s, F_v, F_N = tangential_force(chain, friction, place[k, 2], place[k, 3], N, work.ends[k, 2], work.limit[2, k])
+            # In a lane whose end is in the air nothing acts.
+            normal = (select(touches, N, 0.0), select(touches, N_depth, 0.0), select(touches, N_rate, 0.0))
+            tangential = (select(touches, F, 0.0), select(touches, F_s, 0.0), select(touches, F_v, 0.0), select(touches, F_N, 0.0))
+            work.limit[0, k] = select(touches, friction[0] * abs(N), 0.0)
             contact[0, k], contact[1, k] = normal[0], tangential[0]
             # Branch of the law, by which `stage` judges whether J is still valid: 0 in the air, 1 stuck, else 2 + the sign of the stretch.
-            work.regime[0, k] = 1.0 if tangential[1] != 0.0 else 2.0 + np.sign(place[k, 2])
+            work.regime[0, k] = select(touches, select(F_s != 0.0, 1.0, 2.0 + sign(place[k, 2])), 0.0)
             # Over a level floor the directions of all ends agree; on a bump each end has its own.
             across, aside = work.down, work.along
             frame_aside, frame_across = project_frame_on_floor(chain)
-            if chain.bump_height != 0.0:
+            if in_any_lane(chain.bump_height != 0.0):
                 across, aside = work.across, work.aside
                 frame_aside, frame_across = rotate_arms(chain, k, frame_aside, frame_across, work)
             add_contact(chain, k, normal, tangential, w, weights, work, across, aside)
             if w.size > place.shape[0]:
                 add_frame_contact(chain, k, normal, tangential, w, weights, work, across, aside, frame_across, frame_aside)
-            if chain.bump_height != 0.0 and weights is not None:
+            if weights is not None and in_any_lane(chain.bump_height != 0.0):
                 add_normal_rotation(chain, k, normal, tangential, w, weights[2], work)
 
 
@@ -275,10 +275,9 @@ def add_frame_contact(
 def stretch_after(chain: Chain, k: int, stretch: float, limit: float, work: Work) -> float:
     """Stretch [m] of the tie of end k after a step to `stretch` under the friction limit `limit`: its force over its present stiffness."""
     # No tie in the air. Beyond the presliding the end has slipped, and the anchor follows it.
-    if work.place[k, 0] <= 0.0 or limit <= 0.0:
-        return 0.0
+    tied = (work.place[k, 0] > 0.0) & (limit > 0.0)
     carried, _, _ = carry_stretch(stretch, limit, work.ends[k, 2], work.limit[2, k])
-    return min(max(carried / limit, -chain.presliding), chain.presliding)
+    return select(tied, min(max(carried / select(tied, limit, 1.0), -chain.presliding), chain.presliding), 0.0)
 
 
 @jit_inline
@@ -299,13 +298,11 @@ def drag_anchors(chain: Chain, state: State, q: Floats, work: Work) -> None:
 def measure_slip_reversal(chain: Chain, h: float, k: int, work: Work) -> float:
     """Distance [m] from the farthest point of end k to its place at the step's end, if it slipped first and then reversed; else 0."""
     # It must touch at both ends of the step, reverse its speed, and have slipped along its speed, at its full stretch, at the beginning.
-    v0, v1 = float(work.ends[k, 3]), float(work.place[k, 3])
-    if work.ends[k, 0] <= 0.0 or work.place[k, 0] <= 0.0 or v0 * v1 >= 0.0 or work.ends[k, 2] * v0 <= 0.0:
-        return 0.0
-    if abs(work.ends[k, 2]) < WITHIN_REACH * chain.presliding:
-        return 0.0
+    v0, v1, stretch = work.ends[k, 3], work.place[k, 3], work.ends[k, 2]
+    touches = (work.ends[k, 0] > 0.0) & (work.place[k, 0] > 0.0)
+    reverses = (v0 * v1 < 0.0) & (stretch * v0 > 0.0) & (abs(stretch) >= WITHIN_REACH * chain.presliding)
     # The speed changes linearly from v0 to v1, so the last part of the step after the reversal takes h |v1| / |v0 - v1|.
-    return 0.5 * h * v1 * v1 / abs(v0 - v1)
+    return select(touches & reverses, 0.5 * h * v1 * v1 / abs(v0 - v1), 0.0)
 
 
 @jit_inline
@@ -313,11 +310,12 @@ def limit_step_to_reversal(chain: Chain, h: float, work: Work) -> float:
     """Length [s] of a step that ends just after the first reversal of an end; h if none moves back farther than allowed."""
     allowed, shorter = MISSED_SHARE * chain.presliding, h
     for k in range(work.place.shape[0]):
-        if measure_slip_reversal(chain, h, k, work) > allowed:
+        far = measure_slip_reversal(chain, h, k, work) > allowed
+        if in_any_lane(far):
             # With constant deceleration the end stands after v0 / braking; from there it moves back by a quarter of what is allowed.
             v0 = abs(work.ends[k, 3])
             braking = (v0 + abs(work.place[k, 3])) / h
-            shorter = min(shorter, (v0 + np.sqrt(0.5 * braking * allowed)) / braking)
+            shorter = min(shorter, lowest(select(far, (v0 + np.sqrt(0.5 * braking * allowed)) / braking, h)))
     return shorter
 
 
@@ -327,7 +325,7 @@ def update_friction_anchors(chain: Chain, state: State, h: float, q: Floats, wor
 
     True where an end reversed or touched down: a friction force has changed, and the accelerations must be computed again.
     """
-    changed = False
+    changed = 1.0 < 0.0
     y = q[chain.length.size] * project_frame_on_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]
@@ -335,24 +333,19 @@ def update_friction_anchors(chain: Chain, state: State, h: float, q: Floats, wor
         s = y - chain.lever * q[k] + more
         depth, rate, slip, limit = work.place[k, 0], work.place[k, 1], work.place[k, 3], work.limit[1, k]
         stretch, back = s - state.anchor[k], measure_slip_reversal(chain, h, k, work)
-        if back > 0.0:
-            # Slip to the farthest point first, which drags the anchor along; then the tie relaxes by the way back.
-            there = back * np.sign(work.ends[k, 3])
-            stretch = stretch_after(chain, k, stretch + there, limit, work) - there
-            changed = True
-        elif depth > 0.0 and work.ends[k, 0] <= 0.0:
-            # Time since touchdown. The limit has grown from zero since then, which halves the force of the stretch.
-            touched_s = min(depth / rate, h) if rate > 0.0 else h
-            stretch = 0.5 * slip * touched_s
-            changed = True
-        else:
-            stretch = stretch_after(chain, k, stretch, limit, work)
-        reach = chain.presliding if depth > 0.0 else 0.0
+        # An end that reversed slips to the farthest point first, which drags the anchor along; then the tie relaxes by the way back.
+        there = back * sign(work.ends[k, 3])
+        # After a touchdown the limit has grown from zero since then, which halves the force of the stretch.
+        touches_down = (depth > 0.0) & (work.ends[k, 0] <= 0.0)
+        touched_s = select(rate > 0.0, min(depth / rate, h), h)
+        stretch = select(touches_down, 0.5 * slip * touched_s, stretch_after(chain, k, stretch + there, limit, work) - there)
+        changed = changed | touches_down | (back > 0.0)
+        reach = select(depth > 0.0, chain.presliding, 0.0)
         state.anchor[k] = s - min(max(stretch, -reach), reach) - more
     store_ends(chain, state, q, work)
     for k in range(chain.length.size):
         work.limit[2, k] = work.limit[1, k]
-    return changed
+    return in_any_lane(changed)
 
 
 @jit_inline
@@ -362,6 +355,6 @@ def store_ends(chain: Chain, state: State, q: Floats, work: Work) -> None:
     for k in range(chain.length.size):
         y += work.down[k]
         work.ends[k, 0], work.ends[k, 1], work.ends[k, 3] = work.place[k, 0], work.place[k, 1], work.place[k, 3]
-        if chain.bump_height != 0.0:
+        if in_any_lane(chain.bump_height != 0.0):
             work.ends[k, Y], work.ends[k, SLOPE] = work.place[k, Y], work.place[k, SLOPE]
         work.ends[k, 2] = y - chain.lever * q[k] - state.anchor[k]

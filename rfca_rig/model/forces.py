@@ -6,6 +6,7 @@ from rfca_rig.model.bump import fill_distances, find_slope_direction
 from rfca_rig.model.compiled import jit, jit_inline, jit_internal
 from rfca_rig.model.contact import add_contacts, locate_ends
 from rfca_rig.model.hinge_springs import SplineTable, spring
+from rfca_rig.model.lanes import in_any_lane, select
 from rfca_rig.model.laws import HINGE, LINK, ROTOR, call_law
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 
@@ -33,14 +34,10 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
     sin = r + r * z * (S1 + z * (S2 + z * (S3 + z * sin)))
     cos = C4 + z * (C5 + z * C6)
     cos = 1.0 - 0.5 * z + z * z * (C1 + z * (C2 + z * (C3 + z * cos)))
-    quadrant = np.int64(quarters) & 3
-    if quadrant == 0:
-        return sin, cos
-    if quadrant == 1:
-        return cos, -sin
-    if quadrant == 2:
-        return -sin, -cos
-    return -cos, sin
+    quadrant = quarters - 4.0 * np.floor(0.25 * quarters)
+    odd = (quadrant == 1.0) | (quadrant == 3.0)
+    sin, cos = select(odd, cos, sin), select(odd, sin, cos)
+    return select(quadrant > 1.5, -sin, sin), select((quadrant == 1.0) | (quadrant == 2.0), -cos, cos)
 
 
 @jit_inline
@@ -82,13 +79,12 @@ def add_inertia(chain: Chain, w: Floats, a: Floats, weights: Weights | None, wor
 @jit_inline
 def add_shaft_friction(chain: Chain, w: Floats, weights: Weights | None, work: Work) -> None:
     """Adds friction at the shaft from outside the leg; the motor overcomes it, so it shows in the shaft torque. `w` is (c,)."""
-    if chain.shaft_friction == 0.0:
-        return
-    # A sign function has no slope at rest, and Newton's iteration would not converge.
-    share = np.tanh(w[0] / DRAGGED_FROM_RAD_S)
-    work.R[0] += chain.shaft_friction * share
-    if weights is not None:
-        work.J[0, 0] += weights[1] * chain.shaft_friction * (1.0 - share * share) / DRAGGED_FROM_RAD_S
+    if in_any_lane(chain.shaft_friction != 0.0):
+        # A sign function has no slope at rest, and Newton's iteration would not converge.
+        share = np.tanh(w[0] / DRAGGED_FROM_RAD_S)
+        work.R[0] += chain.shaft_friction * share
+        if weights is not None:
+            work.J[0, 0] += weights[1] * chain.shaft_friction * (1.0 - share * share) / DRAGGED_FROM_RAD_S
 
 
 @jit_inline

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.compiled import jit_inline
+from rfca_rig.model.lanes import count_lanes, lane_of, with_lane
 from rfca_rig.model.parameters import Leg, TorqueSpline
 from rfca_rig.model.state import Chain
 
@@ -80,17 +81,22 @@ def spring(chain: Chain, i: int, phi: float) -> tuple[float, float]:
     if chain.spring_origin.shape[1] == 0:
         k2 = chain.k2[i]
         return k0 * phi * (1.0 + k2 * phi * phi), 1.0 + 3.0 * k2 * phi * phi
-    # Bisection for the last piece that begins at or below phi; unused pieces begin at infinity and are never chosen.
-    low, high = 0, chain.spring_origin.shape[1]
-    while high - low > 1:
-        middle = (low + high) // 2
-        if chain.spring_origin[i, middle] <= phi:
-            low = middle
-        else:
-            high = middle
-    u = phi - chain.spring_origin[i, low]
-    c1, c2, c3 = chain.spring_cubic[i, low, 2], chain.spring_cubic[i, low, 3], chain.spring_cubic[i, low, 4]
-    return k0 * (chain.spring_cubic[i, low, 1] + u * (c1 + u * (c2 + u * c3))), c1 + u * (2.0 * c2 + u * 3.0 * c3)
+    u, c0, c1, c2, c3 = phi, phi, phi, phi, phi
+    for lane in range(count_lanes(phi)):
+        # Bisection for the last piece that begins at or below phi; unused pieces begin at infinity and are never chosen.
+        x, low, high = lane_of(phi, lane), 0, chain.spring_origin.shape[1]
+        while high - low > 1:
+            middle = (low + high) // 2
+            if lane_of(chain.spring_origin[i, middle], lane) <= x:
+                low = middle
+            else:
+                high = middle
+        u = with_lane(u, lane, x - lane_of(chain.spring_origin[i, low], lane))
+        c0 = with_lane(c0, lane, lane_of(chain.spring_cubic[i, low, 1], lane))
+        c1 = with_lane(c1, lane, lane_of(chain.spring_cubic[i, low, 2], lane))
+        c2 = with_lane(c2, lane, lane_of(chain.spring_cubic[i, low, 3], lane))
+        c3 = with_lane(c3, lane, lane_of(chain.spring_cubic[i, low, 4], lane))
+    return k0 * (c0 + u * (c1 + u * (c2 + u * c3))), c1 + u * (2.0 * c2 + u * 3.0 * c3)
 
 
 def table_of(splines: tuple[TorqueSpline, ...], joints: int) -> SplineTable:

@@ -13,6 +13,7 @@ import numpy as np
 from rfca_rig.model.compiled import jit, jit_inline, jit_internal
 from rfca_rig.model.contact import limit_step_to_reversal, locate_ends, store_ends, update_friction_anchors
 from rfca_rig.model.forces import call_hinge, measure, prepare_pose
+from rfca_rig.model.lanes import highest, view_fields, view_lanes
 from rfca_rig.model.stage import shaft_at, solve_stage
 from rfca_rig.model.state import Chain, Floats, Laws, Samples, Shaft, State, Work
 
@@ -147,8 +148,8 @@ def try_step(chain: Chain, laws: Laws, shaft: Shaft, state: State, t: float, t_n
     for i in range(state.q.size):
         weight = 1.0 if i < state.anchor.size else PER_METRE
         angle, speed = abs(work.stage_q[3, i] - work.stage_q[2, i]), abs(work.stage_w[3, i] - work.stage_w[2, i])
-        error = max(error, weight * angle / tolerance[0], weight * speed / tolerance[1])
-    return error
+        error = max(error, max(weight * angle / tolerance[0], weight * speed / tolerance[1]))
+    return highest(error)
 
 
 @jit_internal
@@ -186,8 +187,8 @@ def accept_step(chain: Chain, laws: Laws, state: State, t: float, t_new: float, 
     return first, jumped
 
 
-@jit
-def integrate(
+@jit_internal
+def take_steps(
     chain: Chain,
     laws: Laws,
     shaft: Shaft,
@@ -268,3 +269,50 @@ def integrate(
         h = max(h, longer) if t_new - t < h else longer
         t = t_new
     return DONE, h, accepted, rejected
+
+
+integrate = jit(take_steps)
+
+
+@jit
+def integrate_lanes(
+    chain: Chain,
+    laws: Laws,
+    shaft: Shaft,
+    state: State,
+    t: float,
+    t_end: float,
+    h: float,
+    longest: float,
+    most: int,
+    tolerance: Floats,
+    work: Work,
+    out: Samples,
+) -> tuple[int, float, int, int]:
+    """As `integrate` for eight strokes side by side: arrays have a last axis of eight, and numbers of `chain` and `shaft` are (8,).
+
+    A step is as short as the worst lane needs. Where one lane fails, all do.
+    """
+    moved = State(view_lanes(state.q), view_lanes(state.w), view_lanes(state.a), view_lanes(state.anchor), state.memory)
+    turned = Shaft(
+        view_lanes(shaft.breaks),
+        view_lanes(shaft.coefficient),
+        shaft.landings,
+        shaft.free,
+        view_lanes(shaft.rotor),
+        view_lanes(shaft.feed),
+        view_lanes(shaft.k_angle),
+        view_lanes(shaft.angle),
+        view_lanes(shaft.k_speed),
+        view_lanes(shaft.speed),
+        view_lanes(shaft.gap),
+        view_lanes(shaft.loss),
+        view_lanes(shaft.limit),
+        view_lanes(shaft.cogging),
+        view_lanes(shaft.cycles),
+        view_lanes(shaft.phase),
+    )
+    filled = Samples(out.t, view_lanes(out.q), view_lanes(out.w), view_lanes(out.force), view_lanes(out.contact))
+    return take_steps(
+        view_fields(chain), laws, turned, moved, t, t_end, h, longest, most, tolerance, view_fields(work), filled
+    )

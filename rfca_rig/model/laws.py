@@ -37,12 +37,15 @@ from typing import Any, cast
 import numba
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from rfca_rig.model.compiled import CACHE_FOLDER, caching_in
+from rfca_rig.model.lanes import LANES, LanesType
 from rfca_rig.model.state import Floats
 
 HINGE, LINK, SLIP, NORMAL, ROTOR, LOAD = range(6)
+ARGUMENTS, RESULTS, MEMORY = 6, 4, 4  # of a law at most, and numbers of its memory
 TABLE = 8  # index at which the table of a law begins in its row of parameters
 
 Law = Callable[..., Any]
@@ -149,18 +152,40 @@ def compile_law(use: LawUse) -> None:
 
 
 def _call_law(typing_context: Any, address: Any, x: Any, memory: Any, parameter: Any, out: Any) -> Any:
-    """Passes the law a pointer to the data of each array; reference counts of the arrays are not touched, as that would take time."""
+    """Calls the law with pointers to the data of the arrays; reference counts of the arrays are not touched, as that would take time.
+
+    Where `x` (8,) and `out` (8,) are lanes, it calls the law once for each, with `memory` (8, 4) and `parameter` (8, p) of that lane.
+    """
     del typing_context
+    in_lanes = isinstance(x.dtype, LanesType)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         pointer = ir.DoubleType().as_pointer()
-        function = ir.FunctionType(ir.VoidType(), [pointer] * 4).as_pointer()
         # All laws have the C signature void(double*, double*, double*, double*), see `laws._SIGNATURE`.
-        pointers = [
-            context.make_array(kind)(context, builder, argument).data
-            for kind, argument in zip(signature.args[1:], arguments[1:], strict=True)
+        function = builder.inttoptr(arguments[0], ir.FunctionType(ir.VoidType(), [pointer] * 4).as_pointer())
+        arrays = [
+            context.make_array(kind)(context, builder, argument) for kind, argument in zip(signature.args[1:], arguments[1:], strict=True)
         ]
-        builder.call(builder.inttoptr(arguments[0], function), pointers)
+        x_data, memory_data, parameter_data, out_data = (builder.bitcast(array.data, pointer) for array in arrays)
+        if not in_lanes:
+            builder.call(function, [x_data, memory_data, parameter_data, out_data])
+            return context.get_dummy_value()
+        index = ir.IntType(64)
+        one_x, one_out = (cgutils.alloca_once(builder, ir.DoubleType(), size=ir.Constant(index, 8)) for _ in range(2))
+        with cgutils.for_range(builder, ir.Constant(index, LANES)) as loop:
+            for argument in range(ARGUMENTS):
+                at = builder.add(ir.Constant(index, LANES * argument), loop.index)
+                builder.store(builder.load(builder.gep(x_data, [at])), builder.gep(one_x, [ir.Constant(index, argument)]))
+            # Laws without memory get `x` in its place, which has no axis of lanes.
+            own_memory = one_x
+            if memory.ndim == 2:
+                own_memory = builder.gep(memory_data, [builder.mul(loop.index, ir.Constant(index, MEMORY))])
+            width = builder.extract_value(arrays[2].shape, 1)
+            own_parameter = builder.gep(parameter_data, [builder.mul(loop.index, width)])
+            builder.call(function, [one_x, own_memory, own_parameter, one_out])
+            for result in range(RESULTS):
+                at = builder.add(ir.Constant(index, LANES * result), loop.index)
+                builder.store(builder.load(builder.gep(one_out, [ir.Constant(index, result)])), builder.gep(out_data, [at]))
         return context.get_dummy_value()
 
     return types.void(address, x, memory, parameter, out), generate

@@ -1,6 +1,6 @@
 """Solves one implicit stage of a step by Newton's iteration, with the row of the shaft. Symbols as in `state`.
 
-The iteration keeps its factored Jacobian, LU with partial pivoting, while it is good. The shaft's motion is prescribed or under the torque
+The iteration keeps its factored Jacobian while it is good. The shaft's motion is prescribed or under the torque
 of a drive, which closes row 0 of the equations.
 """
 
@@ -8,7 +8,8 @@ import numpy as np
 
 from rfca_rig.model.compiled import jit_inline, jit_internal
 from rfca_rig.model.forces import assemble
-from rfca_rig.model.state import Chain, Floats, Integers, Laws, Shaft, State, Work
+from rfca_rig.model.lanes import count_lanes, highest, in_all_lanes, in_any_lane, lane_of, select, sign, with_lane
+from rfca_rig.model.state import Chain, Floats, Laws, Shaft, State, Work
 
 NEWTON_LIMIT = 10  # a stage that needs more iterations is cheaper to repeat at half the length
 GOOD_CONTRACTION = 0.1  # an iteration that gains less than a digit gets a new Jacobian
@@ -19,24 +20,16 @@ ABSURD_RAD_S2 = 1e15
 
 
 @jit_inline
-def factor(J: Floats, pivot: Integers, first: int) -> bool:
-    """Replaces J (n, n), from row and column `first` on, by its LU factors, `pivot` (n,) the row exchanges.
+def factor(J: Floats, first: int) -> bool:
+    """Replaces J (c, c), from row and column `first` on, by its LU factors. False where J is singular or not finite.
 
-    False where J is singular or not finite.
+    Rows are not exchanged: inertia, hinges and the normal force of the ground make J positive definite, and friction changes it little.
     """
-    n = pivot.size
+    n = J.shape[0]
     for k in range(first, n):
-        p = k
-        for i in range(k + 1, n):
-            if abs(J[i, k]) > abs(J[p, k]):
-                p = i
-        pivot[k] = p
         # Written so that NaN, for which each comparison is false, counts as singular.
-        if not abs(J[p, k]) > 0.0:
+        if not in_all_lanes(abs(J[k, k]) > 0.0):
             return False
-        if p != k:
-            for j in range(first, n):
-                J[k, j], J[p, j] = J[p, j], J[k, j]
         # The diagonal keeps the inverse, so that each substitution multiplies instead of dividing.
         inverse = 1.0 / J[k, k]
         J[k, k] = inverse
@@ -49,12 +42,9 @@ def factor(J: Floats, pivot: Integers, first: int) -> bool:
 
 
 @jit_inline
-def substitute(J: Floats, pivot: Integers, first: int, x: Floats) -> None:
-    """Solves for x (n,) in place with the factors in J (n, n); entries before `first` stay as they are."""
-    n = pivot.size
-    for k in range(first, n):
-        p = pivot[k]
-        x[k], x[p] = x[p], x[k]
+def substitute(J: Floats, first: int, x: Floats) -> None:
+    """Solves for x (c,) in place with the factors in J (c, c); entries before `first` stay as they are."""
+    n = J.shape[0]
     for k in range(first, n):
         v = x[k]
         for j in range(first, k):
@@ -68,44 +58,77 @@ def substitute(J: Floats, pivot: Integers, first: int, x: Floats) -> None:
 
 
 @jit_internal
-def solve(J: Floats, pivot: Integers, x: Floats) -> bool:
-    """Solves J y = x for J (n, n) and x (n,), with y in the place of x; J is overwritten. False where it is singular or not finite."""
-    if not factor(J, pivot, 0):
-        return False
-    substitute(J, pivot, 0, x)
+def solve(J: Floats, x: Floats) -> bool:
+    """Solves J y = x for J (c, c) and x (c,), with y in the place of x; J is overwritten. False where it is singular or not finite.
+
+    With exchange of rows: far from rest J may be indefinite.
+    """
+    n = x.size
+    for k in range(n):
+        p = k
+        for i in range(k + 1, n):
+            if abs(J[i, k]) > abs(J[p, k]):
+                p = i
+        if not abs(J[p, k]) > 0.0:
+            return False
+        if p != k:
+            x[k], x[p] = x[p], x[k]
+            for j in range(n):
+                J[k, j], J[p, j] = J[p, j], J[k, j]
+        for i in range(k + 1, n):
+            f = J[i, k] / J[k, k]
+            x[i] -= f * x[k]
+            for j in range(k + 1, n):
+                J[i, j] -= f * J[k, j]
+    for k in range(n - 1, -1, -1):
+        v = x[k]
+        for j in range(k + 1, n):
+            v -= J[k, j] * x[j]
+        x[k] = v / J[k, k]
     return True
 
 
 @jit_inline
 def shaft_at(shaft: Shaft, t: float) -> tuple[float, float, float]:
     """(angle, speed, acceleration) of the prescribed shaft; at a break the piece that ends there counts."""
-    # Before the first break and after the last one, the outer pieces go on.
-    i = min(max(np.searchsorted(shaft.breaks, t) - 1, 0), shaft.coefficient.shape[0] - 1)
-    c, x = shaft.coefficient[i], t - shaft.breaks[i]
-    return (
-        c[0] + x * (c[1] + x * (c[2] + x * c[3])),
-        c[1] + x * (2.0 * c[2] + x * 3.0 * c[3]),
-        2.0 * c[2] + 6.0 * c[3] * x,
-    )
+    x = shaft.breaks[0]
+    c0, c1, c2, c3 = x, x, x, x
+    for lane in range(count_lanes(x)):
+        # Bisection for the last piece that begins before t. Before the first break and after the last one, the outer pieces go on.
+        low, high = 0, shaft.coefficient.shape[0]
+        while high - low > 1:
+            middle = (low + high) // 2
+            if lane_of(shaft.breaks[middle], lane) < t:
+                low = middle
+            else:
+                high = middle
+        x = with_lane(x, lane, t - lane_of(shaft.breaks[low], lane))
+        c0 = with_lane(c0, lane, lane_of(shaft.coefficient[low, 0], lane))
+        c1 = with_lane(c1, lane, lane_of(shaft.coefficient[low, 1], lane))
+        c2 = with_lane(c2, lane, lane_of(shaft.coefficient[low, 2], lane))
+        c3 = with_lane(c3, lane, lane_of(shaft.coefficient[low, 3], lane))
+    return c0 + x * (c1 + x * (c2 + x * c3)), c1 + x * (2.0 * c2 + x * 3.0 * c3), 2.0 * c2 + 6.0 * c3 * x
 
 
 @jit_inline
 def drive_torque(shaft: Shaft, angle: float, speed: float, at: float) -> tuple[float, float, float]:
     """Torque on a free shaft that is `angle` and `speed` behind its command, and stands `at` this angle: (T, -dT/dq, -dT/dw)."""
     bent, k_angle, k_speed = angle, shaft.k_angle, shaft.k_speed
-    if shaft.gap > 0.0:
-        bent = angle - shaft.gap if angle >= shaft.gap else (angle + shaft.gap if angle <= -shaft.gap else 0.0)
-        side = np.sign(bent)
+    plays = shaft.gap > 0.0
+    if in_any_lane(plays):
+        bent = angle - min(max(angle, -shaft.gap), shaft.gap)
+        side = sign(bent)
         # Hunt and Crossley: the damping grows with the depth, so the torque does not jump at contact; it is never negative, so no pull.
-        pressed = max(1.0 + shaft.loss * side * speed, 0.0)
-        k_angle *= pressed * abs(side)
-        k_speed += shaft.k_angle * abs(bent) * shaft.loss * (pressed > 0.0)
+        pressed = select(plays, max(1.0 + shaft.loss * side * speed, 0.0), 1.0)
+        k_angle *= select(plays, pressed * abs(side), 1.0)
+        k_speed += select(plays & (pressed > 0.0), shaft.k_angle * abs(bent) * shaft.loss, 0.0)
         bent *= pressed
     torque = shaft.feed + shaft.k_angle * bent + shaft.k_speed * speed
-    if abs(torque) > shaft.limit:
-        torque, k_angle, k_speed = shaft.limit * np.sign(torque), 0.0, 0.0
+    free = abs(torque) <= shaft.limit
+    torque = select(free, torque, shaft.limit * sign(torque))
+    k_angle, k_speed = select(free, k_angle, 0.0), select(free, k_speed, 0.0)
     # Cogging comes from the magnets, so the limit of the current does not apply to it.
-    if shaft.cogging != 0.0:
+    if in_any_lane(shaft.cogging != 0.0):
         electrical = shaft.cycles * (at - shaft.angle) + shaft.phase
         torque += shaft.cogging * np.sin(electrical)
         k_angle -= shaft.cogging * shaft.cycles * np.cos(electrical)
@@ -147,7 +170,6 @@ def allocate_workspace(coordinates: int, links: int) -> Work:
     return Work(
         R=np.zeros(coordinates),
         J=np.zeros((coordinates, coordinates)),
-        pivot=np.zeros(coordinates, np.int64),
         sin=v[0],
         cos=v[1],
         down=u[0],
@@ -201,34 +223,37 @@ def solve_stage(
             # dw/da = g and dq/da = g^2 within the stage, which makes these the weights of the three derivatives of R.
             assemble(chain, laws, state, elapsed, q, w, a, (1.0, g, g * g), work)
             drive_rotor(shaft, t, q, w, a, g, True, work)
-            if not factor(work.J, work.pivot, first):
+            if not factor(work.J, first):
                 return False
             store_regime(work)
         else:
             drive_rotor(shaft, t, q, w, a, g, False, work)
-        substitute(work.J, work.pivot, first, work.R)
-        change = 0.0
+        substitute(work.J, first, work.R)
+        change, finite = abs(work.R[first]), work.R[first] < ABSURD_RAD_S2
         for i in range(first, q.size):
             a[i] -= work.R[i]
+            finite = finite & (abs(work.R[i]) < ABSURD_RAD_S2)
             change = max(change, abs(work.R[i]))
-        if not change < ABSURD_RAD_S2:
+        if not in_all_lanes(finite):
             return False
-        if g * change < enough:
+        worst = highest(change)
+        if g * worst < enough:
             # q and w must agree with the last change of a, since the next step begins from them.
             update_motion(shaft, t, work.base_q, work.base_w, g, q, w, a)
             return True
-        reuse = change < GOOD_CONTRACTION * before
-        before = change
+        reuse = worst < GOOD_CONTRACTION * before
+        before = worst
     return False
 
 
 @jit_inline
 def is_jacobian_valid(chain: Chain, work: Work) -> bool:
     """Whether all laws are on the branches on which they were when J was computed."""
-    now, then, same = work.regime, work.regime_of_J, True
+    now, then = work.regime, work.regime_of_J
+    same = now[0, 0] == then[0, 0]
     for k in range(now.shape[1]):
-        same = same and now[0, k] == then[0, k] and abs(now[1, k] - then[1, k]) <= SAME_SLOPE * chain.k0[k]
-    return same
+        same = same & (now[0, k] == then[0, k]) & (abs(now[1, k] - then[1, k]) <= SAME_SLOPE * chain.k0[k])
+    return in_all_lanes(same)
 
 
 @jit_inline

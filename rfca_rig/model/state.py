@@ -145,7 +145,7 @@ class Work(NamedTuple):
 
     Arrays without a shape have one entry per coordinate (c,).
 
-    - `R`, `J` (c, c): the residual, and its derivative. Once factored, `J` holds its triangular factors, `pivot` their row exchanges.
+    - `R`, `J` (c, c): the residual, and its derivative. Once factored, `J` holds its triangular factors.
     - `sin`, `cos`: of the angles last assembled.
     - `down`, `along` (n,): how every end beyond link j moves across and along the floor per radian of q_j. `across`, `aside` are the
       same over a floor that slopes under one end.
@@ -166,7 +166,6 @@ class Work(NamedTuple):
 
     R: Floats
     J: Floats
-    pivot: Integers
     sin: Floats
     cos: Floats
     down: Floats

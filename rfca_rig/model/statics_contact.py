@@ -49,7 +49,7 @@ def balance(chain: Chain, laws: Laws, state: State, q: Floats, angle: float, not
         work.R[0] = q[0] - angle
         work.J[0, :] = 0.0
         work.J[0, 0] = 1.0
-        if not solve(work.J, work.pivot, work.R):
+        if not solve(work.J, work.R):
             return False
         q -= work.R
         change = np.max(np.abs(work.R))
