@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.data.observations import Observations
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
 
 Floats = NDArray[np.float64]
@@ -102,6 +103,38 @@ class Simulator(ABC):
         SimulationFailed, BadInput
             Where the model has no answer. The search then stays away from this input.
         """
+
+    @property
+    def varies_many(self) -> bool:
+        """Whether `simulate_changes` simulates many inputs faster than one after the other."""
+        return False
+
+    def simulate_changes(self, at: Any, rows: Floats, inputs: Sequence[Any], condition: Any) -> list[Floats | None]:  # noqa: ARG002
+        """The change of the predicted observations from one input to each of others; by default, one is simulated after the other.
+
+        Parameters
+        ----------
+        at, rows
+            Parameters and effects, and the observations (m,) that `simulate` predicts there.
+        inputs
+            Parameters and effects that vary from it.
+        condition
+            What is simulated.
+
+        Returns
+        -------
+        list
+            Change (m,) for each input; None where the model has no answer.
+        """
+        return [None if (there := self.simulate_or_none(each, condition)) is None else there - rows for each in inputs]
+
+    def simulate_or_none(self, at: Any, condition: Any) -> Floats | None:
+        """The observations (m,) of `simulate`, or None where the model has no answer."""
+        try:
+            return self.simulate(at, condition)
+        # The search stays away from such inputs.
+        except (SimulationFailed, BadInput):
+            return None
 
     def coarsen(self, conditions: Sequence[Any], count: int) -> list[int]:
         """Which conditions are enough to rank effects, ascending: at most `count`, evenly spread in their order."""

@@ -407,7 +407,7 @@ def _is_array_of_floats(kind: Any) -> bool:
 
 def aligned_zeros(*shape: int) -> NDArray[np.float64]:
     """Zeros of a shape (..., 8), at an address that vector instructions need."""
-    size = int(np.prod(shape))
+    size = math.prod(shape)
     raw = np.zeros(size + LANES)
     skipped = (-raw.ctypes.data % _ALIGNMENT_BYTES) // 8
     return raw[skipped : skipped + size].reshape(shape)

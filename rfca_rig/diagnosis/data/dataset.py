@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.data.observations import Observations, stack_observations
 from rfca_rig.diagnosis.simulator import ConditionData, Simulator
-from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import cores
 
 Floats = NDArray[np.float64]
@@ -44,22 +44,32 @@ class Dataset:
     def predicted(self, at: Any) -> Floats | None:
         """The model's rows (m,) at an input of the simulator, conditions in parallel; None where the model has no answer."""
         with ThreadPoolExecutor(THREADS) as pool:
-            return _join_or_none(pool.map(lambda part: self.simulator.simulate(at, part), self.parts))
+            return _join_or_none(pool.map(lambda part: self.simulator.simulate_or_none(at, part), self.parts))
 
     def predict_all(self, inputs: Sequence[Any]) -> list[Floats | None]:
         """The model's rows (m,) for each of many inputs, in parallel: a compiled model releases the interpreter lock."""
         with ThreadPoolExecutor(THREADS) as pool:
             # One thread per input: nested pools would only oversubscribe the cores.
-            return list(pool.map(lambda at: _join_or_none(self.simulator.simulate(at, part) for part in self.parts), inputs))
+            return list(pool.map(lambda at: _join_or_none(self.simulator.simulate_or_none(at, part) for part in self.parts), inputs))
+
+    def predict_changes(self, at: Any, predicted: Floats, inputs: Sequence[Any]) -> list[Floats | None]:
+        """The change of the model's rows from `at`, where they are `predicted` (m,), to each of many inputs; None where it has no answer."""
+        if not self.simulator.varies_many:
+            return [None if there is None else there - predicted for there in self.predict_all(inputs)]
+        rows = [predicted[self.rows.condition == number] for number in range(len(self.parts))]
+        with ThreadPoolExecutor(THREADS) as pool:
+            by_part = pool.map(lambda part, own: self.simulator.simulate_changes(at, own, inputs, part), self.parts, rows)
+            return [_join_or_none(changes) for changes in zip(*by_part, strict=True)]
 
 
-def _join_or_none(rows: Iterable[Floats]) -> Floats | None:
+def _join_or_none(rows: Iterable[Floats | None]) -> Floats | None:
     """The rows of all conditions; None where the model has no answer for one of them."""
-    try:
-        return np.concatenate(list(rows))
-    # A simulator raises these where an input has no answer, and the search stays away from such inputs.
-    except (SimulationFailed, BadInput):
-        return None
+    found = []
+    for own in rows:
+        if own is None:
+            return None
+        found.append(own)
+    return np.concatenate(found)
 
 
 def make_dataset(parts: Iterable[ConditionData], simulator: Simulator) -> Dataset:

@@ -273,15 +273,17 @@ class GaussNewton:
         on either side.
         """
         inwards = {i: -width if x[i] > 0.0 else width for i, width in widths.items()}
-        found = self._simulate_shifted(coordinates, x, inwards)
+        found = self._predict_changes(coordinates, x, predicted, inwards)
         outwards = {i: -step for i, step in inwards.items() if found[i] is None}
-        found, steps = found | self._simulate_shifted(coordinates, x, outwards), inwards | outwards
-        return [np.zeros(len(predicted)) if (rows := found[i]) is None else (rows - predicted) / steps[i] for i in widths]
+        found, steps = found | self._predict_changes(coordinates, x, predicted, outwards), inwards | outwards
+        return [np.zeros(len(predicted)) if (change := found[i]) is None else change / steps[i] for i in widths]
 
-    def _simulate_shifted(self, coordinates: Parameterization, x: Floats, steps: Mapping[int, float]) -> dict[int, Floats | None]:
-        """The model's rows one step away from x, by the number of the unknown that is shifted."""
+    def _predict_changes(
+        self, coordinates: Parameterization, x: Floats, predicted: Floats, steps: Mapping[int, float]
+    ) -> dict[int, Floats | None]:
+        """The change of the model's rows over one step from x, by the number of the unknown that is shifted."""
         places = [coordinates.supposed(np.where(np.arange(len(x)) == i, x + step, x)) for i, step in steps.items()]
-        return dict(zip(steps, self.dataset.predict_all(places), strict=True))
+        return dict(zip(steps, self.dataset.predict_changes(coordinates.supposed(x), predicted, places), strict=True))
 
 
 def log_evidence_by_scale(found: MapFit, measured: Floats, whitenings: Sequence[DiscrepancyWhitening]) -> Floats:

@@ -54,8 +54,8 @@ def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> li
     for choice, z in points:
         wider = coordinates.with_terms((*coordinates.choices, choice))
         supposed.append(wider.supposed(np.concatenate([base.x, z])))
-    found = dataset.predict_all(supposed)
-    return [EffectProbe(c, z, there - base.predicted) for (c, z), there in zip(points, found, strict=True) if there is not None]
+    found = dataset.predict_changes(coordinates.supposed(base.x), base.predicted, supposed)
+    return [EffectProbe(c, z, change) for (c, z), change in zip(points, found, strict=True) if change is not None]
 
 
 def grid_of(choice: EffectTerm) -> list[Floats]:

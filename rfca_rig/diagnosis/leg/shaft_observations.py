@@ -11,8 +11,8 @@ from rfca_rig.analysis.repeats import Condition
 from rfca_rig.diagnosis.data.observations import Observations, rms
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, dynamic_label
 from rfca_rig.model.catalogue import set_up
-from rfca_rig.model.motion import ramp_to_speed
-from rfca_rig.model.stroke import simulate_setup
+from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
+from rfca_rig.model.stroke import Request, SimulatedStroke, simulate_setup
 
 Floats = NDArray[np.float64]
 
@@ -61,15 +61,26 @@ class ShaftCondition:
         The command starts from the recorded start angle: the sag of a drive there is not used. A drive that is late by a delay moves as the
         same drive without delay did that much earlier.
         """
-        motion = ramp_to_speed(self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1]))
-        then_s = self.t_s - supposed.command_delay_s
-        setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.strokes_before)
-        if setup.drive is None:  # the leg does not act back on this shaft
-            angle_rad = setup.motion.angle_rad(np.maximum(then_s, 0.0))
-        else:
-            angle_rad = simulate_setup(setup, then_s, STROKE_TOLERANCE).shaft_angle_rad
+        request = self.request(supposed)
+        if request.setup.drive is None:  # the leg does not act back on this shaft
+            return self._read_angle(supposed, request.setup.motion.angle_rad(np.maximum(request.t_s, 0.0)))
+        return self.read(supposed, simulate_setup(request.setup, request.t_s, request.tolerance))
+
+    def request(self, supposed: ModelPoint) -> Request:
+        """The stroke to simulate. Raises BadInput for effects that do not fit."""
+        setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, self._command(supposed), self.strokes_before)
+        return Request(setup, self.t_s - supposed.command_delay_s, STROKE_TOLERANCE)
+
+    def read(self, supposed: ModelPoint, stroke: SimulatedStroke) -> Floats:
+        """Rows (b,) of a stroke that was simulated as requested."""
+        return self._read_angle(supposed, stroke.shaft_angle_rad)
+
+    def _read_angle(self, supposed: ModelPoint, angle_rad: Floats) -> Floats:
         stood_rad = float(angle_rad[self.t_s <= max(0.0, float(self.t_s[0]))].mean())
-        return self._bin_means(angle_rad - stood_rad - motion.angle_rad(self.t_s) + self.start_rad)
+        return self._bin_means(angle_rad - stood_rad - self._command(supposed).angle_rad(self.t_s) + self.start_rad)
+
+    def _command(self, supposed: ModelPoint) -> ShaftMotion:
+        return ramp_to_speed(self.start_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(self.t_s[-1]))
 
     @property
     def deviation_rad(self) -> Floats:

@@ -17,9 +17,10 @@ from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance, make_whitening
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior
 from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator, spread
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.static_stages import StageMoves
+from rfca_rig.model.stroke import Request, simulate_variations
 
 Floats = NDArray[np.float64]
 LegCondition = DynamicCondition | StageTable | ShaftCondition
@@ -38,6 +39,31 @@ class LegSimulator(Simulator):
     def simulate(self, at: ModelPoint, condition: LegCondition) -> Floats:
         """Predicted rows (m,) of a condition, signal after signal. Raises SimulationFailed."""
         return condition.simulated(at)
+
+    @property
+    def varies_many(self) -> bool:
+        """Strokes that vary a little are simulated side by side."""
+        return True
+
+    def simulate_changes(
+        self, at: ModelPoint, rows: Floats, inputs: Sequence[ModelPoint], condition: LegCondition
+    ) -> list[Floats | None]:
+        """The change of the predicted rows (m,) from `at` to each input, as in `Simulator`; each stroke moves beside that of `at`."""
+        if isinstance(condition, StageTable) or not inputs:
+            return super().simulate_changes(at, rows, inputs, condition)
+        here, varied = condition.request(at), [_request_or_none(condition, each) for each in inputs]
+        if isinstance(condition, ShaftCondition) and all(one is None or one.setup.drive is None for one in varied):
+            return super().simulate_changes(at, rows, inputs, condition)
+        pairs = iter(simulate_variations(here, [one for one in varied if one is not None]))
+        changes: list[Floats | None] = []
+        for each, one in zip(inputs, varied, strict=True):
+            pair = None if one is None else next(pairs)
+            if pair is None or isinstance(pair, SimulationFailed):
+                changes.append(None)
+            else:
+                beside = rows if pair[1] is None else condition.read(at, pair[1])
+                changes.append(condition.read(each, pair[0]) - beside)
+        return changes
 
     def coarsen(self, conditions: Sequence[LegCondition], count: int) -> list[int]:
         """At most `count` of the moving conditions, and one static table."""
@@ -86,6 +112,13 @@ class LegSimulator(Simulator):
             return conditions
         moves = infer_approach(tables, input_at, x)
         return _with_tables(conditions, [replace(table, moves=moves) for table in tables])
+
+
+def _request_or_none(condition: DynamicCondition | ShaftCondition, at: ModelPoint) -> Request | None:
+    try:
+        return condition.request(at)
+    except BadInput:
+        return None
 
 
 def make_leg_dataset(conditions: Iterable[LegCondition], stopped_as_commanded: bool = True) -> Dataset:

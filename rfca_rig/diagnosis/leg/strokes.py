@@ -11,9 +11,10 @@ from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, Valley, stroke_valley, valley_and_phases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.diagnosis.data.observations import Label, Observations
+from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
-from rfca_rig.model.stroke import SimulatedStroke, recall_stroke
+from rfca_rig.model.stroke import Request, SimulatedStroke, recall_stroke
 from rfca_rig.recording.model import Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
@@ -114,7 +115,10 @@ class DynamicCondition:
 
     def simulated(self, supposed: ModelPoint) -> Floats:
         """Predicted rows (k b,), signal after signal. Raises SimulationFailed."""
-        stroke = self.stroke(supposed)
+        return self.read(supposed, self.stroke(supposed))
+
+    def read(self, supposed: ModelPoint, stroke: SimulatedStroke) -> Floats:  # noqa: ARG002  (the shaft's condition needs it)
+        """Rows (k b,) of a stroke that was simulated at `t_s`."""
         return np.concatenate([self._bin_means(getattr(stroke, signal)) for signal in self.signals])
 
     def until(self, end_s: float) -> "DynamicCondition":
@@ -126,10 +130,13 @@ class DynamicCondition:
 
     def stroke(self, supposed: ModelPoint) -> SimulatedStroke:
         """The whole stroke, simulated at `t_s`. Raises SimulationFailed."""
+        return recall_stroke(self.request(supposed))
+
+    def request(self, supposed: ModelPoint) -> Request:
+        """The stroke to simulate. Raises BadInput for effects that do not fit."""
         motion = self.turn.motion(supposed, float(self.t_s[-1]))
-        return recall_stroke(
-            supposed.rig, self.height_m + supposed.height_offset_m, motion, self.t_s, STROKE_TOLERANCE, self.strokes_before
-        )
+        setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.strokes_before)
+        return Request(setup, self.t_s, STROKE_TOLERANCE)
 
     def _bin_means(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self.counts)
