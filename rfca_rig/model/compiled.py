@@ -23,7 +23,7 @@ _njit = cast(Any, numba.njit)
 _jitable = cast(Any, register_jitable)
 
 # "numpy": a division by zero gives inf or NaN, as in numpy, instead of raising an exception.
-AS_ALL = {"nogil": True, "error_model": "numpy"}
+AS_ALL = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 # Without numba's runtime no array can be allocated, and no reference to one is counted.
 WITHOUT_COUNTING = {"_nrt": False}
 WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}

@@ -120,9 +120,11 @@ def correct_path(chain: Chain, state: State, k: int, q: Floats, work: Work) -> f
     It is the path beyond that along a level floor with the full lever: the end rolls less, and it climbs the bump. Second order in the
     step; end k is located in `work`, and `q` (c,) are the present coordinates.
     """
-    # The lever shrinks with the depth; the mean of both ends of the step makes the integral second order.
-    depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
-    way = chain.lever_rise * depth * (q[k] - state.q[k])
+    way = 0.0
+    if in_any_lane(chain.lever_rise != 0.0):
+        # The lever shrinks with the depth; the mean of both ends of the step makes the integral second order.
+        depth = 0.5 * (max(work.ends[k, 0], 0.0) + max(work.place[k, 0], 0.0))
+        way = chain.lever_rise * depth * (q[k] - state.q[k])
     return way + measure_climb(k, work) if in_any_lane(chain.bump_height != 0.0) else way
 
 

@@ -6,7 +6,7 @@ from rfca_rig.model.bump import fill_distances, find_slope_direction
 from rfca_rig.model.compiled import jit, jit_inline, jit_internal
 from rfca_rig.model.contact import add_contacts, locate_ends
 from rfca_rig.model.hinge_springs import SplineTable, spring
-from rfca_rig.model.lanes import in_any_lane, select
+from rfca_rig.model.lanes import in_all_lanes, in_any_lane, select
 from rfca_rig.model.laws import HINGE, LINK, ROTOR, call_law
 from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
 
@@ -34,10 +34,12 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
     sin = r + r * z * (S1 + z * (S2 + z * (S3 + z * sin)))
     cos = C4 + z * (C5 + z * C6)
     cos = 1.0 - 0.5 * z + z * z * (C1 + z * (C2 + z * (C3 + z * cos)))
-    quadrant = quarters - 4.0 * np.floor(0.25 * quarters)
-    odd = (quadrant == 1.0) | (quadrant == 3.0)
-    sin, cos = select(odd, cos, sin), select(odd, sin, cos)
-    return select(quadrant > 1.5, -sin, sin), select((quadrant == 1.0) | (quadrant == 2.0), -cos, cos)
+    if not in_all_lanes(quarters == 0.0):
+        quadrant = quarters - 4.0 * np.floor(0.25 * quarters)
+        odd = (quadrant == 1.0) | (quadrant == 3.0)
+        sin, cos = select(odd, cos, sin), select(odd, sin, cos)
+        sin, cos = select(quadrant > 1.5, -sin, sin), select((quadrant == 1.0) | (quadrant == 2.0), -cos, cos)
+    return sin, cos
 
 
 @jit_inline
