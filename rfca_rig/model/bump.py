@@ -76,7 +76,8 @@ def locate_on_bump(chain: Chain, k: int, y: float, along: float, into: float, wo
     cos = 1.0 / np.sqrt(1.0 + slope * slope)
     work.place[k, 0], work.place[k, 1] = chain.radius - distance, (into + slope * along) * cos
     work.place[k, Y], work.place[k, SLOPE], work.place[k, TURN] = y, slope, turn
-    return (along - slope * into) * cos
+    speed: float = (along - slope * into) * cos
+    return speed
 
 
 @jit_inline
@@ -85,7 +86,8 @@ def measure_climb(k: int, work: Work) -> float:
     place, ends = work.place, work.ends
     # Trapezoid rule over the step, for the arc length and for the part of the tangent across the level floor.
     longer = 0.5 * (np.sqrt(1.0 + place[k, SLOPE] * place[k, SLOPE]) + np.sqrt(1.0 + ends[k, SLOPE] * ends[k, SLOPE])) - 1.0
-    return longer * (place[k, Y] - ends[k, Y]) - 0.5 * (place[k, SLOPE] + ends[k, SLOPE]) * (place[k, 0] - ends[k, 0])
+    longer_path: float = longer * (place[k, Y] - ends[k, Y]) - 0.5 * (place[k, SLOPE] + ends[k, SLOPE]) * (place[k, 0] - ends[k, 0])
+    return longer_path
 
 
 @jit_inline

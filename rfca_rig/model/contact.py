@@ -327,7 +327,7 @@ def update_friction_anchors(chain: Chain, state: State, h: float, q: Floats, wor
 
     True where an end reversed or touched down: a friction force has changed, and the accelerations must be computed again.
     """
-    changed = 1.0 < 0.0
+    changed = chain.presliding < 0.0  # in no lane so far
     y = q[chain.length.size] * project_frame_on_floor(chain)[0] if q.size > chain.length.size else 0.0
     for k in range(chain.length.size):
         y += work.down[k]

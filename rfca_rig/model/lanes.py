@@ -1,14 +1,14 @@
-"""Lanes: a number of the compiled chain that holds the values of eight strokes, which are computed side by side.
+"""Lanes: a number of the compiled chain that holds the values of eight legs, which are computed side by side.
 
-The equations are written once. Compiled for floats they compute one stroke, compiled for lanes they compute eight, because the arithmetic
-of a lane is that of a float. Three rules make a function fit for both:
+The equations are written once. Compiled for floats they compute one leg, compiled for lanes eight of them with the same instructions. Three
+rules make a function fit for both:
 
-- A choice by value is `select(condition, a, b)`, which computes both branches.
+- A choice by value is `select(condition, a, b)`, which computes both.
 - `if` and `while` ask `in_any_lane` or `in_all_lanes`.
-- A function without a vector form, as a law of an effect, is called once per lane.
+- What has no vector form, as the law of an effect or a search in a table, is done once per lane.
 
-In memory, lanes are the last axis of an array of floats. The number eight fills one register of 512 bits, two of 256 or four of 128; the
-compiler divides it as the processor needs.
+In memory, lanes are the last axis of an array of floats. Eight of them fill one register of 512 bits, two of 256 or four of 128; the
+compiler divides them as the processor needs. All functions here are for compiled callers, and for floats in Python.
 """
 
 import math
@@ -20,11 +20,11 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.typeconv import Conversion
-from numba.core.typing import signature
+from numba.core.typeconv import Conversion  # type: ignore[attr-defined]
+from numba.core.typing import signature  # type: ignore[attr-defined]
 from numba.core.typing.templates import ConcreteTemplate, infer_global
-from numba.np.arrayobj import populate_array
 from numba.extending import intrinsic, lower_builtin, lower_cast, models, overload, register_model
+from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 LANES = 8
@@ -32,39 +32,91 @@ LANES = 8
 _DOUBLE, _BIT, _INT32 = ir.DoubleType(), ir.IntType(1), ir.IntType(32)
 _VECTOR, _BITS = ir.VectorType(_DOUBLE, LANES), ir.VectorType(_BIT, LANES)
 _ALIGNMENT_BYTES = 8 * LANES
+# A product and the sum it goes into may become one instruction, with one rounding; as for floats, see `compiled`.
+_FUSED = ("contract",)
+
+
+def select(condition: bool, a: float, b: float) -> float:
+    """`a` where the condition holds, else `b`; both are computed."""
+    return a if condition else b
+
+
+def in_any_lane(condition: bool) -> bool:
+    """Whether the condition holds in any lane."""
+    return condition
+
+
+def in_all_lanes(condition: bool) -> bool:
+    """Whether the condition holds in every lane."""
+    return condition
+
+
+def sign(x: float) -> float:
+    """-1, 0 or 1."""
+    return float(np.sign(x))
+
+
+def highest(x: float) -> float:
+    """The largest of all lanes."""
+    return x
+
+
+def lowest(x: float) -> float:
+    """The smallest of all lanes."""
+    return x
+
+
+def count_lanes(x: float) -> int:  # noqa: ARG001  (its type says it)
+    """Eight for lanes, one for a float."""
+    return 1
+
+
+def lane_of(x: float, lane: int) -> float:  # noqa: ARG001  (a float is its only lane)
+    """The float in one lane."""
+    return x
+
+
+def with_lane(x: float, lane: int, new: float) -> float:  # noqa: ARG001
+    """`x` with another float in one lane."""
+    return new
+
+
+def aligned_zeros(*shape: int) -> NDArray[np.float64]:
+    """Zeros of a shape (..., 8), at an address that vector instructions need."""
+    size = math.prod(shape)
+    raw = np.zeros(size + LANES)
+    skipped = (-raw.ctypes.data % _ALIGNMENT_BYTES) // 8
+    return raw[skipped : skipped + size].reshape(shape)
 
 
 class LanesType(types.Type):
-    """Eight floats. A float becomes one wherever lanes are expected."""
+    """Eight floats. A float becomes eight equal ones wherever lanes are expected."""
 
     def __init__(self) -> None:
         super().__init__(name=f"lanes{LANES}")
 
-    def can_convert_from(self, typing_context: Any, other: Any) -> Any:
-        del typing_context
+    def can_convert_from(self, typing_context: Any, other: Any) -> Any:  # noqa: ARG002
+        """Called by the compiler: whether a value of another type becomes one of this."""
         return Conversion.safe if isinstance(other, (types.Float, types.Integer)) else None
 
-    def unify(self, typing_context: Any, other: Any) -> Any:
-        del typing_context
+    def unify(self, typing_context: Any, other: Any) -> Any:  # noqa: ARG002
+        """Called by the compiler: the type of a variable that is assigned both."""
         return self if isinstance(other, (types.Float, types.Integer)) else None
 
 
 class LaneBitsType(types.Type):
-    """Eight truth values: a comparison of lanes."""
+    """Eight truth values, as a comparison of lanes gives them."""
 
     def __init__(self) -> None:
         super().__init__(name=f"lane_bits{LANES}")
 
-    def can_convert_from(self, typing_context: Any, other: Any) -> Any:
-        del typing_context
+    def can_convert_from(self, typing_context: Any, other: Any) -> Any:  # noqa: ARG002
+        """As for lanes."""
         return Conversion.safe if isinstance(other, types.Boolean) else None
 
-    def unify(self, typing_context: Any, other: Any) -> Any:
-        del typing_context
+    def unify(self, typing_context: Any, other: Any) -> Any:  # noqa: ARG002
+        """As for lanes."""
         return self if isinstance(other, types.Boolean) else None
-
-
-lanes, bits = LanesType(), LaneBitsType()
 
 
 @register_model(LanesType)
@@ -74,198 +126,130 @@ class _LanesModel(models.PrimitiveModel):
 
 
 @register_model(LaneBitsType)
-class _BitsModel(models.PrimitiveModel):
+class _LaneBitsModel(models.PrimitiveModel):
     def __init__(self, manager: Any, numba_type: Any) -> None:
         super().__init__(manager, numba_type, _BITS)
 
 
-def _splat(builder: Any, value: Any, vector: Any) -> Any:
-    one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, _INT32(0))
-    return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), ir.Constant(ir.VectorType(_INT32, LANES), [0] * LANES))
+def _repeat(builder: Any, value: Any, vector: Any) -> Any:
+    undefined = ir.Constant(vector, ir.Undefined)
+    first_everywhere = ir.Constant(ir.VectorType(_INT32, LANES), [0] * LANES)
+    return builder.shuffle_vector(builder.insert_element(undefined, value, _INT32(0)), undefined, first_everywhere)
 
 
 @lower_cast(types.Float, LanesType)
 @lower_cast(types.Integer, LanesType)
-def _cast_to_lanes(context: Any, builder: Any, from_type: Any, to_type: Any, value: Any) -> Any:
-    del to_type
-    return _splat(builder, context.cast(builder, value, from_type, types.float64), _VECTOR)
+def _cast_to_lanes(context: Any, builder: Any, from_type: Any, to_type: Any, value: Any) -> Any:  # noqa: ARG001
+    return _repeat(builder, context.cast(builder, value, from_type, types.float64), _VECTOR)
 
 
 @lower_cast(types.Boolean, LaneBitsType)
-def _cast_to_bits(context: Any, builder: Any, from_type: Any, to_type: Any, value: Any) -> Any:
-    del to_type
-    return _splat(builder, builder.icmp_signed("!=", value, context.get_constant(from_type, False)), _BITS)
+def _cast_to_bits(context: Any, builder: Any, from_type: Any, to_type: Any, value: Any) -> Any:  # noqa: ARG001
+    return _repeat(builder, value, _BITS)
 
 
-def _define(function: Any, result: Any, arguments: tuple[Any, ...], build: Callable[..., Any]) -> None:
-    """Types `function` for lanes and lets `build` generate its instruction."""
+_LANES, _LANE_BITS = LanesType(), LaneBitsType()
+_FLOAT, _BOOLEAN, _INTEGER = types.float64, types.boolean, types.intp
+
+
+def _define(function: Any, *forms: tuple[Any, tuple[Any, ...], Callable[..., Any]]) -> None:
+    """Gives `function` forms for the compiler: type of the result, types of the arguments, instructions from a builder and their values."""
 
     class _Template(ConcreteTemplate):
-        cases = [signature(result, *arguments)]  # noqa: RUF012  (numba reads it from the class)
+        # Together, so that the compiler chooses the form that converts least.
+        cases = [signature(result, *arguments) for result, arguments, _ in forms]  # noqa: RUF012
 
     infer_global(function)(_Template)
-
-    @lower_builtin(function, *arguments)
-    def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        del context, sig
-        return build(builder, *args)
+    for _, arguments, build in forms:
+        lower_builtin(function, *arguments)(lambda context, builder, sig, values, build=build: build(builder, *values))  # noqa: ARG005
 
 
-# A product and the sum it goes into may become one instruction, with one rounding.
-_FUSED = ("contract",)
+def _call_vector(name: str) -> Callable[..., Any]:
+    def build(builder: Any, x: Any) -> Any:
+        kind = ir.FunctionType(_VECTOR, [_VECTOR])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64"), [x])
+
+    return build
+
+
+def _test_bits(symbol: str, value: int) -> Callable[..., Any]:
+    def build(builder: Any, condition: Any) -> Any:
+        packed = builder.bitcast(condition, ir.IntType(LANES))
+        return builder.icmp_signed(symbol, packed, ir.Constant(packed.type, value))
+
+    return build
+
+
+def _extreme(symbol: str) -> Callable[..., Any]:
+    def build(builder: Any, x: Any) -> Any:
+        found = builder.extract_element(x, _INT32(0))
+        for lane in range(1, LANES):
+            other = builder.extract_element(x, _INT32(lane))
+            found = builder.select(builder.fcmp_ordered(symbol, other, found), other, found)
+        return found
+
+    return build
+
+
+def _build_sign(builder: Any, x: Any) -> Any:
+    zero, one, minus = (_DOUBLE(value) if x.type == _DOUBLE else _repeat(builder, _DOUBLE(value), _VECTOR) for value in (0.0, 1.0, -1.0))
+    below = builder.select(builder.fcmp_ordered("<", x, zero), minus, zero)
+    return builder.select(builder.fcmp_ordered(">", x, zero), one, below)
+
+
+def _build_same(builder: Any, x: Any, *others: Any) -> Any:  # noqa: ARG001
+    return x
+
+
 for _functions, _build in (
     ((operator.add, operator.iadd), lambda builder, a, b: builder.fadd(a, b, flags=_FUSED)),
     ((operator.sub, operator.isub), lambda builder, a, b: builder.fsub(a, b, flags=_FUSED)),
     ((operator.mul, operator.imul), lambda builder, a, b: builder.fmul(a, b, flags=_FUSED)),
     ((operator.truediv, operator.itruediv), lambda builder, a, b: builder.fdiv(a, b)),
+    # As Python's: the first argument where the comparison fails, so where one is NaN.
+    ((max,), lambda builder, a, b: builder.select(builder.fcmp_ordered(">", b, a), b, a)),
+    ((min,), lambda builder, a, b: builder.select(builder.fcmp_ordered("<", b, a), b, a)),
 ):
     for _function in _functions:
-        _define(_function, lanes, (lanes, lanes), _build)
-_define(operator.neg, lanes, (lanes,), lambda builder, a: builder.fneg(a))
-_define(operator.and_, bits, (bits, bits), lambda builder, a, b: builder.and_(a, b))
-_define(operator.or_, bits, (bits, bits), lambda builder, a, b: builder.or_(a, b))
-_define(operator.invert, bits, (bits,), lambda builder, a: builder.not_(a))
-for _function, _symbol in (
-    (operator.lt, "<"),
-    (operator.le, "<="),
-    (operator.gt, ">"),
-    (operator.ge, ">="),
-    (operator.eq, "=="),
-):
-    _define(_function, bits, (lanes, lanes), lambda builder, a, b, symbol=_symbol: builder.fcmp_ordered(symbol, a, b))
-_define(operator.ne, bits, (lanes, lanes), lambda builder, a, b: builder.fcmp_unordered("!=", a, b))
+        _define(_function, (_LANES, (_LANES, _LANES), _build))
+for _function, _symbol in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">="), (operator.eq, "==")):
+    _define(_function, (_LANE_BITS, (_LANES, _LANES), lambda builder, a, b, symbol=_symbol: builder.fcmp_ordered(symbol, a, b)))
+_define(operator.ne, (_LANE_BITS, (_LANES, _LANES), lambda builder, a, b: builder.fcmp_unordered("!=", a, b)))
+_define(operator.and_, (_LANE_BITS, (_LANE_BITS, _LANE_BITS), lambda builder, a, b: builder.and_(a, b)))
+_define(operator.or_, (_LANE_BITS, (_LANE_BITS, _LANE_BITS), lambda builder, a, b: builder.or_(a, b)))
+_define(operator.neg, (_LANES, (_LANES,), lambda builder, x: builder.fneg(x)))
+_define(abs, (_LANES, (_LANES,), _call_vector("fabs")))
+_define(np.sqrt, (_LANES, (_LANES,), _call_vector("sqrt")))
+_define(np.floor, (_LANES, (_LANES,), _call_vector("floor")))
+_define(sign, (_FLOAT, (_FLOAT,), _build_sign), (_LANES, (_LANES,), _build_sign))
+_define(
+    select,
+    (_FLOAT, (_BOOLEAN, _FLOAT, _FLOAT), lambda builder, condition, a, b: builder.select(condition, a, b)),
+    (_LANES, (_LANE_BITS, _LANES, _LANES), lambda builder, condition, a, b: builder.select(condition, a, b)),
+)
+_define(in_any_lane, (_BOOLEAN, (_BOOLEAN,), _build_same), (_BOOLEAN, (_LANE_BITS,), _test_bits("!=", 0)))
+_define(in_all_lanes, (_BOOLEAN, (_BOOLEAN,), _build_same), (_BOOLEAN, (_LANE_BITS,), _test_bits("==", -1)))
+_define(highest, (_FLOAT, (_FLOAT,), _build_same), (_FLOAT, (_LANES,), _extreme(">")))
+_define(lowest, (_FLOAT, (_FLOAT,), _build_same), (_FLOAT, (_LANES,), _extreme("<")))
+_define(
+    count_lanes,
+    (_INTEGER, (_FLOAT,), lambda builder, x: ir.Constant(ir.IntType(64), 1)),  # noqa: ARG005
+    (_INTEGER, (_LANES,), lambda builder, x: ir.Constant(ir.IntType(64), LANES)),  # noqa: ARG005
+)
+_define(
+    lane_of,
+    (_FLOAT, (_FLOAT, _INTEGER), _build_same),
+    (_FLOAT, (_LANES, _INTEGER), lambda builder, x, lane: builder.extract_element(x, builder.trunc(lane, _INT32))),
+)
+_define(
+    with_lane,
+    (_FLOAT, (_FLOAT, _INTEGER, _FLOAT), lambda builder, x, lane, new: new),  # noqa: ARG005
+    (_LANES, (_LANES, _INTEGER, _FLOAT), lambda builder, x, lane, new: builder.insert_element(x, new, builder.trunc(lane, _INT32))),
+)
 
 
-def _intrinsic_of(name: str) -> Callable[..., Any]:
-    def build(builder: Any, *args: Any) -> Any:
-        kind = ir.FunctionType(_VECTOR, [_VECTOR] * len(args))
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{LANES}f64"), args)
-
-    return build
-
-
-def _choose(symbol: str) -> Callable[..., Any]:
-    # As Python's: the first argument where the comparison fails, so where one is NaN.
-    return lambda builder, a, b: builder.select(builder.fcmp_ordered(symbol, b, a), b, a)
-
-
-_define(abs, lanes, (lanes,), _intrinsic_of("fabs"))
-_define(np.sqrt, lanes, (lanes,), _intrinsic_of("sqrt"))
-_define(np.floor, lanes, (lanes,), _intrinsic_of("floor"))
-_define(max, lanes, (lanes, lanes), _choose(">"))
-_define(min, lanes, (lanes, lanes), _choose("<"))
-
-
-def select(condition: Any, a: Any, b: Any) -> Any:
-    """`a` where the condition holds, else `b`; both are computed."""
-    return a if condition else b
-
-
-@intrinsic
-def _select_lanes(typing_context: Any, condition: Any, a: Any, b: Any) -> Any:
-    del typing_context, condition, a, b
-    return lanes(bits, lanes, lanes), lambda context, builder, sig, args: builder.select(*args)  # noqa: ARG005
-
-
-@overload(select)
-def _overload_select(condition, a, b):  # type: ignore[no-untyped-def]
-    if isinstance(condition, LaneBitsType):
-        return lambda condition, a, b: _select_lanes(condition, a, b)
-    return lambda condition, a, b: a if condition else b
-
-
-def in_any_lane(condition: Any) -> bool:
-    """Whether the condition holds in any lane."""
-    return cast(bool, condition)
-
-
-def in_all_lanes(condition: Any) -> bool:
-    """Whether the condition holds in every lane."""
-    return cast(bool, condition)
-
-
-def _reduce_bits(all_of_them: bool) -> Any:
-    def reduce(typing_context: Any, condition: Any) -> Any:
-        del typing_context, condition
-
-        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            del sig
-            packed = builder.bitcast(args[0], ir.IntType(LANES))
-            symbol, value = ("==", -1) if all_of_them else ("!=", 0)
-            return context.cast(builder, builder.icmp_unsigned(symbol, packed, ir.Constant(packed.type, value)), types.boolean, types.boolean)
-
-        return types.boolean(bits), generate
-
-    return intrinsic(reduce)
-
-
-_any_bit, _every_bit = _reduce_bits(False), _reduce_bits(True)
-
-
-@overload(in_any_lane)
-def _overload_any(condition):  # type: ignore[no-untyped-def]
-    if isinstance(condition, LaneBitsType):
-        return lambda condition: _any_bit(condition)
-    return lambda condition: condition
-
-
-@overload(in_all_lanes)
-def _overload_all(condition):  # type: ignore[no-untyped-def]
-    if isinstance(condition, LaneBitsType):
-        return lambda condition: _every_bit(condition)
-    return lambda condition: condition
-
-
-def lane_of(value: Any, lane: int) -> float:
-    """The float in one lane."""
-    del lane
-    return cast(float, value)
-
-
-def with_lane(value: Any, lane: int, new: float) -> Any:
-    """`value` with another float in one lane."""
-    del value, lane
-    return new
-
-
-@intrinsic
-def _extract(typing_context: Any, value: Any, lane: Any) -> Any:
-    del typing_context
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        del context, sig
-        return builder.extract_element(args[0], builder.trunc(args[1], _INT32))
-
-    return types.float64(value, types.int64), generate
-
-
-@intrinsic
-def _insert(typing_context: Any, value: Any, lane: Any, new: Any) -> Any:
-    del typing_context, value, lane, new
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        del context, sig
-        return builder.insert_element(args[0], args[2], builder.trunc(args[1], _INT32))
-
-    return lanes(lanes, types.int64, types.float64), generate
-
-
-@overload(lane_of)
-def _overload_lane_of(value, lane):  # type: ignore[no-untyped-def]
-    if isinstance(value, LanesType):
-        return lambda value, lane: _extract(value, lane)
-    return lambda value, lane: value
-
-
-@overload(with_lane)
-def _overload_with_lane(value, lane, new):  # type: ignore[no-untyped-def]
-    if isinstance(value, LanesType):
-        return lambda value, lane, new: _insert(value, lane, new)
-    return lambda value, lane, new: new
-
-
-def _overload_each_lane(function: Any, of_float: Any) -> None:
-    """Lets `function` take lanes by a call for each of them."""
+def _call_each_lane(function: Any, of_float: Any) -> None:
+    """Lets `function` take lanes, by a call of `of_float` for each."""
 
     @overload(function)
     def _overload(x):  # type: ignore[no-untyped-def]
@@ -282,93 +266,28 @@ def _overload_each_lane(function: Any, of_float: Any) -> None:
 
 
 for _function, _of_float in ((np.exp, math.exp), (np.tanh, math.tanh), (np.sin, math.sin), (np.cos, math.cos)):
-    _overload_each_lane(_function, _of_float)
+    _call_each_lane(_function, _of_float)
 
 
-def sign(x: Any) -> Any:
-    """-1, 0 or 1."""
-    return np.sign(x)
-
-
-@overload(sign)
-def _overload_sign(x):  # type: ignore[no-untyped-def]
-    if isinstance(x, LanesType):
-        return lambda x: select(x > 0.0, 1.0, select(x < 0.0, -1.0, 0.0))
-    return lambda x: np.sign(x)
-
-
-def highest(x: Any) -> float:
-    """The largest of all lanes."""
-    return cast(float, x)
-
-
-def lowest(x: Any) -> float:
-    """The smallest of all lanes."""
-    return cast(float, x)
-
-
-@overload(highest)
-def _overload_highest(x):  # type: ignore[no-untyped-def]
-    if not isinstance(x, LanesType):
-        return lambda x: x
-
-    def reduce(x):  # type: ignore[no-untyped-def]
-        found = lane_of(x, 0)
-        for lane in range(1, LANES):
-            found = max(found, lane_of(x, lane))
-        return found
-
-    return reduce
-
-
-@overload(lowest)
-def _overload_lowest(x):  # type: ignore[no-untyped-def]
-    if not isinstance(x, LanesType):
-        return lambda x: x
-
-    def reduce(x):  # type: ignore[no-untyped-def]
-        found = lane_of(x, 0)
-        for lane in range(1, LANES):
-            found = min(found, lane_of(x, lane))
-        return found
-
-    return reduce
-
-
-def count_lanes(x: Any) -> int:
-    """1 for a float."""
-    del x
-    return 1
-
-
-@overload(count_lanes)
-def _overload_count(x):  # type: ignore[no-untyped-def]
-    if isinstance(x, LanesType):
-        return lambda x: LANES
-    return lambda x: 1
-
-
-def _view(typing_context: Any, array: Any) -> Any:
-    """The array (..., 8) of floats as an array (...) of lanes, or as one number where it is (8,). No reference is counted."""
-    del typing_context
+def _view(typing_context: Any, array: Any) -> Any:  # noqa: ARG001
+    """Type and instructions of `view_lanes`; no reference to the array is counted."""
     if array.ndim == 1:
 
         def load(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             data = context.make_array(sig.args[0])(context, builder, args[0]).data
             return builder.load(builder.bitcast(data, _VECTOR.as_pointer()))
 
-        return lanes(array), load
-    viewed = types.Array(lanes, array.ndim - 1, "C")
+        return _LANES(array), load
+    viewed = types.Array(_LANES, array.ndim - 1, "C")
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         old = context.make_array(sig.args[0])(context, builder, args[0])
         new = context.make_array(viewed)(context, builder)
-        axes = range(array.ndim - 1)
         populate_array(
             new,
             data=builder.bitcast(old.data, _VECTOR.as_pointer()),
-            shape=[builder.extract_value(old.shape, axis) for axis in axes],
-            strides=[builder.extract_value(old.strides, axis) for axis in axes],
+            shape=[builder.extract_value(old.shape, axis) for axis in range(viewed.ndim)],
+            strides=[builder.extract_value(old.strides, axis) for axis in range(viewed.ndim)],
             itemsize=context.get_constant(types.intp, _ALIGNMENT_BYTES),
             meminfo=None,
             parent=None,
@@ -378,24 +297,17 @@ def _view(typing_context: Any, array: Any) -> Any:
     return viewed(array), generate
 
 
-view_lanes = intrinsic(_view)
-
-
-@intrinsic
-def view_fields(typing_context: Any, fields: Any) -> Any:
-    """A named tuple whose arrays of floats (..., 8) have become arrays of lanes, or lanes where they are (8,); the rest stays."""
-    kinds = [_view(typing_context, kind)[0].return_type if _is_array_of_floats(kind) else kind for kind in fields.types]
+def _view_fields(typing_context: Any, fields: Any) -> Any:
+    """Type and instructions of `view_fields`."""
+    views = [_view(typing_context, kind) if _is_array_of_floats(kind) else None for kind in fields.types]
+    kinds = [kind if view is None else view[0].return_type for kind, view in zip(fields.types, views, strict=True)]
     viewed = types.NamedTuple(kinds, fields.instance_class)
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        del sig
-        members = []
-        for index, kind in enumerate(fields.types):
-            member = builder.extract_value(args[0], index)
-            if _is_array_of_floats(kind):
-                sig_of_view, build = _view(typing_context, kind)
-                member = build(context, builder, sig_of_view, (member,))
-            members.append(member)
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:  # noqa: ARG001
+        members = [builder.extract_value(args[0], index) for index in range(len(kinds))]
+        members = [
+            member if view is None else view[1](context, builder, view[0], (member,)) for member, view in zip(members, views, strict=True)
+        ]
         return context.make_tuple(builder, viewed, members)
 
     return viewed(fields), generate
@@ -405,9 +317,7 @@ def _is_array_of_floats(kind: Any) -> bool:
     return isinstance(kind, types.Array) and kind.dtype == types.float64
 
 
-def aligned_zeros(*shape: int) -> NDArray[np.float64]:
-    """Zeros of a shape (..., 8), at an address that vector instructions need."""
-    size = math.prod(shape)
-    raw = np.zeros(size + LANES)
-    skipped = (-raw.ctypes.data % _ALIGNMENT_BYTES) // 8
-    return raw[skipped : skipped + size].reshape(shape)
+# An array (..., 8) of floats as an array (...) of lanes, or one number where it is (8,).
+view_lanes = cast(Callable[[Any], Any], intrinsic(_view))
+# A named tuple whose arrays of floats have become lanes in this way; everything else stays.
+view_fields = cast(Callable[[Any], Any], intrinsic(_view_fields))

@@ -171,7 +171,7 @@ def _call_law(typing_context: Any, address: Any, x: Any, memory: Any, parameter:
             builder.call(function, [x_data, memory_data, parameter_data, out_data])
             return context.get_dummy_value()
         index = ir.IntType(64)
-        one_x, one_out = (cgutils.alloca_once(builder, ir.DoubleType(), size=ir.Constant(index, 8)) for _ in range(2))
+        one_x, one_out = (builder.alloca(ir.DoubleType(), ir.Constant(index, ARGUMENTS)) for _ in range(2))
         with cgutils.for_range(builder, ir.Constant(index, LANES)) as loop:
             for argument in range(ARGUMENTS):
                 at = builder.add(ir.Constant(index, LANES * argument), loop.index)

@@ -67,7 +67,7 @@ def move_side_by_side(starts: Sequence[Start], begin_s: float, tolerance: Tolera
     # Lanes that are left over repeat the last leg.
     legs = [*starts, *[starts[-1]] * (LANES - len(starts))]
     status, next_s, accepted, rejected = integrate_lanes(
-        Chain(*_stack_fields([leg.chain for leg in legs])),
+        Chain._make(_stack_fields([leg.chain for leg in legs])),
         legs[0].laws._replace(parameter=np.stack([leg.laws.parameter for leg in legs], axis=1)),
         _stack_shafts(legs),
         _stack_states(legs),
@@ -101,7 +101,7 @@ def _stack_fields(tuples: Sequence[Sequence[Floats | float]]) -> list[Floats]:
 
 def _stack_states(legs: Sequence[Start]) -> State:
     # The memory of laws is (m, n, 8, 4), because a law is called for one leg at a time.
-    return State(*_stack_fields([leg.state[:-1] for leg in legs]), np.stack([leg.state.memory for leg in legs], axis=2))
+    return State._make([*_stack_fields([leg.state[:-1] for leg in legs]), np.stack([leg.state.memory for leg in legs], axis=2)])
 
 
 def _stack_shafts(legs: Sequence[Start]) -> Shaft:
@@ -109,7 +109,8 @@ def _stack_shafts(legs: Sequence[Start]) -> Shaft:
     columns = _stack_fields([[getattr(leg.shaft, name) for name in names] for leg in legs])
     # A step ends where the acceleration of any shaft jumps.
     landings = np.unique(np.concatenate([leg.shaft.landings for leg in legs]))
-    return Shaft(landings=landings, free=legs[0].shaft.free, **dict(zip(names, columns, strict=True)))
+    fields = {**legs[0].shaft._asdict(), **dict(zip(names, columns, strict=True)), "landings": landings}
+    return Shaft(**fields)
 
 
 def _allocate_workspace(coordinates: int, links: int) -> Work:

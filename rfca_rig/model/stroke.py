@@ -14,9 +14,9 @@ from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_samples
 from rfca_rig.model.forces import measure_once
 from rfca_rig.model.integrator import FIRST_STEP_S
+from rfca_rig.model.lanes import LANES
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.lanes import LANES
 from rfca_rig.model.setup import SensorOutput, Setup
 from rfca_rig.model.side_by_side import Start, allocate_samples_of_lanes, move_side_by_side
 from rfca_rig.model.stage import allocate_workspace

@@ -139,8 +139,9 @@ class Residuals:
         both.
         """
         steps = DIFFERENCE_STEP * np.eye(len(x))
-        here, *around = self.at([x, *(x + step for step in steps), *(x - step for step in steps)])
-        return np.column_stack([self._slope(i, here, around[i], around[i + len(x)]) for i in range(len(x))])
+        # The two sides of each difference are neighbours, which move side by side with the same steps.
+        *around, here = self.at([*(x + sign * step for step in steps for sign in (1.0, -1.0)), x])
+        return np.column_stack([self._slope(i, here, around[2 * i], around[2 * i + 1]) for i in range(len(x))])
 
     def _slope(self, i: int, here: Floats | None, ahead: Floats | None, behind: Floats | None) -> Floats:
         if ahead is not None and behind is not None:

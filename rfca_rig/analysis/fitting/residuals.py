@@ -12,9 +12,7 @@ The shaft moves as commanded, on average, or as recorded; one motion serves repe
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +22,8 @@ from rfca_rig.analysis.matched_simulation import GRID_S, Shaft, average_speed
 from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, valley_and_phases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.executors.cores import cores
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
-from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
+from rfca_rig.model.stroke import Job, SimulatedStroke, simulate_strokes
 from rfca_rig.recording.model import Stroke
 from rfca_rig.suggestions import suggestion
 
@@ -53,13 +50,11 @@ class StrokeMotion:
     end_s: float
     strokes_before: tuple[int, ...] = ()
 
-    def simulate(self, supposed: ModelPoint) -> SimulatedStroke:
-        """Simulate the stroke on a grid of half milliseconds from the start. Raises SimulationFailed."""
+    def job(self, supposed: ModelPoint) -> Job:
+        """The stroke on a grid of half milliseconds from the start."""
         # Two samples beyond the end, so that interpolation at the last measured moment never leaves the grid.
         t_s = GRID_S * np.arange(0, int(np.ceil(self.end_s / GRID_S)) + 2, dtype=np.float64)
-        return simulate_stroke(
-            supposed.rig, self.height_m + supposed.height_offset_m, self._motion(supposed), t_s, None, self.strokes_before
-        )
+        return Job(supposed.rig, self.height_m + supposed.height_offset_m, self._motion(supposed), t_s, None, self.strokes_before)
 
     def _motion(self, supposed: ModelPoint) -> ShaftMotion:
         if self.motion is None:
@@ -192,11 +187,14 @@ class StrokeProblem:
 
     def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
         """Residuals (m,) at each point, in units of noise; None where the model cannot be computed."""
-        return [None if simulated is None else self._against(simulated) for simulated in self._simulate_all(supposed)]
+        # Motion after motion, so that the points of one motion, which differ little, move side by side.
+        strokes = simulate_strokes([turn.job(point) for turn in self.turns for point in supposed])
+        by_point = [strokes[first :: len(supposed)] for first in range(len(supposed))]
+        return [self._against(simulated) for simulated in by_point]
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:
         """Root mean square of simulated minus measured by channel, sample by sample. Raises SimulationFailed."""
-        simulated = [turn.simulate(supposed) for turn in self.turns]
+        simulated = _require_all(simulate_strokes([turn.job(supposed) for turn in self.turns]))
         misses: dict[str, list[Floats]] = {}
         for stroke, trace in self._all_traces():
             misses.setdefault(trace.channel, []).append(trace.misses(simulated[stroke.turn]))
@@ -212,28 +210,21 @@ class StrokeProblem:
     def _all_traces(self) -> Iterator[tuple[MeasuredStroke, ChannelResiduals]]:
         return ((stroke, trace) for stroke in self.strokes for trace in stroke.traces)
 
-    def _against(self, simulated: Sequence[SimulatedStroke]) -> Floats:
-        return np.concatenate([trace.residuals(simulated[stroke.turn]) for stroke, trace in self._all_traces()])
-
-    def _simulate_all(self, supposed: Sequence[ModelPoint]) -> Iterator[list[SimulatedStroke] | None]:
-        """Simulates all motions at all points. The compiled model releases the interpreter lock, so threads run in parallel."""
-        with ThreadPoolExecutor(cores()) as pool:
-            # One flat list of all points and motions keeps every core busy until the end.
-            strokes = list(pool.map(_attempt, product(supposed, self.turns)))
-        turns = len(self.turns)
-        for first in range(0, len(strokes), turns):
-            # A point counts only if all of its motions could be simulated.
-            found = [stroke for stroke in strokes[first : first + turns] if stroke is not None]
-            yield found if len(found) == turns else None
+    def _against(self, simulated: Sequence[SimulatedStroke | SimulationFailed]) -> Floats | None:
+        """None where a motion cannot be simulated; the solver then rejects this point."""
+        try:
+            strokes = _require_all(simulated)
+        except SimulationFailed:
+            return None
+        return np.concatenate([trace.residuals(strokes[stroke.turn]) for stroke, trace in self._all_traces()])
 
 
-def _attempt(job: tuple[ModelPoint, StrokeMotion]) -> SimulatedStroke | None:
-    """None where the model cannot be computed; the solver then rejects this point."""
-    supposed, turn = job
-    try:
-        return turn.simulate(supposed)
-    except SimulationFailed:
-        return None
+def _require_all(simulated: Sequence[SimulatedStroke | SimulationFailed]) -> list[SimulatedStroke]:
+    """The strokes. Raises SimulationFailed where one of them is none."""
+    for one in simulated:
+        if isinstance(one, SimulationFailed):
+            raise one
+    return [one for one in simulated if isinstance(one, SimulatedStroke)]
 
 
 def make_stroke_problem(

@@ -4,9 +4,7 @@ Fits the model to valleys alone: rows of time and force, as in Table II of the p
 """
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,13 +16,13 @@ from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, mak
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
 from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S, Shaft
-from rfca_rig.analysis.phases import Undetermined, Valley, find_valley
+from rfca_rig.analysis.phases import Undetermined, find_valley
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.executors.cores import cores
+from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import simulate_stroke_at_speed
+from rfca_rig.model.stroke import Job, SimulatedStroke, simulate_strokes
 from rfca_rig.recording.model import Recording, Stroke
 
 Floats = NDArray[np.float64]
@@ -116,11 +114,17 @@ class ValleyRow:
     time_std_s: float
     fz_std_N: float
 
-    def simulate(self, supposed: ModelPoint) -> Valley | Undetermined:
-        """The model's valley at this condition, by the same estimator as for a recorded one. Raises SimulationFailed."""
+    def job(self, supposed: ModelPoint) -> Job:
+        """The stroke at this condition, whose valley is found by the same estimator as that of a recorded one."""
         t_s = GRID_S * np.arange(-round(BEFORE_S / GRID_S), int(DURATION_FACTOR * self.time_s / GRID_S) + 1, dtype=np.float64)
-        stroke = simulate_stroke_at_speed(supposed.rig, self.height_m + supposed.height_offset_m, self.speed_rad_s, t_s)
-        return find_valley(stroke.t_s, stroke.fz_N)
+        motion = ramp_to_speed(supposed.rig.leg.start_angle_rad, self.speed_rad_s, supposed.rig.drive.ramp_s, float(t_s[-1]))
+        return Job(supposed.rig, self.height_m + supposed.height_offset_m, motion, t_s)
+
+    def residual(self, stroke: SimulatedStroke | SimulationFailed) -> Floats | None:
+        """Time and force of its valley less the measured ones, in standard deviations, (2,); None where it has no valley."""
+        if isinstance(stroke, SimulationFailed) or isinstance(valley := find_valley(stroke.t_s, stroke.fz_N), Undetermined):
+            return None
+        return np.array([(valley.time_s - self.time_s) / self.time_std_s, (valley.fz_N - self.fz_N) / self.fz_std_N])
 
 
 @dataclass(frozen=True)
@@ -136,11 +140,10 @@ class ValleyProblem:
 
     def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
         """Residuals (m,) at each point, in standard deviations; None where the model has no valley at one of the rows."""
-        # The compiled model releases the interpreter lock, so threads run in parallel.
-        with ThreadPoolExecutor(cores()) as pool:
-            found = list(pool.map(_attempt, product(supposed, self.rows)))
-        count = len(self.rows)
-        return [_concatenate_if_complete(found[first : first + count]) for first in range(0, len(found), count)]
+        # Row after row, so that the points of one row, which differ little, move side by side.
+        strokes = simulate_strokes([row.job(point) for row in self.rows for point in supposed])
+        by_point = [strokes[first :: len(supposed)] for first in range(len(supposed))]
+        return [_concatenate_if_complete([row.residual(one) for row, one in zip(self.rows, own, strict=True)]) for own in by_point]
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:
         """Root mean square of simulated minus measured, by quantity; NaN where the model has no valley."""
@@ -189,17 +192,6 @@ def fit_valleys(
     centre = ModelPoint(rig)
     result = fit(problem, make_prior(names, centre, known_to), search)
     return replace(result, rms_before=problem.rms(centre), rms=problem.rms(result.supposed), noise=problem.noise())
-
-
-def _attempt(job: tuple[ModelPoint, ValleyRow]) -> Floats | None:
-    supposed, row = job
-    try:
-        valley = row.simulate(supposed)
-    except SimulationFailed:
-        return None
-    if isinstance(valley, Undetermined):
-        return None
-    return np.array([(valley.time_s - row.time_s) / row.time_std_s, (valley.fz_N - row.fz_N) / row.fz_std_N])
 
 
 def _concatenate_if_complete(found: Sequence[Floats | None]) -> Floats | None:

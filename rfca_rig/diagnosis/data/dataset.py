@@ -53,7 +53,7 @@ class Dataset:
             return list(pool.map(lambda at: _join_or_none(self.simulator.simulate_or_none(at, part) for part in self.parts), inputs))
 
     def predict_changes(self, at: Any, predicted: Floats, inputs: Sequence[Any]) -> list[Floats | None]:
-        """The change of the model's rows from `at`, where they are `predicted` (m,), to each of many inputs; None where it has no answer."""
+        """Change (m,) of the model's rows from `at`, where they are `predicted` (m,), to each of many inputs; None for no answer."""
         if not self.simulator.varies_many:
             return [None if there is None else there - predicted for there in self.predict_all(inputs)]
         rows = [predicted[self.rows.condition == number] for number in range(len(self.parts))]

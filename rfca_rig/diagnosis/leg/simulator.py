@@ -45,9 +45,7 @@ class LegSimulator(Simulator):
         """Strokes that vary a little are simulated side by side."""
         return True
 
-    def simulate_changes(
-        self, at: ModelPoint, rows: Floats, inputs: Sequence[ModelPoint], condition: LegCondition
-    ) -> list[Floats | None]:
+    def simulate_changes(self, at: ModelPoint, rows: Floats, inputs: Sequence[ModelPoint], condition: LegCondition) -> list[Floats | None]:
         """The change of the predicted rows (m,) from `at` to each input, as in `Simulator`; each stroke moves beside that of `at`."""
         if isinstance(condition, StageTable) or not inputs:
             return super().simulate_changes(at, rows, inputs, condition)
