@@ -12,7 +12,7 @@ from rfca_rig.model.chain import find_rest_state, make_chain, make_laws, set_swi
 from rfca_rig.model.forces import measure_once
 from rfca_rig.model.laws import TABLE, LawUse, compile_law
 from rfca_rig.model.motion import ShaftMotion
-from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.stage import allocate_workspace
 from rfca_rig.model.state import Chain, Laws, Shaft, State
 
@@ -95,7 +95,7 @@ class Setup:
     begins: tuple[Callable[[Chain, State], None], ...] = ()
     joint_readings: JointReadings | None = None
     strokes_before: tuple[int, ...] = ()
-    moved_by: tuple[Hashable, ...] = ()
+    moved_by: tuple[tuple[Hashable, PresentEffect], ...] = ()
 
     def chain(self) -> Chain:
         """The chain with all changes."""

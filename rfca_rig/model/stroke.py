@@ -139,7 +139,7 @@ class Request:
     def kind(self) -> tuple[Hashable, ...]:
         """Requests with the same value may move side by side."""
         setup = self.setup
-        effects = tuple(effect.id for effect in setup.rig.effects)
+        effects = tuple(effect.id for _, effect in setup.moved_by)
         return effects, len(setup.rig.leg.link_lengths_m), setup.begins_s, self.tolerance, self.t_s.tobytes()
 
 

@@ -15,12 +15,12 @@ from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint, make_pr
 from rfca_rig.analysis.fitting.residuals import StrokeWindow, make_stroke_problem
 from rfca_rig.analysis.fitting.scatter import make_whitening
 from rfca_rig.analysis.fitting.strokes import StrokeComparison, ValleyRow, fit_recordings, fit_valleys
-from rfca_rig.analysis.phases import StrokePhases, Valley
+from rfca_rig.analysis.phases import StrokePhases, find_valley
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.model_file import model_of, nominal_model, read_model_file
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.stroke import simulate_stroke_at_speed
+from rfca_rig.model.stroke import simulate_stroke_at_speed, simulate_strokes
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.store import write_recording
 from tests.analysis import traces
@@ -311,8 +311,8 @@ def test_valleys_alone_are_fitted():
     true = supposing(k0=11.6, friction=0.40)
     rows = []
     for height_m, speed_rad_s in ((0.215, 2.433), (0.235, 3.276)):
-        valley = ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).simulate(true)
-        assert isinstance(valley, Valley)
+        (stroke,) = simulate_strokes([ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).job(true)])
+        valley = find_valley(stroke.t_s, stroke.fz_N)
         rows.append(ValleyRow(height_m, speed_rad_s, valley.time_s, valley.fz_N, 0.01, 0.1))
     result = fit_valleys(BELIEF.rig, rows, ("k0", "friction"), {})
     assert [p.value for p in result.parameters] == [pytest.approx(11.6, abs=0.02), pytest.approx(0.40, abs=0.005)]

@@ -24,7 +24,15 @@ def test_a_batch_is_the_strokes_one_by_one_and_a_failure_stays_its_own(threads):
     assert [isinstance(each, SimulationFailed) for each in found] == [False, False, True] * 2
     for job, each in zip(jobs, found, strict=True):
         if job.rig is not BROKEN:
-            assert each.fz_N.tobytes() == simulate_stroke(job.rig, job.height_m, MOTION, T).fz_N.tobytes()
+            alone = simulate_stroke(job.rig, job.height_m, MOTION, T)
+            assert each.fz_N == pytest.approx(alone.fz_N, abs=0.02)
+            assert each.q_rad == pytest.approx(alone.q_rad, abs=5e-5)
+
+
+def test_a_batch_does_not_depend_on_the_number_of_threads():
+    jobs = [Job(HEAVY, height_m, MOTION, T) for height_m in np.linspace(0.2, 0.24, 20)]
+    one, three = (simulate_strokes(jobs, threads) for threads in (1, 3))
+    assert all(a.fz_N.tobytes() == b.fz_N.tobytes() for a, b in zip(one, three, strict=True))
 
 
 def test_an_empty_batch_is_empty():
