@@ -27,8 +27,7 @@ from rfca_rig.drivers.ports import UdpDatagrams, advise_receive_buffer, open_por
 from rfca_rig.drivers.roles import ForceSensor
 from rfca_rig.errors import BadInput
 from rfca_rig.subprocesses import can_be_started
-from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
-from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
+from rfca_rig.twins.ati_sensors import AtiSerialTwin, AtiSerialTwinSettings, DaqFtTwin, DaqFtTwinSettings
 from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import DatagramLink, SerialLine, datagram_link, serial_line
 from rfca_rig.twins.world import SensorTwin

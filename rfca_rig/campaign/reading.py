@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.campaign.layout import FILE_NAME, FORMAT, CampaignFile, DynamicRun
 from rfca_rig.campaign.table import CsvTable, number, numbers, read_table, rows
+from rfca_rig.description.model_file import read_named_curve
 from rfca_rig.description.sections import RigSections
 from rfca_rig.description.toml import place_of, read_text, read_toml
-from rfca_rig.description.torque_rotation import read_named_curve
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH

@@ -13,12 +13,24 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
-from rfca_rig.cli.commands.design import predict, sweep
-from rfca_rig.cli.commands.files import check, export, init, recover, schema
-from rfca_rig.cli.commands.look import runs, trip, view
+from rfca_rig.cli.commands import (
+    calibrate,
+    check,
+    crosscheck,
+    diagnose,
+    doctor,
+    export,
+    fit,
+    init,
+    predict,
+    prove,
+    recover,
+    report,
+    runs,
+    sweep,
+    twin,
+)
 from rfca_rig.cli.commands.measure import dynamic, fatigue, plan, resume, static
-from rfca_rig.cli.commands.set_up import calibrate, contract, doctor, twin
-from rfca_rig.cli.commands.understand import crosscheck, diagnose, fit, prove, report
 from rfca_rig.cli.names import add_completions
 from rfca_rig.cli.options import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.terminal import open_null, use_ascii_fallback
@@ -64,10 +76,10 @@ app.command("crosscheck", cls=Command)(crosscheck.crosscheck)
 app.command("strip", cls=Command)(predict.strip)
 app.command("sweep", cls=Command)(sweep.sweep)
 app.command("doctor", cls=Command)(doctor.doctor)
-app.command("view", cls=Command)(view.view)
-app.command("contract", cls=Command)(contract.contract)
-app.command("trip", cls=Command)(trip.trip)
-app.command("schema", cls=Command)(schema.schema)
+app.command("view", cls=Command)(runs.view)
+app.command("contract", cls=Command)(doctor.contract)
+app.command("trip", cls=Command)(runs.trip)
+app.command("schema", cls=Command)(check.schema)
 
 
 def _print_version(wanted: bool) -> None:

@@ -21,10 +21,9 @@ from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.inference.screening import grid_points, probe_effects, terms_of
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
-from rfca_rig.diagnosis.leg.nuisances import nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.leg.result import build_leg_result
 from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, estimate_delay_s, make_shaft_condition, tracking_error, tracks_command
-from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset
+from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset, nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.data.observations import Label, Observations, rms
+from rfca_rig.diagnosis.data import Label, Observations, rms
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.likelihood.cross_validation import loo_residuals
 from rfca_rig.diagnosis.result import BeforeAfter, SignalOverlay

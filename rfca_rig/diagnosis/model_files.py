@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from rfca_rig.analysis.fitting.model_file import HEIGHT_OFFSET, make_fitted_sections
 from rfca_rig.analysis.fitting.parameters import PARAMETERS
+from rfca_rig.analysis.fitting.result import HEIGHT_OFFSET, make_fitted_sections
 from rfca_rig.description.model_file import FoundEffect, write_model
 from rfca_rig.diagnosis.residual_force.law import MeasuredLaw
 from rfca_rig.diagnosis.result import Diagnosis, NamedEffect, Value

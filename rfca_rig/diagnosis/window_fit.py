@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.result import describe_pair, list_correlated_pairs
-from rfca_rig.diagnosis.data.observations import rms
+from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.figures import group_by_recording, make_overlays
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit

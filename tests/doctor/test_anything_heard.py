@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.cli.commands.set_up.doctor import WIDTH, _lines
+from rfca_rig.cli.commands.doctor import WIDTH, _lines
 from rfca_rig.codecs.cubemars_drives import mit_ranges
 from rfca_rig.codecs.odrive_messages import OdriveFirmware
 from rfca_rig.doctor.devices.can import ReceivedFrame

@@ -2,5 +2,5 @@
 
 1. `stages` holds the measured values, `balance` their conditions, `systematics` errors common to many stages.
 2. `recovery` fits a curve of one of the forms in `bases`, by `gauss_helmert`.
-3. `checks` tests its assumptions; `static_result`, `remarks` and `calibration_file` state the result.
+3. `checks` tests its assumptions; `static_result` and `calibration_file` state the result.
 """

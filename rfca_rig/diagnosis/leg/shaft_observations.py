@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.diagnosis.data.observations import Observations, rms
+from rfca_rig.diagnosis.data import Observations, rms
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, dynamic_label
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.motion import ramp_to_speed

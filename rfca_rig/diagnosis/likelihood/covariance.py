@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, eigh, solve_triangular
 
 from rfca_rig.diagnosis.config import CONDITION_CORRELATION, ROUGH_VARIANCE_SHARE
-from rfca_rig.diagnosis.data.observations import Observations
+from rfca_rig.diagnosis.data import Observations
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]

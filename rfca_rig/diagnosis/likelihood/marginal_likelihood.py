@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from rfca_rig.diagnosis.config import NAMED_ERRORS, UNKNOWN_ERRORS, USUAL_ERROR
-from rfca_rig.diagnosis.data.observations import Observations
+from rfca_rig.diagnosis.data import Observations
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, Whitening, make_basis
 
 Floats = NDArray[np.float64]

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.scatter import estimate_scatter_std
-from rfca_rig.diagnosis.data.dataset import Dataset
-from rfca_rig.diagnosis.simulator import ScatterDirection
+from rfca_rig.diagnosis.simulator import Dataset, ScatterDirection
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.swings import bin_means, bin_starts, sample_std
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
-from rfca_rig.diagnosis.data.windows import TRANSIENT_SHARE
+from rfca_rig.diagnosis.data import TRANSIENT_SHARE
 from rfca_rig.diagnosis.mechanisms.windows import CorrectedWindow, MechanismSimulator, Window
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import fit_trajectory

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import bin_means
 from rfca_rig.diagnosis.config import USUAL_ERROR
-from rfca_rig.diagnosis.data.observations import Label, Observations
-from rfca_rig.diagnosis.data.windows import WindowRows, observe, start_gain
+from rfca_rig.diagnosis.data import Label, Observations, WindowRows, observe, start_gain
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, shift_plant
 from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator
 from rfca_rig.mechanism.laws import make_tabulated_effect

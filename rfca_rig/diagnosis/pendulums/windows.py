@@ -20,10 +20,8 @@ from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.space import FitParameter, Prior, never_below
 from rfca_rig.analysis.swings import Nuisance, SwingProblem, SwingWindow, apply_nuisances
 from rfca_rig.diagnosis.config import USUAL_ERROR
-from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
-from rfca_rig.diagnosis.data.observations import Label, Observations
-from rfca_rig.diagnosis.data.windows import WindowRows, group_windows, observe, start_gain
-from rfca_rig.diagnosis.simulator import Simulator
+from rfca_rig.diagnosis.data import Label, Observations, WindowRows, group_windows, observe, start_gain
+from rfca_rig.diagnosis.simulator import Dataset, Simulator, make_dataset
 from rfca_rig.model.parameters import GRAVITY_M_S2
 from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, make_driven_pendulum, rods
 

@@ -21,7 +21,7 @@ from rfca_rig.codecs.odrive_messages import (
 )
 from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames
 from rfca_rig.drivers.device_time import FrameCount
-from rfca_rig.drivers.motors.shaft_gear import EncoderJumpMonitor, ShaftGear, check_positive
+from rfca_rig.drivers.motors.drive_report import EncoderJumpMonitor, ShaftGear, check_positive
 from rfca_rig.drivers.roles import ShaftSamples, concatenate_blocks
 from rfca_rig.errors import BadInput
 

@@ -8,7 +8,7 @@ import pytest
 
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.analysis.torque_rotation.recovery import mark_correlation
-from rfca_rig.analysis.torque_rotation.remarks import remarks
+from rfca_rig.analysis.torque_rotation.static_result import remarks
 from rfca_rig.analysis.torque_rotation.systematics import MARKS_DEG, SLOPE, Instruments
 from rfca_rig.exam.nominal_world import apply_nominal_errors, draw_nominal_errors, nominal_world
 from rfca_rig.exam.simulator.world import for_each_hinge

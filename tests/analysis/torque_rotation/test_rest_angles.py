@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
-from rfca_rig.analysis.torque_rotation.remarks import remarks
+from rfca_rig.analysis.torque_rotation.static_result import remarks
 from rfca_rig.analysis.torque_rotation.systematics import Instruments
 from rfca_rig.description.model_file import nominal_model
 from rfca_rig.exam.nominal_world import nominal_world

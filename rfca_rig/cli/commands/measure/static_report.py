@@ -97,7 +97,7 @@ def read_nominal_values(recordings: "Sequence[Recording]", model: Path | None) -
 
 
 def _say(result: "StaticResult", out: Path) -> None:
-    from rfca_rig.analysis.torque_rotation.remarks import remarks
+    from rfca_rig.analysis.torque_rotation.static_result import remarks
     from rfca_rig.reports.static.page import bend_sentence
 
     values = result.values

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rfca_rig.vision.board import Board, BoardPhoto, RefusedPhoto
     from rfca_rig.vision.camera_calibration import BoardPlacement, CameraCalibration
 
+
 app = typer.Typer(help="Find the values that a rig's devices have.", no_args_is_help=True)
 
 # Board that is assumed without --board: 10 x 7 squares of 25 mm with markers of 18 mm.

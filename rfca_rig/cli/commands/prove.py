@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.commands.understand import diagnose
+from rfca_rig.cli.commands import diagnose
 from rfca_rig.cli.executors import Cluster, Workers, open_executor
 from rfca_rig.cli.names import CASE_KINDS
 from rfca_rig.cli.options import Json, Pdf
@@ -47,7 +47,7 @@ def prove(
     from rfca_rig.cli.options import Printing
     from rfca_rig.errors import BadInput
     from rfca_rig.exam.scored import score_exam, score_exam_so_far
-    from rfca_rig.reports.exam.files import write_exam
+    from rfca_rig.reports.exam.page import write_exam
 
     printing = Printing(pdf)
     if so_far:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rfca_rig.sweep.plan import SweepPlan
     from rfca_rig.sweep.result import SweepResult
 
+
 HELP_VARY = "A grid, NAME=FROM:TO:STEPS[:log] or NAME=A,B,C; with --samples a range, NAME=FROM:TO[:log]. May be given several times."
 
 

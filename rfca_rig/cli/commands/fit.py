@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.commands.understand.report import ShaftOption, refuse_leg_options
+from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
 from rfca_rig.cli.executors import Cluster, open_executor
 from rfca_rig.cli.names import FIT_PARAMETERS
 from rfca_rig.cli.options import AsIs, Json, out_file
@@ -61,9 +61,9 @@ def fit(
     import numpy as np
 
     from rfca_rig.analysis.fitting.fit import Search
-    from rfca_rig.analysis.fitting.model_file import write_model_file
     from rfca_rig.analysis.fitting.parameters import select_parameters
     from rfca_rig.analysis.fitting.residuals import StrokeWindow
+    from rfca_rig.analysis.fitting.result import write_model_file
     from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
     from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model, pendulum_among
     from rfca_rig.cli.progress import progress

@@ -1,4 +1,4 @@
-"""rfca-rig runs"""
+"""rfca-rig runs, view and trip: what was recorded, a recording in the browser, and what stopped a run."""
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,7 +15,8 @@ from rfca_rig.suggestions import printable
 
 if TYPE_CHECKING:
     from rfca_rig.logbook.entry import Entry
-
+import re
+from contextlib import suppress
 
 WIDTH = 80
 WHEN_WIDTH, ENDED_WIDTH = 16, 11
@@ -237,3 +238,70 @@ def _count_line(folder: Path, shown: int, fitting: int, known: int) -> str:
         return f"none of the {known} runs below {folder} is like that; ask for less"
     more = f"; --last 0 shows all {fitting}" if shown < fitting else ""
     return f"{shown} of {known} runs below {folder}{more}"
+
+
+def view(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder, its run.h5, or a campaign.")],
+    port: Annotated[int, typer.Option("--port", metavar="PORT", min=0, max=65535, help="The port; any free one if not given.")] = 0,
+) -> None:
+    """Play a recording in the browser, on the page on which --view shows a run; ^C ends it.
+
+    Only this computer can open the address that is printed.
+
+    Example: rfca-rig view runs/SIM-table-ii-001
+    """
+    from rfca_rig.view.live_view import check_view_is_installed
+
+    check_view_is_installed()
+    # After the check: this import needs the packages of the extra.
+    from rfca_rig.view.replay import replay
+
+    with suppress(KeyboardInterrupt):
+        replay(run, port, lambda url: typer.echo(f"open {url} (^C here ends it)", err=True))
+
+
+def trip(code: Annotated[str, typer.Argument(metavar="CODE", help="Such as F-02; without it, all codes are listed.")] = "") -> None:
+    """Say what a code that stopped a run means: likely causes, how to tell them apart, what to change and what not, how to go on.
+
+    Example: rfca-rig trip F-02
+    """
+    from rfca_rig.errors import BadInput, Trip
+
+    known = [str(one) for one in Trip]
+    if not code:
+        typer.echo("\n".join(f"{one}  {_title(one)}" for one in known))
+        return
+    if code.upper() not in known:
+        raise BadInput(f"{code}: no code of a trip; known are {', '.join(known)}")
+    typer.echo("\n".join(_lines(_page(code.upper()))))
+
+
+def _lines(page: str) -> list[str]:
+    """The page as a terminal shows it: paragraphs and items within 80 columns, without marks and links."""
+    from textwrap import wrap
+
+    # Blocks begin at an empty line, a numbered item or a heading; each is wrapped on its own.
+    blocks = re.split(r"\n(?=\n|\d\. |# )", re.sub(r" \[All trips\]\(.*?\)|```(text)?\n|\*\*", "", page))
+    plain = (re.sub(r"\[(.*?)\]\(.*?\)", r"\1", block).replace("`", "") for block in blocks)
+    return [
+        line
+        for block in plain
+        for line in ([] if block.strip() and not block.startswith("\n") else [""])
+        + wrap(" ".join(block.split()), WIDTH, subsequent_indent="   " if block[:1].isdigit() else "", break_on_hyphens=False)
+    ]
+
+
+def _title(code: str) -> str:
+    """The text behind the code in the page's heading."""
+    return _page(code).partition("\n")[0].partition(": ")[2]
+
+
+def _page(code: str) -> str:
+    from rfca_rig.cli.paths import folders_of
+    from rfca_rig.errors import BadInput
+
+    for folder in folders_of("docs"):
+        page: Path = folder / "trips" / f"{code}.md"
+        if page.is_file():
+            return page.read_text(encoding="utf-8")
+    raise BadInput(f"docs/trips/{code}.md did not come with this installation; it is in the package's repository")

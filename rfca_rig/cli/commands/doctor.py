@@ -1,4 +1,4 @@
-"""rfca-rig doctor: finds buses, drives and sensors, and states the fix for each red line."""
+"""rfca-rig doctor and contract: checks of the computer and the devices, and conformance tests of own drivers."""
 
 import json
 from collections.abc import Iterator
@@ -15,6 +15,7 @@ from rfca_rig.cli.terminal import takes_colours
 if TYPE_CHECKING:
     from rfca_rig.description.rig_file import RigFile
     from rfca_rig.doctor.finding import Finding
+
 
 WIDTH = 80
 COLOUR_WIDTH, SUBJECT_WIDTH = 8, 18
@@ -84,3 +85,28 @@ def _lines(finding: "Finding") -> Iterator[str]:
         # For copying: a long command continues on the next line with the shell's backslash.
         pieces = wrap(command, WIDTH - len(COMMAND_INDENT) - 2, break_long_words=False, break_on_hyphens=False)
         yield from [COMMAND_INDENT + line for line in " \\\n".join(pieces).splitlines()]
+
+
+def contract(
+    rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig file with a motor or a force sensor of your own.")],
+) -> None:
+    """Try your own driver on its twin with everything that every driver must do: energise without a jerk, obey, report, name each fault.
+
+    Nothing real is touched. Exit code 1 where something is not as it must be; the names of the tests say what.
+
+    Example: rfca-rig contract our-rig.toml
+    """
+    from rfca_rig.cli.paths import find_rig
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.errors import BadInput
+
+    path = find_rig(rig)
+    described = read_rig(path)
+    try:
+        from rfca_rig.contracts.own_devices import run_conformance_tests
+    # pytest is not installed with the package; only this command needs it.
+    except ModuleNotFoundError as missing:
+        raise BadInput(f"the contract needs {missing.name}; type pip install pytest") from None
+    if not run_conformance_tests(described, path.resolve()):
+        raise typer.Exit(1)
+    typer.echo(f"{described.rig.title}: the contract is kept; next: rfca-rig doctor --rig {rig}")

@@ -16,6 +16,7 @@ from rfca_rig.errors import BadInput
 if TYPE_CHECKING:
     from rfca_rig.description.rig_draft import RigAnswers
 
+
 CAMERA_FILE = "twin-camera.toml"
 # Height over leg length of a stroke that presses the twin's leg well, and its speed: the first row of Table II.
 FIRST_HEIGHT_SHARE, FIRST_SPEED_RAD_S = 215.0 / 290.0, 2.433
