@@ -1,5 +1,5 @@
-"""The commands of `rfca-rig --help`, each in a module of its name or of a related command; those that measure are in `measure`.
+"""The commands of `rfca-rig --help`, each in a module of its name; those that measure are in the package `measure`.
 
-`contract` stands in `doctor`, `schema` in `check`, `import` in `export`, `strip` in `predict`, `view` and `trip` in `runs`.
-`cli.options.GROUPS` has their panels and order in the help.
+Related commands share a module: `contract` in `doctor`, `schema` in `check`, `import` in `export`, `strip` in `predict`, `view` in `runs`,
+`trip` in `runs`. `cli.options.GROUPS` has their panels and order in the help.
 """
