@@ -9,10 +9,9 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.bench.cameras import make_camera, make_twin_camera
 from rfca_rig.bench.fault_injection import FaultInjection
-from rfca_rig.bench.force_sensors import make_force_sensor, make_sensor_pair
 from rfca_rig.bench.motors import make_motor, make_motor_twin, open_commanding_bus
+from rfca_rig.bench.sensors import make_camera, make_force_sensor, make_sensor_pair, make_twin_camera
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.engine.interfaces import Bench

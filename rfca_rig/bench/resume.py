@@ -20,7 +20,7 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
-from rfca_rig.recording.summary import outline_of
+from rfca_rig.recording.store import outline_of
 from rfca_rig.suggestions import not_there
 from rfca_rig.vision.leg_photo import PhotoSetup
 

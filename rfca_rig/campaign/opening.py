@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
-from rfca_rig.campaign.layout import FILE_NAME
+from rfca_rig.campaign.layout import CAMPAIGN
 from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
 from rfca_rig.campaign.pendulum import PendulumCampaign, read_pendulum_campaign, run_files
 from rfca_rig.campaign.plausibility import refuse_slips
@@ -17,7 +16,7 @@ from rfca_rig.errors import BadInput, RigError
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.atomic import make_folder_atomically
-from rfca_rig.recording.layout import refuse_links
+from rfca_rig.recording.layout import EXPERIMENT, refuse_links
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_folder import partial_of, read_partial
 from rfca_rig.recording.store import read_recording, write_recording
@@ -64,7 +63,7 @@ def open_recordings(paths: Sequence[Path], as_is: bool = True) -> list[Recording
     for path in paths:
         recording = _open(path)
         # What was imported was checked then.
-        if not as_is and not (path / RECORDING_NAME).is_file() and (path / FILE_NAME).is_file():
+        if not as_is and not (path / RECORDING_NAME).is_file() and (path / CAMPAIGN).is_file():
             refuse_slips(path, recording)
         _check_strokes(path, recording)
         recordings.append(recording.with_order())
@@ -108,7 +107,7 @@ def _open(path: Path) -> Recording:
     if not path.exists():
         raise BadInput(not_there(path))
     if path.suffix != ".h5":
-        raise BadInput(f"{path}: is not a recording; give a folder with {FILE_NAME} or {RECORDING_NAME}, or an .h5 file")
+        raise BadInput(f"{path}: is not a recording; give a folder with {CAMPAIGN} or {RECORDING_NAME}, or an .h5 file")
     return read_recording(path)
 
 
@@ -118,7 +117,7 @@ def _open_folder(folder: Path) -> Recording:
     recording = folder / RECORDING_NAME
     if recording.is_file():
         return read_recording(recording)
-    if (folder / FILE_NAME).is_file():
+    if (folder / CAMPAIGN).is_file():
         return read_campaign(folder)
     if run_folder.is_run(folder):
         return run_folder.read_stages(folder)
@@ -129,7 +128,7 @@ def _open_folder(folder: Path) -> Recording:
         raise BadInput(f"{folder}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
     if (folder / EXPERIMENT).is_file():
         raise BadInput(f"{folder}: holds recordings of a mechanism, which this command does not take; check, report, fit and diagnose do")
-    raise BadInput(f"{folder}: holds neither {FILE_NAME} nor {RECORDING_NAME}, so it is no campaign and no run")
+    raise BadInput(f"{folder}: holds neither {CAMPAIGN} nor {RECORDING_NAME}, so it is no campaign and no run")
 
 
 def import_campaign(folder: Path, out_folder: Path, report_progress: ProgressCount = ignore_progress, as_is: bool = False) -> Path:

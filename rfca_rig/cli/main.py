@@ -24,7 +24,6 @@ from rfca_rig.cli.commands import (
     init,
     predict,
     prove,
-    recover,
     report,
     runs,
     sweep,
@@ -63,7 +62,7 @@ app.add_typer(export.app, name="export", cls=CommandGroup)
 app.command("init", cls=Command)(init.init)
 app.command("import", cls=Command)(export.import_folder)
 app.command("resume", cls=Command)(resume.resume)
-app.command("recover", cls=Command)(recover.recover)
+app.command("recover", cls=Command)(check.recover)
 app.command("check", cls=Command)(check.check)
 app.command("runs", cls=Command)(runs.runs)
 app.command("plan", cls=Command)(plan.plan)

@@ -31,7 +31,7 @@ from rfca_rig.protocol.plan import Cycles, Flap, Hold, Plan, Stage, cycle_bytes
 from rfca_rig.recording.backend import InProcessRecorder, RecorderClient, RunBackend
 from rfca_rig.recording.run_writer import check_room
 from rfca_rig.subprocesses import can_be_started
-from rfca_rig.view.live_view import check_live_view
+from rfca_rig.view.run_queue import check_live_view
 
 # Standard deviations of floor friction above its prior value with which a static plan must pass too.
 ROUGHER_STDS = 2.0

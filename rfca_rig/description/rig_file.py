@@ -7,9 +7,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from rfca_rig.description.camera_file import CameraFile, CameraSection, PhotoFolderSection, TwinCameraSection
-from rfca_rig.description.force_sensor_sections import AtiDaqSection, ForceSensor, OwnForceSensorSection
+from rfca_rig.description.device_sections import AtiDaqSection, ForceSensor, Motor, OwnForceSensorSection, OwnMotorSection
 from rfca_rig.description.model_file import nominal_model, read_named_curve
-from rfca_rig.description.motor_sections import Motor, OwnMotorSection
 from rfca_rig.description.own_devices import own_force_sensor, own_motor
 from rfca_rig.description.sections import (
     DriveSection,

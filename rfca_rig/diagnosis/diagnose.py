@@ -11,8 +11,7 @@ from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import Condition, group_by_condition
 from rfca_rig.description.model_file import nominal_model
-from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
-from rfca_rig.diagnosis.config import DEFAULT_SEARCH
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH, describe_exclusions, select_candidates
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.decision.sizes import find_detection_limits
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
@@ -36,7 +35,7 @@ from rfca_rig.model.effect import OF_PENDULUMS, Effect
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.recording.identity import identity_of
+from rfca_rig.recording.layout import identity_of
 from rfca_rig.recording.model import Recording, Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]

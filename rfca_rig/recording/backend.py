@@ -13,9 +13,8 @@ from rfca_rig.clock import WallClock
 from rfca_rig.errors import DiskFull, RigError, Trip, Tripped
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import JournalBlock, frame_block
-from rfca_rig.recording.photos import PhotoSender, Picture, next_photo, photo_name
 from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, spawn_recorder
-from rfca_rig.recording.run_writer import RunWriter
+from rfca_rig.recording.run_writer import PhotoSender, Picture, RunWriter, next_photo, photo_name
 
 # 20 s of a sensor at 15 kHz.
 QUEUE_BYTES = 16 << 20

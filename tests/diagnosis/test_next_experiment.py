@@ -22,7 +22,7 @@ from rfca_rig.diagnosis.experiment_design.leg_experiment import (
     write_next_protocol,
 )
 from rfca_rig.diagnosis.leg.shaft_observations import make_shaft_condition
-from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter
+from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.experiments import flapping_plan, static_plan

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rfca_rig.cli.executors import Cluster, Workers, open_executor
-from rfca_rig.cli.options import AsIs, Json, Pdf, Rig, Runs, Seed, out_folder
+from rfca_rig.cli.options import AsIs, Cluster, Json, Pdf, Rig, Runs, Seed, Workers, open_executor, out_folder
 from rfca_rig.progress import ProgressReport
 
 if TYPE_CHECKING:
@@ -158,7 +157,7 @@ def diagnose(
     """
     from rfca_rig.campaign.opening import experiment_among, open_with_nominal_model, pendulum_among
     from rfca_rig.cli.options import Printing
-    from rfca_rig.diagnosis.candidate_effects import check_known
+    from rfca_rig.diagnosis.config import check_known
     from rfca_rig.errors import BadInput
     from rfca_rig.reports.provenance import command_line
 
@@ -322,7 +321,7 @@ def _write_plant(plant: "Plant", out: Path, model_name: str, laws_name: str, sta
 def _write_imported(diagnosis: "Diagnosis", about: "AboutSection", asked: DiagnoseOptions) -> "Diagnosis":
     """Writes the files of a diagnosis of tables from elsewhere."""
     from rfca_rig.diagnosis.result import Diagnosed
-    from rfca_rig.recording.identity import identity_of_tables
+    from rfca_rig.recording.layout import identity_of_tables
     from rfca_rig.reports.diagnosis.files import write_diagnosis
     from rfca_rig.reports.provenance import origin_of_import
 
@@ -339,8 +338,7 @@ def _diagnose_leg(recordings: "Sequence[Recording]", asked: DiagnoseOptions) -> 
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.diagnose import diagnose as diagnosed
     from rfca_rig.diagnosis.experiment_design.leg_experiment import write_next_protocol
-    from rfca_rig.diagnosis.model_files import write_fitted_model, write_measured_model
-    from rfca_rig.reports.diagnosis.files import write_diagnosis
+    from rfca_rig.reports.diagnosis.files import write_diagnosis, write_fitted_model, write_measured_model
     from rfca_rig.reports.provenance import origin_of
 
     with progress(asked.quiet) as bars:

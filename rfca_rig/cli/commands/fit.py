@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.commands.report import ShaftOption, refuse_leg_options
-from rfca_rig.cli.executors import Cluster, open_executor
 from rfca_rig.cli.names import FIT_PARAMETERS
-from rfca_rig.cli.options import AsIs, Json, out_file
+from rfca_rig.cli.options import AsIs, Cluster, Json, open_executor, out_file
 from rfca_rig.cli.terminal import print_lines
 
 if TYPE_CHECKING:
@@ -102,7 +101,7 @@ def _fit_pendulum(folder: Path, names: list[str], out: Path | None, as_json: boo
     """The same for a pendulum's recordings."""
     from rfca_rig.campaign.pendulum import read_pendulum_campaign, write_pendulum_model
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT, fit_pendulum, update_known_to
+    from rfca_rig.diagnosis.pendulums.windows import PENDULUM_FIT, fit_pendulum, update_known_to
 
     campaign = read_pendulum_campaign(folder)
     with progress(quiet=as_json) as bars:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.commands import diagnose
-from rfca_rig.cli.executors import Cluster, Workers, open_executor
 from rfca_rig.cli.names import CASE_KINDS
-from rfca_rig.cli.options import Json, Pdf
+from rfca_rig.cli.options import Cluster, Json, Pdf, Workers, open_executor
 from rfca_rig.cli.terminal import print_lines
 
 if TYPE_CHECKING:

@@ -82,7 +82,7 @@ def _write_pendulum(folder: Path, out: Path, as_json: bool, model: Path | None, 
     from rfca_rig.campaign.pendulum import read_pendulum_campaign, with_model_file
     from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
-    from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
+    from rfca_rig.diagnosis.pendulums.windows import fit_pendulum
     from rfca_rig.reports.strokes.motions import pendulum_report
 
     printing = Printing(pdf)
@@ -165,7 +165,8 @@ def write(
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.reports.provenance import command_line, origin_of
-    from rfca_rig.reports.strokes.page import GivenModel, write_report
+    from rfca_rig.reports.strokes.page import GivenModel
+    from rfca_rig.reports.strokes.writing import write_report
 
     # First: a missing browser must be reported before the work, not after it.
     printing = Printing(pdf)

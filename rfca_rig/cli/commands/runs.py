@@ -250,7 +250,7 @@ def view(
 
     Example: rfca-rig view runs/SIM-table-ii-001
     """
-    from rfca_rig.view.live_view import check_view_is_installed
+    from rfca_rig.view.run_queue import check_view_is_installed
 
     check_view_is_installed()
     # After the check: this import needs the packages of the extra.

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.executors import Cluster, Workers
-from rfca_rig.cli.options import Json, Model
+from rfca_rig.cli.options import Cluster, Json, Model, Workers
 
 if TYPE_CHECKING:
     from rfca_rig.clock import Clock
@@ -128,7 +127,7 @@ def _model(rig: str | None, model: Path | None) -> "RigModel":
 def _run_sweep(
     plan: "SweepPlan", folder: Path, workers: int | None, cluster: str | None, quiet: bool, clocks: "Callable[[], Clock]"
 ) -> "SweepResult":
-    from rfca_rig.cli.executors import open_executor
+    from rfca_rig.cli.options import open_executor
     from rfca_rig.cli.progress import progress
     from rfca_rig.model.compiled import is_warm
     from rfca_rig.sweep.carrying_out import run_sweep

@@ -43,8 +43,8 @@ from rfca_rig.diagnosis.inference.screening import (
     promising_points,
     terms_of,
 )
+from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter, estimate_scatter
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
-from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter, estimate_scatter
 from rfca_rig.diagnosis.simulator import THREADS, Dataset
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.catalogue import list_related

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import SMOOTHING_HALF_WIDTH_S, local_polynomial
 from rfca_rig.campaign.experiment import Experiment, read_experiment
-from rfca_rig.campaign.experiment_layout import ExperimentFile
+from rfca_rig.campaign.layout import ExperimentFile
 from rfca_rig.description.toml import read_toml
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION, rms

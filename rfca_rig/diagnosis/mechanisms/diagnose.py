@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.diagnosis.candidate_effects import describe_exclusions
-from rfca_rig.diagnosis.config import DEFAULT_SEARCH, FEWEST_CONDITIONS
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH, FEWEST_CONDITIONS, describe_exclusions
 from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, propose_motion

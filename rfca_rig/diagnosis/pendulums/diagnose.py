@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import TORQUE_ERROR, SwingProblem, apply_nuisances, make_swing_problem, sample_noise
 from rfca_rig.campaign.pendulum import PendulumCampaign, PendulumRun
-from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
-from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR
+from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR, describe_exclusions, select_candidates
 from rfca_rig.diagnosis.decision.decide import Decision, decide
 from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_open_hypotheses, list_options, propose
-from rfca_rig.diagnosis.figures import compare_held_out
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
@@ -34,7 +32,7 @@ from rfca_rig.diagnosis.pendulums.windows import (
 )
 from rfca_rig.diagnosis.residual_force.stated_law import OF_PENDULUM, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosis
-from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
+from rfca_rig.diagnosis.result_builder import build_result, compare_held_out, not_enough_data
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.laws import LARGEST, SMALLEST

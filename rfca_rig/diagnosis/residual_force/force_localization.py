@@ -19,8 +19,7 @@ from rfca_rig.diagnosis.data import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.leg.simulator import select_strokes
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, Whitening
-from rfca_rig.diagnosis.likelihood.cross_validation import products_without
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, make_marginal_likelihood
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, make_marginal_likelihood, products_without
 from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCondition, list_force_inputs, nominal_conditions
 from rfca_rig.diagnosis.simulator import Dataset
 

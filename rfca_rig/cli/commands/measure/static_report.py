@@ -45,7 +45,7 @@ def report(
     import json
 
     from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
-    from rfca_rig.analysis.torque_rotation.systematics import Instruments
+    from rfca_rig.analysis.torque_rotation.stages import Instruments
     from rfca_rig.campaign.opening import open_recordings
     from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress

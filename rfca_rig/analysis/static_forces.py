@@ -1,9 +1,14 @@
-"""Statics of the leg under a tip force: `load_tip` gives the shape for a force, `find_tip_force` the force for a shape.
+"""Forces of a leg at rest: under a force on its tip, and as a measure of how its stiffness drifts.
 
-Section III.B of the paper: a leg that grasps or holds. There is no floor contact, effects are ignored, and the weight of the links counts.
+`load_tip` gives the shape for a force, `find_tip_force` the force for a shape. Section III.B of the paper: a leg that grasps or holds.
+There is no floor contact, effects are ignored, and the weight of the links counts.
+
+`stiffness_drift` compares forces at the same shaft angles with those of the first check. At a given height and shaft angle, a leg of
+springs pushes in proportion to their stiffness. One factor between two checks therefore measures the change. The residual of that factor
+contains the weight, and friction that differs from touchdown to touchdown.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +17,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.model.paper.statics import equilibrium_under_tip_force, tip_chain_of, tip_force_weighing_angles
 from rfca_rig.model.parameters import Leg
+from rfca_rig.recording.model import StaticStage
 
 Floats = NDArray[np.float64]
 
@@ -131,3 +137,50 @@ def _ends_mm(lengths_m: Floats, phi: Floats) -> Floats:
     angles = np.cumsum(phi)
     ends = 1e3 * np.cumsum(lengths_m[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0)
     return np.vstack([np.zeros(2), ends])
+
+
+@dataclass(frozen=True)
+class StiffnessDrift:
+    """Relative change of the forces since the first check, and its standard error (nan from a single force)."""
+
+    relative: float
+    std: float
+
+    def text(self) -> str:
+        return f"{100.0 * self.relative:+.2f} +- {100.0 * self.std:.2f} %"
+
+
+def stiffness_drift(stages: Sequence[StaticStage], holds: int, check: int) -> StiffnessDrift | None:
+    """Drift of check number `check`; None where this check or the first one is incomplete.
+
+    Parameters
+    ----------
+    stages
+        Static stages; each check consists of `holds` of them.
+    holds
+        Stages in one check.
+    check
+        Number of the check, from 1.
+
+    Notes
+    -----
+    Least squares of fy and fz at all angles on those of the first check; the standard error comes from the residual.
+    """
+    by_number = {stage.stage: stage for stage in stages}
+    first, now = _forces(by_number, holds, 1), _forces(by_number, holds, check)
+    if first is None or now is None:
+        return None
+    # Regression through the origin: now = factor * first.
+    weight = float(first @ first)
+    factor = float(first @ now) / weight
+    residual = now - factor * first
+    variance = float(residual @ residual) / (len(first) - 1) if len(first) > 1 else np.nan
+    return StiffnessDrift(factor - 1.0, float(np.sqrt(variance / weight)))
+
+
+def _forces(stages: Mapping[int, StaticStage], holds: int, check: int) -> np.ndarray | None:
+    """(2 holds,) fy and fz of one check."""
+    numbers = range((check - 1) * holds + 1, check * holds + 1)
+    if not all(number in stages for number in numbers):
+        return None
+    return np.array([force for number in numbers for force in (stages[number].fy_N, stages[number].fz_N)])

@@ -1,5 +1,6 @@
-"""Makes drivers and twins of the force sensors that a rig file may name: the one place that knows them all."""
+"""Makes drivers and twins of the force sensors and cameras that a rig file may name: the one place that knows them all."""
 
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.codecs.ati_calibration import TransducerCalibration, parse_calibration
 from rfca_rig.codecs.ati_serial import MAX_COUNT
-from rfca_rig.description.force_sensor_sections import (
+from rfca_rig.description.camera_file import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
+from rfca_rig.description.device_sections import (
     AtiDaqSection,
     AtiSerialSection,
     ForceSensorKeys,
@@ -20,17 +22,20 @@ from rfca_rig.description.force_sensor_sections import (
 )
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinSection
+from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
 from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor
 from rfca_rig.drivers.force_sensors.daq_ft import DaqFtSensor, DaqFtSettings, NidaqmxGages
 from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSensor, NetFtSettings
 from rfca_rig.drivers.ports import UdpDatagrams, advise_receive_buffer, open_port
-from rfca_rig.drivers.roles import ForceSensor
+from rfca_rig.drivers.roles import Camera, ForceSensor, Photo, Photographer
 from rfca_rig.errors import BadInput
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twins.ati_sensors import AtiSerialTwin, AtiSerialTwinSettings, DaqFtTwin, DaqFtTwinSettings
+from rfca_rig.twins.camera import CameraTwin, StandingLeg
 from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import DatagramLink, SerialLine, datagram_link, serial_line
 from rfca_rig.twins.world import SensorTwin
+from rfca_rig.vision.leg_photo import PhotoSetup
 
 
 def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> ForceSensor:
@@ -171,3 +176,93 @@ def _calibration(sensor: AtiDaqSection) -> TransducerCalibration:
     except OSError as error:
         raise BadInput(f"{sensor.calibration_file}: cannot be read: {error.strerror}; see calibration_file in the rig file") from None
     return parse_calibration(content, sensor.calibration_file)
+
+
+# Exposure and transfer to the host.
+TWIN_PHOTO_S = 0.2
+
+
+class TwinCamera:
+    """Implements `Camera`: exposes at once, at the clock's present time."""
+
+    def __init__(self, twin: CameraTwin, clock: Clock) -> None:
+        self._twin = twin
+        self._clock = clock
+        self._count = 0
+
+    def photo(self) -> Photo:
+        self._count += 1
+        return Photo(self._twin.expose(), self._clock.now_s(), f"photo-{self._count:03d}")
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def identity(self) -> dict[str, str]:
+        return {"camera": "twin"}
+
+
+class DelayedCamera:
+    """Implements `Photographer` with a camera that takes no time: exposes on request, and delivers the photo `takes_s` later.
+
+    All on the caller's thread, so that a run on a twin's clock is the same every time.
+    """
+
+    def __init__(self, camera: Camera, clock: Clock, takes_s: float) -> None:
+        self._camera = camera
+        self._clock = clock
+        self._takes_s = takes_s
+        self._photo: Photo | None = None
+
+    def begin(self) -> None:
+        self._photo = self._camera.photo()
+
+    def fetch_photo(self) -> Photo | None:
+        if self._photo is None or self._clock.now_s() < self._photo.host_s + self._takes_s:
+            return None
+        photo, self._photo = self._photo, None
+        return photo
+
+    def close(self) -> None:
+        self._camera.close()
+
+    def identity(self) -> dict[str, str]:
+        return self._camera.identity()
+
+
+class AnnouncingCamera:
+    """Implements `Camera`: tells the person at the shutter when to take the photo."""
+
+    def __init__(self, camera: Camera, tell: Callable[[str], None]) -> None:
+        self._camera = camera
+        self._tell = tell
+
+    def photo(self) -> Photo:
+        self._tell("REAL take the photo now")
+        return self._camera.photo()
+
+    def close(self) -> None:
+        self._camera.close()
+
+    def identity(self) -> dict[str, str]:
+        return self._camera.identity()
+
+
+def make_camera(section: CameraSection, eye: PhotoSetup, clock: Clock, stack: ExitStack) -> Photographer:
+    """The camera that [camera] names, closed with the stack. Raises DeviceError or BadInput where it cannot be opened."""
+    camera: Camera
+    match section:
+        case OpenCvCameraSection():
+            camera = OpenCvCamera(section.number, eye.camera.image_size_px, clock)
+        case PhotoFolderSection():
+            arriving = ArrivingPhotos(Path(section.folder), clock, section.photo_limit_s)
+            camera = AnnouncingCamera(arriving, lambda line: print(line, file=sys.stderr))
+    # A camera may block for seconds; on its own thread it cannot delay the control loop.
+    threaded = CameraThread(camera)
+    stack.callback(threaded.close)
+    return threaded
+
+
+def make_twin_camera(eye: PhotoSetup, leg: StandingLeg, twin: TwinCameraSection, random: np.random.Generator, clock: Clock) -> Photographer:
+    """The twin of any camera: renders `leg` as it stands when a photo is requested."""
+    rendered = CameraTwin(leg, eye.plan, eye.camera, twin.disturbance(), random)
+    return DelayedCamera(TwinCamera(rendered, clock), clock, TWIN_PHOTO_S)
