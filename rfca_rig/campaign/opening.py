@@ -103,32 +103,28 @@ def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True) -> list[R
 
 def _open(path: Path) -> Recording:
     if path.is_dir():
-        return _open_folder(path)
+        refuse_links(path)
+        # The finished file takes precedence over everything beside it.
+        recording = path / RECORDING_NAME
+        if recording.is_file():
+            return read_recording(recording)
+        if (path / CAMPAIGN).is_file():
+            return read_campaign(path)
+        if run_folder.is_run(path):
+            return run_folder.read_stages(path)
+        if partial_of(recording).is_dir():
+            return read_partial(recording)
+        if (path / PENDULUM).is_file():
+            # These forms are known, but this command has no use for them; the message names the commands that have.
+            raise BadInput(f"{path}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
+        if (path / EXPERIMENT).is_file():
+            raise BadInput(f"{path}: holds recordings of a mechanism, which this command does not take; check, report, fit and diagnose do")
+        raise BadInput(f"{path}: holds neither {CAMPAIGN} nor {RECORDING_NAME}, so it is no campaign and no run")
     if not path.exists():
         raise BadInput(not_there(path))
     if path.suffix != ".h5":
         raise BadInput(f"{path}: is not a recording; give a folder with {CAMPAIGN} or {RECORDING_NAME}, or an .h5 file")
     return read_recording(path)
-
-
-def _open_folder(folder: Path) -> Recording:
-    refuse_links(folder)
-    # The finished file takes precedence over everything beside it.
-    recording = folder / RECORDING_NAME
-    if recording.is_file():
-        return read_recording(recording)
-    if (folder / CAMPAIGN).is_file():
-        return read_campaign(folder)
-    if run_folder.is_run(folder):
-        return run_folder.read_stages(folder)
-    if partial_of(recording).is_dir():
-        return read_partial(recording)
-    if (folder / PENDULUM).is_file():
-        # These forms are known, but this command has no use for them; the message names the commands that have.
-        raise BadInput(f"{folder}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
-    if (folder / EXPERIMENT).is_file():
-        raise BadInput(f"{folder}: holds recordings of a mechanism, which this command does not take; check, report, fit and diagnose do")
-    raise BadInput(f"{folder}: holds neither {CAMPAIGN} nor {RECORDING_NAME}, so it is no campaign and no run")
 
 
 def import_campaign(folder: Path, out_folder: Path, report_progress: ProgressCount = ignore_progress, as_is: bool = False) -> Path:

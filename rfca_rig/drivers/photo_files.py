@@ -39,7 +39,15 @@ def read_time_taken(content: bytes) -> datetime | None:
     if tiff is None:
         return None
     try:
-        return _moment(_texts(tiff))
+        # struct.error is raised where an address is outside the file.
+        order = "<" if tiff.startswith(b"II") else ">"
+        first = struct.unpack_from(order + "I", tiff, 4)[0]
+        found: dict[int, str] = {}
+        for tag, kind, _, value in _directory(tiff, first, order):
+            if tag == EXIF_DIRECTORY and kind == LONG:
+                entries = _directory(tiff, struct.unpack(order + "I", value)[0], order)
+                found |= {tag: _text(tiff, count, value, order) for tag, kind, count, value in entries if kind == TEXT}
+        return _moment(found)
     except (struct.error, ValueError, OverflowError):
         return None
 
@@ -72,18 +80,6 @@ def _png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
         length = int.from_bytes(content[at : at + 4], "big")
         yield content[at + 4 : at + 8], content[at + 8 : at + 8 + length]
         at += 12 + length
-
-
-def _texts(tiff: bytes) -> dict[int, str]:
-    """The texts of the Exif directory, by tag. Raises struct.error where an address is outside the file."""
-    order = "<" if tiff.startswith(b"II") else ">"
-    first = struct.unpack_from(order + "I", tiff, 4)[0]
-    found: dict[int, str] = {}
-    for tag, kind, _, value in _directory(tiff, first, order):
-        if tag == EXIF_DIRECTORY and kind == LONG:
-            entries = _directory(tiff, struct.unpack(order + "I", value)[0], order)
-            found |= {tag: _text(tiff, count, value, order) for tag, kind, count, value in entries if kind == TEXT}
-    return found
 
 
 def _directory(tiff: bytes, at: int, order: str) -> Iterator[tuple[int, int, int, bytes]]:

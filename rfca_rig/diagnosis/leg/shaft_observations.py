@@ -157,5 +157,5 @@ def tracking_error(shaft: ShaftCondition, ramp_s: float) -> float:
 
 def estimate_delay_s(shaft: ShaftCondition, ramp_s: float) -> float:
     """Delay of the shaft behind its command in s, by least squares."""
-    told_rad_s = shaft.commanded_rad_s(ramp_s)
-    return -float(told_rad_s @ shaft.deviation_rad) / float(told_rad_s @ told_rad_s)
+    command_rad_s = shaft.commanded_rad_s(ramp_s)
+    return -float(command_rad_s @ shaft.deviation_rad) / float(command_rad_s @ command_rad_s)

@@ -184,7 +184,17 @@ class DriveReports:
         self.heard += len(reports)
         # Without a period only the newest of several answers has a known time, so the others are dropped.
         accepted = reports if self._count is not None else reports[-1:]
-        samples = self._samples_of(accepted, self._device_s(len(accepted)))
+        gear, rows = self._gear, np.array([(one.turns, one.turns_s, one.torque_Nm) for one in accepted])
+        # A limit check on NaN is never exceeded, so a drive without a valid position must not run.
+        if not np.isfinite(rows[:, :2]).all():
+            raise DeviceError(f"the drive tells no position or speed, state {accepted[-1].state}; check its encoder")
+        samples = ShaftSamples(
+            host_s=np.full(len(rows), self.drained_s),
+            device_s=self._device_s(len(accepted)),
+            angle_rad=(rows[:, 0] - gear.zero_turns) * gear.shaft_rad_per_turn,
+            speed_rad_s=rows[:, 1] * gear.shaft_rad_per_turn,
+            torque_Nm=rows[:, 2] * gear.shaft_torque_per_drive_torque,
+        )
         for stamp_s, angle_rad, speed_rad_s in zip(samples.device_s, samples.angle_rad, samples.speed_rad_s, strict=True):
             self._leap.follow(self.drained_s, float(stamp_s), float(angle_rad), float(speed_rad_s), judged=is_whole)
         self.angle_rad, self.speed_rad_s = float(samples.angle_rad[-1]), float(samples.speed_rad_s[-1])
@@ -199,19 +209,6 @@ class DriveReports:
         moment_s = self.drained_s if np.isnan(self._asked_s) else self._asked_s
         self._first_s = moment_s if np.isnan(self._first_s) else self._first_s
         return np.full(reports, moment_s - self._first_s)
-
-    def _samples_of(self, reports: list[Report], device_s: np.ndarray[tuple[int], np.dtype[np.float64]]) -> ShaftSamples:
-        gear, rows = self._gear, np.array([(one.turns, one.turns_s, one.torque_Nm) for one in reports])
-        # A limit check on NaN is never exceeded, so a drive without a valid position must not run.
-        if not np.isfinite(rows[:, :2]).all():
-            raise DeviceError(f"the drive tells no position or speed, state {reports[-1].state}; check its encoder")
-        return ShaftSamples(
-            host_s=np.full(len(rows), self.drained_s),
-            device_s=device_s,
-            angle_rad=(rows[:, 0] - gear.zero_turns) * gear.shaft_rad_per_turn,
-            speed_rad_s=rows[:, 1] * gear.shaft_rad_per_turn,
-            torque_Nm=rows[:, 2] * gear.shaft_torque_per_drive_torque,
-        )
 
     def samples(self) -> ShaftSamples:
         """Samples (m,) drained since the last call."""

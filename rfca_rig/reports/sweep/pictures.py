@@ -257,7 +257,13 @@ def _draw_lines(axes: Axes, view: View, values: Floats) -> None:
         lw, ms = (0.0, 5.5) if is_named(view.x) else (1.5, 3.4 if x.size <= 25 else 0.0)
         label = "" if view.second is None else with_unit(view.second.name, view.second.values[place])
         axes.plot(x, line, color=colour, ls=dash if lw else "", lw=lw, marker=marker, ms=ms, label=label)
-    _set_scale(axes, view.x)
+    if is_named(view.x):
+        axes.set_xticks(range(len(view.x.values)), [str(value) for value in view.x.values])
+        axes.set_xlim(-0.5, len(view.x.values) - 0.5)
+    elif view.x.log:
+        _in_ratios(axes.xaxis)
+    elif all(float(value).is_integer() for value in view.x.values):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if view.second is not None:
         axes.legend(frameon=False, fontsize=SMALL, handlelength=1.8)
     known = values[np.isfinite(values)]
@@ -265,16 +271,6 @@ def _draw_lines(axes: Axes, view: View, values: Floats) -> None:
     if known.size and known.min() >= 0.0 and known.max() > 0.0:
         axes.set_ylim(0.0, 1.06 * float(known.max()))
     axes.margins(x=0.04)
-
-
-def _set_scale(axes: Axes, x: Axis) -> None:
-    if is_named(x):
-        axes.set_xticks(range(len(x.values)), [str(value) for value in x.values])
-        axes.set_xlim(-0.5, len(x.values) - 0.5)
-    elif x.log:
-        _in_ratios(axes.xaxis)
-    elif all(float(value).is_integer() for value in x.values):
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def _in_ratios(axis: XAxis | YAxis) -> None:
