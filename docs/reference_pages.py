@@ -21,8 +21,7 @@ from pydantic import BaseModel
 from sphinx.application import Sphinx
 from sphinx.util.typing import ExtensionMetadata
 
-from rfca_rig.campaign.experiment_layout import ExperimentFile
-from rfca_rig.campaign.layout import CampaignFile
+from rfca_rig.campaign.layout import CampaignFile, ExperimentFile
 from rfca_rig.campaign.pendulum import PendulumFile, PendulumModelFile
 from rfca_rig.cli.main import app as command_line
 from rfca_rig.description.camera_file import CameraFile

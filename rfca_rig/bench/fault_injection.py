@@ -4,8 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import can
 
-from rfca_rig.description.force_sensor_sections import NetFtSection
-from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
+from rfca_rig.description.device_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, NetFtSection, OdriveSection
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.twin_server.drive_faults import (
     CUBEMARS_FAULTS,

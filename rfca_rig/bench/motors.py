@@ -3,8 +3,8 @@
 import can
 
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.codecs.odrive_messages import OdriveFirmware
-from rfca_rig.description.motor_sections import (
+from rfca_rig.codecs.odrive import OdriveFirmware
+from rfca_rig.description.device_sections import (
     CubemarsMitSection,
     CubemarsServoSection,
     MoteusSection,

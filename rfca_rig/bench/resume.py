@@ -20,7 +20,7 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
-from rfca_rig.recording.summary import outline_of
+from rfca_rig.recording.store import outline_of
 from rfca_rig.suggestions import not_there
 from rfca_rig.vision.leg_photo import PhotoSetup
 
@@ -187,7 +187,13 @@ def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -
     now, text = read_rig(path), read_text(path)
     before = model_of(begun.header.provenance["rig_file"], RigFile, begun.folder / "rig_file")
     # A lab's driver or a curve may change while the rig file that names it stays the same.
-    changes = {**_changes(before, model_of(text, RigFile, path)), **_other_drivers(begun, now), **_other_curve(begun, before, now)}
+    # Compared as validated models, so that comments, order and defaults of the text make no difference.
+    old, new = (dict(_flat(rig.model_dump(mode="json"), "")) for rig in (before, model_of(text, RigFile, path)))
+    changes = {
+        **{key: str(new.get(key, "gone")) for key in sorted({*old, *new}) if old.get(key) != new.get(key)},
+        **_other_drivers(begun, now),
+        **_other_curve(begun, before, now),
+    }
     fixed = [key for key in changes if key.startswith(FIXED)]
     if fixed:
         raise BadInput(f"{path}: {_list_keys(fixed)} not as the run began with; one run has one belief, so begin a new one")
@@ -199,12 +205,6 @@ def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -
 def _list_keys(keys: list[str]) -> str:
     shown = ", ".join(keys[:4]) + (f" and {len(keys) - 4} more" if len(keys) > 4 else "")
     return f"{shown} {'is' if len(keys) == 1 else 'are'}"
-
-
-def _changes(before: RigFile, now: RigFile) -> dict[str, str]:
-    # Compared as validated models, so that comments, order and defaults of the text make no difference.
-    old, new = (dict(_flat(rig.model_dump(mode="json"), "")) for rig in (before, now))
-    return {key: str(new.get(key, "gone")) for key in sorted({*old, *new}) if old.get(key) != new.get(key)}
 
 
 def _other_drivers(begun: InterruptedRun, now: RigFile) -> dict[str, str]:

@@ -10,9 +10,9 @@ import numpy as np
 
 from rfca_rig.bench.factory import make_twins
 from rfca_rig.bench.fault_injection import dialect_of, events_of, faults_of_served_rig
-from rfca_rig.bench.force_sensors import make_netft_twins, make_own_twin, make_serial_twin
+from rfca_rig.bench.sensors import make_netft_twins, make_own_twin, make_serial_twin
 from rfca_rig.clock import Clock
-from rfca_rig.description.force_sensor_sections import AtiSerialSection, ForceSensorKeys, NetFtSection
+from rfca_rig.description.device_sections import AtiSerialSection, ForceSensorKeys, NetFtSection
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.can_ports import FdcanusbPort, PseudoTerminal, SharedWire, SlcanPort, SocketcandPort

@@ -24,7 +24,7 @@ from rfca_rig.campaign.bags import (
     read_number,
     read_time_ns,
 )
-from rfca_rig.campaign.experiment_layout import TIME_UNITS
+from rfca_rig.campaign.layout import TIME_UNITS
 from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns
 from rfca_rig.campaign.table import FEWEST_SAMPLES
 from rfca_rig.errors import BadInput

@@ -22,7 +22,6 @@ import numpy as np
 from mcap.reader import McapReader, make_reader
 from mcap.records import Channel, Schema
 from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
-from rosbags.interfaces.typing import Typesdict
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -194,12 +193,6 @@ def _open_rosbag(path: Path) -> Iterator[Bag]:
         reader.close()
 
 
-def _types_of_idl(text: str) -> Typesdict:
-    """The types of a definition, which holds one file, or several with a rule and a line with the file's name before each."""
-    files = [part.partition("\n")[2] for part in text.split(_IDL_RULE)[1:]] if text.startswith(_IDL_RULE) else [text]
-    return {name: type_ for file in files for name, type_ in get_types_from_idl(file).items()}
-
-
 def _make_decoder(type_name: str, encoding: str, definition: MessageDefinition) -> Decoder:
     """Decoder of a message type. Raises ValueError with the reason where there is none."""
     if encoding == "json":
@@ -212,7 +205,13 @@ def _make_decoder(type_name: str, encoding: str, definition: MessageDefinition) 
         if definition.format == MessageDefinitionFormat.MSG:
             store.register(get_types_from_msg(definition.data, type_name))
         elif definition.format == MessageDefinitionFormat.IDL:
-            store.register(_types_of_idl(definition.data))
+            # A definition holds one file, or several with a rule and a line with the file's name before each.
+            files = (
+                [part.partition("\n")[2] for part in definition.data.split(_IDL_RULE)[1:]]
+                if definition.data.startswith(_IDL_RULE)
+                else [definition.data]
+            )
+            store.register({name: type_ for file in files for name, type_ in get_types_from_idl(file).items()})
     # A definition that the parser does not know may raise any exception.
     except Exception as error:
         raise ValueError(f"the definition of {type_name} cannot be read: {_shorten(error)}") from None

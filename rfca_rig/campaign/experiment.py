@@ -14,13 +14,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.experiment_layout import (
+from rfca_rig.campaign.layout import (
     ANGLE_SPEED_UNITS,
     ANGLE_UNITS,
     COMMAND_UNITS,
     COUNTS,
-    FILE_NAME,
-    FORMAT,
+    EXPERIMENT_FORMAT,
     LENGTH_UNITS,
     SIGNAL_UNITS,
     SPEED_UNITS,
@@ -36,6 +35,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.recording.layout import EXPERIMENT
 
 Floats = NDArray[np.float64]
 
@@ -113,7 +113,7 @@ class Experiment:
 
 def read_experiment(folder: Path) -> Experiment:
     """Read the recordings in `folder`. Raises BadInput, one line with file, line and column, for the first fault."""
-    path = folder / FILE_NAME
+    path = folder / EXPERIMENT
     described = read_toml(path, ExperimentFile)
     _check_unique(path, described)
     signals = tuple(
@@ -179,7 +179,7 @@ def _check_unique(path: Path, described: ExperimentFile) -> None:
 def _read_run(folder: Path, described: ExperimentFile, place: int) -> MechanismRun:
     run = described.recordings[place]
     if not (folder / run.file).exists():
-        where = place_of(folder / FILE_NAME, ("recordings", place, "file"))
+        where = place_of(folder / EXPERIMENT, ("recordings", place, "file"))
         raise BadInput(f"{where}: recordings[{place + 1}].file: {folder / run.file} is not there")
     # An undriven run needs no columns of commands, and its commands are zero.
     signals, commands = described.signals, described.commands if run.driven else ()
@@ -211,7 +211,7 @@ def write_draft(mechanism: Mechanism, folder: Path) -> Path:
     BadInput
         Where experiment.toml exists, there is no recording, or one cannot be read.
     """
-    path, found = folder / FILE_NAME, find_recordings(folder)
+    path, found = folder / EXPERIMENT, find_recordings(folder)
     if path.exists():
         raise BadInput(f"{path}: is there already; remove it, or edit it")
     if not found:
@@ -229,7 +229,7 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     times = columns.times
     lines = [
         f'# Replace every "?". Then: rfca-rig check {folder.name}',
-        f"format = {format_value(FORMAT)}",
+        f"format = {format_value(EXPERIMENT_FORMAT)}",
         f"title = {format_value(folder.resolve().name)}",
         f"model = {format_value(Path(os.path.relpath(mechanism.path, folder)).as_posix())}",
         "",

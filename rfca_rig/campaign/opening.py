@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
-from rfca_rig.campaign.layout import FILE_NAME
+from rfca_rig.campaign.layout import CAMPAIGN
 from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
 from rfca_rig.campaign.pendulum import PendulumCampaign, read_pendulum_campaign, run_files
 from rfca_rig.campaign.plausibility import refuse_slips
@@ -17,7 +16,7 @@ from rfca_rig.errors import BadInput, RigError
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.atomic import make_folder_atomically
-from rfca_rig.recording.layout import refuse_links
+from rfca_rig.recording.layout import EXPERIMENT, refuse_links
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_folder import partial_of, read_partial
 from rfca_rig.recording.store import read_recording, write_recording
@@ -64,7 +63,7 @@ def open_recordings(paths: Sequence[Path], as_is: bool = True) -> list[Recording
     for path in paths:
         recording = _open(path)
         # What was imported was checked then.
-        if not as_is and not (path / RECORDING_NAME).is_file() and (path / FILE_NAME).is_file():
+        if not as_is and not (path / RECORDING_NAME).is_file() and (path / CAMPAIGN).is_file():
             refuse_slips(path, recording)
         _check_strokes(path, recording)
         recordings.append(recording.with_order())
@@ -104,32 +103,28 @@ def open_with_nominal_model(paths: Sequence[Path], as_is: bool = True) -> list[R
 
 def _open(path: Path) -> Recording:
     if path.is_dir():
-        return _open_folder(path)
+        refuse_links(path)
+        # The finished file takes precedence over everything beside it.
+        recording = path / RECORDING_NAME
+        if recording.is_file():
+            return read_recording(recording)
+        if (path / CAMPAIGN).is_file():
+            return read_campaign(path)
+        if run_folder.is_run(path):
+            return run_folder.read_stages(path)
+        if partial_of(recording).is_dir():
+            return read_partial(recording)
+        if (path / PENDULUM).is_file():
+            # These forms are known, but this command has no use for them; the message names the commands that have.
+            raise BadInput(f"{path}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
+        if (path / EXPERIMENT).is_file():
+            raise BadInput(f"{path}: holds recordings of a mechanism, which this command does not take; check, report, fit and diagnose do")
+        raise BadInput(f"{path}: holds neither {CAMPAIGN} nor {RECORDING_NAME}, so it is no campaign and no run")
     if not path.exists():
         raise BadInput(not_there(path))
     if path.suffix != ".h5":
-        raise BadInput(f"{path}: is not a recording; give a folder with {FILE_NAME} or {RECORDING_NAME}, or an .h5 file")
+        raise BadInput(f"{path}: is not a recording; give a folder with {CAMPAIGN} or {RECORDING_NAME}, or an .h5 file")
     return read_recording(path)
-
-
-def _open_folder(folder: Path) -> Recording:
-    refuse_links(folder)
-    # The finished file takes precedence over everything beside it.
-    recording = folder / RECORDING_NAME
-    if recording.is_file():
-        return read_recording(recording)
-    if (folder / FILE_NAME).is_file():
-        return read_campaign(folder)
-    if run_folder.is_run(folder):
-        return run_folder.read_stages(folder)
-    if partial_of(recording).is_dir():
-        return read_partial(recording)
-    if (folder / PENDULUM).is_file():
-        # These forms are known, but this command has no use for them; the message names the commands that have.
-        raise BadInput(f"{folder}: is a campaign of a pendulum, which this command does not take; import, report, fit and diagnose do")
-    if (folder / EXPERIMENT).is_file():
-        raise BadInput(f"{folder}: holds recordings of a mechanism, which this command does not take; check, report, fit and diagnose do")
-    raise BadInput(f"{folder}: holds neither {FILE_NAME} nor {RECORDING_NAME}, so it is no campaign and no run")
 
 
 def import_campaign(folder: Path, out_folder: Path, report_progress: ProgressCount = ignore_progress, as_is: bool = False) -> Path:

@@ -13,11 +13,11 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.layout import FILE_NAME, FORMAT, CampaignFile, DynamicRun
+from rfca_rig.campaign.layout import CAMPAIGN, CAMPAIGN_FORMAT, CampaignFile, DynamicRun
 from rfca_rig.campaign.table import CsvTable, number, numbers, read_table, rows
+from rfca_rig.description.model_file import read_named_curve
 from rfca_rig.description.sections import RigSections
 from rfca_rig.description.toml import place_of, read_text, read_toml
-from rfca_rig.description.torque_rotation import read_named_curve
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH
@@ -211,15 +211,15 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
 
     Raises BadInput, one line with file, line and column, for the first fault.
     """
-    path = folder / FILE_NAME
+    path = folder / CAMPAIGN
     if not path.is_file():
-        raise BadInput(f"{path}: is not there; a campaign is a folder with {FILE_NAME} and CSV files")
+        raise BadInput(f"{path}: is not there; a campaign is a folder with {CAMPAIGN} and CSV files")
     campaign = read_named_curve(read_toml(path, CampaignFile), folder)
     _check_files(folder, campaign)
     _check_conditions(path, campaign)
     static, extra = _stages(folder, campaign)
     hashes = {run.file: hashlib.sha256((folder / run.file).read_bytes()).hexdigest() for run in campaign.runs}
-    found = {"format": FORMAT, FILE_NAME: read_text(folder / FILE_NAME), "sha256": json.dumps(hashes)}
+    found = {"format": CAMPAIGN_FORMAT, CAMPAIGN: read_text(folder / CAMPAIGN), "sha256": json.dumps(hashes)}
     about = campaign.about
     stated = {"started_at": about.date, "operator": about.operator, "sample": about.specimen, "rig": about.rig}
     found |= {name: text for name, text in stated.items() if text}
@@ -264,7 +264,7 @@ def _check_files(folder: Path, campaign: CampaignFile) -> None:
     left_out = sorted(found for found in _csv_files(folder, campaign) if found not in named)
     if left_out:
         more = f" (nor {len(left_out) - 1} more)" if len(left_out) > 1 else ""
-        raise BadInput(f"{folder / left_out[0]}: no run in {FILE_NAME} names it{more}; add a [[runs]] entry or take it away")
+        raise BadInput(f"{folder / left_out[0]}: no run in {CAMPAIGN} names it{more}; add a [[runs]] entry or take it away")
 
 
 def _csv_files(folder: Path, campaign: CampaignFile) -> Iterator[str]:
@@ -299,4 +299,4 @@ def _check_conditions(path: Path, campaign: CampaignFile) -> None:
 
 
 def _entry(folder: Path, place: int, key: str) -> str:
-    return f"{place_of(folder / FILE_NAME, ('runs', place, key))}: runs[{place + 1}].{key}"
+    return f"{place_of(folder / CAMPAIGN, ('runs', place, key))}: runs[{place + 1}].{key}"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.experiment_layout import TIME_UNITS, TimeSection
+from rfca_rig.campaign.layout import TIME_UNITS, TimeSection
 from rfca_rig.errors import BadInput
 
 Floats = NDArray[np.float64]

@@ -13,8 +13,8 @@ from rfca_rig.drivers.roles import StreamHealth
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest
 from rfca_rig.errors import RigError, Tripped
 from rfca_rig.recording.backend import RunBackend
-from rfca_rig.view.live_view import LiveView
 from rfca_rig.view.run_facts import run_facts
+from rfca_rig.view.run_queue import LiveView
 
 
 def parse_viewing(is_asked: bool, port: int | None, pace: float) -> Viewing | None:

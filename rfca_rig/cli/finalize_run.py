@@ -26,7 +26,7 @@ from rfca_rig.recording.backend import SILENT_S, RunBackend
 from rfca_rig.recording.layout import RECORDING
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import write_ending
-from rfca_rig.recording.summary import summarize
+from rfca_rig.recording.store import summarize
 from rfca_rig.recording.tables import CYCLES
 
 # Half of the time for which the queue takes everything that a 15 kHz sensor sends: what the stop takes still fits.

@@ -13,12 +13,23 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from rfca_rig import __version__
-from rfca_rig.cli.commands.design import predict, sweep
-from rfca_rig.cli.commands.files import check, export, init, recover, schema
-from rfca_rig.cli.commands.look import runs, trip, view
+from rfca_rig.cli.commands import (
+    calibrate,
+    check,
+    crosscheck,
+    diagnose,
+    doctor,
+    export,
+    fit,
+    init,
+    predict,
+    prove,
+    report,
+    runs,
+    sweep,
+    twin,
+)
 from rfca_rig.cli.commands.measure import dynamic, fatigue, plan, resume, static
-from rfca_rig.cli.commands.set_up import calibrate, contract, doctor, twin
-from rfca_rig.cli.commands.understand import crosscheck, diagnose, fit, prove, report
 from rfca_rig.cli.names import add_completions
 from rfca_rig.cli.options import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.terminal import open_null, use_ascii_fallback
@@ -51,7 +62,7 @@ app.add_typer(export.app, name="export", cls=CommandGroup)
 app.command("init", cls=Command)(init.init)
 app.command("import", cls=Command)(export.import_folder)
 app.command("resume", cls=Command)(resume.resume)
-app.command("recover", cls=Command)(recover.recover)
+app.command("recover", cls=Command)(check.recover)
 app.command("check", cls=Command)(check.check)
 app.command("runs", cls=Command)(runs.runs)
 app.command("plan", cls=Command)(plan.plan)
@@ -64,10 +75,10 @@ app.command("crosscheck", cls=Command)(crosscheck.crosscheck)
 app.command("strip", cls=Command)(predict.strip)
 app.command("sweep", cls=Command)(sweep.sweep)
 app.command("doctor", cls=Command)(doctor.doctor)
-app.command("view", cls=Command)(view.view)
-app.command("contract", cls=Command)(contract.contract)
-app.command("trip", cls=Command)(trip.trip)
-app.command("schema", cls=Command)(schema.schema)
+app.command("view", cls=Command)(runs.view)
+app.command("contract", cls=Command)(doctor.contract)
+app.command("trip", cls=Command)(runs.trip)
+app.command("schema", cls=Command)(check.schema)
 
 
 def _print_version(wanted: bool) -> None:

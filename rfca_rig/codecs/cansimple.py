@@ -14,7 +14,7 @@ documents of firmware 0.5.6 differ as follows:
 import struct
 from collections.abc import Callable
 
-from rfca_rig.codecs.odrive_messages import (
+from rfca_rig.codecs.odrive import (
     BROADCAST_NODE,
     PASSTHROUGH,
     BusPower,

@@ -15,8 +15,7 @@ import pytest
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, NoisyPort, constant
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.description.force_sensor_sections import ForceSensorKeys
-from rfca_rig.description.motor_sections import MotorKeys
+from rfca_rig.description.device_sections import ForceSensorKeys, MotorKeys
 from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.drivers.force_sensors.record_stream import RecordStream

@@ -12,8 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
 
-from rfca_rig.description.force_sensor_sections import ForceSensorKeys, OwnForceSensorSection
-from rfca_rig.description.motor_sections import MotorKeys, OwnMotorSection
+from rfca_rig.description.device_sections import ForceSensorKeys, MotorKeys, OwnForceSensorSection, OwnMotorSection
 from rfca_rig.description.toml import read_text, section_of
 from rfca_rig.errors import BadInput
 

@@ -7,9 +7,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from rfca_rig.description.camera_file import CameraFile, CameraSection, PhotoFolderSection, TwinCameraSection
-from rfca_rig.description.force_sensor_sections import AtiDaqSection, ForceSensor, OwnForceSensorSection
-from rfca_rig.description.model_file import nominal_model
-from rfca_rig.description.motor_sections import Motor, OwnMotorSection
+from rfca_rig.description.device_sections import AtiDaqSection, ForceSensor, Motor, OwnForceSensorSection, OwnMotorSection
+from rfca_rig.description.model_file import nominal_model, read_named_curve
 from rfca_rig.description.own_devices import own_force_sensor, own_motor
 from rfca_rig.description.sections import (
     DriveSection,
@@ -23,7 +22,6 @@ from rfca_rig.description.sections import (
     SensorSection,
 )
 from rfca_rig.description.toml import model_of, read_text
-from rfca_rig.description.torque_rotation import read_named_curve
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.protocol.experiments import RigFacts

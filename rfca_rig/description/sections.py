@@ -105,7 +105,7 @@ def _floats_in(value: Any) -> Iterator[float]:
 
 
 class TorqueRotationSection(Section):
-    """[leg.torque_rotation]: a measured curve of torque over the angle from rest, in place of k0 and k2; see `torque_rotation`.
+    """[leg.torque_rotation]: a measured curve of torque over the angle from rest, in place of k0 and k2; see `model_file`.
 
     `torques_Nm` is one curve for all hinges, `torques_by_hinge_Nm` has one for each. Standard deviations or a covariance are those of
     `torques_Nm`. `curve` names a CSV file instead.

@@ -1,7 +1,7 @@
 """Diagnosis of the physics that a model lacks: effects with probability and size, and the experiment that separates what is still open.
 
 Entry points: `diagnose.diagnose` for a leg, `pendulums.diagnose.diagnose_pendulum` for a driven chain, and
-`mechanisms.diagnose.diagnose_mechanism` for what MuJoCo simulates. All take these steps, one sub-package each:
+`mechanisms.diagnose.diagnose_mechanism` for what MuJoCo simulates. All take these steps, one module or sub-package each:
 
 1. `data`: recordings become vectors of observations, condition by condition, and a simulator predicts the same.
 2. `likelihood`: the covariance of noise, repeat scatter and model discrepancy; Laplace approximation; cross-validation.

@@ -1,10 +1,16 @@
-"""All constants of the likelihood, the search and the decision, in one place.
+"""All constants of the likelihood, the search and the decision, in one place, and which effects are candidates.
 
 Each states its unit and its origin. `docs/method.md` lists them with the sensitivity of the answers. Constants that describe a kind of rig
 (bins, stages, limits of a drive) stand with that rig.
 """
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+
+from rfca_rig.errors import BadInput
+from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.effect import Effect
+from rfca_rig.suggestions import suggestion
 
 # Likelihood
 
@@ -134,3 +140,24 @@ OCCAM = 1.5  # log evidence that one more parameter costs
 NEGLIGIBLE_POWER = 1e-6  # share of the power that is needed: a stop that no hinge reaches
 MOVED_PRIOR_STD = 2.0  # prior standard deviations beyond which a nuisance parameter is reported: one in twenty moves so by chance
 MOST_RIVALS = 12  # hypotheses that are listed
+
+
+EXCLUDED = "not looked for, as asked"
+
+
+def select_candidates(effects: Iterable[Effect], without: Collection[str]) -> list[Effect]:
+    """The effects without those of these ids. Raises BadInput for an id that is in no catalogue."""
+    check_known(without)
+    return [effect for effect in effects if effect.id not in without]
+
+
+def check_known(ids: Collection[str]) -> None:
+    """Raises BadInput for an id that is in no catalogue."""
+    unknown = sorted(set(ids) - set(catalogue()))
+    if unknown:
+        raise BadInput(f"effect {unknown[0]!r} is not in the catalogue; {suggestion(unknown[0], sorted(catalogue()))}")
+
+
+def describe_exclusions(without: Collection[str]) -> tuple[str, ...]:
+    """The excluded ids as a remark beside the answer; none where nothing was excluded."""
+    return (f"{EXCLUDED}: {', '.join(without)}",) if without else ()

@@ -11,8 +11,7 @@ from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import Condition, group_by_condition
 from rfca_rig.description.model_file import nominal_model
-from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
-from rfca_rig.diagnosis.config import DEFAULT_SEARCH
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH, describe_exclusions, select_candidates
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.decision.sizes import find_detection_limits
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
@@ -21,10 +20,9 @@ from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.inference.screening import grid_points, probe_effects, terms_of
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
-from rfca_rig.diagnosis.leg.nuisances import nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.leg.result import build_leg_result
 from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, estimate_delay_s, make_shaft_condition, tracking_error, tracks_command
-from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset
+from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset, nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
@@ -37,7 +35,7 @@ from rfca_rig.model.effect import OF_PENDULUMS, Effect
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.recording.identity import identity_of
+from rfca_rig.recording.layout import identity_of
 from rfca_rig.recording.model import Recording, Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]

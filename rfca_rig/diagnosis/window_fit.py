@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.result import describe_pair, list_correlated_pairs
-from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.figures import group_by_recording, make_overlays
+from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.inference.parameterization import std_of, value_of
 from rfca_rig.diagnosis.inference.screening import grid_points, make_projection, probe_effects, terms_of
-from rfca_rig.diagnosis.likelihood.cross_validation import jackknife_std, loo_residuals
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import jackknife_std, loo_residuals
 from rfca_rig.diagnosis.result import SignalOverlay
+from rfca_rig.diagnosis.result_builder import group_by_recording, make_overlays
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect
 

@@ -14,24 +14,22 @@ import numpy as np
 from rfca_rig.bench.motors import make_motor, open_bus
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.cubemars_drives import mit_ranges
-from rfca_rig.codecs.odrive_messages import OdriveFirmware
+from rfca_rig.codecs.odrive import OdriveFirmware
 from rfca_rig.description.camera_file import PhotoFolderSection, read_camera_file
-from rfca_rig.description.force_sensor_sections import (
+from rfca_rig.description.device_sections import (
     AtiDaqSection,
     AtiSerialSection,
-    ForceSensor,
-    ForceSensorKeys,
-    NetFtSection,
-    OwnForceSensorSection,
-)
-from rfca_rig.description.motor_sections import (
     CubemarsMitSection,
     CubemarsServoSection,
+    ForceSensor,
+    ForceSensorKeys,
     MoteusSection,
     Motor,
     MotorKeys,
     MotorSection,
+    NetFtSection,
     OdriveSection,
+    OwnForceSensorSection,
     OwnMotorSection,
 )
 from rfca_rig.description.rig_file import RigFile

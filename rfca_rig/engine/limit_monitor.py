@@ -243,19 +243,6 @@ class ShaftMonitor:
             return
         self._reported_s = now_s
         self._torque_Nm = float(shaft.torque_Nm[-1])
-        self._check_jump(shaft)
-        self._last = float(shaft.device_s[-1]), float(shaft.angle_rad[-1])
-
-    def _check_silence(self, silent_s: float) -> None:
-        limit_s = self._limits.drive_silent_s
-        if silent_s > limit_s:
-            raise Tripped(
-                Trip.ENCODER_SILENT,
-                f"no report of the shaft's angle for {1e3 * silent_s:.0f} ms, limit {1e3 * limit_s:.0f} ms; check the drive's "
-                "encoder and its cyclic messages",
-            )
-
-    def _check_jump(self, shaft: ShaftSamples) -> None:
         # Plain numbers: a tick brings a few reports, for which numpy takes longer. The last report of the tick before belongs to
         # the block, because a jump may lie between two ticks.
         last, worst_rad = self._last, -1.0
@@ -270,6 +257,16 @@ class ShaftMonitor:
                 Trip.JUMP,
                 f"the shaft's angle jumped by {np.degrees(worst_rad):.1f} deg from one report to the next; was the drive "
                 "restarted, or does the encoder slip? Check the zero before anything moves",
+            )
+        self._last = float(shaft.device_s[-1]), float(shaft.angle_rad[-1])
+
+    def _check_silence(self, silent_s: float) -> None:
+        limit_s = self._limits.drive_silent_s
+        if silent_s > limit_s:
+            raise Tripped(
+                Trip.ENCODER_SILENT,
+                f"no report of the shaft's angle for {1e3 * silent_s:.0f} ms, limit {1e3 * limit_s:.0f} ms; check the drive's "
+                "encoder and its cyclic messages",
             )
 
     def check_tracking(self, now_s: float, now: Tracking) -> None:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.answer import DETECTABLE, Claim, ParsedDiagnosis, Truth
+from rfca_rig.exam.cases import SIZE_RANGES
 from rfca_rig.exam.pendulums.cases import PENDULUM_NOTHING, PENDULUM_SINGLE
-from rfca_rig.exam.sizes import SIZE_RANGES
 from rfca_rig.model.catalogue import families_of, members_of
 
 Array = NDArray[Any]

@@ -14,8 +14,7 @@ from rfca_rig.exam.pendulums.cases import PendulumCase
 from rfca_rig.exam.sealing import ExamPlan, begin, is_sealed, list_unwritten, seal_all, write_missing
 from rfca_rig.exam.simulate_campaign import write_campaign
 from rfca_rig.exam.truth import truth_of
-from rfca_rig.executors.local import process_executor
-from rfca_rig.executors.mapping import TaskExecutor, TaskFailure, map_unordered
+from rfca_rig.executors.mapping import TaskExecutor, TaskFailure, map_unordered, process_executor
 from rfca_rig.progress import ProgressReport, ignore_named_progress
 from rfca_rig.recording.atomic import atomic_directory, remove_leftovers
 

@@ -1,5 +1,5 @@
 """Parallel execution of many simulations: in this process, in local processes, or on a cluster. Entry point: `mapping.map_unordered`.
 
-`mapping.TaskExecutor` is the interface; `local`, `cluster` (Dask) and `slurm` implement it.
+`mapping.TaskExecutor` is the interface; `mapping` (local processes), `cluster` (Dask) and `slurm` implement it.
 `environment` checks that all workers compute the same.
 """

@@ -19,7 +19,7 @@ from rfca_rig.campaign.opening import open_with_nominal_model
 from rfca_rig.description.toml import comment, format_value
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.leg.findings import PreparedData
-from rfca_rig.diagnosis.leg.nuisances import SAGS, SAGS_PER_S
+from rfca_rig.diagnosis.leg.simulator import SAGS, SAGS_PER_S
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.model_files import FLOOR, RACK, SENSOR, SHAFT, end_names, hinge_names, link_names, write_leg_mjcf

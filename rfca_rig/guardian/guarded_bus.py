@@ -117,7 +117,17 @@ class GuardedBus(can.BusABC):
         self._update()
         # Torque-off frames are exempt from all checks below.
         if signature(msg) in self._always:
-            self._send_and_wait(msg)
+            if not self._fault:
+                self._asked += 1
+                self._link.put(from_frame(msg, self._clock.now_s(), RecordKind.FRAME_TO_CONFIRM, self._asked))
+                self._link.flush()
+                self._await_confirmed()
+            if self._own_bus is not None:
+                self._own_bus.send(msg, timeout=0.0)
+            elif self._fault or self._refusal:
+                raise can.CanOperationError(self._fault or self._refusal)
+            # The last torque-off frame ends the session; until `arm` nothing else passes.
+            self._is_armed = self._is_armed and signature(msg) != self._closing
             return
         self._raise_fault()
         self._raise_pending_error()
@@ -126,19 +136,6 @@ class GuardedBus(can.BusABC):
         if not self._link.put(from_frame(msg, self._clock.now_s()), may_be_dropped=True):
             raise can.CanOperationError(f"the guardian takes nothing: {MAX_QUEUED_BYTES} bytes wait for it")
         self._link.flush()
-
-    def _send_and_wait(self, msg: can.Message) -> None:
-        if not self._fault:
-            self._asked += 1
-            self._link.put(from_frame(msg, self._clock.now_s(), RecordKind.FRAME_TO_CONFIRM, self._asked))
-            self._link.flush()
-            self._await_confirmed()
-        if self._own_bus is not None:
-            self._own_bus.send(msg, timeout=0.0)
-        elif self._fault or self._refusal:
-            raise can.CanOperationError(self._fault or self._refusal)
-        # The last torque-off frame ends the session; until `arm` nothing else passes.
-        self._is_armed = self._is_armed and signature(msg) != self._closing
 
     def _await_confirmed(self) -> None:
         until_s = self._clock.now_s() + CONFIRMED_WITHIN_S

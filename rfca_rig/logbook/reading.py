@@ -11,8 +11,18 @@ from typing import Any
 
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.logbook.entry import Entry, LoggedCondition
-from rfca_rig.recording.identity import identity_of, identity_of_tables
-from rfca_rig.recording.layout import ENDING, EVENTS, EXPERIMENT, HEADER, MOST_TEXT_BYTES, PENDULUM, RECORDING, refuse_links_among
+from rfca_rig.recording.layout import (
+    ENDING,
+    EVENTS,
+    EXPERIMENT,
+    HEADER,
+    MOST_TEXT_BYTES,
+    PENDULUM,
+    RECORDING,
+    identity_of,
+    identity_of_tables,
+    refuse_links_among,
+)
 
 REASONS = {"done": "done", "stopped": "stopped", "worn-out": "worn out"}
 MEASURED = ("Flap", "Hold", "Cycles")
@@ -132,7 +142,7 @@ def _end(ending: Mapping[str, str]) -> tuple[str, str, str]:
 
 def _of_recording(path: Path, folder: str) -> Entry:
     """A run that is only a run.h5: imported, made of photos taken by hand, or of an older version."""
-    from rfca_rig.recording.summary import outline_of  # noqa: PLC0415  (takes longer to load than a thousand runs to list)
+    from rfca_rig.recording.store import outline_of  # noqa: PLC0415  (takes longer to load than a thousand runs to list)
 
     outline = outline_of(path / RECORDING)
     known = outline.provenance

@@ -15,13 +15,12 @@ from rfca_rig.diagnosis.diagnose import diagnose as diagnose_leg
 from rfca_rig.diagnosis.mechanisms.diagnose import diagnose_mechanism
 from rfca_rig.diagnosis.mechanisms.fit import fit_mechanism
 from rfca_rig.diagnosis.pendulums.diagnose import diagnose_pendulum
-from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
+from rfca_rig.diagnosis.pendulums.windows import fit_pendulum
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.window_fit import WindowFit
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue, families_of
-from rfca_rig.notebook.display import Row, html_table, make_axes, make_frame, show_progress
-from rfca_rig.notebook.recordings import OpenedRecordings, open_path
+from rfca_rig.notebook.recordings import OpenedRecordings, Row, html_table, make_axes, make_frame, open_path, show_progress
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.diagnosis.files import write_diagnosis
 from rfca_rig.reports.diagnosis.tables import all_misfits

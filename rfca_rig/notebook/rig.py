@@ -13,7 +13,7 @@ from rfca_rig.description.model_file import read_model_file
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.notebook.display import html_table, make_axes, require
+from rfca_rig.notebook.recordings import html_table, make_axes, require
 
 if TYPE_CHECKING:
     import xarray

@@ -13,9 +13,8 @@ from rfca_rig.clock import WallClock
 from rfca_rig.errors import DiskFull, RigError, Trip, Tripped
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import JournalBlock, frame_block
-from rfca_rig.recording.photos import PhotoSender, Picture, next_photo, photo_name
 from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, spawn_recorder
-from rfca_rig.recording.run_writer import RunWriter
+from rfca_rig.recording.run_writer import PhotoSender, Picture, RunWriter, next_photo, photo_name
 
 # 20 s of a sensor at 15 kHz.
 QUEUE_BYTES = 16 << 20
@@ -151,23 +150,20 @@ class RecorderClient:
             self._queue.put(content)
             raise self._complaint_error()
         if not self._queue.put(content):
-            self._put_when_there_is_room(content)
-
-    def _put_when_there_is_room(self, content: bytes) -> None:
-        until_s = self._clock.now_s() + PATIENT_S
-        warned_s = self._clock.now_s() + SILENT_S
-        while not self._queue.put(content):
-            if self._patient and self._clock.now_s() > warned_s:
-                warned_s = until_s
-                self._warn(f"the disk under {self._folder} is silent; the twin waits for it, for {PATIENT_S:g} s at most")
-            # A real rig must not wait for a disk: it stops, and the drive's watchdog never has to.
-            if not self._patient or self._clock.now_s() > until_s:
-                raise Tripped(
-                    Trip.RECORDER_BEHIND,
-                    f"the recorder is {1e-6 * self._queue.waiting:.1f} MB behind and its queue is full: the disk under {self._folder} is "
-                    "too slow, or the machine too busy; record to another disk",
-                )
-            self._wait()
+            until_s = self._clock.now_s() + PATIENT_S
+            warned_s = self._clock.now_s() + SILENT_S
+            while not self._queue.put(content):
+                if self._patient and self._clock.now_s() > warned_s:
+                    warned_s = until_s
+                    self._warn(f"the disk under {self._folder} is silent; the twin waits for it, for {PATIENT_S:g} s at most")
+                # A real rig must not wait for a disk: it stops, and the drive's watchdog never has to.
+                if not self._patient or self._clock.now_s() > until_s:
+                    raise Tripped(
+                        Trip.RECORDER_BEHIND,
+                        f"the recorder is {1e-6 * self._queue.waiting:.1f} MB behind and its queue is full: the disk under {self._folder} "
+                        "is too slow, or the machine too busy; record to another disk",
+                    )
+                self._wait()
 
     def keep_photo(self, picture: Picture) -> str:
         self._check()

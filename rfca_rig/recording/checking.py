@@ -9,13 +9,25 @@ from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
-from rfca_rig.recording.identity import read_sums, sha256_of
 from rfca_rig.recording.journal import block_size, read_blocks
-from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, OVERLAYS, PHOTOS, RECORDING, STAGES, SUMS, journals, refuse_links, stage_files
+from rfca_rig.recording.layout import (
+    ENDING,
+    EVENTS,
+    HEADER,
+    OVERLAYS,
+    PHOTOS,
+    RECORDING,
+    STAGES,
+    SUMS,
+    journals,
+    read_sums,
+    refuse_links,
+    sha256_of,
+    stage_files,
+)
 from rfca_rig.recording.model import Recording
 from rfca_rig.recording.run_text import INTERRUPTED, Ending, ending_bytes, events_of, events_text, read_ending, read_header
-from rfca_rig.recording.store import read_texts
-from rfca_rig.recording.summary import RecordingSummary, add_up, summarize
+from rfca_rig.recording.store import RecordingSummary, add_up, read_texts, summarize
 from rfca_rig.suggestions import not_there
 
 # What `recover` makes again from the other files of a run.

@@ -18,8 +18,7 @@ from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import BlockKind, End, JournalBlock, parse_blocks
-from rfca_rig.recording.photos import AnnouncedPhoto
-from rfca_rig.recording.run_writer import RunWriter
+from rfca_rig.recording.run_writer import AnnouncedPhoto, RunWriter
 
 MODULE = "rfca_rig.recording.recorder_process"
 # Seconds to wait for a message while there is nothing else to do.

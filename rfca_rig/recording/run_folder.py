@@ -12,8 +12,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import AppendOnlyFile, remove, sync_folder, translate_os_errors
 from rfca_rig.recording.hdf5_file import NewHdf5File, Steps, new_hdf5_file, run_to_completion
-from rfca_rig.recording.identity import write_sums
-from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGE, STAGES, SUMS, WRITING, journals, stage_files
+from rfca_rig.recording.layout import ENDING, EVENTS, HEADER, RECORDING, STAGE, STAGES, SUMS, WRITING, journals, stage_files, write_sums
 from rfca_rig.recording.model import Recording, Source, StaticStage
 from rfca_rig.recording.run_text import (
     INTERRUPTED,

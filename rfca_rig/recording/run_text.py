@@ -111,23 +111,19 @@ def parse_events(text: str, where: str) -> list[dict[str, Any]]:
     events = []
     for number, line in enumerate(text.splitlines(), start=1):
         try:
-            events.append(_check_event(json.loads(line)))
+            event = json.loads(line)
+            if not (isinstance(event, dict) and isinstance(event.get("event"), str)):
+                raise ValueError("it has no name")
+            if "file" in event:
+                file, samples = event["file"], event.get("samples")
+                if not (isinstance(file, str) and is_inside(file) and isinstance(event.get("sha256"), str)):
+                    raise ValueError("its file should be a path in the run's folder, with its SHA-256")
+                if not (isinstance(samples, dict) and all(isinstance(count, int) for count in samples.values())):
+                    raise ValueError("its samples should be a count by name of the stream")
+            events.append(event)
         except (ValueError, RecursionError) as error:
             raise BadInput(f"{where}:{number}: is no event: {error}") from None
     return events
-
-
-def _check_event(event: object) -> dict[str, Any]:
-    """The event. Raises ValueError where it has no name, or names a stage's file without saying what that holds."""
-    if not (isinstance(event, dict) and isinstance(event.get("event"), str)):
-        raise ValueError("it has no name")
-    if "file" in event:
-        file, samples = event["file"], event.get("samples")
-        if not (isinstance(file, str) and is_inside(file) and isinstance(event.get("sha256"), str)):
-            raise ValueError("its file should be a path in the run's folder, with its SHA-256")
-        if not (isinstance(samples, dict) and all(isinstance(count, int) for count in samples.values())):
-            raise ValueError("its samples should be a count by name of the stream")
-    return event
 
 
 def _write(path: Path, content: Mapping[str, object]) -> None:

@@ -1,6 +1,6 @@
 """Reports that compare recordings with the model: a page for people, tables for programs and papers.
 
-Entry point: `strokes.writing.write_report`. One package per page, in the order of the work:
+Entry point: `strokes.page.write_report`. One package per page, in the order of the work:
 
 1. `run` tells how a run went.
 2. `strokes` has Table II, the forces at the peak, and every stroke over the model; `motions` in it the pendulums and mechanisms.

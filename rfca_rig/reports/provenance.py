@@ -12,13 +12,11 @@ from pathlib import Path, PurePath
 
 from rfca_rig import __version__
 from rfca_rig.bench.provenance import NOT_A_CHECKOUT, UNKNOWN, source_state
-from rfca_rig.campaign.experiment_layout import FILE_NAME as EXPERIMENT
-from rfca_rig.campaign.layout import FILE_NAME
+from rfca_rig.campaign.layout import CAMPAIGN
 from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
 from rfca_rig.clock import TwinClock
 from rfca_rig.description.sections import AboutSection
-from rfca_rig.recording.identity import list_described_files, sha256_of, sum_line
-from rfca_rig.recording.layout import ENDING, HEADER, RECORDING, stage_files
+from rfca_rig.recording.layout import ENDING, EXPERIMENT, HEADER, RECORDING, list_described_files, sha256_of, stage_files, sum_line
 from rfca_rig.recording.model import Recording
 
 PROGRAM = "rfca-rig"
@@ -56,7 +54,7 @@ def fingerprint(path: Path) -> Fingerprint:
 
 def _files(folder: Path) -> list[Path]:
     """For a campaign its description and tables; for an unmerged run its header, its stages and its end."""
-    if any((folder / name).is_file() for name in (FILE_NAME, PENDULUM, EXPERIMENT)):
+    if any((folder / name).is_file() for name in (CAMPAIGN, PENDULUM, EXPERIMENT)):
         return list_described_files(folder)
     named = [file for file in (folder / HEADER, folder / ENDING) if file.is_file()]
     return sorted([*named, *stage_files(folder), *folder.glob(f"{RECORDING}.partial/*.h5")])

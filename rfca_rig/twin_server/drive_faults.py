@@ -7,10 +7,10 @@ from typing import Protocol
 import can
 import numpy as np
 
-from rfca_rig.codecs import cansimple, moteus, odrive_meanings
+from rfca_rig.codecs import cansimple, moteus, odrive
 from rfca_rig.codecs.moteus import FD_LENGTHS, Reply, Subframe
 from rfca_rig.codecs.moteus_registers import Register
-from rfca_rig.codecs.odrive_messages import EncoderEstimates, OdriveCommand
+from rfca_rig.codecs.odrive import EncoderEstimates, OdriveCommand
 from rfca_rig.twin_server.faults import DRIVE_FAULTS, Fault, FaultPanel
 from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
 from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
@@ -204,8 +204,8 @@ class OdriveDialect:
 def odrive_events(motor: OdriveTwin) -> Mapping[str, Callable[[], None]]:
     """One-time events inside the drive, by the name of the fault."""
     return {
-        "watchdog-trip": lambda: motor.fail(odrive_meanings.WATCHDOG_EXPIRED[motor.dialect]),
-        "over-temperature": lambda: motor.fail(odrive_meanings.OVER_TEMPERATURE[motor.dialect]),
+        "watchdog-trip": lambda: motor.fail(odrive.WATCHDOG_EXPIRED[motor.dialect]),
+        "over-temperature": lambda: motor.fail(odrive.OVER_TEMPERATURE[motor.dialect]),
         "idle-unasked": lambda: motor.fail(0),
         **drive_events(motor),
     }

@@ -7,7 +7,7 @@ import can
 
 from rfca_rig.codecs import cubemars_servo
 from rfca_rig.codecs.cubemars_servo import Message, OriginMode, Status
-from rfca_rig.codecs.odrive_messages import ControlMode
+from rfca_rig.codecs.odrive import ControlMode
 from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.drive_parts import Encoder, LoopGains, MotorSetPoint, MotorThermalModel, SpeedLoop, ThermalParameters
 from rfca_rig.twins.wires import SampleGrid

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from math import exp
 
-from rfca_rig.codecs.odrive_messages import ControlMode
+from rfca_rig.codecs.odrive import ControlMode
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 

@@ -7,9 +7,12 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs import cansimple, odrive_messages
-from rfca_rig.codecs.odrive_meanings import ESTOP_REQUESTED, MISSING_INPUT, MODULATION_IS_NAN, WATCHDOG_EXPIRED
-from rfca_rig.codecs.odrive_messages import (
+from rfca_rig.codecs import cansimple, odrive
+from rfca_rig.codecs.odrive import (
+    ESTOP_REQUESTED,
+    MISSING_INPUT,
+    MODULATION_IS_NAN,
+    WATCHDOG_EXPIRED,
     AxisState,
     ControlMode,
     Heartbeat,
@@ -93,7 +96,7 @@ class OdriveTwin:
         self._check_watchdog(now_s)
 
     def _is_mine(self, arbitration_id: int) -> bool:
-        return cansimple.node_of(arbitration_id) in {self._settings.node_id, odrive_messages.BROADCAST_NODE}
+        return cansimple.node_of(arbitration_id) in {self._settings.node_id, odrive.BROADCAST_NODE}
 
     def _take(self, message: can.Message) -> None:
         # Firmware 0.5 also answers an empty data frame; adapters without remote frames need that.
@@ -119,26 +122,26 @@ class OdriveTwin:
         elif command == OdriveCommand.HEARTBEAT:
             self._send(cansimple.heartbeat(node, self._beat()))
         elif command == OdriveCommand.ERRORS:
-            self._send(cansimple.errors(node, odrive_messages.ErrorReport(self._error, self._error)))
+            self._send(cansimple.errors(node, odrive.ErrorReport(self._error, self._error)))
 
     def _obey(self, order: Message | None) -> None:
         wanted, rad = self._wanted, self._rad_per_turn
         match order:
-            case odrive_messages.SetAxisState():
+            case odrive.SetAxisState():
                 self._request(order.state)
-            case odrive_messages.SetControllerMode():
+            case odrive.SetControllerMode():
                 wanted.mode = order.control_mode
-            case odrive_messages.SetInputPos():
+            case odrive.SetInputPos():
                 wanted.angle_rad = (order.position_turns - self._settings.zero_turns) * rad + self._counted_from_rad
                 wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
-            case odrive_messages.SetInputVel():
+            case odrive.SetInputVel():
                 wanted.speed_rad_s, wanted.torque_Nm = order.speed_turns_s * rad, order.torque_Nm * self._torque_ratio
-            case odrive_messages.SetInputTorque():
+            case odrive.SetInputTorque():
                 wanted.torque_Nm = order.torque_Nm * self._torque_ratio
-            case odrive_messages.ClearErrors():
+            case odrive.ClearErrors():
                 self._error = 0
                 self._part_errors.clear()
-            case odrive_messages.Estop():
+            case odrive.Estop():
                 self.fail(ESTOP_REQUESTED[self._settings.dialect])
         # A set-point that is not finite disarms the drive, with an error that depends on the firmware.
         if not (isfinite(wanted.angle_rad) and isfinite(wanted.speed_rad_s) and isfinite(wanted.torque_Nm)):

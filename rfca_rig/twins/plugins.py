@@ -9,7 +9,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.odrive_messages import ControlMode
+from rfca_rig.codecs.odrive import ControlMode
 from rfca_rig.twins.drive_parts import Encoder, LoopGains, MotorSetPoint, MotorThermalModel, SpeedLoop, ThermalParameters
 from rfca_rig.twins.wires import SampleGrid, SerialLine
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion

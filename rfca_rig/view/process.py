@@ -1,24 +1,300 @@
 """The process that serves the live view of a run. The control loop never waits for it and does not need it.
 
-It outlives the run for as long as a page is open, so that the operator sees how the run ended. It stays a while longer for a page that is
-opened late or loaded again.
+It reads the run's queue, builds messages, and feeds each page at the resolution that it shows. It outlives the run for as long as a page
+is open, so that the operator sees how the run ended. It stays a while longer for a page that is opened late or loaded again.
 """
 
 import asyncio
+import json
 import os
 import signal
 import socket
 import sys
 import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from itertools import groupby
+from math import ceil
 from multiprocessing.connection import Connection
+from typing import Any
 
-from rfca_rig.clock import WallClock
+import numpy as np
+
+from rfca_rig.clock import Clock, WallClock
+from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.errors import RigError
+from rfca_rig.protocol.check import Load
 from rfca_rig.recording.block_queue import BlockQueue
-from rfca_rig.view.leg_pose import Legs
-from rfca_rig.view.live_source import LiveRun, LiveSource
-from rfca_rig.view.run_facts import FAILED, READY, ViewAssignment
+from rfca_rig.recording.journal import BlockKind, JournalBlock, parse_blocks
+from rfca_rig.view.gauges import Gauges, LiveHealth, StreamClock
+from rfca_rig.view.leg_pose import LegMoment, Legs
+from rfca_rig.view.messages import (
+    BEATS_HZ,
+    CHANNELS,
+    SHORTEST_SPAN_S,
+    SPAN_S,
+    STATES_HZ,
+    WRENCH,
+    Feed,
+    Message,
+    hanging_deg,
+    hello,
+    number_in,
+    trace,
+)
+from rfca_rig.view.pyramid import Pyramid, level_for, width_s
+from rfca_rig.view.run_facts import FAILED, READY, UNKNOWN_SCENE, Progress, RunFacts, ViewAssignment
+from rfca_rig.view.run_queue import SeenTicks, ticks_of
 from rfca_rig.view.server import DEBUG_VARIABLE, Pages, listen_on, port_of, serve
+
+# Buckets stay open this long for the slower of the two streams.
+WAITS_S = 0.1
+# Without ticks for this long, all buckets are closed. Longer than a loop is late on a busy machine: a sample that comes
+# after its bucket was closed is drawn too far to the right.
+SILENT_S = 0.25
+# Buckets are closed up to a multiple of this, 16 buckets of the finest level.
+FLUSH_S = 0.008
+# Of the run's messages to the operator, the last ones are shown.
+LINES = 12
+# The words that a page sends.
+STOP_LEVELS = {"safe point": StopLevel.SAFE_POINT, "now": StopLevel.TORQUE_OFF}
+DONE = "done"
+SILENT_END = "the run's process ended without a word"
+FORCE, SHAFT = slice(0, len(WRENCH)), slice(len(WRENCH), len(CHANNELS))
+
+LONGEST_SPAN_S = 7 * 86400.0
+STATE_EVERY = round(BEATS_HZ / STATES_HZ)
+
+
+class LiveSource:
+    """State of a run as received so far. `look` reads the queue; afterwards `pyramid`, `state` and `leg` are up to date."""
+
+    def __init__(self, facts: RunFacts, queue: BlockQueue, clock: Clock, legs: Legs) -> None:
+        """`clock` is the one that the run's queue stamps its ticks with."""
+        self._facts = facts
+        self._queue = queue
+        self._clock = clock
+        self._legs = legs
+        self._gauges = Gauges(facts.limits, facts.scale)
+        self._progress = Progress(facts.stages)
+        self._health = LiveHealth(facts.limits, facts.scale)
+        self._per_unit = np.repeat([facts.scale.counts_per_N, facts.scale.counts_per_Nm], 3)
+        self._clocks = StreamClock(), StreamClock()
+        self._newest = [0.0, 0.0]
+        self._began_s: float | None = None
+        self._now_s = self._ticked_s = 0.0
+        self._shaft_rad: float | None = None
+        self._target_rad = 0.0
+        self._force_N: tuple[float, float] | None = None
+        self._scene, self._stage_label = UNKNOWN_SCENE, "not begun"
+        self._lines: deque[str] = deque(maxlen=LINES)
+        self._ended: str | None = None
+        self._code = ""
+        self._asked: str | None = None
+        self.pyramid = Pyramid(len(CHANNELS))
+
+    @property
+    def now_s(self) -> float:
+        """Rig time in s since the run began, of the newest tick received."""
+        return self._now_s
+
+    @property
+    def is_over(self) -> bool:
+        return self._ended is not None
+
+    def hello(self) -> Message:
+        facts = self._facts
+        return hello(facts.title, facts.mark, facts.stages, self._gauges.describe(), self._legs.description)
+
+    def stop(self, how: str) -> bool:
+        """Requests a stop of the run; False where the run is over. Raises LookupError for an unknown kind of stop."""
+        level = STOP_LEVELS[how]
+        if self.is_over:
+            return False
+        # A request is only ever replaced by a more urgent one. It travels in the queue's word for acknowledged stages.
+        if level > self._queue.acknowledged:
+            self._queue.tell(level, False)
+            self._asked = how
+        return True
+
+    def look(self) -> None:
+        """Reads everything in the queue. Never waits."""
+        blocks, length = parse_blocks(self._queue.look())
+        # Only whole blocks are released.
+        self._queue.consume(length)
+        # Consecutive ticks are decoded together, which is much faster than one by one; events keep their place between them.
+        oldest_s = [self._take(kind, list(some)) for kind, some in groupby(blocks, key=lambda block: block.kind)]
+        wall_s = self._clock.now_s()
+        is_silent = self._began_s is not None and wall_s - self._ticked_s > SILENT_S
+        self.pyramid.close_before(self._end_of_data_s() if is_silent else max(min(self._newest), self._now_s - WAITS_S))
+        self._health.delay(wall_s, min(oldest_s, default=np.inf))
+
+    def _end_of_data_s(self) -> float:
+        """Time in s after all received samples: when the loop has stopped, its last samples must still be drawn."""
+        return (max(*self._newest, self._now_s) // FLUSH_S + 1) * FLUSH_S
+
+    def on_run_exit(self) -> None:
+        """The run's process has ended."""
+        # What it put into the queue before its end is still there, perhaps with the reason.
+        self.look()
+        if not self.is_over:
+            self._end(SILENT_END, "", self._clock.now_s())
+
+    def _take(self, kind: BlockKind, blocks: Sequence[JournalBlock]) -> float:
+        """Takes in consecutive blocks of one kind. Returns when the first tick was put into the queue, infinity for events."""
+        if kind is BlockKind.SAMPLES:
+            ticks = ticks_of(blocks)
+            self._samples(ticks)
+            return float(ticks.wall_s[0])
+        for block in blocks:
+            event = json.loads(block.payload)
+            match event["about"]:
+                case "stage":
+                    self._stage(event)
+                case "vitals":
+                    self._health.vitals(event)
+                case "line":
+                    self._lines.append(event["text"])
+                case "end":
+                    self._end(event["why"], event["code"], event["wall_s"])
+        return np.inf
+
+    def _stage(self, event: dict[str, Any]) -> None:
+        number = event["number"]
+        self._progress.begin(number, event["wall_s"])
+        self._gauges.stage(None if event["expected"] is None else Load(*event["expected"]))
+        self._stage_label = event["label"]
+        if number >= 0:
+            self._scene = self._facts.scenes[number]
+
+    def _end(self, why: str, code: str, wall_s: float) -> None:
+        self._ended, self._code, self._stage_label = why, code, "over"
+        self._progress.end(wall_s, is_whole=why == DONE)
+        self.pyramid.close_before(self._end_of_data_s())
+
+    def _samples(self, ticks: SeenTicks) -> None:
+        self._target_rad = float(ticks.target_rad[-1])
+        # The page's time starts with the first tick, not with the rig's clock.
+        self._began_s = float(ticks.now_s[0]) if self._began_s is None else self._began_s
+        self._now_s, self._ticked_s = float(ticks.now_s[-1]) - self._began_s, float(ticks.wall_s[-1])
+        self._gauges.take(ticks)
+        self._health.take(ticks)
+        if ticks.shaft.shape[1]:
+            host_s, device_s, angle_rad, speed_rad_s, _ = ticks.shaft
+            self._shaft_rad = float(angle_rad[-1])
+            self._add_to_pyramid(0, host_s, device_s, np.column_stack([hanging_deg(angle_rad), speed_rad_s]), SHAFT)
+        if len(ticks.counts):
+            wrench = ticks.counts / self._per_unit
+            self._force_N = float(wrench[-1, 1]), float(wrench[-1, 2])
+            self._add_to_pyramid(1, ticks.force_host_s, ticks.force_device_s, wrench, FORCE)
+
+    def _add_to_pyramid(self, stream: int, host_s: np.ndarray, device_s: np.ndarray, values: np.ndarray, channels: slice) -> None:
+        t_s = self._clocks[stream].run_s(host_s, device_s) - (self._began_s or 0.0)
+        self._newest[stream] = max(self._newest[stream], float(t_s[-1]))
+        self.pyramid.take(t_s, values, channels)
+
+    def state(self) -> Message:
+        """State for the page. Each limit shows the value that came nearest to it since the last call."""
+        at = self._progress.at(self._clock.now_s())
+        return {
+            "kind": "state",
+            "now_s": round(self._now_s, 4),
+            "stage": at.stage,
+            "stage_label": self._stage_label,
+            "stage_done": at.stage_done,
+            "done": at.done,
+            "eta_s": at.eta_s,
+            "limits": self._gauges.read_values(),
+            "health": [asdict(line) for line in self._health.list_lines()],
+            "said": list(self._lines),
+            "speed": 1.0,
+            "stop_asked": self._asked,
+            "ended": self._ended,
+            "trip": {"code": self._code, "text": self._ended} if self._code else None,
+        }
+
+    def leg(self) -> Message | None:
+        """Pose of the leg for the page; None before the first angle of the shaft."""
+        if self._shaft_rad is None:
+            return None
+        return self._legs.message(LegMoment(self._scene, self._shaft_rad, self._target_rad, force_N=self._force_N))
+
+
+class LiveRun:
+    """Implements `messages.FeedSource`. `beat` reads the queue once for all pages."""
+
+    def __init__(self, source: LiveSource) -> None:
+        self.source = source
+        self._beats = 0
+        self.state = source.state()
+        self.leg = source.leg()
+
+    def beat(self) -> None:
+        self.source.look()
+        self._refresh()
+
+    def on_run_exit(self) -> None:
+        """The run's process has ended."""
+        self.source.on_run_exit()
+        # Zero makes the next refresh build a state at once, so that every page shows the end.
+        self._beats = 0
+        self._refresh()
+
+    def _refresh(self) -> None:
+        if self._beats % STATE_EVERY == 0:
+            self.state = self.source.state()
+        self._beats += 1
+        self.leg = self.source.leg()
+
+    def hello(self) -> Message:
+        return self.source.hello()
+
+    def feed(self) -> Feed:
+        return LiveFeed(self)
+
+    def stop(self, how: str) -> bool:
+        return self.source.stop(how)
+
+
+class LiveFeed:
+    """Implements `messages.Feed`."""
+
+    def __init__(self, run: LiveRun) -> None:
+        self._run = run
+        self._shown: tuple[Message | None, Message | None] = (None, None)
+        self._span_s = SPAN_S
+        self._begin()
+
+    def _begin(self) -> None:
+        # Another span needs another level of the pyramid; the page gets the whole window again.
+        self._level = level_for(self._span_s)
+        self._sent: int | None = None
+
+    def hear(self, message: Mapping[str, Any]) -> None:
+        span_s = number_in(message, "span_s") if message.get("kind") == "span" else None
+        if span_s is not None:
+            self._span_s = min(max(span_s, SHORTEST_SPAN_S), LONGEST_SPAN_S)
+            self._begin()
+
+    def new_messages(self) -> Sequence[Message]:
+        shown, self._shown = self._shown, (self._run.state, self._run.leg)
+        # States and legs are shared by all pages: identity tells whether this page has had the current one.
+        changed = [now for before, now in zip(shown, self._shown, strict=True) if now is not None and now is not before]
+        traced = self._trace()
+        return [*changed] if traced is None else [traced, *changed]
+
+    def _trace(self) -> Message | None:
+        pyramid = self._run.source.pyramid
+        end = pyramid.count_closed(self._level)
+        # A page that fell behind the oldest bucket kept cannot be continued without a gap: its window starts again.
+        is_reset = self._sent is None or self._sent < pyramid.oldest(self._level)
+        begin = max(end - ceil(self._span_s / width_s(self._level)), 0) if is_reset else self._sent
+        if begin is None or begin >= end:
+            return None
+        self._sent = end
+        return trace(width_s(self._level), begin, pyramid.between(self._level, begin, end), is_reset)
+
 
 # Lower priority than the control loop's process.
 NICE = 5

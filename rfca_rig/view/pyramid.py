@@ -147,7 +147,17 @@ class Pyramid:
         # After a long silence nothing is open any more, and buckets that are all empty need no stepping.
         if bucket - self._closed[0] > AHEAD + CAPACITY:
             self._step_to(self._closed[0] + AHEAD)
-            self._leap_to(bucket)
+            # A long time without samples is skipped when level 0 holds nothing open. What coarser open buckets hold so far stays in them.
+            open_buckets, base = self._open_buckets(), self._levels[0]
+            base.low[:] = base.high[:] = np.nan
+            for level in range(LEVELS):
+                first, end = self._closed[level], bucket >> level
+                slots = np.arange(max(first, end - CAPACITY), end) % CAPACITY
+                here = self._levels[level]
+                here.low[slots] = here.high[slots] = np.nan
+                if end - CAPACITY <= first < end:
+                    here.low[first % CAPACITY], here.high[first % CAPACITY] = open_buckets[level].low[0], open_buckets[level].high[0]
+                self._closed[level] = end
         self._step_to(bucket)
 
     def _step_to(self, bucket: int) -> None:
@@ -159,19 +169,6 @@ class Pyramid:
             self._levels[0].low[slots] = self._levels[0].high[slots] = np.nan
             self._closed[0] = end
             self._merge_upwards()
-
-    def _leap_to(self, bucket: int) -> None:
-        """Skips a long time without samples, when level 0 holds nothing open. What coarser open buckets hold so far stays in them."""
-        open_buckets, base = self._open_buckets(), self._levels[0]
-        base.low[:] = base.high[:] = np.nan
-        for level in range(LEVELS):
-            first, end = self._closed[level], bucket >> level
-            slots = np.arange(max(first, end - CAPACITY), end) % CAPACITY
-            here = self._levels[level]
-            here.low[slots] = here.high[slots] = np.nan
-            if end - CAPACITY <= first < end:
-                here.low[first % CAPACITY], here.high[first % CAPACITY] = open_buckets[level].low[0], open_buckets[level].high[0]
-            self._closed[level] = end
 
     def _open_buckets(self) -> list[Extrema]:
         """Content so far of each level's open bucket.

@@ -14,10 +14,10 @@ from rfca_rig.errors import BadInput, Trip
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.view.gauges import Gauge
 from rfca_rig.view.leg_pose import Legs
-from rfca_rig.view.live_view import url_of
 from rfca_rig.view.messages import BEATS_HZ, CHANNELS, SHORTEST_SPAN_S, SPAN_S, STATES_HZ, Feed, Health, Message, hello, number_in, trace
 from rfca_rig.view.pyramid import ACROSS
 from rfca_rig.view.run_facts import ListedStage, new_token
+from rfca_rig.view.run_queue import url_of
 from rfca_rig.view.server import listen_on, port_of, serve
 from rfca_rig.view.time_line import Player, plan_in, time_line
 

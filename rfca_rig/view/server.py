@@ -29,8 +29,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rfca_rig.errors import BadInput, Trip
 from rfca_rig.view.admission import PROTOCOL, Admission
-from rfca_rig.view.live_view import HOST
 from rfca_rig.view.messages import BEATS_HZ, Feed, FeedSource, Message
+from rfca_rig.view.run_queue import HOST
 
 STATIC = Path(__file__).with_name("static")
 # Pages of trip codes: in a checkout, and in an installed package.

@@ -255,7 +255,8 @@ def identify(
     seen = sum(mark >= 0 for mark in best.chosen)
     if seen < MIN_SEEN * len(plan.marks):
         return _refuse(marks, plan, f"only {seen} of {len(plan.marks)} marks fit the chain of known lengths; look at the overlay picture")
-    doubtful = _find_doubtful(best, found)
+    # Doubtful are planned marks that differ in some other assignment within the margin.
+    doubtful = frozenset(i for other in found for i, (a, b) in enumerate(zip(best.chosen, other.chosen, strict=True)) if a != b)
     # Later entries replace earlier ones, so an ambiguity outranks the other reasons.
     reasons = dict.fromkeys(_find_odd_sized(best, candidates, marks), "the red mark there differs in size from the others")
     reasons |= dict.fromkeys(_find_loose(best, doubtful, bounds), "a red mark is there, but too loosely tied to the marks before it")
@@ -278,11 +279,6 @@ def _candidates(marks: Sequence[Mark], camera: CameraModel, plan: MarkPlan) -> C
 
 def _refuse(marks: Sequence[Mark], plan: MarkPlan, words: str) -> IdentifiedMarks:
     return IdentifiedMarks((None,) * len(plan.marks), tuple(marks), (MarkDoubt("refused", None, words),))
-
-
-def _find_doubtful(best: MarkAssignment, all_ones: Sequence[MarkAssignment]) -> frozenset[int]:
-    """Planned marks that differ in some other assignment within the margin."""
-    return frozenset(i for other in all_ones for i, (a, b) in enumerate(zip(best.chosen, other.chosen, strict=True)) if a != b)
 
 
 def _find_loose(best: MarkAssignment, doubtful: frozenset[int], bounds: ChainBounds) -> list[int]:

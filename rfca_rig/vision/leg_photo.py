@@ -12,8 +12,7 @@ from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.hinge_angles import HingeAngles, hinge_angles
 from rfca_rig.vision.identify import IdentifiedMarks, identify
 from rfca_rig.vision.leg_marks import MarkPlan, mark_positions
-from rfca_rig.vision.marks import Mark, find_marks_and_rejected
-from rfca_rig.vision.red_mask import Pixels
+from rfca_rig.vision.marks import Mark, Pixels, find_marks_and_rejected
 
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]

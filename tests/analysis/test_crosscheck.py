@@ -19,7 +19,7 @@ from rfca_rig.analysis.crosscheck import (
     difference_pct,
 )
 from rfca_rig.analysis.mujoco_leg import leg_on_springs, mujoco_leg, settle_at_rest, stroke_in_mujoco, stroke_on_springs
-from rfca_rig.cli.commands.understand.crosscheck import crosscheck
+from rfca_rig.cli.commands.crosscheck import crosscheck
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import find_rest_state, make_chain
 from rfca_rig.model.stroke import simulate_stroke_at_speed

@@ -10,9 +10,9 @@ import typer
 from typer.testing import CliRunner
 
 from rfca_rig.analysis.fitting.fit import Search, estimate_covariance, fit
-from rfca_rig.analysis.fitting.model_file import write_model_file
 from rfca_rig.analysis.fitting.parameters import PARAMETERS, ModelPoint, make_prior
 from rfca_rig.analysis.fitting.residuals import StrokeWindow, make_stroke_problem
+from rfca_rig.analysis.fitting.result import write_model_file
 from rfca_rig.analysis.fitting.scatter import make_whitening
 from rfca_rig.analysis.fitting.strokes import StrokeComparison, ValleyRow, fit_recordings, fit_valleys
 from rfca_rig.analysis.phases import StrokePhases, find_valley
@@ -359,7 +359,7 @@ def test_effects_that_were_believed_stay_and_a_fitted_height_adds_to_a_believed_
 
 
 def app() -> typer.Typer:
-    from rfca_rig.cli.commands.understand.fit import fit as command
+    from rfca_rig.cli.commands.fit import fit as command
 
     made = typer.Typer()
     made.command()(command)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.stiffness_drift import stiffness_drift
+from rfca_rig.analysis.static_forces import stiffness_drift
 from rfca_rig.recording.model import StaticStage
 
 FIRST = ((4.0, -9.0), (8.0, -20.0), (12.0, -35.0))

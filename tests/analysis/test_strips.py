@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from rfca_rig.analysis.prediction import predict_stroke
 from rfca_rig.analysis.strips import Strain, compare_strips
-from rfca_rig.cli.commands.design.predict import strip
+from rfca_rig.cli.commands.predict import strip
 from tests.model.legs import PAPER
 
 

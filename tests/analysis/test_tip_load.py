@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.tip_load import find_tip_force, load_tip
+from rfca_rig.analysis.static_forces import find_tip_force, load_tip
 from rfca_rig.errors import BadInput
 from rfca_rig.reports.static.pictures import write_tip_load_picture
 from tests.model.legs import PAPER

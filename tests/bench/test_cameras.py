@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rfca_rig.bench.cameras import DelayedCamera, make_camera
+from rfca_rig.bench.sensors import DelayedCamera, make_camera
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.description.camera_file import OpenCvCameraSection, PhotoFolderSection
 from rfca_rig.description.rig_file import read_rig

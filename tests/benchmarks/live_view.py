@@ -39,9 +39,9 @@ from rfca_rig.protocol.plan import Plan, Rest, Stage
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import RecorderClient
 from rfca_rig.recording.model import Recording, Stroke
-from rfca_rig.view.live_view import LiveView
 from rfca_rig.view.messages import WRENCH
 from rfca_rig.view.run_facts import run_facts
+from rfca_rig.view.run_queue import LiveView
 from tests.acquisition.sender import restless, sending
 from tests.benchmarks.soak import TimeIsUp, at_rate, hand_of, plan_of
 from tests.twin_server.server import serving

@@ -21,9 +21,8 @@ from rfca_rig.recording.atomic import AppendOnlyFile, remove
 from rfca_rig.recording.checking import check_run
 from rfca_rig.recording.columns import CommandedStart, Rows
 from rfca_rig.recording.hdf5_file import run_to_completion
-from rfca_rig.recording.identity import sha256_of
 from rfca_rig.recording.journal import Begin, End, JournalBlock, frame_block, samples_block, start_block
-from rfca_rig.recording.layout import journal_path, stage_path
+from rfca_rig.recording.layout import journal_path, sha256_of, stage_path
 from rfca_rig.recording.run_writer import RunWriter
 from rfca_rig.recording.stage_file import write_stage
 from tests.recording.growing import FORCE, FORMS, SHAFT, WRENCH, header

@@ -18,7 +18,7 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import RecorderClient
 from rfca_rig.recording.journal import Begin, End, samples_block
 from rfca_rig.recording.model import Recording
-from rfca_rig.recording.photos import write_picture
+from rfca_rig.recording.run_writer import write_picture
 from tests.recording.growing import FORCE, FORMS, SHAFT, static_stage
 
 TICK_S, PER_TICK, WATCHDOG_S = 2e-3, 30, 0.1

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.executors.cluster import connect_to_scheduler, import_distributed
-from rfca_rig.executors.local import process_executor
-from rfca_rig.executors.mapping import BATCH_S, TaskExecutor, map_unordered
+from rfca_rig.executors.mapping import BATCH_S, TaskExecutor, map_unordered, process_executor
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.progress import ignore_named_progress
 from tests.executors.work import facts

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rfca_rig.campaign import recorded_files
-from rfca_rig.campaign.experiment_layout import TimeSection
+from rfca_rig.campaign.layout import TimeSection
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.campaign.recorded_columns import ColumnRequest
 from rfca_rig.campaign.recorded_files import find_recordings, list_columns, read_columns

@@ -13,7 +13,7 @@ from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.cli.main import app
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.mechanism.load import load_mechanism
-from rfca_rig.recording.identity import identity_of_tables
+from rfca_rig.recording.layout import identity_of_tables
 from rfca_rig.reports.provenance import fingerprint
 from tests.campaign import bags
 from tests.mechanism.arm import Arm, record, write_campaign

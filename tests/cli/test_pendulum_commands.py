@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.campaign.pendulum import read_pendulum_campaign, with_model_file
-from rfca_rig.diagnosis.pendulums.fit import fit_pendulum
+from rfca_rig.diagnosis.pendulums.windows import fit_pendulum
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import FOLDER_VARIABLE
-from rfca_rig.recording.identity import identity_of_tables
+from rfca_rig.recording.layout import identity_of_tables
 from tests.cli.typed import typed
 from tests.own_devices.rigs import EXAMPLES
 

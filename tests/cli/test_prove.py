@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.cli.commands.understand import prove as prove_command
+from rfca_rig.cli.commands import prove as prove_command
 from rfca_rig.exam.cases import DEFAULT_NUMBERS
 from tests.cli.typed import typed
 from tests.exam_cases.examinees import wants_more_data

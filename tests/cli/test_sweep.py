@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.executors import local
+from rfca_rig.executors import mapping
 from rfca_rig.executors.mapping import InProcessExecutor
 from rfca_rig.reports.text import MINUS
 from rfca_rig.sweep.outputs import OUTPUTS
@@ -22,7 +22,7 @@ GRID = ("--vary", "height_mm=215,235", "--vary", "k0=10:12:3", "--outputs", "val
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     """A folder to work in, and cases that are computed in this process: others are tested with the executor."""
-    monkeypatch.setattr(local, "process_executor", lambda _: nullcontext(InProcessExecutor()))
+    monkeypatch.setattr(mapping, "process_executor", lambda _: nullcontext(InProcessExecutor()))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -11,7 +11,7 @@ import pytest
 
 from rfca_rig.cli import attach_view
 from rfca_rig.cli.attach_view import parse_viewing
-from rfca_rig.view import live_view
+from rfca_rig.view import run_queue
 from tests.cli.typed import typed
 from tests.view.pages import opened, stream_of
 from tests.view.test_replay import SMALL
@@ -25,7 +25,7 @@ def views(monkeypatch):
     """Those that were started, gone afterwards however long they would have stayed."""
     started = []
 
-    class Noted(live_view.LiveView):
+    class Noted(run_queue.LiveView):
         def __init__(self, *words):
             super().__init__(*words)
             started.append(self)
@@ -70,7 +70,7 @@ def test_a_port_that_is_taken_is_said_before_anything_is_recorded(monkeypatch, c
 
 @pytest.mark.parametrize("words", [(*RUN, "--view"), ("view", str(SMALL))])
 def test_without_the_extra_one_line_says_what_to_install(monkeypatch, capsys, tmp_path, words):
-    monkeypatch.setattr(live_view, "find_spec", lambda _: None)
+    monkeypatch.setattr(run_queue, "find_spec", lambda _: None)
     monkeypatch.chdir(tmp_path)
     said = typed(monkeypatch, capsys, *words)
     assert said.exit_code == 2 and said.err.splitlines() == [

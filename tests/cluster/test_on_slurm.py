@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.cli.commands.understand import prove
+from rfca_rig.cli.commands import prove
 from tests.cli.typed import typed
 from tests.cluster.slurm_node import missing, slurm_node
 from tests.exam_cases.examinees import wants_more_data

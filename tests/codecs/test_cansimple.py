@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.codecs import cansimple as cs
-from rfca_rig.codecs import odrive_messages as om
-from rfca_rig.codecs.odrive_meanings import error_text, part_error_text, result_text, state_text
+from rfca_rig.codecs import odrive as om
+from rfca_rig.codecs.odrive import error_text, part_error_text, result_text, state_text
 from rfca_rig.errors import DeviceError, MalformedFrame, NotEncodable
 
 # Bytes worked out by hand from the field tables of the protocol: little-endian, node 3 unless said otherwise.

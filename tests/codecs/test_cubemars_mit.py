@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs import cubemars_dbc
+from rfca_rig.codecs import cubemars_drives
 from rfca_rig.codecs.cubemars_drives import MIT_RANGES, MitRanges, error_text, mit_ranges
 from rfca_rig.codecs.cubemars_mit import (
     MitCommand,
@@ -26,7 +26,7 @@ from rfca_rig.errors import BadInput, DeviceError, MalformedFrame, NotEncodable
 AK80_9 = MIT_RANGES["AK80-9"]
 models = st.sampled_from(list(MIT_RANGES.values()))
 shares = st.floats(0.0, 1.0)
-DBC = Path(cubemars_dbc.__file__).parent / "dbc"
+DBC = Path(cubemars_drives.__file__).parent / "dbc"
 
 
 def commanded(ranges: MitRanges, p: float, v: float, kp: float, kd: float, t: float) -> MitCommand:
@@ -184,7 +184,7 @@ def test_errors_have_words_whatever_the_code() -> None:
 
 @pytest.mark.parametrize("model", list(MIT_RANGES))
 def test_the_shipped_database_is_the_one_of_the_table(model: str) -> None:
-    assert (DBC / f"cubemars_mit_{model}.dbc").read_text() == cubemars_dbc.mit_dbc(MIT_RANGES[model])
+    assert (DBC / f"cubemars_mit_{model}.dbc").read_text() == cubemars_drives.mit_dbc(MIT_RANGES[model])
 
 
 @pytest.fixture(scope="module")
@@ -227,6 +227,6 @@ def test_a_bus_monitor_sends_what_the_codec_reads(databases, p: float, v: float,
 
 def test_a_drive_that_replies_under_its_own_id_has_a_database_of_its_replies() -> None:
     cantools = pytest.importorskip("cantools")
-    database = cantools.database.load_string(cubemars_dbc.mit_dbc(AK80_9, 7, reply_id=None), "dbc")
+    database = cantools.database.load_string(cubemars_drives.mit_dbc(AK80_9, 7, reply_id=None), "dbc")
     assert database.decode_message(7, bytes.fromhex("07 8000 800800 47 05"))["Error"] == "encoder fault"
     assert [message.name for message in database.messages] == ["MIT_Reply"]

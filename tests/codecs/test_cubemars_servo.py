@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs import cubemars_dbc
+from rfca_rig.codecs import cubemars_drives
 from rfca_rig.codecs import cubemars_servo as servo
 from rfca_rig.codecs.cubemars_servo import OriginMode, Packet, Status
 from rfca_rig.errors import DeviceError, MalformedFrame, NotEncodable
 
-DBC = Path(cubemars_dbc.__file__).parent / "dbc" / "cubemars_servo.dbc"
+DBC = Path(cubemars_drives.__file__).parent / "dbc" / "cubemars_servo.dbc"
 
 GOLDEN = [
     (servo.set_duty(0x68, 0.2), 0x068, "00004e20", servo.SetDuty(0.2)),
@@ -104,7 +104,7 @@ def test_a_value_outside_its_field_is_refused_with_the_limit(act, said: str) -> 
 
 
 def test_the_shipped_database_is_the_one_of_the_codec() -> None:
-    assert DBC.read_text() == cubemars_dbc.servo_dbc()
+    assert DBC.read_text() == cubemars_drives.servo_dbc()
 
 
 @pytest.fixture(scope="module")

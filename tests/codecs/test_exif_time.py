@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.exif_time import read_time_taken
+from rfca_rig.drivers.photo_files import read_time_taken
 
 
 def tiff(order: str, texts: dict[int, bytes]) -> bytes:

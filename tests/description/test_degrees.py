@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from rfca_rig.campaign.experiment_layout import KnownToMechanism
+from rfca_rig.campaign.layout import KnownToMechanism
 from rfca_rig.campaign.pendulum import ColumnsSection, LinkSection, NoiseSection
-from rfca_rig.description.motor_sections import CubemarsMitSection
+from rfca_rig.description.device_sections import CubemarsMitSection
 from rfca_rig.description.sections import LegSection
 from rfca_rig.description.toml import degrees_keys, validate
 from rfca_rig.errors import BadInput

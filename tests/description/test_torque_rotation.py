@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.model_file import make_fitted_sections
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
+from rfca_rig.analysis.fitting.result import make_fitted_sections
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.description.model_file import nominal_model, read_model_file, write_model
+from rfca_rig.description.model_file import nominal_model, read_curve, read_model_file, splines_of, write_model
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.description.torque_rotation import read_curve, splines_of
 from rfca_rig.errors import BadInput
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.sweep.quantities import SweepCase, find_quantity

@@ -14,7 +14,7 @@ from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig,
 from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor, AtiSerialSettings
 from rfca_rig.drivers.ports import open_port
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.ati_serial import AtiSerialTwin, AtiSerialTwinSettings
+from rfca_rig.twins.ati_sensors import AtiSerialTwin, AtiSerialTwinSettings
 from rfca_rig.twins.wires import serial_line
 
 RATES_HZ = {RecordForm.ASCII: 80.0, RecordForm.BINARY: 250.0, RecordForm.BINARY_CHECKSUM: 250.0}

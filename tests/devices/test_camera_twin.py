@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rfca_rig.bench.cameras import TwinCamera
+from rfca_rig.bench.sensors import TwinCamera
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput
 from rfca_rig.twins.camera import CameraTwin, ImageDisturbance, render_leg

@@ -17,7 +17,7 @@ from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig,
 from rfca_rig.drivers.force_sensors.daq_ft import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings, NidaqmxGages
 from rfca_rig.drivers.force_sensors.records import FrozenRecordCounter
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.daq_ft import DaqFtTwin, DaqFtTwinSettings
+from rfca_rig.twins.ati_sensors import DaqFtTwin, DaqFtTwinSettings
 
 ROOT = Path(__file__).parents[2]
 CAL = ROOT / "calibration" / "made-up-gamma.cal"

@@ -10,8 +10,8 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from rfca_rig.clock import Clock, TwinClock
-from rfca_rig.codecs import cansimple, odrive_messages
-from rfca_rig.codecs.odrive_messages import ControlMode
+from rfca_rig.codecs import cansimple, odrive
+from rfca_rig.codecs.odrive import ControlMode
 from rfca_rig.contracts.motor import MotorContract, UnpluggedBus
 from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
@@ -262,11 +262,11 @@ def test_a_wrong_node_is_explained_with_the_nodes_that_are_there() -> None:
     [
         ([cansimple.encoder_estimates(0, 0.0, 0.0), cansimple.torques(0, 0.0, 0.0)], "no heartbeat from node 0"),
         (
-            [cansimple.heartbeat(0, odrive_messages.Heartbeat(0, 1, 0, False))],
+            [cansimple.heartbeat(0, odrive.Heartbeat(0, 1, 0, False))],
             "no encoder estimates from node 0; set its encoder_msg_rate_ms to 1$",
         ),
         (
-            [cansimple.heartbeat(0, odrive_messages.Heartbeat(0, 1, 0, False)), cansimple.encoder_estimates(0, 0.0, 0.0)],
+            [cansimple.heartbeat(0, odrive.Heartbeat(0, 1, 0, False)), cansimple.encoder_estimates(0, 0.0, 0.0)],
             r"no torques \(0x1C\) from node 0",
         ),
     ],
@@ -297,7 +297,7 @@ def test_a_heartbeat_from_before_the_errors_were_cleared_does_not_count() -> Non
         for frame in reports:
             send(there, frame)
         if round(now_s / 2e-3) % 25 == 1:
-            send(there, cansimple.heartbeat(0, odrive_messages.Heartbeat(next(errors), 8 if now_s > 0.06 else 1, 0, False)))
+            send(there, cansimple.heartbeat(0, odrive.Heartbeat(next(errors), 8 if now_s > 0.06 else 1, 0, False)))
 
     with can_wire() as (here, there):
         clock.carry(drive_says)

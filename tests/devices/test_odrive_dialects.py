@@ -8,8 +8,8 @@ import can
 import pytest
 
 from rfca_rig.clock import Clock, TwinClock
-from rfca_rig.codecs import cansimple, odrive_messages
-from rfca_rig.codecs.odrive_messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
+from rfca_rig.codecs import cansimple, odrive
+from rfca_rig.codecs.odrive import Heartbeat, OdriveFirmware, OdrivePart, PartError
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
@@ -173,4 +173,4 @@ def test_the_twin_answers_requests_without_a_byte_as_firmware_0_5_6_does() -> No
         send(rig.observer, (0x03, b""))
         rig.tick()
         (told,) = (m for m in drain(rig.observer) if m.arbitration_id == 0x03)
-        assert cansimple.decode(told.arbitration_id, told.data, OdriveFirmware.V0_5) == odrive_messages.PartError(OdrivePart.MOTOR, 8)
+        assert cansimple.decode(told.arbitration_id, told.data, OdriveFirmware.V0_5) == odrive.PartError(OdrivePart.MOTOR, 8)

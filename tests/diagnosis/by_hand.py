@@ -15,12 +15,11 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
-from rfca_rig.diagnosis.leg.nuisances import nuisances_of
-from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
+from rfca_rig.diagnosis.leg.simulator import make_leg_dataset, nuisances_of
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
+from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
-from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter
 from rfca_rig.diagnosis.result import NamedEffect
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect, RigModel

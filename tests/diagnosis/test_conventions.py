@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
-from rfca_rig.diagnosis.leg.nuisances import nuisances_of
-from rfca_rig.diagnosis.leg.simulator import MOVES, LegSimulator, make_leg_dataset
+from rfca_rig.diagnosis.leg.simulator import MOVES, LegSimulator, make_leg_dataset, nuisances_of
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, read_at_rest

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.diagnosis.data.observations import Label
-from rfca_rig.diagnosis.figures import group_by_recording
+from rfca_rig.diagnosis.data import Label
 from rfca_rig.diagnosis.leg.simulator import MOVES, make_leg_dataset, select_tables
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
+from rfca_rig.diagnosis.result_builder import group_by_recording
 from rfca_rig.model.parameters import Swing
 from tests.diagnosis.by_hand import RIG, flaps_of, present, read_at_rest, recorded
 

@@ -6,7 +6,7 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import group_by_condition
-from rfca_rig.diagnosis.data.observations import rms
+from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.decision.decide import decide, join_decisions
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, search_drive
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult

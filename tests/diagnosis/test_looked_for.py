@@ -8,7 +8,7 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.campaign.reading import read_campaign
-from rfca_rig.diagnosis.candidate_effects import describe_exclusions, select_candidates
+from rfca_rig.diagnosis.config import describe_exclusions, select_candidates
 from rfca_rig.diagnosis.diagnose import _candidates as candidates
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.leg.stages import make_stage_tables

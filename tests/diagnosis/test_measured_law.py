@@ -17,9 +17,7 @@ from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization, coordinate_of, value_of
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, make_basis
-from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel
-from rfca_rig.diagnosis.model_files import write_measured_model
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, loo_log_densities
 from rfca_rig.diagnosis.pendulums.windows import BIN_S, WINDOW_S, cut_stretches, make_pendulum_dataset, space_of_pendulum
 from rfca_rig.diagnosis.residual_force.law import NONE, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import make_argument, place_knots
@@ -32,6 +30,7 @@ from rfca_rig.exam.sampled_rig import build_world
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import LawTable, PresentEffect
+from rfca_rig.reports.diagnosis.files import write_measured_model
 from tests.diagnosis.by_hand import RIG, flaps_of, found_among, present, recorded
 
 DESIGN = ExamDesign(tuple((height, speed) for height in (205.0, 220.0, 235.0) for speed in (2.0, 2.6, 3.3)), 2, (215.0,))

@@ -10,7 +10,7 @@ import pytest
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.description.protocol_file import read_dynamic, read_static
-from rfca_rig.diagnosis.experiment_design.choice import ExpectedInformation
+from rfca_rig.diagnosis.experiment_design.choice import ExpectedInformation, list_open_hypotheses
 from rfca_rig.diagnosis.experiment_design.leg_experiment import (
     NEXT_PROTOCOL,
     SEQUENCES,
@@ -21,9 +21,8 @@ from rfca_rig.diagnosis.experiment_design.leg_experiment import (
     propose_experiment,
     write_next_protocol,
 )
-from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypotheses
 from rfca_rig.diagnosis.leg.shaft_observations import make_shaft_condition
-from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter
+from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.experiments import flapping_plan, static_plan

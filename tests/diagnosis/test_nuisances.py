@@ -4,7 +4,7 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.description.sections import KnownToSection
-from rfca_rig.diagnosis.leg.nuisances import nuisances_of, nuisances_of_drive
+from rfca_rig.diagnosis.leg.simulator import nuisances_of, nuisances_of_drive
 from tests.diagnosis.by_hand import RIG
 
 EVERY = {

@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset
-from rfca_rig.diagnosis.likelihood.repeat_scatter import estimate_scatter
+from rfca_rig.diagnosis.likelihood.covariance import estimate_scatter
 from rfca_rig.recording.model import Column
 from tests.diagnosis.by_hand import NOISE, RIG, flaps_of, recorded
 

@@ -12,8 +12,7 @@ from rfca_rig.diagnosis.inference import model_selection
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.inference.screening import EffectProbe, grid_of, grid_points, promising_points, terms_of
-from rfca_rig.diagnosis.leg.nuisances import nuisances_of
-from rfca_rig.diagnosis.leg.simulator import MOVES, make_leg_dataset, select_tables
+from rfca_rig.diagnosis.leg.simulator import MOVES, make_leg_dataset, nuisances_of, select_tables
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.catalogue import catalogue

@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from rfca_rig.diagnosis.data.observations import Label, Observations, stack_observations
+from rfca_rig.diagnosis.data import Label, Observations, stack_observations
 from rfca_rig.diagnosis.leg.strokes import dynamic_label
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, discrepancy_covariance, make_basis, make_whitening
-from rfca_rig.diagnosis.likelihood.cross_validation import jackknife_std, loo_residuals, products_without
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior, laplace_posteriors
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
+    LinearModel,
+    jackknife_std,
+    laplace_posterior,
+    laplace_posteriors,
+    loo_residuals,
+    products_without,
+)
 
 
 def small_rows(seed=0, bins=12, conditions=2):

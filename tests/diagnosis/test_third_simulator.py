@@ -9,12 +9,11 @@ from scipy.integrate import solve_ivp
 
 from rfca_rig.analysis.fitting.space import FitParameter as Nuisance
 from rfca_rig.analysis.fitting.space import Prior
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.observations import Label, Observations
+from rfca_rig.diagnosis.data import Label, Observations
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.simulator import Simulator
+from rfca_rig.diagnosis.simulator import Simulator, make_dataset
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import PresentEffect

@@ -8,10 +8,9 @@ import pytest
 from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.diagnosis.diagnose import diagnose
-from rfca_rig.diagnosis.model_files import write_fitted_model
 from rfca_rig.exam.cases import NOTHING, ExamDesign, draw_cases
 from rfca_rig.exam.simulate_campaign import write_campaign
-from rfca_rig.reports.diagnosis.files import write_diagnosis
+from rfca_rig.reports.diagnosis.files import write_diagnosis, write_fitted_model
 from tests.diagnosis.by_hand import late
 
 SHORT = ExamDesign(tuple((height, speed) for height in (195.0, 215.0) for speed in (2.2, 3.0)), 2, (215.0,))

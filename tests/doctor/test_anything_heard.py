@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.cli.commands.set_up.doctor import WIDTH, _lines
+from rfca_rig.cli.commands.doctor import WIDTH, _lines
 from rfca_rig.codecs.cubemars_drives import mit_ranges
-from rfca_rig.codecs.odrive_messages import OdriveFirmware
+from rfca_rig.codecs.odrive import OdriveFirmware
 from rfca_rig.doctor.devices.can import ReceivedFrame
 from rfca_rig.doctor.devices.cubemars import judge_mit, judge_servo, observe_mit, observe_servo
 from rfca_rig.doctor.devices.moteus import judge_moteus, observe_moteus

@@ -48,7 +48,7 @@ def shows(monkeypatch):
         def identity(self):
             return {}
 
-    monkeypatch.setattr("rfca_rig.bench.cameras.OpenCvCamera", Camera)
+    monkeypatch.setattr("rfca_rig.bench.sensors.OpenCvCamera", Camera)
     return lambda image: setattr(Camera, "image", image)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from rfca_rig.codecs.cubemars_mit import MitReply
 from rfca_rig.codecs.cubemars_servo import Status
-from rfca_rig.codecs.odrive_messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
+from rfca_rig.codecs.odrive import Heartbeat, OdriveFirmware, OdrivePart, PartError
 from rfca_rig.doctor.devices.cubemars import MitSeen, ServoSeen, judge_mit, judge_servo
 from rfca_rig.doctor.devices.moteus import MoteusAnswer, MoteusSeen, judge_moteus
 from rfca_rig.doctor.devices.odrive import OdriveSeen, OdriveWanted, judge_odrive

@@ -11,9 +11,9 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple, moteus
 from rfca_rig.codecs.cubemars_mit import Special, encode_special
 from rfca_rig.codecs.moteus import Read
-from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart, OlderCommand
+from rfca_rig.codecs.odrive import AxisState, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart, OlderCommand
 from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
-from rfca_rig.description.motor_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
+from rfca_rig.description.device_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
 from rfca_rig.doctor.devices.can import Listener
 from rfca_rig.doctor.finding import Finding
 from rfca_rig.doctor.rig_checks import check_drive, check_motor

@@ -8,7 +8,7 @@ from functools import partial
 
 import pytest
 
-from rfca_rig.cli.commands.set_up.doctor import WIDTH
+from rfca_rig.cli.commands.doctor import WIDTH
 from tests.cli.typed import Said, typed
 from tests.engine.rigs import ROOT
 from tests.twin_server.server import Server, serving

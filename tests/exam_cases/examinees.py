@@ -35,7 +35,7 @@ def hangs_at_the_second(campaign: Path, into: Path) -> None:
 def main() -> None:
     """`rfca-rig prove` as typed, examining the one that hangs."""
     from rfca_rig.cli import main as command
-    from rfca_rig.cli.commands.understand import prove
+    from rfca_rig.cli.commands import prove
 
     prove.diagnose_as_typed = hangs_at_the_second
     sys.argv = ["rfca-rig", *sys.argv[1:]]

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, draw_cases, split_numbers
+from rfca_rig.exam.cases import DEFAULT_NUMBERS, KINDS, NEVER_TOGETHER, SIZE_RANGES, UNKNOWN_FAULT_RANGES, draw_cases, split_numbers
 from rfca_rig.exam.hidden_laws import MISLABELLED, NAMES
 from rfca_rig.exam.sampled_rig import EFFECTS, ExamScatter, build_world, with_effect
-from rfca_rig.exam.sizes import SIZE_RANGES, UNKNOWN_FAULT_RANGES
 from rfca_rig.exam.truth import measure_visibility
 from rfca_rig.model.catalogue import catalogue
 

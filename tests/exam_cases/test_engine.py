@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfca_rig.exam.cases import sample_values
 from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.exam.sampled_rig import EFFECTS, with_effect
 from rfca_rig.exam.simulator.experiment import STEP_S, Traces, simulate, stroke_traces
 from rfca_rig.exam.simulator.world import GRAVITY_M_S2, World, for_each_hinge
-from rfca_rig.exam.sizes import sample_values
 
 NO_FLOOR_M = 10.0
 AT_REST = np.array([[0.0, 1.0], [0.0, 0.0]])

@@ -13,7 +13,7 @@ from rfca_rig.exam import cases
 from rfca_rig.exam.examine import examine
 from rfca_rig.exam.scored import score_exam, score_exam_so_far
 from rfca_rig.exam.sealing import FILE, open_all
-from rfca_rig.executors.local import process_executor
+from rfca_rig.executors.mapping import process_executor
 from tests.exam_cases.examinees import tells_its_process, wants_more_data
 
 NUMBERS = {cases.POOR_DATA: 2}

@@ -4,10 +4,10 @@ import pytest
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.answer import Claim, ParsedDiagnosis, parse_truth
+from rfca_rig.exam.cases import UNKNOWN_FAULT_RANGES
 from rfca_rig.exam.claims import STRANGERS, score_statements, statements
 from rfca_rig.exam.pendulums import cases as pendulum_cases
 from rfca_rig.exam.score import score
-from rfca_rig.exam.sizes import UNKNOWN_FAULT_RANGES
 from rfca_rig.model.catalogue import FAMILIES
 from tests.exam_cases.test_score import PLAY, PLAY_AND_LAG, truth
 

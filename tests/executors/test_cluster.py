@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.cli.commands.understand import prove
+from rfca_rig.cli.commands import prove
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cluster import connect_to_scheduler
 from rfca_rig.executors.environment import EnvironmentCheck

@@ -11,8 +11,7 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import RigError
-from rfca_rig.executors.local import process_executor
-from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, TaskFailure, WorkerLost, map_unordered
+from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, TaskFailure, WorkerLost, map_unordered, process_executor
 from tests.executors import work
 
 

@@ -7,7 +7,7 @@ from rfca_rig.analysis.fitting.fit import Search
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.strokes import ValleyRow, fit_valleys
 from rfca_rig.analysis.phases import Valley
-from rfca_rig.executors.local import process_executor
+from rfca_rig.executors.mapping import process_executor
 from tests.model.legs import PAPER
 
 CONDITIONS = ((0.215, 2.433), (0.235, 3.276))

@@ -8,7 +8,7 @@ import pytest
 from rfca_rig.campaign.opening import import_campaign
 from rfca_rig.logbook.entry import Entry, LoggedCondition, entry_of
 from rfca_rig.logbook.reading import read_entry
-from rfca_rig.recording.identity import identity_of
+from rfca_rig.recording.layout import identity_of
 from rfca_rig.recording.store import read_recording
 from tests.cli.typed import typed
 from tests.logbook.made import DONE, ROOT, STOPPED, TRIPPED, plan, run

@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.cli.main import app
-from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.model_selection import search_models
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.mechanisms.diagnose import _leave_out, measure_joint_law, parse_place
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
+from rfca_rig.diagnosis.simulator import make_dataset
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.laws import compute_own_law

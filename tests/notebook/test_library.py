@@ -14,7 +14,8 @@ from matplotlib import pyplot
 
 import rfca_rig as rr
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.notebook import analyses, display
+from rfca_rig.notebook import analyses
+from rfca_rig.notebook import recordings as shared
 from tests.mechanism.arm import Arm, record, write_campaign
 
 DATA = Path(__file__).parents[1] / "data"
@@ -124,7 +125,7 @@ def test_recordings_of_a_mechanism_are_opened_with_the_same_name(tmp_path):
 
 
 def test_text_from_files_is_escaped_on_a_page():
-    assert "<script>" not in display.html_table("<script>", [{"<b>": "<script>"}])
+    assert "<script>" not in shared.html_table("<script>", [{"<b>": "<script>"}])
 
 
 def test_a_plan_has_a_row_per_stage_and_refuses_what_passes_a_limit():
@@ -199,15 +200,15 @@ def test_without_the_extra_the_command_that_installs_it_is_named(monkeypatch, re
         return really(name, *rest, **named)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    monkeypatch.setattr(display, "import_module", without)
+    monkeypatch.setattr(shared, "import_module", without)
     with pytest.raises(BadInput, match=r'pandas is not installed; pip install "rfca-rig\[notebook\]"'):
         recordings.table()
-    with display.show_progress("work", True) as move:
+    with shared.show_progress("work", True) as move:
         move("step", 0.5)  # no bar, and no error
 
 
 def test_progress_moves_a_bar(capsys):
-    with display.show_progress("work", True) as move:
+    with shared.show_progress("work", True) as move:
         move("reading", 0.25)
         move("fitting", 0.5)
     assert "50%" in capsys.readouterr().err

@@ -19,7 +19,7 @@ import numpy as np
 from mujoco import sysid
 
 from rfca_rig.campaign.experiment import read_experiment
-from rfca_rig.diagnosis.data.observations import rms
+from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.mechanisms.problem import make_problem
 from rfca_rig.mechanism.load import ARENA_BYTES, load_mechanism
 from tests.real.__main__ import read_sets

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.cli.commands.files.recover import recover
+from rfca_rig.cli.commands.check import recover
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder

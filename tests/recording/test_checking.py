@@ -12,7 +12,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder, store
 from rfca_rig.recording.checking import check_run, needs_no_recovery
 from rfca_rig.recording.hdf5_file import read_seal
-from rfca_rig.recording.identity import write_sums
+from rfca_rig.recording.layout import write_sums
 from rfca_rig.recording.run_text import Ending, write_ending
 from rfca_rig.recording.store import write_recording
 from tests.cli.typed import typed

@@ -16,8 +16,7 @@ from rfca_rig.recording.journal import Begin, End, StrokeCondition, frame_block,
 from rfca_rig.recording.layout import stage_files
 from rfca_rig.recording.model import Stroke
 from rfca_rig.recording.stage_file import write_stage
-from rfca_rig.recording.store import read_recording
-from rfca_rig.recording.summary import summarize
+from rfca_rig.recording.store import read_recording, summarize
 from tests.recording.growing import FORCE, FORMS, SHAFT, SPEED, START, WRENCH, begun, header
 from tests.recording.same import assert_same
 

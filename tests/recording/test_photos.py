@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import RigError
-from rfca_rig.recording import photos, run_folder
+from rfca_rig.recording import run_folder, run_writer
 from rfca_rig.recording.backend import InProcessRecorder, RecorderClient
-from rfca_rig.recording.photos import PhotoSender
 from rfca_rig.recording.run_text import events_of
+from rfca_rig.recording.run_writer import PhotoSender
 from rfca_rig.subprocesses import can_be_started
 from tests.recording.growing import exhaust, grown, hand_over, header, run_blocks, static_blocks, wait_until_acknowledged
 from tests.recording.growing import picture as picture_of
@@ -68,7 +68,7 @@ def test_a_stage_whose_photo_the_disk_refuses_is_kept_and_never_acknowledged(tmp
         raise RigError(f"{path}: cannot be written: Input/output error")
 
     keeper = grown(tmp_path / "run", 1)
-    monkeypatch.setattr(photos, "write_atomically", refuse)
+    monkeypatch.setattr(run_writer, "write_atomically", refuse)
     with pytest.raises(RigError, match="Input/output error"):
         keeper.keep_photo(PICTURES[0])
     for block in static_blocks(2):
@@ -105,7 +105,7 @@ def test_a_control_process_that_dies_before_its_photo_is_through_loses_that_phot
         import os
         from pathlib import Path
         from rfca_rig.recording import run_folder
-        from rfca_rig.recording.photos import PhotoSender
+        from rfca_rig.recording.run_writer import PhotoSender
         from rfca_rig.recording.backend import RecorderClient
         from tests.recording.growing import exhaust, hand_over, header, run_blocks, wait_until_acknowledged
         folder = Path({str(tmp_path / "run")!r})

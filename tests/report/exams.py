@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.exam.cases import NEVER_TOGETHER, Case, draw_cases
+from rfca_rig.exam.cases import NEVER_TOGETHER, SIZE_RANGES, Case, draw_cases
 from rfca_rig.exam.hidden_laws import MISLABELLED, REVEALED_BY_ENCODER
 from rfca_rig.exam.pendulums.cases import PendulumCase
 from rfca_rig.exam.sealing import ExamPlan, begin, seal_all
-from rfca_rig.exam.sizes import SIZE_RANGES
 from rfca_rig.exam.truth import FORMAT
 
 

@@ -13,8 +13,7 @@ from rfca_rig.exam.score import Share
 from rfca_rig.exam.scored import ScoredCase, score_exam
 from rfca_rig.exam.scoring import bars
 from rfca_rig.exam.sealing import ExamPlan
-from rfca_rig.reports.exam.files import HEADER, as_json, write_exam
-from rfca_rig.reports.exam.page import page, share_text
+from rfca_rig.reports.exam.page import HEADER, as_json, page, share_text, write_exam
 from rfca_rig.reports.exam.tables import MatrixCell, matrix_of
 from tests.report.exams import made_up_exam
 from tests.report.outline import Outline

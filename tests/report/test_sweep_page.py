@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.reports.sweep.page import page
-from rfca_rig.reports.sweep.views import compute_sensitivities, formula, name_and_unit, sample_groups, views
+from rfca_rig.reports.sweep.pictures import compute_sensitivities, formula, name_and_unit, sample_groups, views
 from rfca_rig.sweep.result import SweepResult
 from rfca_rig.sweep.sweep_file import plan_from_options
 from tests.model.legs import PAPER

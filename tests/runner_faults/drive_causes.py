@@ -5,8 +5,7 @@ from dataclasses import replace
 import can
 
 from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.odrive_meanings import ERROR_BITS
-from rfca_rig.codecs.odrive_messages import AxisState
+from rfca_rig.codecs.odrive import ERROR_BITS, AxisState
 from rfca_rig.twins.drive_parts import LoopGains, SpeedLoop
 from rfca_rig.twins.wires import SampleGrid
 from tests.runner_faults.cause import Cause, catalogued

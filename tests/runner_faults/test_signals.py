@@ -18,8 +18,7 @@ import can
 import pytest
 
 from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED
-from rfca_rig.codecs.odrive_messages import AxisState, Heartbeat, OdriveCommand, OdriveFirmware, Torques
+from rfca_rig.codecs.odrive import WATCHDOG_EXPIRED, AxisState, Heartbeat, OdriveCommand, OdriveFirmware, Torques
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import Recording

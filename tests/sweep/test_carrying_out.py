@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.local import process_executor
-from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, WorkerLost
+from rfca_rig.executors.mapping import InProcessExecutor, TaskExecutor, WorkerLost, process_executor
 from rfca_rig.progress import ignore_named_progress
 from rfca_rig.recording.hdf5_file import read_seal
 from rfca_rig.sweep import outputs

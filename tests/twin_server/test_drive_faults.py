@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.odrive_messages import OdriveFirmware
+from rfca_rig.codecs.odrive import OdriveFirmware
 from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings

@@ -12,7 +12,7 @@ from rfca_rig.engine.interfaces import StopRequest, Tick
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.view.leg_pose import Legs
-from rfca_rig.view.live_source import LiveRun, LiveSource
+from rfca_rig.view.process import LiveRun, LiveSource
 from rfca_rig.view.run_facts import run_facts
 from rfca_rig.view.run_queue import RunQueue
 from tests.engine.rigs import one_condition, twin_rig

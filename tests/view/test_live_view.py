@@ -13,8 +13,8 @@ from rfca_rig.engine.interfaces import StopRequest
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.errors import BadInput, Stopped
 from rfca_rig.protocol.plan import Flap, MoveShaft, Rest
-from rfca_rig.view.live_view import LiveView
 from rfca_rig.view.run_facts import run_facts
+from rfca_rig.view.run_queue import LiveView
 from tests.engine.rigs import one_condition, recorder_on, twin_rig
 from tests.view.pages import asked_to_stop, got, opened, stream_of
 from tests.view.test_live_source import drawn

@@ -19,8 +19,8 @@ from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import Stopped
 from rfca_rig.recording.model import Stroke
 from rfca_rig.view.leg_pose import Legs
-from rfca_rig.view.live_view import url_of
 from rfca_rig.view.replay import Replay
+from rfca_rig.view.run_queue import url_of
 from rfca_rig.view.server import listen_on, port_of, serve
 from tests.engine.rigs import one_condition, recorder_on
 from tests.view.browser import WatchedPage, browser

@@ -14,7 +14,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from rfca_rig.view import server
-from rfca_rig.view.live_view import url_of
+from rfca_rig.view.run_queue import url_of
 from rfca_rig.view.server import MOST_PAGES
 from tests.view.pages import asked_to_stop, got, stream_of
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rfca_rig.view.live_health import StreamClock
+from rfca_rig.view.gauges import StreamClock
 
 
 def blocks(began_s, seconds, drift=0.0, seed=1):

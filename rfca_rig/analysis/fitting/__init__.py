@@ -2,5 +2,5 @@
 
 1. `space` holds `parameters` with their priors.
 2. `residuals` compares strokes with simulations, `scatter` keeps differences between strokes apart.
-3. `fit` searches; `result` and `model_file` hold what it found.
+3. `fit` searches; `result` holds what it found, and writes it as a model file.
 """

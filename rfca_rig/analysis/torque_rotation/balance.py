@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.bases import Basis
-from rfca_rig.analysis.torque_rotation.systematics import ALL_RECORDINGS, SystematicErrors, rest_name
+from rfca_rig.analysis.torque_rotation.stages import ALL_RECORDINGS, SystematicErrors, rest_name
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.model_file import make_fitted_sections
+from rfca_rig.analysis.fitting.result import make_fitted_sections
 from rfca_rig.analysis.torque_rotation.bases import SplineThroughRest
 from rfca_rig.analysis.torque_rotation.checks import FormCheck, RestAngles
-from rfca_rig.analysis.torque_rotation.remarks import remarks
-from rfca_rig.analysis.torque_rotation.static_result import StaticResult
-from rfca_rig.description.model_file import nominal_model, write_model
+from rfca_rig.analysis.torque_rotation.static_result import StaticResult, remarks
+from rfca_rig.description.model_file import nominal_model, relative_std, replace_by_curve, replace_by_law, write_model
 from rfca_rig.description.sections import MIN_K2_PER_RAD2, TorqueRotationSection
-from rfca_rig.description.torque_rotation import relative_std, replace_by_curve, replace_by_law
 from rfca_rig.model.parameters import RigModel
 
 # Significant digits; the covariance itself is known far less well.

@@ -9,8 +9,7 @@ from scipy.stats import chi2
 from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
 from rfca_rig.analysis.torque_rotation.gauss_helmert import Adjustment, linearise_groups, stack_rows
 from rfca_rig.analysis.torque_rotation.recovery import CurveFit
-from rfca_rig.analysis.torque_rotation.stages import StageData
-from rfca_rig.analysis.torque_rotation.systematics import rest_name
+from rfca_rig.analysis.torque_rotation.stages import StageData, rest_name
 
 Floats = NDArray[np.float64]
 

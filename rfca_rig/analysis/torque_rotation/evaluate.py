@@ -28,9 +28,8 @@ from rfca_rig.analysis.torque_rotation.checks import (
     list_estimated_errors,
 )
 from rfca_rig.analysis.torque_rotation.recovery import CurveFit, Errors, fit_curve
-from rfca_rig.analysis.torque_rotation.stages import StageData, make_stage_data
+from rfca_rig.analysis.torque_rotation.stages import Instruments, StageData, SystematicErrors, list_systematic_errors, make_stage_data
 from rfca_rig.analysis.torque_rotation.static_result import Repeats, StaticResult, points_of
-from rfca_rig.analysis.torque_rotation.systematics import Instruments, SystematicErrors, list_systematic_errors
 from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.hinge_springs import FEWEST_ANGLES as FEWEST_KNOTS

@@ -21,8 +21,7 @@ from rfca_rig.analysis.torque_rotation.gauss_helmert import (
     rewhiten_groups,
     stack_rows,
 )
-from rfca_rig.analysis.torque_rotation.stages import MISSING_STD_RAD, SHAFT_STD_RAD, StageData
-from rfca_rig.analysis.torque_rotation.systematics import SystematicErrors
+from rfca_rig.analysis.torque_rotation.stages import MISSING_STD_RAD, SHAFT_STD_RAD, StageData, SystematicErrors
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.hinge_springs import bending_torque_Nm
 from rfca_rig.model.parameters import RigModel

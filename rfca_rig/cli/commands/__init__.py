@@ -1,4 +1,5 @@
-"""The commands, in a package per panel of `rfca-rig --help`, each in a module of its name or of a related command.
+"""The commands of `rfca-rig --help`, each in a module of its name; those that measure are in the package `measure`.
 
-Panels: `measure`, `look`, `understand`, `design`, `set_up`, `files`. `cli.options.GROUPS` has their order in the help.
+Related commands share a module: `contract` in `doctor`, `recover` in `check`, `schema` in `check`, `import` in `export`, `strip` in
+`predict`, `view` in `runs`, `trip` in `runs`. `cli.options.GROUPS` has their panels and order in the help.
 """

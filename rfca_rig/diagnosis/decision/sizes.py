@@ -21,7 +21,7 @@ from rfca_rig.diagnosis.decision.comparison import Comparison
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, value_of
 from rfca_rig.diagnosis.inference.screening import EffectProbe
-from rfca_rig.diagnosis.likelihood.cross_validation import jackknife_std
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import jackknife_std
 from rfca_rig.diagnosis.result import NotSeen, Value
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.model.parameters import RigModel

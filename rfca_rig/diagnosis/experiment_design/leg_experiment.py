@@ -18,8 +18,15 @@ from rfca_rig.analysis.repeats import Condition
 from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.description.protocol_file import DynamicFile, StaticFile
 from rfca_rig.description.toml import comment, format_value, table, validate
-from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, Option, list_options, propose
-from rfca_rig.diagnosis.experiment_design.open_hypotheses import OpenHypotheses, list_open_hypotheses
+from rfca_rig.diagnosis.experiment_design.choice import (
+    SET_UP_MIN,
+    ExperimentDesign,
+    OpenHypotheses,
+    Option,
+    list_open_hypotheses,
+    list_options,
+    propose,
+)
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.shaft_observations import SIGNAL, ShaftCondition, make_shaft_condition
 from rfca_rig.diagnosis.leg.simulator import select_tables

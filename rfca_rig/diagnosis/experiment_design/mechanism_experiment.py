@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.decision.decide import Decision
-from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_options, propose
-from rfca_rig.diagnosis.experiment_design.open_hypotheses import list_open_hypotheses
+from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_open_hypotheses, list_options, propose
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, correct_window

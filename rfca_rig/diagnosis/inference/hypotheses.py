@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from rfca_rig.diagnosis.config import IMPLAUSIBLE, PRIOR_NOTHING, PRIOR_ONE, PRIOR_THREE, PRIOR_TWO
-from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.screening import EffectProbe, terms_of
+from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, MarginalPosterior
-from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter
+from rfca_rig.diagnosis.simulator import Dataset
 
 Floats = NDArray[np.float64]
 

@@ -29,7 +29,6 @@ from rfca_rig.diagnosis.config import (
     STEP_REDUCTION,
     WIDEST_STEP,
 )
-from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, Whitening
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
@@ -40,6 +39,7 @@ from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
     laplace_posteriors,
     make_marginal_likelihood,
 )
+from rfca_rig.diagnosis.simulator import Dataset
 
 Floats = NDArray[np.float64]
 

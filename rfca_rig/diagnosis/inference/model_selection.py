@@ -30,7 +30,6 @@ from rfca_rig.diagnosis.config import (
     STRAINED,
     SearchConfig,
 )
-from rfca_rig.diagnosis.data.dataset import THREADS, Dataset
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult, weigh_models
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
@@ -44,8 +43,9 @@ from rfca_rig.diagnosis.inference.screening import (
     promising_points,
     terms_of,
 )
+from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter, estimate_scatter
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
-from rfca_rig.diagnosis.likelihood.repeat_scatter import RepeatScatter, estimate_scatter
+from rfca_rig.diagnosis.simulator import THREADS, Dataset
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.catalogue import list_related
 from rfca_rig.model.effect import Effect

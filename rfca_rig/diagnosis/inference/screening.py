@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from rfca_rig.diagnosis.config import GRID_POINTS, MAX_RESCALING
-from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
 from rfca_rig.diagnosis.likelihood.covariance import Whitening
+from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.model.effect import Effect, Parameter
 
 Floats = NDArray[np.float64]

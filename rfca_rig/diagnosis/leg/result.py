@@ -11,7 +11,6 @@ from rfca_rig.analysis.phases import Undetermined, Valley, find_valley
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
 from rfca_rig.diagnosis.experiment_design.leg_experiment import propose_experiment
-from rfca_rig.diagnosis.figures import make_overlays
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, turns_as_commanded
@@ -19,7 +18,7 @@ from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition
 from rfca_rig.diagnosis.residual_force.free_form import estimate_free_force, state_place
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, StatedPlace
-from rfca_rig.diagnosis.result_builder import build_result, not_enough_data, nuisance_values, present_effects
+from rfca_rig.diagnosis.result_builder import build_result, make_overlays, not_enough_data, nuisance_values, present_effects
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.stroke import simulate_stroke
 from rfca_rig.protocol.plan import Limits

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.diagnosis.data.observations import Observations, rms
+from rfca_rig.diagnosis.data import Observations, rms
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, dynamic_label
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
@@ -168,5 +168,5 @@ def tracking_error(shaft: ShaftCondition, ramp_s: float) -> float:
 
 def estimate_delay_s(shaft: ShaftCondition, ramp_s: float) -> float:
     """Delay of the shaft behind its command in s, by least squares."""
-    told_rad_s = shaft.commanded_rad_s(ramp_s)
-    return -float(told_rad_s @ shaft.deviation_rad) / float(told_rad_s @ told_rad_s)
+    command_rad_s = shaft.commanded_rad_s(ramp_s)
+    return -float(command_rad_s @ shaft.deviation_rad) / float(command_rad_s @ command_rad_s)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.diagnosis.data.observations import Label, Observations
+from rfca_rig.diagnosis.data import Label, Observations
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves, make_stage_motion

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, Valley, stroke_valley, valley_and_phases
 from rfca_rig.analysis.repeats import Condition
-from rfca_rig.diagnosis.data.observations import Label, Observations
+from rfca_rig.diagnosis.data import Label, Observations
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed

@@ -4,6 +4,5 @@
 priors. The effects are those of `rfca_rig.mechanism.effects`.
 
 `check.check_experiment`, `fit.fit_mechanism` and `fit.compare_mechanism` are behind the commands `check`, `fit` and `report`.
-`column_checks`, `speeds` and `readings` find signs and units that are probably wrong. `states` estimates positions, speeds and
-accelerations for them.
+`column_checks` and `readings` find signs and units that are probably wrong.
 """

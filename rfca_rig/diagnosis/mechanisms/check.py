@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import SMOOTHING_HALF_WIDTH_S, local_polynomial
 from rfca_rig.campaign.experiment import Experiment, read_experiment
-from rfca_rig.campaign.experiment_layout import ExperimentFile
+from rfca_rig.campaign.layout import ExperimentFile
 from rfca_rig.description.toml import read_toml
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
-from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.data.windows import WINDOWS_OF_CONDITION
+from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION, rms
 from rfca_rig.diagnosis.mechanisms.column_checks import (
     CheckLine,
     check_commands,
@@ -36,8 +35,7 @@ from rfca_rig.diagnosis.mechanisms.problem import (
     shortest_recording_s,
     window_starts,
 )
-from rfca_rig.diagnosis.mechanisms.readings import Correction, find_corrections
-from rfca_rig.diagnosis.mechanisms.speeds import compare_speeds
+from rfca_rig.diagnosis.mechanisms.readings import Correction, compare_speeds, find_corrections
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.inverse_dynamics import States, TorqueBalance, balance_torques
 from rfca_rig.mechanism.load import Mechanism, load_mechanism

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.swings import sample_std, smallest_step
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
-from rfca_rig.campaign.experiment_layout import ExperimentFile
-from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.mechanisms.readings import Correction
-from rfca_rig.diagnosis.mechanisms.speeds import FOLLOWS, SpeedRatio, find_wraps, is_one, list_fixes, name_of
+from rfca_rig.campaign.layout import ExperimentFile
+from rfca_rig.diagnosis.data import rms
+from rfca_rig.diagnosis.mechanisms.readings import FOLLOWS, Correction, SpeedRatio, find_wraps, is_one, list_fixes, name_of
 
 Floats = NDArray[np.float64]
 

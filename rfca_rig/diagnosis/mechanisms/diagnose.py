@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.diagnosis.candidate_effects import describe_exclusions
-from rfca_rig.diagnosis.config import DEFAULT_SEARCH, FEWEST_CONDITIONS
-from rfca_rig.diagnosis.data.dataset import make_dataset
-from rfca_rig.diagnosis.data.windows import WINDOWS_OF_CONDITION
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH, FEWEST_CONDITIONS, describe_exclusions
+from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, propose_motion
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
@@ -30,6 +28,7 @@ from rfca_rig.diagnosis.residual_force.measured_law import LawStart, measure_bes
 from rfca_rig.diagnosis.residual_force.stated_law import CURVE_POINTS
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
+from rfca_rig.diagnosis.simulator import make_dataset
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.laws import QUANTITIES, compute_own_law

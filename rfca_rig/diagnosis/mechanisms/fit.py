@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.campaign.experiment import Experiment
-from rfca_rig.diagnosis.data.dataset import make_dataset
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.mechanisms.check import can_balance, estimate_states, refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem, make_problem
+from rfca_rig.diagnosis.simulator import make_dataset
 from rfca_rig.diagnosis.window_fit import WindowFit, fit_effects, summarize
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas

@@ -16,11 +16,17 @@ from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.analysis.swings import MARGIN_S, SMOOTHING_HALF_WIDTH_S, bin_means, bin_starts, estimate_start, sample_std
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
-from rfca_rig.diagnosis.data.observations import rms
-from rfca_rig.diagnosis.data.windows import TRANSIENT_SHARE, group_windows
+from rfca_rig.diagnosis.data import TRANSIENT_SHARE, group_windows, rms
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
-from rfca_rig.diagnosis.mechanisms.rest_windows import correct_rest_window, cut_rest_window, group_repeats
-from rfca_rig.diagnosis.mechanisms.windows import CorrectedWindow, MechanismSimulator, Motions, Window
+from rfca_rig.diagnosis.mechanisms.windows import (
+    CorrectedWindow,
+    MechanismSimulator,
+    Motions,
+    Window,
+    correct_rest_window,
+    cut_rest_window,
+    group_repeats,
+)
 from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.contact_law import check_contacts

@@ -1,4 +1,4 @@
-"""The diagnosis of driven chains without ground. Entry points: `diagnose.diagnose_pendulum` and `fit.fit_pendulum`.
+"""The diagnosis of driven chains without ground. Entry points: `diagnose.diagnose_pendulum` and `windows.fit_pendulum`.
 
-`windows` holds the conditions and predicts them, `nuisances` the parameters with priors, `candidates` the effects that may be missing.
+`windows` holds the conditions and predicts them; `diagnose` lists the effects that may be missing and proposes the next experiment.
 """

@@ -7,10 +7,10 @@ torque in each joint is off by 1 % of that of weight and drive. Near the top, wh
 `torque_error` states another share than 1 %, that share counts as 1 %: the diagnosis calls 1 % usual. Neighbouring rows have correlated
 errors, so they do not count as independent.
 
-Nuisance parameters of a pendulum are the values of [known_to], of each link.
+Nuisance parameters of a pendulum are the values of [known_to], of each link. `fit_pendulum` fits them alone, with no effect in the model.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,12 +18,16 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.space import FitParameter, Prior, never_below
-from rfca_rig.analysis.swings import Nuisance, SwingProblem, SwingWindow, apply_nuisances
+from rfca_rig.analysis.swings import Nuisance, SwingProblem, SwingWindow, apply_nuisances, make_swing_problem
+from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.config import USUAL_ERROR
-from rfca_rig.diagnosis.data.dataset import Dataset, make_dataset
-from rfca_rig.diagnosis.data.observations import Label, Observations
-from rfca_rig.diagnosis.data.windows import WindowRows, group_windows, observe, start_gain
-from rfca_rig.diagnosis.simulator import Simulator
+from rfca_rig.diagnosis.data import Label, Observations, WindowRows, group_windows, observe, start_gain
+from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
+from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.simulator import Dataset, Simulator, make_dataset
+from rfca_rig.diagnosis.window_fit import WindowFit, summarize
+from rfca_rig.errors import BadInput
+from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.parameters import GRAVITY_M_S2
 from rfca_rig.model.pendulum import DrivenPendulum, Pendulum, make_driven_pendulum, rods
 
@@ -219,3 +223,66 @@ def _scale(window: SwingWindow, pendulum: Pendulum, torque_Nm: Floats) -> Floats
         )
         square += (0.5 * (ahead - behind) / USUAL_ERROR) ** 2
     return np.asarray(np.maximum.accumulate(np.sqrt(square), axis=2))
+
+
+PENDULUM_FIT = "rfca-pendulum-fit/1"
+
+
+@dataclass(frozen=True)
+class PendulumFit:
+    """The fit, and the pendulum with fitted nominal values."""
+
+    fit: WindowFit
+    pendulum: Pendulum
+
+
+@single_threaded_blas()
+def fit_pendulum(campaign: PendulumCampaign, progress: Progress, names: Collection[str] = ()) -> PendulumFit:
+    """The nominal values of [known_to] fitted to all runs, each with its stated uncertainty as prior.
+
+    Parameters
+    ----------
+    campaign
+        The recordings and the nominal pendulum.
+    progress
+        Called with what is being done and the share that is done.
+    names
+        What to fit, for example "link1.mass_relative"; all that [known_to] lists if empty.
+
+    Raises
+    ------
+    BadInput
+        Where nothing is to be fitted, a name is unknown, or no run is long enough.
+    SimulationFailed
+        Where the nominal pendulum cannot be simulated.
+    """
+    problem = _with_nuisances(make_swing_problem(campaign, WINDOW_S, BIN_S), names)
+    stretches = cut_stretches(problem)
+    space = space_of_pendulum(problem.pendulum, problem.nuisances)
+    found = search_models(make_pendulum_dataset(stretches), Parameterization(space), [], progress)
+    fit = summarize(found, found.nothing)
+    shifts = dict(to_pendulum_input(space.at(found.nothing.marginal.posterior.mean)).off)
+    return PendulumFit(fit, apply_nuisances(problem.pendulum, shifts))
+
+
+def _with_nuisances(problem: SwingProblem, names: Collection[str]) -> SwingProblem:
+    known = {nuisance.name: nuisance for nuisance in problem.nuisances}
+    if not known:
+        raise BadInput("nothing to fit: [known_to] lists no value that these runs depend on; add for example mass_relative = 0.05")
+    for name in names:
+        # A misspelt name must not silently leave a value out of the fit.
+        if name not in known:
+            raise BadInput(f"--parameters: {name!r} is none of {', '.join(known)}, which [known_to] lists and these runs depend on")
+    return replace(problem, nuisances=tuple(one for one in problem.nuisances if not names or one.name in names))
+
+
+def update_known_to(campaign: PendulumCampaign, fit: WindowFit) -> Mapping[str, float]:
+    """[known_to] after the fit; what was not fitted stays as stated.
+
+    One key holds for several links, so the largest of their standard deviations is kept.
+    """
+    found = dict(campaign.known_to)
+    # A shift is named LINK.KEY, and [known_to] has one value per KEY.
+    for key in {shift.name.partition(".")[2] for shift in fit.shifts}:
+        found[key] = max(shift.std for shift in fit.shifts if shift.name.partition(".")[2] == key)
+    return found

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.residual_force.spline_force import (
     Change,
@@ -24,6 +23,7 @@ from rfca_rig.diagnosis.residual_force.spline_force import (
     make_basis,
     simulate_forced_stroke,
 )
+from rfca_rig.diagnosis.simulator import THREADS
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.stroke import SimulatedStroke

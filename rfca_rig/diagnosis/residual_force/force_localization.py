@@ -15,14 +15,13 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.special import logsumexp
 
 from rfca_rig.diagnosis.config import CONDITION_CORRELATION
-from rfca_rig.diagnosis.data.dataset import Dataset
-from rfca_rig.diagnosis.data.observations import Observations
+from rfca_rig.diagnosis.data import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.leg.simulator import select_strokes
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, Whitening
-from rfca_rig.diagnosis.likelihood.cross_validation import products_without
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, make_marginal_likelihood
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalLikelihood, make_marginal_likelihood, products_without
 from rfca_rig.diagnosis.residual_force.force_inputs import ForceInput, NominalCondition, list_force_inputs, nominal_conditions
+from rfca_rig.diagnosis.simulator import Dataset
 
 Floats = NDArray[np.float64]
 

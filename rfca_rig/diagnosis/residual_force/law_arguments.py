@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.swings import apply_nuisances
-from rfca_rig.diagnosis.data.dataset import Dataset
 from rfca_rig.diagnosis.leg.simulator import select_strokes
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.windows import MechanismSimulator, Motions
 from rfca_rig.diagnosis.pendulums.windows import Stretch, to_pendulum_input
 from rfca_rig.diagnosis.residual_force.law import Course, LawArgument
+from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.laws import compute_own_law, make_tabulated_effect, name_argument
 from rfca_rig.mechanism.load import Mechanism

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.swings import apply_nuisances
-from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior
@@ -26,6 +25,7 @@ from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arm
 from rfca_rig.diagnosis.residual_force.law import ROUGHNESS, SIZES, Course, MemoryTest, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, course_of_stroke, response_to_branch, turning_rate
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, advance_time, make_basis, simulate_forced_stroke
+from rfca_rig.diagnosis.simulator import THREADS
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.laws import HINGE, TABLE, LawUse
 from rfca_rig.model.parameters import LawTable

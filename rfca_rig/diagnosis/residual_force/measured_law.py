@@ -18,8 +18,7 @@ from rfca_rig.diagnosis.config import CLOSE_LOG_EVIDENCE
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm
-from rfca_rig.diagnosis.likelihood.cross_validation import loo_log_densities, loo_residuals, products_without
-from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, loo_log_densities, loo_residuals, products_without
 from rfca_rig.diagnosis.residual_force.law import ROUGHNESS, SIZES, LawArgument, MeasuredLaw, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import (
     add_own_law,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import chdtrc
 
-from rfca_rig.diagnosis.data.observations import Observations
+from rfca_rig.diagnosis.data import Observations
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.likelihood.covariance import make_whitening
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, MarginalLikelihood, laplace_posterior

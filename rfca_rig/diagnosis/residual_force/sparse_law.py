@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS
-from rfca_rig.diagnosis.data.dataset import THREADS
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening
 from rfca_rig.diagnosis.residual_force.force_inputs import CHANNELS, ForceInput, NominalCondition, try_stroke
 from rfca_rig.diagnosis.residual_force.force_localization import (
@@ -28,6 +27,7 @@ from rfca_rig.diagnosis.residual_force.force_localization import (
     misfit_by_channel,
 )
 from rfca_rig.diagnosis.residual_force.spline_force import Change
+from rfca_rig.diagnosis.simulator import THREADS
 from rfca_rig.model.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 

@@ -3,7 +3,7 @@
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from rfca_rig.bench.cameras import make_camera
+from rfca_rig.bench.sensors import make_camera
 from rfca_rig.clock import Clock
 from rfca_rig.description.camera_file import OpenCvCameraSection
 from rfca_rig.doctor.devices.can import shorten_error

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import can
 
 from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED, error_text, part_error_text, state_text
-from rfca_rig.codecs.odrive_messages import (
+from rfca_rig.codecs.odrive import (
     BROADCAST_NODE,
+    WATCHDOG_EXPIRED,
     AxisState,
     EncoderEstimates,
     Heartbeat,
@@ -19,6 +19,9 @@ from rfca_rig.codecs.odrive_messages import (
     PartError,
     Torques,
     Version,
+    error_text,
+    part_error_text,
+    state_text,
 )
 from rfca_rig.doctor.devices.can import LISTEN_S, Listener, ReceivedFrame, mean_period_s
 from rfca_rig.doctor.finding import Finding, green, join_ids, red, yellow

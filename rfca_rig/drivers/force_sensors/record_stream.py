@@ -115,24 +115,21 @@ class RecordStream(ABC, Generic[Keys]):
         self._running, remainder = False, b""
         self._receive_bytes()
         for command, answer in self.to_start():
-            remainder = self._request_answer(command, answer)
+            # Records of an old stream may precede the answer.
+            self._send(command)
+            received, until_s = b"", self._clock.now_s() + ANSWER_S
+            while answer not in received:
+                if self._clock.now_s() > until_s:
+                    raise DeviceError(
+                        f"force sensor on {self.keys.port} does not answer {command!r} with {answer!r} within {ANSWER_S:g} s, but sent "
+                        f"{received[-40:]!r}; check its power, the cable, and port and bits_per_s under [force_sensor]"
+                    )
+                self._clock.wait_until(self._clock.now_s() + POLL_S)
+                received += self._receive_bytes()
+            remainder = received.partition(answer)[2] if answer else b""
         # Bytes after the last answer already belong to the new stream.
         self._reset_stream(remainder)
         self._running = True
-
-    def _request_answer(self, command: bytes, answer: bytes) -> bytes:
-        """Sends a command and waits for its answer; returns the bytes after it. Records of an old stream may precede the answer."""
-        self._send(command)
-        received, until_s = b"", self._clock.now_s() + ANSWER_S
-        while answer not in received:
-            if self._clock.now_s() > until_s:
-                raise DeviceError(
-                    f"force sensor on {self.keys.port} does not answer {command!r} with {answer!r} within {ANSWER_S:g} s, but sent "
-                    f"{received[-40:]!r}; check its power, the cable, and port and bits_per_s under [force_sensor]"
-                )
-            self._clock.wait_until(self._clock.now_s() + POLL_S)
-            received += self._receive_bytes()
-        return received.partition(answer)[2] if answer else b""
 
     def stop(self) -> None:
         """Ends the stream. Raises DeviceError if the line is broken."""

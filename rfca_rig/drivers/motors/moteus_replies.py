@@ -13,7 +13,7 @@ from rfca_rig.codecs.moteus import LARGEST_ID, LARGEST_PREFIX, Read, Refusal, Re
 from rfca_rig.codecs.moteus_registers import Register, Width, mode_text, name_of, register_error_text
 from rfca_rig.drivers.can_frames import BusHealth, receive_frames
 from rfca_rig.drivers.device_time import CounterClock
-from rfca_rig.drivers.motors.shaft_gear import EncoderJumpMonitor, ShaftGear, check_positive
+from rfca_rig.drivers.motors.drive_report import EncoderJumpMonitor, ShaftGear, check_positive
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
 

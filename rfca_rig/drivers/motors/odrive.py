@@ -6,8 +6,19 @@ import can
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.odrive_meanings import WATCHDOG_EXPIRED, error_text, part_error_text, result_text, state_text
-from rfca_rig.codecs.odrive_messages import AxisState, ControlMode, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart
+from rfca_rig.codecs.odrive import (
+    WATCHDOG_EXPIRED,
+    AxisState,
+    ControlMode,
+    Heartbeat,
+    OdriveCommand,
+    OdriveFirmware,
+    OdrivePart,
+    error_text,
+    part_error_text,
+    result_text,
+    state_text,
+)
 from rfca_rig.drivers.can_frames import send, send_stop
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, find_wrong_period
 from rfca_rig.drivers.motors.odrive_reports import WATCHDOG_REMEDY, OdriveReports, OdriveSettings

@@ -7,8 +7,8 @@ import can
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs import cansimple, odrive_messages
-from rfca_rig.codecs.odrive_messages import (
+from rfca_rig.codecs import cansimple, odrive
+from rfca_rig.codecs.odrive import (
     EncoderEstimates,
     Heartbeat,
     Iq,
@@ -21,7 +21,7 @@ from rfca_rig.codecs.odrive_messages import (
 )
 from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames
 from rfca_rig.drivers.device_time import FrameCount
-from rfca_rig.drivers.motors.shaft_gear import EncoderJumpMonitor, ShaftGear, check_positive
+from rfca_rig.drivers.motors.drive_report import EncoderJumpMonitor, ShaftGear, check_positive
 from rfca_rig.drivers.roles import ShaftSamples, concatenate_blocks
 from rfca_rig.errors import BadInput
 
@@ -193,7 +193,7 @@ class OdriveReports:
             self._own_frames += 1
             self._hear(cansimple.decode(message.arbitration_id, message.data, self._settings.dialect))
 
-    def _hear(self, message: odrive_messages.Message | None) -> None:
+    def _hear(self, message: odrive.Message | None) -> None:
         constant = self._settings.torque_constant_Nm_per_A
         match message:
             case EncoderEstimates():

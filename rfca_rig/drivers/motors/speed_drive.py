@@ -11,8 +11,7 @@ import can
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.can_frames import send, send_stop
 from rfca_rig.drivers.device_time import PERIODS_PER_ATTEMPT, find_wrong_period
-from rfca_rig.drivers.motors.drive_report import WATCHDOG_REMEDY, DriveReports, Report
-from rfca_rig.drivers.motors.shaft_gear import ShaftGear
+from rfca_rig.drivers.motors.drive_report import WATCHDOG_REMEDY, DriveReports, Report, ShaftGear
 from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
 from rfca_rig.errors import DeviceError
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -256,27 +255,23 @@ def draw_law(law: MeasuredLaw, catalogue_curve: CatalogueCurve | None) -> str:
     with drawing():
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN), layout="constrained")
         axes = figure.subplots()
-        _draw_law(axes, law, catalogue_curve)
+        axes.axhline(0.0, color=FAINT, lw=0.5)
+        low, high = law.values - BAND * law.std, law.values + BAND * law.std
+        axes.fill_between(law.knots, low, high, color=ALIKE, alpha=0.55, lw=0.0, label=f"±{BAND:g} standard deviations")
+        if law.memory is not None and law.memory.has_memory:
+            axes.plot(law.knots, law.memory.rising, color=MEASURED, lw=0.8, ls=":", label="while it rises, while it falls")
+            axes.plot(law.knots, law.memory.falling, color=MEASURED, lw=0.8, ls=":")
+        if catalogue_curve is not None:
+            axes.plot(catalogue_curve.argument, catalogue_curve.values, color=OTHER, lw=1.3, ls=DASHES, label=catalogue_curve.name)
+        axes.plot(law.knots, law.values, color=MEASURED, lw=1.2, marker="o", ms=2.6, label="measured")
+        axes.set_xlabel(f"{_words(law)} ({law.argument_unit})")
+        axes.set_ylabel(f"residual ({law.unit})" if law.unit else "change of the friction (share)")
+        axes.set_xlim(law.visited)
+        axes.legend(frameon=False, fontsize=SMALL, loc="best")
         label = f"measured law of {_words(law)} at {law.place} with its band"
         if catalogue_curve is not None:
             label += f", and {catalogue_curve.name} of the catalogue"
         return inline_svg(figure, f"measured law {law.place} {law.argument}", escape(label, quote=True))
-
-
-def _draw_law(axes: Axes, law: MeasuredLaw, curve: CatalogueCurve | None) -> None:
-    axes.axhline(0.0, color=FAINT, lw=0.5)
-    low, high = law.values - BAND * law.std, law.values + BAND * law.std
-    axes.fill_between(law.knots, low, high, color=ALIKE, alpha=0.55, lw=0.0, label=f"±{BAND:g} standard deviations")
-    if law.memory is not None and law.memory.has_memory:
-        axes.plot(law.knots, law.memory.rising, color=MEASURED, lw=0.8, ls=":", label="while it rises, while it falls")
-        axes.plot(law.knots, law.memory.falling, color=MEASURED, lw=0.8, ls=":")
-    if curve is not None:
-        axes.plot(curve.argument, curve.values, color=OTHER, lw=1.3, ls=DASHES, label=curve.name)
-    axes.plot(law.knots, law.values, color=MEASURED, lw=1.2, marker="o", ms=2.6, label="measured")
-    axes.set_xlabel(f"{_words(law)} ({law.argument_unit})")
-    axes.set_ylabel(f"residual ({law.unit})" if law.unit else "change of the friction (share)")
-    axes.set_xlim(law.visited)
-    axes.legend(frameon=False, fontsize=SMALL, loc="best")
 
 
 def _words(law: MeasuredLaw) -> str:

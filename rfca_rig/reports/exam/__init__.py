@@ -1,1 +1,1 @@
-"""exam.html, the blind benchmark of the diagnosis. Entry point: `files`, from `tables` through `page`."""
+"""exam.html, the blind benchmark of the diagnosis. Entry point: `page.write_exam`, from `tables`."""

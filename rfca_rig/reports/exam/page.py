@@ -1,8 +1,14 @@
-"""exam.html: one self-contained page, with figures of calibration, power, errors of parameters and misfit removed."""
+"""Writes the files of an exam (the blind benchmark of the diagnosis).
 
+exam.html is for people: one self-contained page, with figures of calibration, power, errors of parameters and misfit removed. exam.json is
+for programs, exam.csv has a line for each case, and tables as CSV and LaTeX are for papers."""
+
+import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields
 from html import escape
 from math import isfinite
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,9 +23,12 @@ from rfca_rig.exam.claims import ClaimCalibration
 from rfca_rig.exam.score import LISTED, POWER_AT, ExamScores, Share
 from rfca_rig.exam.scored import ExamResult, ParameterDeviation, ScoredCase
 from rfca_rig.exam.scoring import ScoreGoal, bars
-from rfca_rig.reports.exam.tables import ablation_table, follow_up_table, matrix_of
-from rfca_rig.reports.provenance import Origin, command_line
+from rfca_rig.reports.diagnosis.json_file import to_json_types
+from rfca_rig.reports.exam.tables import ablation_table, bars_table, confusion_table, follow_up_table, matrix_of
+from rfca_rig.reports.provenance import Origin, command_line, version_text
 from rfca_rig.reports.style import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing, inline_svg
+from rfca_rig.reports.table import Table, TableColumn, TableRow, table_files, write_all
+from rfca_rig.reports.table import as_csv as table_as_csv
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import NO_BREAK, NOTHING, count_noun, number
 
@@ -300,3 +309,57 @@ def _gaps(axes: Axes, closed: Sequence[float]) -> None:
     axes.set_xlabel("share of the misfit removed (1: down to the noise)")
     axes.set_ylabel("right answers")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+FORMAT = "rfca-exam/1"
+HEADER = ("case", "kind", "truth", "verdict", "named", "probability", "outcome", "seconds", "strength", "left_over_noise")
+
+
+def write_exam(exam: ExamResult, out: Path) -> None:
+    """Writes all files into the existing folder `out`. Raises RigError where a file cannot be written."""
+    taken_out = (ablation_table(exam.taken_out),) if exam.taken_out else ()
+    tables = (bars_table(bars(exam.marks)), follow_up_table(exam.ways), *taken_out, confusion_table(exam.cases))
+    contents = {"exam.json": as_json(exam), "exam.csv": as_csv(exam), **table_files(tables)}
+    write_all(out, {"exam.html": page(exam, tuple(contents), version_text()), **contents})
+
+
+def as_csv(exam: ExamResult) -> str:
+    """A line for each case. Several effects are joined by +; the probability is that of the least certain name."""
+    rows = tuple(TableRow(dict(zip(HEADER, _line(case), strict=True))) for case in exam.cases)
+    return table_as_csv(Table("exam", "", tuple(TableColumn(name) for name in HEADER), rows))
+
+
+def _line(case: ScoredCase) -> list[str]:
+    probability = f"{min(case.probabilities):.4f}" if case.probabilities else ""
+    seconds = "" if case.seconds is None else f"{case.seconds:.1f}"
+    answer = [case.verdict, "+".join(case.named), probability, case.outcome, seconds]
+    return [case.id, case.kind, "+".join(case.concealed), *answer, f"{case.strength:.3f}", f"{case.left:.3g}"]
+
+
+def as_json(exam: ExamResult) -> str:
+    """The JSON document: required scores (bars), all scores (marks), and every case; unknown values are null."""
+    scores = {field.name: _plain_score(getattr(exam.marks, field.name)) for field in fields(exam.marks)}
+    confused = [{"truth": true, "named": called, "count": count} for (true, called), count in sorted(exam.marks.confusion.items())]
+    document = {
+        "format": FORMAT,
+        "version": __version__,
+        "seed": exam.plan.seed,
+        "numbers": exam.plan.numbers,
+        "bars": [asdict(bar) | {"passed": bar.passed} for bar in bars(exam.marks)],
+        "marks": scores | {"confusion": confused},
+        "follow_ups": [asdict(way) for way in exam.ways],
+        "taken_out": {one.name: _plain_score(getattr(exam.taken_out, one.name)) for one in fields(exam.taken_out)}
+        if exam.taken_out
+        else None,
+        "cases": [asdict(case) for case in exam.cases],
+    }
+    return json.dumps(to_json_types(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain_score(value: object) -> object:
+    """A share with its confidence bounds; other values unchanged."""
+    if isinstance(value, Share):
+        return {"hits": value.hits, "of": value.of, "value": value.value, "lower": value.lower, "upper": value.upper}
+    if isinstance(value, tuple):
+        return [_plain_score(each) for each in value]
+    return asdict(value) if hasattr(value, "__dataclass_fields__") else value  # type: ignore[call-overload]

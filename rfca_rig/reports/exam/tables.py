@@ -9,10 +9,10 @@ from math import isfinite
 
 from rfca_rig.exam import cases
 from rfca_rig.exam.answer import CLASS, EXTRA, RIGHT, VERDICTS, WRONG
+from rfca_rig.exam.cases import SIZE_RANGES
 from rfca_rig.exam.follow_up import AblationResult, ArmResult
 from rfca_rig.exam.scored import ScoredCase
 from rfca_rig.exam.scoring import ScoreGoal
-from rfca_rig.exam.sizes import SIZE_RANGES
 from rfca_rig.reports.table import Table, TableColumn, TableRow, Value
 
 SEVERAL = "several effects"

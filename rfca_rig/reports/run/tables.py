@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.stiffness_drift import stiffness_drift
+from rfca_rig.analysis.static_forces import stiffness_drift
 from rfca_rig.protocol.plan import Cycles, Flap, StiffnessCheck, cycles_in
 from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME
 from rfca_rig.recording.model import RawStage, Recording, Stream, Stroke

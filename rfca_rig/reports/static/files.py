@@ -16,8 +16,7 @@ from rfca_rig.analysis.torque_rotation.calibration_file import (
     write_calibration,
     write_curve,
 )
-from rfca_rig.analysis.torque_rotation.remarks import remarks
-from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult, predict_hinge_curves
+from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult, predict_hinge_curves, remarks
 from rfca_rig.reports.provenance import Origin, PageContext, origin_in_memory
 from rfca_rig.reports.static.page import page
 from rfca_rig.reports.static.tables import StaticSource, curve_table, full_curve_table, hinges_table, values_table

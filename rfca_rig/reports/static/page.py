@@ -8,8 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from rfca_rig.analysis.torque_rotation.remarks import remarks
-from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult
+from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult, remarks
 from rfca_rig.drivers.photo_files import read_picture
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording.model import StaticStage

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.tip_load import LoadedShape
+from rfca_rig.analysis.static_forces import LoadedShape
 from rfca_rig.analysis.torque_rotation.bases import TorqueCurve
 from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult
 from rfca_rig.reports.style import (
@@ -58,7 +58,13 @@ def draw_torque(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -
         other = result.free if result.form.holds else result.law
         grid = other.grid_rad()
         axes.plot(_deg(other, grid), other.bends * other.torque_Nm(grid)[0], color=OTHER, lw=1.0, ls=DASHES["other"])
-        _draw_points(axes, result)
+        curve, points = result.curve, result.points
+        known = np.isfinite(points.phi_rad)
+        x, y = _deg(curve, points.phi_rad[known]), curve.bends * points.torque_Nm[known]
+        dx, dy = np.degrees(points.phi_std_rad[known]), points.torque_std_Nm[known]
+        axes.hlines(y, x - dx, x + dx, color=MEASURED, lw=0.5, alpha=0.6)
+        axes.vlines(x, y - dy, y + dy, color=MEASURED, lw=0.5, alpha=0.6)
+        _dots(axes, x, y, points.turned[known] < 0)
         axes.set_ylim(*_limits(result))
         axes.set_ylabel("torque of a hinge (N m)")
 
@@ -134,16 +140,6 @@ def _draw_curve(axes: Axes, curve: TorqueCurve, of: Callable[[Floats], tuple[Flo
 def _draw_elastica(axes: Axes, elastica: Sequence[PredictedHingeCurve], of: Callable[[PredictedHingeCurve], Floats]) -> None:
     for one, style in zip(elastica, ELASTICA_STYLES, strict=False):
         axes.plot(np.degrees(one.phi_rad), of(one), color=FAINT, lw=1.0, ls=DASHES[style])
-
-
-def _draw_points(axes: Axes, result: StaticResult) -> None:
-    curve, points = result.curve, result.points
-    known = np.isfinite(points.phi_rad)
-    x, y = _deg(curve, points.phi_rad[known]), curve.bends * points.torque_Nm[known]
-    dx, dy = np.degrees(points.phi_std_rad[known]), points.torque_std_Nm[known]
-    axes.hlines(y, x - dx, x + dx, color=MEASURED, lw=0.5, alpha=0.6)
-    axes.vlines(x, y - dy, y + dy, color=MEASURED, lw=0.5, alpha=0.6)
-    _dots(axes, x, y, points.turned[known] < 0)
 
 
 def _dots(axes: Axes, x: Floats, y: Floats, back: NDArray[np.bool_]) -> None:

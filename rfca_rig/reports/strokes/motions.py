@@ -18,8 +18,7 @@ from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.diagnosis.config import STRAINED
 from rfca_rig.diagnosis.mechanisms.fit import MECHANISM_FIT, JointRemainder, MechanismComparison
-from rfca_rig.diagnosis.pendulums.fit import PENDULUM_FIT
-from rfca_rig.diagnosis.pendulums.windows import WINDOW_S
+from rfca_rig.diagnosis.pendulums.windows import PENDULUM_FIT, WINDOW_S
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of

@@ -1,1 +1,1 @@
-"""sweep.html, a parameter sweep. Entry point: `page`; `views` selects figures and words, `pictures` draws."""
+"""sweep.html, a parameter sweep. Entry point: `page`; `pictures` selects figures and words, and draws."""

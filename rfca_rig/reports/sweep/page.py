@@ -9,13 +9,14 @@ import numpy as np
 from rfca_rig import __version__
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.reports.provenance import Origin, version_text
-from rfca_rig.reports.sweep.pictures import draw_points, draw_view
-from rfca_rig.reports.sweep.views import (
+from rfca_rig.reports.sweep.pictures import (
     MOST_GROUPS,
     OutputSensitivity,
     SampleGroup,
     View,
     compute_sensitivities,
+    draw_points,
+    draw_view,
     formula,
     name_and_unit,
     sample_groups,

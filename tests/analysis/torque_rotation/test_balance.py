@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.analysis.torque_rotation.balance import Balance, Group
 from rfca_rig.analysis.torque_rotation.bases import Hardening, SplineThroughRest, make_spline
-from rfca_rig.analysis.torque_rotation.systematics import SystematicError, SystematicErrors
+from rfca_rig.analysis.torque_rotation.stages import SystematicError, SystematicErrors
 from rfca_rig.model.hinge_springs import table_of
 from rfca_rig.model.parameters import GRAVITY_M_S2, TorqueSpline
 from tests.analysis.torque_rotation.tables import RIG

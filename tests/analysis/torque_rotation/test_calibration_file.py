@@ -15,8 +15,7 @@ from rfca_rig.analysis.torque_rotation.calibration_file import (
     write_curve,
 )
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
-from rfca_rig.analysis.torque_rotation.remarks import remarks
-from rfca_rig.analysis.torque_rotation.static_result import predict_hinge_curves
+from rfca_rig.analysis.torque_rotation.static_result import predict_hinge_curves, remarks
 from rfca_rig.description.model_file import read_model_file
 from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.exam.sampled_rig import with_effect

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
-from rfca_rig.analysis.torque_rotation.remarks import remarks
+from rfca_rig.analysis.torque_rotation.static_result import remarks
 from rfca_rig.exam.nominal_world import nominal_world
 from rfca_rig.exam.sampled_rig import with_effect
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording

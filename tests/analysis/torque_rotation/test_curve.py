@@ -8,8 +8,8 @@ import pytest
 
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
 from rfca_rig.analysis.torque_rotation.recovery import mark_correlation
-from rfca_rig.analysis.torque_rotation.remarks import remarks
-from rfca_rig.analysis.torque_rotation.systematics import MARKS_DEG, SLOPE, Instruments
+from rfca_rig.analysis.torque_rotation.stages import MARKS_DEG, SLOPE, Instruments
+from rfca_rig.analysis.torque_rotation.static_result import remarks
 from rfca_rig.exam.nominal_world import apply_nominal_errors, draw_nominal_errors, nominal_world
 from rfca_rig.exam.simulator.world import for_each_hinge
 from tests.analysis.torque_rotation.tables import KNOWN_TO, NOISE, RIG, SECTIONS, by_exam, by_mujoco, noisy, plain, recording

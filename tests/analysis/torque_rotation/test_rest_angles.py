@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
-from rfca_rig.analysis.torque_rotation.remarks import remarks
-from rfca_rig.analysis.torque_rotation.systematics import Instruments
+from rfca_rig.analysis.torque_rotation.stages import Instruments
+from rfca_rig.analysis.torque_rotation.static_result import remarks
 from rfca_rig.description.model_file import nominal_model
 from rfca_rig.exam.nominal_world import nominal_world
 from tests.analysis.torque_rotation.tables import KNOWN_TO, SECTIONS, by_exam, noisy, plain, recording

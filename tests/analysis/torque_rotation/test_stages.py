@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
-from rfca_rig.analysis.torque_rotation.remarks import remarks
 from rfca_rig.analysis.torque_rotation.stages import make_stage_data
+from rfca_rig.analysis.torque_rotation.static_result import remarks
 from rfca_rig.errors import BadInput, SimulationFailed
 from tests.analysis.torque_rotation.tables import KNOWN_TO, NOISE, SECTIONS, noisy, plain, recording
 

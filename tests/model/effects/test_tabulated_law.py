@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.fitting.model_file import make_fitted_sections
+from rfca_rig.analysis.fitting.result import make_fitted_sections
 from rfca_rig.description.model_file import FoundEffect, nominal_model, read_model_file, write_model
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput

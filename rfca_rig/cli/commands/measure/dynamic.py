@@ -136,7 +136,7 @@ def _close(mark: str, folder: Path, rows: list[dict[str, float | None]], report:
     import json
 
     if report is not None:
-        from rfca_rig.cli.commands.understand.report import write
+        from rfca_rig.cli.commands.report import write
 
         write([folder], report, "average", as_json=False, quiet=as_json)
     if as_json:

@@ -10,7 +10,7 @@ import typer
 from rfca_rig.cli.options import Command, Dry, Json, Model, Operator, Pace, Protocol, Rig, Runs, Sample, Seed, View, ViewPort
 
 if TYPE_CHECKING:
-    from rfca_rig.analysis.stiffness_drift import StiffnessDrift
+    from rfca_rig.analysis.static_forces import StiffnessDrift
     from rfca_rig.bench.recorder import Recorder
     from rfca_rig.bench.resume import InterruptedRun
     from rfca_rig.cli.run_config import RunConfig
@@ -116,7 +116,7 @@ class Watcher:
 
 
 def _drift(stage: "StiffnessCheck", stages: "Sequence[StaticStage]") -> "StiffnessDrift | None":
-    from rfca_rig.analysis.stiffness_drift import stiffness_drift
+    from rfca_rig.analysis.static_forces import stiffness_drift
 
     return stiffness_drift(stages, stage.holds, stage.number)
 

@@ -46,9 +46,9 @@ def plan(
 
     Example: rfca-rig plan table2 --rig calibration/my-rig.toml
     """
-    from rfca_rig.cli.preflight import check_before_run
     from rfca_rig.cli.progress import make_marked_say
     from rfca_rig.cli.run_config import RunOptions, make_run_config
+    from rfca_rig.cli.run_experiment import check_before_run
     from rfca_rig.description.protocol_file import read_plan
 
     config = make_run_config(RunOptions(rig, protocol, model, Path("runs"), is_dry=True), read_plan)

@@ -108,7 +108,7 @@ def _close(config: "RunConfig", begun: "InterruptedRun", as_json: bool) -> None:
     from rfca_rig.cli.commands.measure import fatigue
     from rfca_rig.cli.finalize_run import describe_contents
     from rfca_rig.recording.layout import RECORDING
-    from rfca_rig.recording.summary import summarize
+    from rfca_rig.recording.store import summarize
 
     if begun.plan.experiment == "fatigue":
         fatigue.close(config.mark, begun.folder, as_json)

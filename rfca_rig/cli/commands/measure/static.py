@@ -30,7 +30,7 @@ from rfca_rig.cli.terminal import print_lines
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from rfca_rig.analysis.tip_load import FoundTipForce
+    from rfca_rig.analysis.static_forces import FoundTipForce
     from rfca_rig.bench.recorder import Recorder
     from rfca_rig.cli.terminal import Say
     from rfca_rig.model.parameters import Leg
@@ -64,7 +64,7 @@ def load(
 
     import numpy as np
 
-    from rfca_rig.analysis.tip_load import load_tip
+    from rfca_rig.analysis.static_forces import load_tip
     from rfca_rig.reports.style import check_picture_path
 
     if picture is not None:
@@ -100,7 +100,7 @@ def force(
 
     import numpy as np
 
-    from rfca_rig.analysis.tip_load import find_tip_force
+    from rfca_rig.analysis.static_forces import find_tip_force
     from rfca_rig.errors import BadInput
 
     if (run is None) == (angles is None):

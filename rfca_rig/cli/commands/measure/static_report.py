@@ -45,7 +45,7 @@ def report(
     import json
 
     from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
-    from rfca_rig.analysis.torque_rotation.systematics import Instruments
+    from rfca_rig.analysis.torque_rotation.stages import Instruments
     from rfca_rig.campaign.opening import open_recordings
     from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
@@ -97,7 +97,7 @@ def read_nominal_values(recordings: "Sequence[Recording]", model: Path | None) -
 
 
 def _say(result: "StaticResult", out: Path) -> None:
-    from rfca_rig.analysis.torque_rotation.remarks import remarks
+    from rfca_rig.analysis.torque_rotation.static_result import remarks
     from rfca_rig.reports.static.page import bend_sentence
 
     values = result.values

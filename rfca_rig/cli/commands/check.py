@@ -1,0 +1,238 @@
+"""rfca-rig check, recover and schema: recordings on disk, and the form of files that people write."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+import typer
+
+from rfca_rig.cli.options import Json
+
+if TYPE_CHECKING:
+    from rfca_rig.progress import ProgressCount
+    from rfca_rig.recording.model import Recording
+
+
+def check(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The folder of a run, or one with experiment.toml.")],
+    as_json: Json = False,
+) -> None:
+    """Check a run on disk: every file by its hash, every stage by its counts, a line each. Exit code 2 where one is damaged.
+
+    Of a campaign from elsewhere (campaign.toml): values that are probably in another unit or of the other sign.
+
+    Of recordings of a mechanism (experiment.toml): what can be used, how well the nominal model predicts, signs and units that are
+    probably wrong. Exit code 2 where something cannot be used.
+
+    Example: rfca-rig check runs/REAL-flapping-001
+    """
+    from rfca_rig.campaign.layout import CAMPAIGN
+    from rfca_rig.campaign.opening import experiment_among
+
+    if (folder / CAMPAIGN).is_file():
+        _check_campaign(folder, as_json)
+    elif experiment_among([folder]) is None:
+        _check_run(folder, as_json)
+    else:
+        _check_experiment(folder, as_json)
+
+
+def _check_run(run: Path, as_json: bool) -> None:
+    """Checks every file of a run."""
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.errors import BadInput
+    from rfca_rig.recording.checking import check_run, describe_damage
+    from rfca_rig.suggestions import printable
+
+    findings = []
+    with progress(as_json) as bars:
+        done_MB, total_MB = 0.0, _size_MB(run)
+        for finding in check_run(run):
+            done_MB += _size_MB(run / finding.file)
+            bars.report("checking, MB", round(done_MB), max(1, round(total_MB)))
+            findings.append(finding)
+            # Printed as it is found: a long run takes minutes, and the first damage should show at once.
+            if not as_json:
+                typer.echo(printable(f"{'ok     ' if finding.is_sound else 'DAMAGED'} {finding.file}: {finding.words}"))
+    if as_json:
+        rows = [{"file": finding.file, "sound": finding.is_sound, "found": finding.words} for finding in findings]
+        typer.echo(json.dumps({"run": str(run), "files": rows}, indent=1))
+    if not all(finding.is_sound for finding in findings):
+        raise BadInput(describe_damage(run, findings))
+
+
+def _check_campaign(folder: Path, as_json: bool) -> None:
+    """A campaign from elsewhere: whether it can be read, and whether its values are plausible beside each other."""
+    from rfca_rig.campaign.plausibility import find_slips
+    from rfca_rig.campaign.reading import read_campaign
+    from rfca_rig.errors import BadInput
+
+    recording = read_campaign(folder)
+    slips = find_slips(recording)
+    if as_json:
+        rows = [{"where": slip.where, "found": slip.words} for slip in slips]
+        typer.echo(json.dumps({"campaign": str(folder), "slips": rows}, indent=1))
+    else:
+        for slip in slips:
+            typer.echo(f"WARNING {slip.where}: {slip.words}")
+    if slips:
+        raise BadInput(f"{folder}: {len(slips)} value{'s' * (len(slips) > 1)} probably in another unit; rfca-rig import --as-is takes them")
+    if not as_json:
+        typer.echo(f"{folder}: {len(recording.strokes)} strokes and {len(recording.static)} static stages, values plausible", err=True)
+
+
+def _check_experiment(folder: Path, as_json: bool) -> None:
+    """Checks recordings of a mechanism, with its model."""
+    from rfca_rig.cli.terminal import print_lines
+    from rfca_rig.diagnosis.mechanisms.check import check_experiment
+    from rfca_rig.errors import BadInput
+
+    # A refusal is raised at the end, so that the findings before it are printed, also as JSON.
+    rows, refused = [], None
+    try:
+        for line in check_experiment(folder):
+            rows.append(
+                {"about": line.about, "name": line.name, "warning": line.is_warning, "found": line.words, "values": dict(line.values)}
+            )
+            if not as_json:
+                print_lines([f"{'WARNING' if line.is_warning else 'ok     '} {line.about} {line.name}: {line.words}"], indent=" " * 8)
+    except BadInput as error:
+        refused = error
+    if as_json:
+        found = {"experiment": str(folder), "usable": refused is None, "lines": rows}
+        typer.echo(json.dumps(found if refused is None else {**found, "refused": str(refused)}, indent=1))
+    if refused is not None:
+        raise refused
+    if not as_json:
+        warnings = sum(bool(row["warning"]) for row in rows)
+        typer.echo(f"{folder}: can be used; {warnings} warning{'' if warnings == 1 else 's'}", err=True)
+
+
+def _size_MB(path: Path) -> float:
+    """Size in MB of a file, or of all files in a folder."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file()) / 1e6
+
+
+FileKind = Literal["rig", "protocol", "experiment", "campaign", "sweep"]
+
+
+def schema(kind: Annotated[FileKind, typer.Argument(metavar="KIND", help=f"The file: {', '.join(get_args(FileKind))}.")]) -> None:
+    """Print the JSON schema of a file that you write, with which an editor completes and checks its keys.
+
+    Editors with Taplo read it after a first line #:schema rig.json in the TOML file.
+
+    Example: rfca-rig schema rig > rig.json
+    """
+    import json
+
+    from pydantic import TypeAdapter
+    from pydantic.json_schema import GenerateJsonSchema
+
+    from rfca_rig.campaign.layout import CampaignFile, ExperimentFile
+    from rfca_rig.description.protocol_file import DynamicFile, FatigueFile, StaticFile
+    from rfca_rig.description.rig_file import RigFile
+    from rfca_rig.sweep.sweep_file import SweepFile
+
+    models: dict[FileKind, Any] = {
+        "rig": RigFile,
+        "protocol": DynamicFile | StaticFile | FatigueFile,
+        "experiment": ExperimentFile,
+        "campaign": CampaignFile,
+        "sweep": SweepFile,
+    }
+    head = {"$schema": GenerateJsonSchema.schema_dialect, "title": f"rfca-rig: {kind} file"}
+    typer.echo(json.dumps(head | TypeAdapter(models[kind]).json_schema() | head, indent=1))
+
+
+def recover(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of the run, or the run.h5 that it should have become.")],
+    as_json: Json = False,
+) -> None:
+    """Make a whole recording of a run that a crash or a power cut ended, the stage in progress included. Not while it still goes on.
+
+    Also makes run.h5 again from the files of the stages, where it is missing or damaged.
+
+    Example: rfca-rig recover runs/REAL-flapping-001
+    """
+    import json
+
+    from rfca_rig.campaign.opening import RECORDING_NAME
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.recording.checking import is_run_folder
+    from rfca_rig.recording.store import summarize
+
+    path = run if run.suffix == ".h5" else run / RECORDING_NAME
+    with progress(as_json) as bars:
+        recording = _recover_run(path.parent, bars.counting("stages")) if is_run_folder(path.parent) else _older(path)
+    found = summarize(path, thorough=False)
+    if as_json:
+        counted = {"strokes": found.strokes, "static_stages": found.static, "raw_stages": found.raw}
+        typer.echo(json.dumps({"source": recording.source, "run": str(path), "title": recording.title, **counted}, indent=1))
+        return
+    cut_short = "".join(f", {label} until it was cut short" for label in found.cut_short)
+    counted_text = f"{found.strokes} strokes and {found.static} static stages{cut_short}"
+    typer.echo(f"{recording.source} recovered {counted_text} in {path}; next: rfca-rig report {path} --out report", err=True)
+
+
+def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
+    """Recovers the run; returns it without its samples."""
+    from rfca_rig.bench.stage_photos import read_missing_photos
+    from rfca_rig.errors import BadInput
+    from rfca_rig.recording import run_folder
+    from rfca_rig.recording.checking import can_recover, check_run, describe_damage, needs_no_recovery
+    from rfca_rig.recording.run_text import INTERRUPTED, Ending, read_ending, write_ending
+
+    # Once: it reads every file of the run.
+    findings = list(check_run(folder))
+    if needs_no_recovery(folder, findings):
+        raise BadInput(f"{folder}: is whole; there is nothing to recover")
+    if not can_recover(folder, findings):
+        raise BadInput(describe_damage(folder, findings))
+    # First the stage in progress: it belongs into run.h5 like the others.
+    run_folder.close_journals(folder)
+    # A run that ended normally, and only lost run.h5, keeps what its end says.
+    if read_ending(folder) is None:
+        found = run_folder.read_without_samples(folder)
+        with_photos = read_missing_photos(found, folder)
+        # Only the texts that reading the photos added; the end file repeats nothing of the header.
+        added = {name: text for name, text in with_photos.provenance.items() if name != "events" and found.provenance.get(name) != text}
+        interrupted = {INTERRUPTED: found.provenance[INTERRUPTED]}
+        write_ending(folder, Ending({**interrupted, **added}, with_photos.static))
+    run_folder.build_recording(folder, watcher)
+    return run_folder.read_without_samples(folder)
+
+
+def _older(path: Path) -> "Recording":
+    """Recovers a run of an older version, which left a folder beside the file that it should have become."""
+    from rfca_rig.bench.stage_photos import read_missing_photos
+    from rfca_rig.errors import BadInput
+    from rfca_rig.recording.run_folder import partial_of, recover_partial
+    from rfca_rig.recording.store import read_recording, write_recording
+
+    if not partial_of(path).is_dir():
+        raise BadInput(_nothing_to_recover(path))
+    recording = read_recording(recover_partial(path))
+    with_photos = read_missing_photos(recording, path.parent)
+    if with_photos is not recording:
+        write_recording(with_photos, path)
+    return with_photos
+
+
+def _nothing_to_recover(path: Path) -> str:
+    """The reason, for a file or the folder that it should be in, without a run's files beside it."""
+    from rfca_rig.errors import BadInput
+    from rfca_rig.recording.store import summarize
+    from rfca_rig.suggestions import not_there
+
+    if not path.is_file():
+        return (
+            f"{path.parent}: holds no interrupted run; rfca-rig runs lists what was recorded"
+            if path.parent.is_dir()
+            else not_there(path.parent)
+        )
+    try:
+        summarize(path, thorough=False)
+    except BadInput as error:
+        return f"{error}; and there are no stage files beside it to make it again from"
+    return f"{path}: is whole, and there is no interrupted run beside it to recover"

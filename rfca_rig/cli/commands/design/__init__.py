@@ -1,1 +1,0 @@
-"""Commands for design, which need no rig: `predict` and `strip`, both in `predict`, and `sweep`."""

@@ -1,0 +1,112 @@
+"""rfca-rig doctor and contract: checks of the computer and the devices, and conformance tests of own drivers."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rfca_rig.cli.options import Json, out_folder
+from rfca_rig.cli.terminal import takes_colours
+
+if TYPE_CHECKING:
+    from rfca_rig.description.rig_file import RigFile
+    from rfca_rig.doctor.finding import Finding
+
+
+WIDTH = 80
+COLOUR_WIDTH, SUBJECT_WIDTH = 8, 18
+INDENT = " " * (COLOUR_WIDTH + SUBJECT_WIDTH)
+COMMAND_INDENT = " " * 4
+
+HELP_RIG = "The rig to check: a name in calibration/ (plan --list), or a .toml file; else a scan."
+HELP_RUNS = "Folder of the runs, whose disk is measured: space and speed."
+RigToCheck = Annotated[str | None, typer.Option("--rig", metavar="NAME|FILE", help=HELP_RIG)]
+RunsToCheck = Annotated[Path, typer.Option("--runs", metavar="DIR", callback=out_folder, help=HELP_RUNS)]
+
+
+def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Json = False) -> None:
+    """Check what a rig file names, or without one find what there is: buses, drives, sensors, this computer.
+
+    Nothing is sent that could turn the shaft; not to be used while a run is going on, for it takes over the sensor's stream.
+    Exit code 1 where something is red.
+
+    Example: rfca-rig doctor --rig my-rig.toml
+    """
+    from rfca_rig.cli.paths import find_rig
+    from rfca_rig.clock import WallClock
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.doctor.finding import Colour
+    from rfca_rig.doctor.rig_checks import check_rig
+    from rfca_rig.doctor.scan import scan
+
+    described = None if rig is None else read_rig(find_rig(rig))
+    clock = WallClock()
+    checks = scan(runs, clock) if described is None else check_rig(described, runs, clock)
+    # JSON is printed as one document, after all checks; text line by line, as each is done.
+    findings = list(checks) if as_json else list(_print_each(_title(described), checks))
+    counts = {colour.value: sum(one.colour is colour for one in findings) for colour in Colour}
+    if as_json:
+        typer.echo(json.dumps({"title": _title(described), "findings": [asdict(one) for one in findings], **counts}, indent=2))
+    else:
+        typer.echo(", ".join(f"{count} {colour}" for colour, count in counts.items()))
+    if counts[Colour.RED]:
+        raise typer.Exit(1)
+
+
+def _title(rig: "RigFile | None") -> str:
+    if rig is None:
+        return "scan: no rig file, so nothing is known of what should be there"
+    return f"{'REAL' if rig.is_real else 'SIM'} {rig.rig.title}"
+
+
+def _print_each(title: str, checks: "Iterator[Finding]") -> "Iterator[Finding]":
+    """Prints each finding before the next check begins."""
+    typer.echo(title)
+    for finding in checks:
+        for line in _lines(finding):
+            typer.echo(line)
+        yield finding
+
+
+def _lines(finding: "Finding") -> Iterator[str]:
+    """At most 80 columns; colours only on a terminal, which typer detects."""
+    first, *rest = wrap(finding.seen, WIDTH - len(INDENT), break_on_hyphens=False)
+    padding = " " * (COLOUR_WIDTH - len(finding.colour.value))
+    color = (typer.style(finding.colour.value, fg=finding.colour.value) if takes_colours() else finding.colour.value) + padding
+    yield f"{color}{finding.subject:<{SUBJECT_WIDTH}}{first}"
+    yield from (INDENT + line for line in rest)
+    if finding.fix:
+        yield from (INDENT + line for line in wrap(f"fix: {finding.fix}", WIDTH - len(INDENT), break_on_hyphens=False))
+    for command in finding.commands:
+        # For copying: a long command continues on the next line with the shell's backslash.
+        pieces = wrap(command, WIDTH - len(COMMAND_INDENT) - 2, break_long_words=False, break_on_hyphens=False)
+        yield from [COMMAND_INDENT + line for line in " \\\n".join(pieces).splitlines()]
+
+
+def contract(
+    rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig file with a motor or a force sensor of your own.")],
+) -> None:
+    """Try your own driver on its twin with everything that every driver must do: energise without a jerk, obey, report, name each fault.
+
+    Nothing real is touched. Exit code 1 where something is not as it must be; the names of the tests say what.
+
+    Example: rfca-rig contract our-rig.toml
+    """
+    from rfca_rig.cli.paths import find_rig
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.errors import BadInput
+
+    path = find_rig(rig)
+    described = read_rig(path)
+    try:
+        from rfca_rig.contracts.own_devices import run_conformance_tests
+    # pytest is not installed with the package; only this command needs it.
+    except ModuleNotFoundError as missing:
+        raise BadInput(f"the contract needs {missing.name}; type pip install pytest") from None
+    if not run_conformance_tests(described, path.resolve()):
+        raise typer.Exit(1)
+    typer.echo(f"{described.rig.title}: the contract is kept; next: rfca-rig doctor --rig {rig}")

@@ -1,0 +1,204 @@
+"""rfca-rig init: writes the first draft of a rig file, or of experiment.toml."""
+
+import re
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.exceptions import Abort
+
+from rfca_rig.cli.paths import folders_of
+from rfca_rig.errors import BadInput
+
+if TYPE_CHECKING:
+    from rfca_rig.description.rig_draft import RigAnswers
+
+
+CAMERA_FILE = "twin-camera.toml"
+# Height over leg length of a stroke that presses the twin's leg well, and its speed: the first row of Table II.
+FIRST_HEIGHT_SHARE, FIRST_SPEED_RAD_S = 215.0 / 290.0, 2.433
+
+RigFileToWrite = Annotated[Path | None, typer.Option("--rig", metavar="FILE", help="The rig file to write.")]
+TakeAll = Annotated[bool, typer.Option("--yes", help="Of a rig file: ask nothing, take every suggested answer.")]
+Model = Annotated[Path | None, typer.Option("--mjcf", "--urdf", metavar="FILE", help="The mechanism's model, MJCF or URDF.")]
+Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help="A folder with its recordings: CSV, HDF5, MCAP or ROS 2 bags.")]
+
+
+def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, data: Data = None) -> None:
+    """Write a rig file after ten questions, or a draft of experiment.toml for recordings of any mechanism.
+
+    Enter takes the suggested answer. Devices that are found on this computer are suggested; nothing that could move is touched.
+    For a mechanism give its model and its recordings: --mjcf arm.xml --data recordings.
+
+    Example: rfca-rig init --rig our-rig.toml
+    """
+    if rig is not None and mjcf is None and data is None:
+        _write_rig_file(rig, yes)
+    elif rig is None and mjcf is not None and data is not None:
+        from rfca_rig.campaign.experiment import PLACEHOLDER, write_draft
+        from rfca_rig.mechanism.load import load_mechanism
+
+        path = write_draft(load_mechanism(mjcf), data)
+        open_questions = path.read_text(encoding="utf-8").count(f"= {PLACEHOLDER}")
+        typer.echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
+        typer.echo(f"then: rfca-rig check {data}", err=True)
+    else:
+        raise BadInput("init: give --rig FILE for a rig file, or --mjcf FILE and --data DIR for recordings of a mechanism")
+
+
+def _write_rig_file(path: Path, takes_all: bool) -> None:
+    from rfca_rig.description.rig_draft import USUAL, draft_rig
+    from rfca_rig.description.rig_file import RigFile
+    from rfca_rig.description.toml import model_of, read_data
+    from rfca_rig.recording.atomic import write_atomically
+
+    if path.exists():
+        raise BadInput(f"{path}: is there already; remove it, or edit it")
+    if not path.parent.is_dir():
+        raise BadInput(f"{path}: there is no folder {path.parent}; make it, or name a file in another folder")
+    # The copy that came with the package, whatever a folder calibration/ here holds.
+    shipped = next(folder for folder in folders_of("calibration")[1:] if folder.is_dir())
+    usual = read_data(shipped / "twin.toml")
+    answers = _ask(usual, path.parent, takes_all)
+    text = draft_rig(path.stem, answers, usual)
+    # Nothing is written that the other commands would refuse.
+    drafted = model_of(text, RigFile, path)
+    camera = path.parent / CAMERA_FILE
+    if drafted.camera is not None and not camera.exists():
+        write_atomically(camera, (shipped / CAMERA_FILE).read_bytes())
+    write_atomically(path, text.encode("utf-8"))
+    height_mm = round(FIRST_HEIGHT_SHARE * sum(answers.link_lengths_mm))
+    marked = sum(line.rstrip().endswith(USUAL) for line in text.splitlines())
+    typer.echo(f"{path}: a twin of your rig; {marked} lines hold a usual value, to check against yours")
+    typer.echo(f"then: rfca-rig dynamic run --rig {path} --height {height_mm} --speed {FIRST_SPEED_RAD_S} --repeats 1", err=True)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Devices of this computer: buses as (interface, channel), serial ports, calibration files, and a Net F/T with its counts."""
+
+    buses: Sequence[tuple[str, str]]
+    ports: Sequence[str]
+    calibrations: Sequence[str]
+    box: str | None
+    counts: tuple[float, float] | None
+
+    def list_addresses(self, sensor: str) -> list[str]:
+        """Where a sensor of that make can be, most probable first."""
+        boxes = [] if self.box is None else [self.box]
+        return {"ati-net-ft": boxes, "ati-serial": [*self.ports], "ati-daq": [*self.calibrations]}[sensor]
+
+
+def _find_devices(folder: Path) -> _Found:
+    from rfca_rig.doctor.devices.can import can_interfaces, look_for_adapters
+    from rfca_rig.doctor.devices.serial_ports import look_for_serial_ports
+    from rfca_rig.doctor.scan import look_for_box
+
+    box = look_for_box()
+    counts = None if box.says is None else (box.says.counts_per_N, box.says.counts_per_Nm)
+    buses = [*(("socketcan", name) for name in can_interfaces()), *look_for_adapters()]
+    ports = [port.path for port in look_for_serial_ports()]
+    return _Found(buses, ports, sorted(file.name for file in folder.glob("*.cal")), None if box.says is None else box.host, counts)
+
+
+def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
+    """Asks the ten questions; each has a suggestion."""
+    from rfca_rig.description.rig_draft import DRIVES, SENSORS, RigAnswers
+
+    found = _find_devices(folder)
+    seen = [*(" ".join(bus) for bus in found.buses), *found.ports, *found.calibrations, *([f"Net F/T at {found.box}"] if found.box else [])]
+    typer.echo(f"found on this computer: {', '.join(seen) if seen else 'no bus, serial port or force sensor'}", err=True)
+    asked = iter(range(1, 11))
+
+    def ask(question: str, suggestion: str, read: Callable[[str], Any]) -> Any:
+        number = next(asked)
+        if takes_all:
+            return read(suggestion)
+        try:
+            return typer.prompt(f"{number}/10 {question}", default=suggestion, value_proc=read)
+        except Abort:
+            # The end of a file or of a pipe; ^C on a terminal stays what it is.
+            if sys.stdin.isatty():
+                raise
+            raise BadInput(f"init: no answer to question {number} of 10; answer on a terminal, or take all suggestions by --yes") from None
+
+    leg = usual["leg"]
+    lengths_mm = ask("lengths of the links from the shaft outwards, mm", _join(leg["link_lengths_mm"]), _read_numbers())
+    # Links of the same profile weigh in proportion to their length.
+    g_per_mm = sum(leg["link_masses_g"]) / sum(leg["link_lengths_mm"])
+    masses_g = ask("their masses, g", _join(round(g_per_mm * length, 3) for length in lengths_mm), _read_numbers(len(lengths_mm)))
+    below_mm = ask(
+        "from the shaft's axis down to the sensor's origin, mm", f"{usual['sensor']['below_shaft_mm']:g}", _read_number(is_positive=False)
+    )
+    force_N = ask("largest force that leg and sensor bear, N", f"{usual['limits']['force_N']:g}", _read_number())
+    torque_Nm = ask("largest moment on the sensor, N m", f"{usual['limits']['torque_Nm']:g}", _read_number())
+    others = "other makes: docs/add-a-motor.md"
+    drive = ask(f"drive: {', '.join(DRIVES)} ({others})", usual["motor"]["device"], _read_word([*DRIVES]))
+    buses = [" ".join(bus) for bus in found.buses] or ["socketcan can0"]
+    interface, channel = ask("its bus: interface and channel of python-can", buses[0], _read_bus)
+    number = ask("its number on that bus", "0" if drive == "odrive" else "1", _read_count)
+    # A box that answered is certain; a calibration file beside the rig file speaks for a sampling card.
+    probable = "ati-daq" if found.calibrations and found.box is None else "ati-net-ft"
+    sensor = ask(f"force sensor: {', '.join(SENSORS)}", probable, _read_word([*SENSORS]))
+    question = {
+        "ati-net-ft": "its address",
+        "ati-serial": "its serial port",
+        "ati-daq": "its calibration file, .cal, in the folder of the rig file",
+    }
+    usual_address = {"ati-net-ft": "192.168.1.1", "ati-serial": "/dev/ttyUSB0", "ati-daq": "transducer.cal"}[sensor]
+    address = ask(question[sensor], [*found.list_addresses(sensor), usual_address][0], str.strip)
+    return RigAnswers(
+        lengths_mm, masses_g, below_mm, force_N, torque_Nm, drive, interface, channel, number, sensor, address, found.counts
+    )  # fmt: skip
+
+
+def _join(values: Any) -> str:
+    return " ".join(f"{value:g}" for value in values)
+
+
+def _read_number(is_positive: bool = True) -> Callable[[str], float]:
+    def read(text: str) -> float:
+        (value,) = _read_numbers(1, is_positive)(text)
+        return value
+
+    return read
+
+
+def _read_numbers(count: int | None = None, is_positive: bool = True) -> Callable[[str], tuple[float, ...]]:
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(word) for word in re.split(r"[\s,;]+", text.strip()))
+        except ValueError:
+            raise typer.BadParameter("give numbers, separated by blanks, with a point for decimals") from None
+        if not all(0.0 < value < 1e6 if is_positive else abs(value) < 1e6 for value in values):
+            raise typer.BadParameter(f"give numbers {'above 0 and ' if is_positive else ''}below 1e6")
+        if count is not None and len(values) != count:
+            raise typer.BadParameter(f"give {count} {'number' if count == 1 else 'numbers'}, not {len(values)}")
+        return values
+
+    return read
+
+
+def _read_word(words: Sequence[str]) -> Callable[[str], str]:
+    def read(text: str) -> str:
+        if text.strip() not in words:
+            raise typer.BadParameter(f"give one of {', '.join(words)}")
+        return text.strip()
+
+    return read
+
+
+def _read_bus(text: str) -> tuple[str, str]:
+    interface, _, channel = text.strip().partition(" ")
+    if not channel.strip():
+        raise typer.BadParameter("give two words, as socketcan can0")
+    return interface, channel.strip()
+
+
+def _read_count(text: str) -> int:
+    if not text.strip().isdecimal() or int(text) > 127:
+        raise typer.BadParameter("give a whole number from 0 to 127")
+    return int(text)

@@ -1,1 +1,0 @@
-"""Commands that set up a rig: `doctor`, `calibrate`, `contract` and `twin`."""

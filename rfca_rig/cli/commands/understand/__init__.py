@@ -1,1 +1,0 @@
-"""Commands that compare recordings with the model: `report`, `fit`, `diagnose`, `crosscheck` and `prove`."""
