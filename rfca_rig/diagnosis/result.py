@@ -250,3 +250,13 @@ class Diagnosis:
     stated_law: StatedLaw | None = None
     priors: Mapping[str, Value] = field(default_factory=dict)
     nuisance_units: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_of_stretches(self) -> bool:
+        """Whether the conditions are stretches of longer recordings."""
+        return any(one.parts and one.parts != (one.condition,) for one in self.overlays)
+
+
+def name_parts(text: str, of_stretches: bool) -> str:
+    """A text on conditions; where these are stretches of a recording, it says so."""
+    return text.replace("conditions", "stretches").replace("condition", "stretch") if of_stretches else text

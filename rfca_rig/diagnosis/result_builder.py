@@ -17,7 +17,7 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.inference.screening import make_projection
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import loo_residuals
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
-from rfca_rig.diagnosis.result import BeforeAfter, Criterion, Diagnosis, Located, MovedPrior, NotSeen, SignalOverlay, Value
+from rfca_rig.diagnosis.result import BeforeAfter, Criterion, Diagnosis, Located, MovedPrior, NotSeen, SignalOverlay, Value, name_parts
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
 
@@ -87,7 +87,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
     return Diagnosis(
         title=title,
         verdict=decision.verdict,
-        sentence=describe(decision),
+        sentence=name_parts(describe(decision), any(label.recording for label in found.dataset.rows.labels)),
         located=places,
         cells=cells,
         effects=decision.effects,

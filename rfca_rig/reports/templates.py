@@ -44,9 +44,10 @@ class ShownFoot:
 
 @dataclass(frozen=True)
 class ShownTable:
-    """Content for the macro `table` in parts.html."""
+    """Content for the macro `table` in parts.html; `stacked` are the headings where cells stand below each other."""
 
     heads: tuple[ShownCell, ...]
+    stacked: tuple[str, ...]
     units: tuple[str, ...]
     overs: tuple[tuple[str, int], ...]
     groups: tuple[tuple[str, tuple[ShownRow, ...]], ...]
@@ -57,6 +58,7 @@ def cells_as_text(table: Table) -> ShownTable:
     """The table with every cell as text."""
     return ShownTable(
         heads=tuple(ShownCell(column.title, column.key in table.numeric) for column in table.shown),
+        stacked=tuple(f"{column.over}, {column.title}" if column.over else column.title for column in table.shown),
         units=tuple(column.unit.replace(" ", NO_BREAK) for column in table.shown),
         overs=tuple(table.overs()),
         groups=tuple((name, tuple(_row(table, row) for row in rows)) for name, rows in table.groups()),

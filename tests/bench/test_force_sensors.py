@@ -28,7 +28,7 @@ SECTIONS = {
 
 def written(folder: Path, device: str, section: str | None = None, real: bool = False) -> Path:
     """The twin's rig file with another force sensor, and the calibration file beside it."""
-    text = (ROOT / "calibration" / ("example-real-rig.toml" if real else "twin.toml")).read_text()
+    text = (ROOT / ("tests/data/real-rig.toml" if real else "calibration/twin.toml")).read_text()
     before, rest = text.split("[force_sensor]\n")
     after = rest[rest.index("[twin]") :] if "[twin]" in rest else ""
     (folder / "gamma.cal").write_bytes(CAL.read_bytes())

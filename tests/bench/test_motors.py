@@ -83,9 +83,9 @@ def test_what_a_motor_does_not_have_is_refused_in_one_line(tmp_path: Path, motor
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("name", ["twin", "example-real-rig"])
+@pytest.mark.parametrize("name", ["calibration/twin", "tests/data/real-rig"])
 def test_files_from_before_there_was_a_choice_are_still_read(name: str) -> None:
-    assert read_rig(ROOT / "calibration" / f"{name}.toml").motor.device == "odrive"
+    assert read_rig(ROOT / f"{name}.toml").motor.device == "odrive"
 
 
 @pytest.mark.parametrize("motor", [MIT, SERVO])

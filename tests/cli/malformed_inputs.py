@@ -64,7 +64,7 @@ class Subject:
 
 SUBJECTS = (
     Subject("rig", ("calibration",), "calibration/twin.toml", ("plan", "flapping", "--rig", "./calibration/twin.toml")),
-    Subject("real rig", ("calibration",), "calibration/example-real-rig.toml", ("plan", "table2", "--rig", "./calibration/example-real-rig.toml")),
+    Subject("real rig", ("tests/data/real-rig.toml",), "real-rig.toml", ("plan", "table2", "--rig", "./real-rig.toml")),
     Subject("rig of a dry run", ("calibration",), "calibration/twin-daq.toml", ("dynamic", "run", "--dry-run", "--rig", "./calibration/twin-daq.toml")),
     Subject("force sensor", ("calibration",), "calibration/made-up-gamma.cal", ("plan", "flapping", "--rig", "./calibration/twin-daq.toml")),
     Subject("camera", ("calibration",), "calibration/twin-camera.toml", ("static", "run", "--dry-run", "--rig", "./calibration/twin.toml")),
@@ -144,7 +144,8 @@ CURVE = "angle_deg,torque_Nm,torque_std_Nm\n3.0,0.581,0.006\n6.0,1.210,0.008\n10
 def _fill(folder: Path, subject: Subject) -> None:
     """The subject's own files, whole."""
     for source in subject.sources:
-        shutil.copytree(ROOT / source, folder / Path(source).name)
+        copy = shutil.copytree if (ROOT / source).is_dir() else shutil.copy
+        copy(ROOT / source, folder / Path(source).name)
     if subject.path.startswith("cart/"):
         (folder / "cart").mkdir()
         for name, text in (("experiment.toml", EXPERIMENT), ("model.xml", MECHANISM), ("a.csv", CART)):

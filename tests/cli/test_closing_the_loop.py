@@ -13,7 +13,8 @@ from tests.campaign.small import SMALL
 from tests.diagnosis.by_hand import RIG_FILE
 from tests.report.test_diagnosis_page import NAMED, UNEXPLAINED
 
-CALIBRATION = SMALL.parents[2] / "calibration"
+TWIN = SMALL.parents[2] / "calibration" / "twin.toml"
+REAL_RIG = SMALL.parent / "real-rig.toml"
 FLAP = {"kind": "dynamic", "height_mm": 235.0, "speed_rad_s": 3.0, "repeats": 1, "minutes": 2.0, "separates": [], "why": "a try"}
 OPEN = replace(UNEXPLAINED, next_experiment={**FLAP, "protocol": NEXT_PROTOCOL})
 BY_HAND = replace(UNEXPLAINED, next_experiment={"kind": "tap test", "why": "tap it", "protocol": None})
@@ -41,8 +42,8 @@ class Answers:
         return diagnosis
 
 
-def loop(tmp_path, rounds=3, rig="twin"):
-    return ClosedLoop(CALIBRATION / f"{rig}.toml", rounds, tmp_path / "runs", tmp_path, None, quiet=False)
+def loop(tmp_path, rounds=3, rig=TWIN):
+    return ClosedLoop(rig, rounds, tmp_path / "runs", tmp_path, None, quiet=False)
 
 
 @pytest.mark.slow
@@ -88,7 +89,7 @@ def test_a_real_rig_moves_only_when_armed(tmp_path, first, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
     answers = Answers(tmp_path, OPEN)
     with pytest.raises(BadInput, match="not armed"):
-        close_the_loop(loop(tmp_path, rig="example-real-rig"), [first], answers.first, answers)
+        close_the_loop(loop(tmp_path, rig=REAL_RIG), [first], answers.first, answers)
     assert not (tmp_path / "runs").exists()
 
 

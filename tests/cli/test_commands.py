@@ -21,6 +21,7 @@ from tests.cli.typed import typed
 
 ROOT = Path(__file__).parents[2]
 SMALL = ROOT / "tests" / "data" / "small-campaign"
+REAL_RIG = ROOT / "tests" / "data" / "real-rig.toml"
 REPORT_TABLES = ("table2", "peak-forces", "run-stages", "run-conditions")
 REPORT = {"report.html", "run.html", *(f"{name}.{kind}" for name in REPORT_TABLES for kind in ("csv", "tex"))}
 REPORT |= {"table2.json", "peak-forces.json"}
@@ -316,7 +317,7 @@ def test_an_input_that_ends_before_the_rack_is_set_is_one_clear_line(here, monke
     monkeypatch.setattr("typer.prompt", lambda *_, **__: "320")
     monkeypatch.setattr("builtins.input", ended)
     monkeypatch.setattr("rfca_rig.cli.run_experiment.open_bench", twin_that_counts_as_real)
-    answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", "example-real-rig", "--height", 215, "--speed", 2)
+    answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", REAL_RIG, "--height", 215, "--speed", 2)
     assert answer.exit_code == 2
     assert re.search(r"REAL the drive's watchdog stops the motor after 0\.\d+ s of silence", answer.err)
     assert answer.err.splitlines()[-1].startswith("rfca-rig: the input ended before the rack was confirmed to stand at 215.0 mm")
@@ -325,7 +326,7 @@ def test_an_input_that_ends_before_the_rack_is_set_is_one_clear_line(here, monke
 
 def test_real_hardware_asks_for_the_limit_and_moves_nothing_without_it(here, monkeypatch, capsys):
     monkeypatch.setattr("typer.prompt", lambda *_, **__: "yes")
-    answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", "example-real-rig", "--height", 215, "--speed", 2)
+    answer = typed(monkeypatch, capsys, "dynamic", "run", "--rig", REAL_RIG, "--height", 215, "--speed", 2)
     assert answer.exit_code == 2
     assert "not armed: the force limit is 320 N" in answer.err
     assert all(line.startswith(("REAL", "rfca-rig: ")) for line in answer.err.splitlines())

@@ -11,10 +11,7 @@ from tests.cli.typed import typed
 ROOT = Path(__file__).parents[2]
 TYPES = {"object": dict, "array": list, "string": str, "boolean": bool, "integer": int, "number": (int, float), "null": type(None)}
 SHIPPED = {
-    "rig": [
-        ROOT / f"{name}.toml"
-        for name in ("calibration/twin", "calibration/twin-daq", "calibration/example-real-rig", "docs/examples/our-rig")
-    ],
+    "rig": [ROOT / f"{name}.toml" for name in ("calibration/twin", "calibration/twin-daq", "tests/data/real-rig", "docs/examples/our-rig")],
     "protocol": sorted((ROOT / "protocols").glob("*.toml")),
     "sweep": sorted((ROOT / "sweeps").glob("*.toml")),
     "campaign": [ROOT / "tests/data/small-campaign/campaign.toml"],

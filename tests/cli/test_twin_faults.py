@@ -42,7 +42,7 @@ def test_a_fault_inside_the_drive_happens_once(here, monkeypatch, capsys):
         (("--fault", "force-quiet@3"), "no fault is called 'force-quiet'; there are force-lost, "),
         (("--fault", "force-silent"), "--fault force-silent: write NAME@SECONDS"),
         (("--fault", "http-busy@1"), "no fault is called 'http-busy'"),
-        (("--rig", ROOT / "calibration" / "example-real-rig.toml", "--fault", "bus-off@1"), "nothing is broken on purpose on a real rig"),
+        (("--rig", ROOT / "tests" / "data" / "real-rig.toml", "--fault", "bus-off@1"), "nothing is broken on purpose on a real rig"),
     ],
 )
 def test_what_cannot_fail_is_told_before_anything_moves(here, monkeypatch, capsys, words, why):

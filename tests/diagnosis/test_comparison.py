@@ -206,7 +206,9 @@ def test_what_relieves_an_implausible_value_is_stated_though_it_removes_little(g
     assert silent.grade in ("nothing missing", "unexplained")
     assert stated.grade == "mostly" and stated.explained_share < 0.5
     assert stated.effects[0].wording == "these data do not tell how well the law holds"
-    assert "takes the place of an implausible value (" in describe(stated) and "+4.0 prior standard deviations" in describe(stated)
+    assert "takes the place of an implausible value (" in describe(
+        stated
+    ) and "+4.0 prior standard deviations off, the bound of the fit" in describe(stated)
 
 
 @pytest.mark.parametrize(

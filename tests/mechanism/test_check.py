@@ -99,6 +99,17 @@ def test_errors_of_the_prediction_are_in_the_unit_of_the_column(folder):
 
 
 @pytest.mark.slow
+def test_a_prediction_that_misses_by_more_than_the_signal_changes_has_a_hint(folder):
+    edit_column(folder, "w1", lambda speed: -speed)
+    found = {line.name: line for line in check_experiment(folder) if line.about == "prediction" and not line.is_warning}
+    # The windows start from the recorded speeds, so that of one joint disturbs the others.
+    missed = {name for name, line in found.items() if line.values["miss"] > line.values["change"]}
+    assert "w1" in missed and "q1" not in missed
+    hint = "misses by more than the signal changes: check its sign"
+    assert {name for name, line in found.items() if hint in line.words} == missed
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "fix"),
     [

@@ -153,7 +153,7 @@ def test_a_report_is_a_page_and_a_table(here, flapped):
 
 
 def test_hardware_is_left_to_a_terminal():
-    example = Path(rr.__file__).parents[1] / "calibration" / "example-real-rig.toml"
+    example = DATA / "real-rig.toml"
     with pytest.raises(BadInput, match="only a terminal may run"):
         rr.run(rig=example)
 

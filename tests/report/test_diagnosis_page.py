@@ -520,7 +520,7 @@ def test_numbers_show_what_is_known_of_them():
 @pytest.mark.slow
 def test_a_graded_answer_says_what_remains_and_which_prior_moved(tmp_path):
     text = read(page(MOSTLY, PageContext(Origin())))
-    for words in ("mostly", "83", "What remains", "hinge damping moved to", "6.0 prior deviations"):
+    for words in ("mostly", "83", "What remains", "hinge damping moved to", "6.0 prior standard deviations", "the fit stops at 4"):
         assert words in text
     document = written_json(tmp_path, MOSTLY)
     assert (document["verdict"], document["grade"], document["statement"]["probability"]) == ("unexplained", "mostly", 0.91)
@@ -646,9 +646,44 @@ def test_report_and_diagnosis_of_the_same_recordings_link_each_other(tmp_path):
 @pytest.mark.parametrize(
     ("name", "unit", "words"),
     [
-        ("link1.centre_of_mass_m", "m", "link1.centre of mass moved to 0.300\u00a0m, 6.0 prior deviations from 0 ± 0.050\u00a0m: "),
-        ("pendulum.mass_relative", "", "pendulum.mass moved to 0.300\u00a0relative, 6.0 prior deviations from 0 ± 0.050\u00a0relative: "),
+        (
+            "link1.centre_of_mass_m",
+            "m",
+            "link1.centre of mass moved to 0.300\u00a0m, 3.5 prior standard deviations from 0 ± 0.050\u00a0m: ",
+        ),
+        (
+            "pendulum.mass_relative",
+            "",
+            "pendulum.mass moved to 0.300\u00a0relative, 3.5 prior standard deviations from 0 ± 0.050\u00a0relative: ",
+        ),
     ],
 )
 def test_a_moved_prior_has_its_unit_once(name, unit, words):
-    assert describe_moved_prior(MovedPrior(name, unit, Value(0.0, 0.05), Value(0.3, 0.01), 6.0)).startswith(words)
+    assert describe_moved_prior(MovedPrior(name, unit, Value(0.0, 0.05), Value(0.3, 0.01), 3.5)).startswith(words)
+
+
+def test_what_remains_is_compared_with_the_usual_error():
+    (place,) = MOSTLY.remaining
+    for sigmas, words in (
+        (0.25, "0.25 times the usual error: real, but too small to matter"),
+        (1.5, "it may matter"),
+        (3.1, ": it matters"),
+    ):
+        small = replace(MOSTLY, remaining=(replace(place, sigmas=sigmas),))
+        assert words in read(page(small, PageContext(Origin())))
+        (line,) = (line for line in terminal_lines(small) if line.startswith("remains: fz, dynamic, touchdown: 0.900 N"))
+        assert "p <" not in line
+
+
+def test_stretches_of_recordings_are_not_called_conditions():
+    stretches = tuple(replace(one, parts=(f"{one.condition}, 0 to 2 s", f"{one.condition}, 2 to 4 s")) for one in MOSTLY.overlays)
+    for diagnosis, is_said, is_not in ((MOSTLY, "condition", "stretch"), (replace(MOSTLY, overlays=stretches), "stretch", "condition")):
+        text = read(page(replace(diagnosis, settings={}, remarks=(), sentence="", effects=()), PageContext(Origin()))).lower()
+        assert is_said in text and is_not not in text
+        assert any(f" {is_said}" in line for line in terminal_lines(diagnosis))
+
+
+def test_ratios_are_stated_in_percent():
+    limits = (NotSeen("torque_scale", {"factor": 3.0}), NotSeen("torque_saturation", {"limit_relative": 0.536}))
+    text = read(page(replace(NAMED, not_seen=limits), PageContext(Origin()))).replace("\u00a0", " ")
+    assert "factor 3.00 (+200 %)" in text and "limit 53.6 %" in text

@@ -72,7 +72,7 @@ def test_samples_beside_a_grid_are_told_apart():
         (220.0, "friction", 1),
     ]
     html = page(result, found, "")
-    assert html.count("<figure>") == 2 and len(re.findall(r"explains 1\.00 ± 0\.00", html)) == 2
+    assert html.count("<figure ") == 2 and len(re.findall(r"explains 1\.00 ± 0\.00", html)) == 2
     assert "What it depends on" in Outline(html).text
 
 

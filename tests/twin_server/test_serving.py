@@ -4,6 +4,7 @@ import os
 import signal
 import socket
 from dataclasses import dataclass
+from pathlib import Path
 
 import can
 import pytest
@@ -14,6 +15,8 @@ from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from tests.cli.typed import typed
 from tests.twin_server.server import ANY_FREE, serving
+
+REAL_RIG = Path(__file__).parents[1] / "data" / "real-rig.toml"
 
 TICK_S = 2e-3
 
@@ -145,7 +148,7 @@ def test_opening_it_to_the_network_is_warned_of(monkeypatch, capsys):
         (("--fault", "flood@1"), "no fault is called 'flood'"),
         (("--fault", "force-lost"), "NAME@SECONDS"),
         (("--listen", "nowhere"), "is no address to listen on"),
-        (("--rig", "example-real-rig"), "only a rig of kind 'twin'"),
+        (("--rig", str(REAL_RIG)), "only a rig of kind 'twin'"),
         (("--rdt-port", "70000"), "--rdt-port"),
     ],
 )

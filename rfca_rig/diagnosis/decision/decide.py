@@ -29,6 +29,7 @@ from rfca_rig.diagnosis.config import (
     IDENTIFIED_PROBABILITY,
     IMPLAUSIBLE,
     LAW_ERROR,
+    MAX_COORDINATE,
     MOST_RIVALS,
     PRIOR_UNKNOWN,
     STATED_PROBABILITY,
@@ -275,7 +276,13 @@ def describe_strain(one: ScaledHypothesis) -> str:
     """Implausible nuisance parameters in words; empty where there are none."""
     names, x = one.hypothesis.fitted.coordinates.space.names, one.hypothesis.fitted.x
     found = zip(names, x, one.nuisance_shifts, strict=False)
-    return "; ".join(f"{name} {z:+.1f} prior standard deviations off" for name, z, shift in found if abs(shift) > IMPLAUSIBLE)
+    off = "prior standard deviations off"
+    # At the bound the printed value is the fit's, not the one that the data ask for.
+    return "; ".join(
+        f"{name} {z:+.1f} {off}{', the bound of the fit' if abs(z) >= MAX_COORDINATE else ''}"
+        for name, z, shift in found
+        if abs(shift) > IMPLAUSIBLE
+    )
 
 
 def _best_family(comparison: Comparison, supported: Sequence[Supported]) -> StatedFamily | None:

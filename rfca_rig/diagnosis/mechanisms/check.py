@@ -252,8 +252,11 @@ def _check_prediction(
         miss, change = (rms(np.concatenate([each[place] for each in of_all])) / abs(signal.factor) for of_all in (misses, changes))
         words = f"the nominal model misses it by {miss:.3g} {signal.unit} (rms) over {where}, "
         words += f"in which it changes by {change:.3g} {signal.unit}"
+        is_wrong = miss > change and signal.quantity == "position" and signal.joint in upset
+        if miss > change and not is_wrong:
+            words += "; it misses by more than the signal changes: check its sign, unit and zero before the diagnosis"
         yield CheckLine("prediction", signal.column, words, values={"miss": miss, "change": change})
-        if miss > change and signal.quantity == "position" and signal.joint in upset:
+        if is_wrong:
             message = "that is worse than no motion at all; correct the model of this joint, or its columns"
             yield CheckLine("prediction", signal.column, message, is_warning=True)
 

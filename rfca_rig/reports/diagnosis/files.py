@@ -24,6 +24,7 @@ from rfca_rig.reports.diagnosis.tables import (
     SIGMA,
     acceptance_table,
     before_after_table,
+    compare_with_usual_error,
     describe_law,
     describe_moved_prior,
     detection_limits_table,
@@ -72,8 +73,9 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
         law = diagnosis.stated_law.law
         yield f"law at {law.place} over {law.argument}, {describe_law(diagnosis.stated_law)}"
     yield from (remark for remark in diagnosis.remarks if remark.startswith(EXCLUDED))
-    yield from (_place("located", place) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
-    yield from (_place("remains", place) for place in diagnosis.remaining[:1])
+    part = "stretch" if diagnosis.is_of_stretches else "condition"
+    yield from (_place(place, part) for place in sorted(diagnosis.located, key=lambda place: -place.sigmas)[:PLACES])
+    yield from (f"remains: {_where(place)}, {compare_with_usual_error(place)}" for place in diagnosis.remaining[:1])
     if diagnosis.place is not None:
         yield f"acts on the {diagnosis.place.id} ({format_probability(diagnosis.place.probability)}): {diagnosis.place.words}"
     yield from (describe_moved_prior(one) for one in diagnosis.moved_priors[:2])
@@ -101,10 +103,14 @@ def _value_text(name: str, value: Value) -> str:
     return f"{words} {format_with_interval_90(value)} {unit}".strip()
 
 
-def _place(what: str, place: Located) -> str:
-    size = f"{format_significant(place.size)} {place.unit}, {format_significant(place.sigmas, 2)} sigma"
-    where = f"{signal_words(place.signal)}, {place.experiment}, {place.phase}"
-    return f"{what}: {where}: {size}, {count_noun(len(place.conditions), 'condition')}, p {format_p_value(place.p_value)}"
+def _place(place: Located, part: str) -> str:
+    count = count_noun(len(place.conditions), part, f"{part}es" if part == "stretch" else None)
+    return f"located: {_where(place)}, {format_significant(place.sigmas, 2)} sigma, {count}, p {format_p_value(place.p_value)}"
+
+
+def _where(place: Located) -> str:
+    where = ", ".join(filter(None, (signal_words(place.signal), place.experiment, place.phase)))
+    return f"{where}: {format_significant(place.size)} {place.unit}"
 
 
 def _figures(diagnosis: Diagnosis) -> Iterable[str]:

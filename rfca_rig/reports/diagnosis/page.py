@@ -11,7 +11,7 @@ from typing import Any
 
 from rfca_rig.analysis.phases import PHASES
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
-from rfca_rig.diagnosis.result import Diagnosis, Located, MapCell, NamedEffect, NotSeen, Rival, Value
+from rfca_rig.diagnosis.result import Diagnosis, Located, MapCell, NamedEffect, NotSeen, Rival, Value, name_parts
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.reports.diagnosis.pictures import draw_forest, draw_law, draw_residual, pictures_of
 from rfca_rig.reports.diagnosis.tables import (
@@ -20,6 +20,7 @@ from rfca_rig.reports.diagnosis.tables import (
     acceptance_table,
     all_misfits,
     before_after_table,
+    compare_with_usual_error,
     describe_effect,
     describe_law,
     describe_moved_prior,
@@ -266,7 +267,9 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
         files=files,
         title=diagnosis.title,
         grade=diagnosis.grade,
-        grade_meaning=GRADE_WORDS[diagnosis.grade][0],
+        grade_meaning=name_parts(GRADE_WORDS[diagnosis.grade][0], diagnosis.is_of_stretches),
+        part=name_parts("condition", diagnosis.is_of_stretches),
+        parts_words=name_parts("conditions", diagnosis.is_of_stretches),
         probability_of=GRADE_WORDS[diagnosis.grade][1],
         sentence=_text(diagnosis.sentence),
         evidence=_text(describe_evidence(diagnosis)),
@@ -294,6 +297,7 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
         other_rivals=other_rivals,
         ruled_out=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is not None],
         not_tested=[_not_seen(one) for one in diagnosis.not_seen if one.would_have_seen is None],
+        unexplained_title="Why it is not identified" if diagnosis.grade in ("mostly", "family") else "Still unexplained",
         nothing_unexplained=NOTHING_LEFT.get(diagnosis.grade, ""),
         unexplained=[_text(text) for text in diagnosis.unexplained],
         next_protocol=proposal.get("protocol"),
@@ -324,6 +328,9 @@ def describe_evidence(diagnosis: Diagnosis) -> str:
 def describe_next_step(diagnosis: Diagnosis) -> tuple[str, str]:
     """What to do with the answer in words, and the command for it, "" where none does it."""
     proposal, step = diagnosis.next_experiment, NEXT_STEPS[diagnosis.grade]
+    if diagnosis.is_of_stretches:
+        step = step.replace("a condition not used", "a recording not used")
+        step = step.replace("three conditions, each with repeats", "three stretches of recordings")
     if proposal is None:
         return step, ""
     if proposal.get("protocol") is None:
@@ -337,7 +344,7 @@ def _nuisances(diagnosis: Diagnosis) -> list[dict[str, str]]:
     found = []
     for name, value in diagnosis.believed_values.items():
         words, unit = words_and_unit(name)
-        unit = diagnosis.nuisance_units.get(name, unit).replace("m1.5", "m^1.5")
+        unit = (diagnosis.nuisance_units.get(name) or unit).replace("m1.5", "m^1.5")
         prior = diagnosis.priors.get(name)
         texts = {"name": words, "unit": unit, "value": format_with_interval_90(value), "prior": "", "forest": ""}
         if prior is not None and prior.std > 0.0 and isfinite(value.value):
@@ -362,6 +369,7 @@ def _place(place: Located, diagnosis: Diagnosis) -> dict[str, str]:
         "size": keep_units_together(f"{format_significant(place.size)} {place.unit}"),
         "sigmas": format_significant(place.sigmas, 2),
         "p_value": format_p_value(place.p_value),
+        "usual": compare_with_usual_error(place),
         "conditions": _conditions(place, diagnosis),
     }
 

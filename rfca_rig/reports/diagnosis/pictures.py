@@ -79,8 +79,10 @@ def _picture(signal: str, overlays: Sequence[SignalOverlay], is_kept: bool) -> P
     unit, fit = words_and_unit(signal)[1], residuals_of(overlays)
     largest = max(fit.before, fit.after if np.isfinite(fit.after) else 0.0)
     coincide = np.isfinite(largest) and largest < COINCIDE * _span(np.concatenate([each.measured for each in overlays]))
-    noun = "recording" if any(len(each.parts) > 1 for each in overlays) else "condition"
-    caption = f"Means over the repeats, {count_noun(len(overlays), noun)} on one scale."
+    if any(each.parts and each.parts != (each.condition,) for each in overlays):
+        caption = f"{count_noun(len(overlays), 'recording')} on one scale."
+    else:
+        caption = f"Means over the repeats, {count_noun(len(overlays), 'condition')} on one scale."
     summary = f"{signal_words(signal)}: all curves coincide, rms {format_significant(largest, 2)} {unit} at most".rstrip()
     lines = (line for o in overlays for line in (o.measured, o.before, o.after))
     limits = [_limits(np.concatenate(list(values))) for values in ((o.t_s for o in overlays), lines)]

@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 
+from rfca_rig.diagnosis.config import MAX_COORDINATE
 from rfca_rig.diagnosis.residual_force.law import MeasuredLaw, StatedLaw
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, MovedPrior, Value
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MovedPrior, Value, name_parts
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.reports.diagnosis.pictures import residuals_of
@@ -33,6 +34,8 @@ SIGMA = "\u03c3"
 UNKNOWN = "unknown"
 UNLISTED = "something that the catalogue does not list"
 
+# Times the usual error from which a difference that remains is coloured on the map, too.
+MATTERS_FROM = 2.0
 # Decimals of misfits at most.
 MOST_PLACES = 4
 ALL_DATA, HELD_OUT, PRIOR = "all data", "predicted from the others", "prior"
@@ -74,6 +77,14 @@ def format_probability(probability: float) -> str:
     return f"{text} %".replace(" ", NO_BREAK) if isfinite(probability) else NOTHING
 
 
+def compare_with_usual_error(place: Located) -> str:
+    """How large a difference is beside what noise, scatter and the usual model error make, and whether it matters."""
+    times = f"{format_significant(place.sigmas, 2)} times the usual error"
+    if place.sigmas < 1.0:
+        return f"{times}: real, but too small to matter"
+    return f"{times}: {'it matters' if place.sigmas >= MATTERS_FROM else 'it may matter'}"
+
+
 def format_p_value(p_value: float) -> str:
     """A p-value as text; small ones as "< 0.001"."""
     return "< 0.001" if p_value < 0.0005 else format_significant(p_value, 1 if p_value < 0.1 else 2)
@@ -102,7 +113,9 @@ def describe_moved_prior(one: MovedPrior) -> str:
         f"{format_significant(one.now.value)}{unit}",
         f"{format_significant(one.prior.value)} ± {format_significant(one.prior.std, 2)}{unit}",
     )
-    return f"{words} moved to {now}, {abs(one.deviations):.1f} prior deviations from {prior}: it is wrong, or something acts like it"
+    beyond = f" (extrapolated: the fit stops at {MAX_COORDINATE:g})" if abs(one.deviations) > MAX_COORDINATE else ""
+    distance = f"{abs(one.deviations):.1f} prior standard deviations"
+    return f"{words} moved to {now}, {distance} from {prior}{beyond}: it is wrong, or something acts like it"
 
 
 def sizes(values: Mapping[str, float]) -> str:
@@ -112,7 +125,15 @@ def sizes(values: Mapping[str, float]) -> str:
 
 def _size(name: str, value: float) -> str:
     words, unit = words_and_unit(name)
+    if unit == "relative":
+        return f"{words} {_percent(value)}"
+    if name == "factor":
+        return f"{words} {format_significant(value)} ({'+' if value > 1.0 else ''}{_percent(value - 1.0)})"
     return f"{words} {format_significant(value)}{NO_BREAK}{unit.replace(' ', NO_BREAK)}".rstrip(NO_BREAK)
+
+
+def _percent(ratio: float) -> str:
+    return f"{format_significant(100.0 * ratio)}{NO_BREAK}%"
 
 
 def entries(values: Mapping[str, object]) -> list[tuple[str, str]]:
@@ -243,11 +264,9 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         *held_out,
         TableColumn("noise_floor", "Noise floor"),
     )
-    caption = (
-        "Measured less simulated, means over the repeats of each condition, rms over all of them. Before: the nominal model; "
-        "after: the model that this diagnosis arrives at."
-    )
-    note = " Predicted: each condition left out in turn and computed from a fit to the others."
+    of_what = "rms over all stretches" if diagnosis.is_of_stretches else "means over the repeats of each condition, rms over all of them"
+    caption = f"Measured less simulated, {of_what}. Before: the nominal model; after: the model that this diagnosis arrives at."
+    note = name_parts(" Predicted: each condition left out in turn and computed from a fit to the others.", diagnosis.is_of_stretches)
     return Table("before-after", caption + (note if diagnosis.held_out else ""), columns, tuple(rows))
 
 

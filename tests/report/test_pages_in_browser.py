@@ -1,0 +1,97 @@
+"""The pages in a browser on a desk and on a phone: nothing is wider than the screen, and what people read first need not be scrolled."""
+
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("playwright", reason='pages are tested in a browser: pip install "rfca-rig[dev]"')
+
+from playwright.sync_api import Page, ViewportSize
+from rfca_rig.reports.exam.files import write_exam
+
+from rfca_rig.exam.cases import split_numbers
+from rfca_rig.exam.scored import score_exam
+from rfca_rig.reports.provenance import Origin, PageContext
+from rfca_rig.reports.run.page import page as run_page
+from rfca_rig.reports.run.page import tables_of
+from rfca_rig.reports.run.parts import story_of
+from rfca_rig.reports.strokes.writing import write_report
+from tests.analysis.torque_rotation.tables import plain
+from tests.report import runs
+from tests.report.exams import made_up_exam
+from tests.report.recordings import recording, stages, strokes
+from tests.report.test_diagnosis_page import ALL
+from tests.report.test_diagnosis_page import page as diagnosis_page
+from tests.report.test_static_report import noisy, written
+from tests.view.browser import WatchedPage, browser
+
+pytestmark = pytest.mark.slow
+
+WIDTHS_PX = (1280, 390)
+# Boxes that scroll sideways, by their labels. Of the page itself the width beyond the screen.
+SCROLLED = """() => [document.documentElement.scrollWidth - document.documentElement.clientWidth,
+  [...document.querySelectorAll("body *")].filter(each => ["auto", "scroll"].includes(getComputedStyle(each).overflowX)
+    && each.scrollWidth > each.clientWidth + 1).map(each => each.ariaLabel ?? each.tagName)]"""
+# Letters lower than this are not read on a phone. Those of figures scale with them.
+SMALL = """() => [...document.querySelectorAll("body *")].filter(each => each.children.length === 0 && each.textContent.trim()
+  && !each.closest("svg") && each.getClientRects().length && parseFloat(getComputedStyle(each).fontSize) < 8.5)
+  .map(each => each.textContent.trim())"""
+# Boxes that scroll and that a keyboard does not reach.
+UNREACHED = """() => [...document.querySelectorAll("body *")].filter(each => each.tabIndex < 0 && each.scrollWidth > each.clientWidth + 1
+  && ["auto", "scroll"].includes(getComputedStyle(each).overflowX)).map(each => each.outerHTML.slice(0, 80))"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """All pages, from made-up results."""
+    out = tmp_path_factory.mktemp("pages")
+    for name, diagnosis in ALL.items():
+        (out / f"diagnosis-{name.replace(' ', '-')}.html").write_text(diagnosis_page(diagnosis, PageContext(Origin())), encoding="utf-8")
+    for made in (runs.done, runs.tripped, runs.worn):
+        story = story_of(made())
+        text = run_page(story, tables_of(story), PageContext(Origin()), ())
+        (out / f"run-{made.__name__}.html").write_text(text, encoding="utf-8")
+    write_report((recording(strokes(), stages()),), out)
+    write_exam(score_exam(made_up_exam(out / "exam", split_numbers(90), false_names=0.1)), out)
+    (out / "static").mkdir()
+    written(out / "static", noisy(plain(), np.random.default_rng(2)))
+    return out
+
+
+@pytest.fixture(scope="module")
+def watched():
+    with browser() as started:
+        yield WatchedPage(started.new_page())
+
+
+@contextmanager
+def opened(watched: WatchedPage, path: Path, width_px: int):
+    watched.complaints.clear()
+    watched.page.set_viewport_size(ViewportSize(width=width_px, height=900))
+    watched.page.goto(path.as_uri())
+    yield watched.page
+    assert [each for each in watched.complaints if not each.startswith("leaves this machine: file:")] == []
+
+
+def scrolled(page: Page) -> list[str]:
+    beyond_px, boxes = page.evaluate(SCROLLED)
+    assert beyond_px <= 0
+    return boxes
+
+
+@pytest.mark.parametrize("width_px", WIDTHS_PX)
+def test_no_page_is_wider_than_the_screen(folder, watched, width_px, tmp_path):
+    pages = sorted(folder.rglob("*.html"))
+    assert len(pages) >= 13
+    for path in pages:
+        with opened(watched, path, width_px) as page:
+            boxes = scrolled(page)
+            # On a desk all fits. On a phone wide tables scroll within their box, but on a diagnosis only the map does.
+            may_scroll = "map of" if path.stem.startswith("diagnosis") else ""
+            assert width_px < WIDTHS_PX[0] or not boxes, path.name
+            assert all(box.startswith(may_scroll) for box in boxes), (path.name, boxes)
+            assert page.evaluate(SMALL) == page.evaluate(UNREACHED) == [], path.name
+            # For people: they stay where pytest keeps what failed.
+            assert page.screenshot(path=tmp_path / f"{path.stem}-{width_px}.png", full_page=True)
