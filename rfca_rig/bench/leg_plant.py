@@ -1,18 +1,21 @@
 """Mechanics of the twins: the model's chain, with the shaft driven by the torque of the motor twin."""
 
 from dataclasses import dataclass, field
+from itertools import accumulate
 from math import sin
+from operator import mul
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import resolve_effect, set_up
-from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state
+from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state, resolve_integrator
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Chain, Laws, Shaft, State, Work
+from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State, Work
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 Floats = NDArray[np.float64]
@@ -21,6 +24,8 @@ TOLERANCE = Tolerance()
 
 # Longer than a bounce: after it, a contact counts as a new touchdown with new friction.
 IN_THE_AIR_S = 0.2
+
+NO_WRENCH = np.empty((0, 6))
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,9 @@ class LegPlant:
     _laws: Laws = field(init=False)
     _state: State = field(init=False)
     _work: Work = field(init=False)
+    _integrator: Any = field(init=False)
+    _samples: dict[int, Samples] = field(init=False)
+    _shaft_state: ShaftState = field(init=False)
     _torque_Nm: float = 0.0
 
     def __post_init__(self) -> None:
@@ -71,6 +79,11 @@ class LegPlant:
         self._state = find_rest_state(self._chain, shaft_angle_rad, self._laws)
         # Kept from step to step: new memory takes longer than the integration of a step.
         self._work = allocate_workspace(self._state.q.size, self._state.anchor.size)
+        self._samples = {}
+        # The types stay until the next setting, so they are looked at here and not at every step.
+        arguments = self._chain, self._laws, self._shaft(ShaftDrive()), self._state, self._work, self._outputs(np.empty(0))
+        self._integrator = resolve_integrator(*arguments)
+        self._shaft_state = self._read_shaft()
 
     def advance(self, to_s: float, drive: ShaftDrive, force_times_s: Floats) -> Floats:
         """Moves on to `to_s` and returns the wrench at the sensor.
@@ -89,10 +102,9 @@ class LegPlant:
         ndarray, shape (m, 6)
             Force in N and moment in N m at `force_times_s`; out-of-plane components are zero.
         """
-        samples = allocate_samples(force_times_s, self._state.q.size, self._state.anchor.size)
-        span_s = (self._now_s, to_s)
+        samples, span_s = self._outputs(force_times_s), (self._now_s, to_s)
         shaft = self._shaft(drive)
-        cost = advance(self._chain, shaft, self._state, span_s, self._step_s, TOLERANCE, samples, self._laws, self._work)
+        cost = advance(self._chain, shaft, self._state, span_s, self._step_s, TOLERANCE, samples, self._laws, self._work, self._integrator)
         # The integrator's last step width is the best guess for the next call.
         self._step_s = cost.next_s
         if self._deepest_m() < self._chain.ground_depth:
@@ -104,11 +116,22 @@ class LegPlant:
             self._chain = self._chain._replace(mu=max(friction, 0.0))
         self._now_s = to_s
         # At the end of the step: what the drive reports until the next one.
-        self._torque_Nm = drive.torque_Nm(float(self._state.q[0]), float(self._state.w[0]))
-        return self._wrench(samples.force)
+        self._torque_Nm = drive.torque_Nm(self._state.q.item(0), self._state.w.item(0))
+        self._shaft_state = self._read_shaft()
+        return self._wrench(samples.force) if len(force_times_s) else NO_WRENCH
+
+    def _outputs(self, times_s: Floats) -> Samples:
+        """Arrays for the samples at these times, used again by every step with as many."""
+        samples = self._samples.get(len(times_s))
+        if samples is None:
+            samples = self._samples[len(times_s)] = allocate_samples(times_s, self._state.q.size, self._state.anchor.size)
+        return samples._replace(t=times_s)
 
     def _shaft(self, drive: ShaftDrive) -> Shaft:
-        return HELD_SHAFT._replace(
+        return Shaft(
+            HELD_SHAFT.breaks,
+            HELD_SHAFT.coefficient,
+            HELD_SHAFT.landings,
             free=True,
             rotor=self.rotor_inertia_kg_m2,
             feed=drive.feed_Nm,
@@ -126,14 +149,14 @@ class LegPlant:
         return wrench
 
     def _deepest_m(self) -> float:
-        depth_m = deepest_m = 0.0
-        for length_m, angle_rad in zip(self.rig.leg.link_lengths_m, self._state.q.tolist(), strict=True):
-            depth_m += length_m * sin(angle_rad)
-            deepest_m = max(deepest_m, depth_m)
-        return deepest_m + self.rig.leg.link_radius_m
+        depths_m = accumulate(map(mul, self.rig.leg.link_lengths_m, map(sin, self._state.q.tolist())))
+        return float(max(0.0, *depths_m)) + self.rig.leg.link_radius_m
 
     def shaft(self) -> ShaftState:
-        return ShaftState(float(self._state.q[0]), float(self._state.w[0]), self._torque_Nm)
+        return self._shaft_state
+
+    def _read_shaft(self) -> ShaftState:
+        return ShaftState(self._state.q.item(0), self._state.w.item(0), self._torque_Nm)
 
     def link_angles_rad(self) -> Floats:
         """Angles (n,) of the links from the horizontal, rad."""
