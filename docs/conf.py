@@ -25,6 +25,11 @@ nb_execution_mode = "force"
 # A diagnosis takes a minute of CPU time; machines of CI are slow and shared.
 nb_execution_timeout = 1800
 nb_execution_raise_on_error = nb_execution_in_temp = True
+# `-t without_diagnosis` leaves out the longest notebook, whose cells have a test of their own. Sphinx provides `tags`.
+if tags.has("without_diagnosis"):  # type: ignore[name-defined]  # noqa: F821
+    nb_execution_excludepatterns = ["notebooks/first-run*"]
+    # Only the kernel tells the language of the cells.
+    suppress_warnings = ["myst-nb.lexer"]
 
 # --view stays two hyphens.
 smartquotes = False

@@ -271,9 +271,9 @@ def stroke_valley(stroke: Stroke) -> Valley | Undetermined:
     return Undetermined("fz was not recorded") if trace is None else find_valley(*trace)
 
 
-def describe_stroke(stroke: Stroke) -> dict[str, float | None]:
-    """A row of numbers: the condition, and time and force of the valley, None where there is none."""
-    valley = stroke_valley(stroke)
+def describe_stroke(stroke: Stroke, valley: Valley | Undetermined | None = None) -> dict[str, float | None]:
+    """A row of numbers: the condition, and time and force of the valley, None where there is none; a caller may know the valley."""
+    valley = valley or stroke_valley(stroke)
     found = valley if isinstance(valley, Valley) else None
     return {
         "height_mm": round(1e3 * stroke.height_m, 6),

@@ -45,6 +45,8 @@ def force_form(scale: SensorScale) -> StreamForm:
 
 
 _FORCE_DTYPE = force_form(SensorScale(1.0, 1.0, 1.0)).dtype
+# The same bytes with the six channels as one field, which is filled at once.
+_FORCE_BLOCK_DTYPE = np.dtype([("counts", "<i4", (len(WRENCH),)), ("rdt_sequence", "<i8"), ("status", "<u4"), *_SHAFT_DTYPE.descr[-2:]])
 
 
 def shaft_rows(samples: ShaftSamples) -> Rows:
@@ -58,12 +60,11 @@ def shaft_rows(samples: ShaftSamples) -> Rows:
 
 def force_rows(samples: ForceSamples) -> Rows:
     """Packed records (m,) of the force, laid out as `force_form`."""
-    rows = np.empty(len(samples.host_s), _FORCE_DTYPE)
-    for axis, name in enumerate(WRENCH):
-        rows[name] = samples.counts[:, axis]
+    rows = np.empty(len(samples.host_s), _FORCE_BLOCK_DTYPE)
+    rows["counts"] = samples.counts
     rows["rdt_sequence"], rows["status"] = samples.sequence, samples.status
     rows[HOST_TIME], rows[DEVICE_TIME] = samples.host_s, samples.device_s
-    return rows
+    return rows.view(_FORCE_DTYPE)
 
 
 def make_commanded_start(start_s: float, turns_rad: float) -> CommandedStart:

@@ -1,7 +1,8 @@
 """The control loop: one tick reads the devices, checks the limits, and only then commands the drive."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from types import TracebackType
 
 import numpy as np
 
@@ -199,10 +200,19 @@ class Loop:
             self._listeners.remove(listener)
 
 
-@contextmanager
-def trip_on_bus_error() -> Iterator[None]:
+class _TripOnBusError:
+    # Not a generator: it is entered twice at every tick.
+    def __enter__(self) -> None:
+        return
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if isinstance(error, DeviceError):
+            raise Tripped(Trip.BUS, str(error)) from error
+
+
+_TRIP_ON_BUS_ERROR = _TripOnBusError()
+
+
+def trip_on_bus_error() -> AbstractContextManager[None]:
     """Within a run a failing bus is a trip, not a device error to be reported later: the motor cannot be commanded any more."""
-    try:
-        yield
-    except DeviceError as error:
-        raise Tripped(Trip.BUS, str(error)) from error
+    return _TRIP_ON_BUS_ERROR

@@ -1,8 +1,9 @@
 """Converts the leg to the arrays of the compiled code, finds its rest pose, and calls the integrator."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,11 @@ class Tolerance:
     speed_rad_s: float = 3e-2
     longest_s: float = LONGEST_STEP_S
     most_steps: int = 1_000_000
+
+    @cached_property
+    def bounds(self) -> Floats:
+        """Both errors, as the compiled code takes them."""
+        return np.array([self.angle_rad, self.speed_rad_s])
 
 
 @dataclass(frozen=True)
@@ -227,6 +233,25 @@ def allocate_samples(t_s: Floats, coordinates: int, links: int | None = None) ->
     return Samples(t_s, np.empty((m, coordinates)), np.empty((m, coordinates)), np.empty((m, 3)), np.empty((m, 2, links or coordinates)))
 
 
+Integrator = Callable[..., tuple[int, float, int, int]]
+
+
+def resolve_integrator(chain: Chain, laws: Laws, shaft: Shaft, state: State, work: Work, samples: Samples) -> Integrator:
+    """The compiled code for arguments of these types, compiled or loaded now if need be; it must not be called with other types.
+
+    Per call the compiler's dispatcher finds out the type of each of some sixty arrays, which takes several times as long as a short
+    span.
+    """
+    compiled: Any = integrate
+    # Without compilation, as for coverage, it is the Python function itself.
+    if not hasattr(compiled, "typeof_pyval"):
+        return integrate
+    arguments = chain, laws, shaft, state, 0.0, 0.0, 0.0, 0.0, 1, Tolerance().bounds, work, samples
+    types = tuple(map(compiled.typeof_pyval, arguments))
+    entry: Integrator = compiled.compile(types)
+    return entry
+
+
 def advance(
     chain: Chain,
     shaft: Shaft,
@@ -237,6 +262,7 @@ def advance(
     samples: Samples,
     laws: Laws = NO_LAWS,
     work: Work | None = None,
+    integrator: Integrator = integrate,
 ) -> Steps:
     """Integrates `state` over `span_s` in place and fills `samples`.
 
@@ -256,6 +282,8 @@ def advance(
         Their times lie in the span, its start excluded.
     work
         Working memory of an earlier call for the same chain, for a caller with many short spans; the result is that of new memory.
+    integrator
+        From `resolve_integrator`, for such a caller, too.
 
     Returns
     -------
@@ -267,14 +295,13 @@ def advance(
     SimulationFailed
         Where no step converges, or where it would take more than `tolerance.most_steps`.
     """
-    bounds = np.array([tolerance.angle_rad, tolerance.speed_rad_s])
     if work is None:
         work = allocate_workspace(state.q.size, state.anchor.size)
     else:
         # Everything else in it is written before it is read.
-        work.ends[:] = 0.0
-    status, next_s, accepted, rejected = integrate(
-        chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, tolerance.most_steps, bounds, work, samples
+        work.ends.fill(0.0)
+    status, next_s, accepted, rejected = integrator(
+        chain, laws, shaft, state, span_s[0], span_s[1], step_s, tolerance.longest_s, tolerance.most_steps, tolerance.bounds, work, samples
     )
     if status != DONE:
         why = f"no step above {SHORTEST_STEP_S:g} s converges" if status == STEP_TOO_SHORT else f"steps are down to {next_s:.1g} s"

@@ -1,6 +1,6 @@
 """What motor twins share: encoder, thermal model of the motor, and cascaded speed loop, as of an ODrive."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp
 
 from rfca_rig.codecs.odrive import ControlMode
@@ -134,8 +134,7 @@ class SpeedLoop:
 
 
 def _scale(law: ShaftDrive, factor: float) -> ShaftDrive:
-    return replace(
-        law,
+    return law._replace(
         feed_Nm=factor * law.feed_Nm,
         angle_gain_Nm_per_rad=factor * law.angle_gain_Nm_per_rad,
         speed_gain_Nm_s_per_rad=factor * law.speed_gain_Nm_s_per_rad,

@@ -120,8 +120,7 @@ def damping(gains: MoteusGains, shaft: ShaftState, limit_Nm: float) -> ShaftDriv
 
 
 def _scale(law: ShaftDrive, factor: float) -> ShaftDrive:
-    return replace(
-        law,
+    return law._replace(
         feed_Nm=factor * law.feed_Nm,
         angle_gain_Nm_per_rad=factor * law.angle_gain_Nm_per_rad,
         speed_gain_Nm_s_per_rad=factor * law.speed_gain_Nm_s_per_rad,

@@ -173,11 +173,14 @@ class NetFtTwin:
     def _digitise(self, wrench: Floats) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
         """Counts (m, 6) and status (m,) of a wrench (m, 6). The converter saturates on the true load, independent of the bias."""
         noisy = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
-        clipped = np.minimum(np.maximum(noisy, -self._full_scale), self._full_scale)
-        status, beyond = np.zeros(len(wrench), np.uint32), clipped != noisy
-        if beyond.any():
-            status[beyond.any(axis=1)] = SATURATED
-        counts = np.rint((clipped - self._bias) * self._counts_per_unit)
+        status, within = np.zeros(len(wrench), np.uint32), np.abs(noisy) <= self._full_scale
+        # Compared so that a value that is no number counts as beyond the range.
+        if not np.logical_and.reduce(within, axis=None):
+            status[~within.all(axis=1)] = SATURATED
+            noisy = np.minimum(np.maximum(noisy, -self._full_scale), self._full_scale)
+        noisy -= self._bias
+        noisy *= self._counts_per_unit
+        counts = np.rint(noisy, out=noisy)
         return np.minimum(np.maximum(counts, -LARGEST_COUNT), LARGEST_COUNT).astype(np.int32), status
 
 

@@ -86,6 +86,8 @@ class OdriveTwin:
         self._temperature_ticks = SampleGrid(settings.temperature_period_s or 1.0)
         self._encoder_ticks = SampleGrid(settings.encoder_period_s)
         self._heartbeat_ticks = SampleGrid(settings.heartbeat_period_s)
+        self._rad_per_turn = settings.direction * tau / settings.gear_ratio
+        self._torque_ratio = settings.direction * settings.gear_ratio
 
     def take_frames(self, now_s: float) -> None:
         """Executes received frames; invalid ones are ignored. Any frame for this node feeds the watchdog."""
@@ -96,7 +98,7 @@ class OdriveTwin:
         self._check_watchdog(now_s)
 
     def _is_mine(self, arbitration_id: int) -> bool:
-        return cansimple.node_of(arbitration_id) in {self._settings.node_id, odrive.BROADCAST_NODE}
+        return cansimple.node_of(arbitration_id) in (self._settings.node_id, odrive.BROADCAST_NODE)
 
     def _take(self, message: can.Message) -> None:
         # Firmware 0.5 also answers an empty data frame; adapters without remote frames need that.
@@ -192,17 +194,17 @@ class OdriveTwin:
         if self._state == AxisState.CLOSED_LOOP:
             self._loop.advance(self._wanted, elapsed_s, before, after)
         self.warmth.advance(elapsed_s, after.torque_Nm)
-        due_s = self._encoder_ticks.until(now_s).tolist()
+        due_s = self._encoder_ticks.list_until(now_s)
         for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
             self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
-        for _ in self._heartbeat_ticks.until(now_s):
+        for _ in range(self._heartbeat_ticks.count_until(now_s)):
             self._send(cansimple.heartbeat(self._settings.node_id, self._beat(), self._settings.dialect))
         self._report_temperature(now_s)
 
     def _report_temperature(self, now_s: float) -> None:
         settings = self._settings
         if settings.temperature_period_s is not None and settings.dialect == OdriveFirmware.V0_6:
-            for _ in self._temperature_ticks.until(now_s):
+            for _ in range(self._temperature_ticks.count_until(now_s)):
                 self._send(cansimple.temperatures(settings.node_id, settings.warming.air_degC, self.warmth.reported_degC))
 
     def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
@@ -226,11 +228,3 @@ class OdriveTwin:
     @property
     def dialect(self) -> OdriveFirmware:
         return self._settings.dialect
-
-    @property
-    def _rad_per_turn(self) -> float:
-        return self._settings.direction * tau / self._settings.gear_ratio
-
-    @property
-    def _torque_ratio(self) -> float:
-        return self._settings.direction * self._settings.gear_ratio

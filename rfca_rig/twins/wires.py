@@ -46,7 +46,10 @@ class CanEnd(can.BusABC):
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """As every bus. A look without waiting skips the clock and the log of the base class, which cost more than the message."""
-        return super().recv(timeout) if timeout != 0 or self.filters else self._recv_internal(timeout)[0]
+        if timeout != 0 or self._filters:
+            return super().recv(timeout)
+        self._check_open()
+        return self._arrived.popleft() if self._arrived else None
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002 (nothing can arrive meanwhile)
         self._check_open()
@@ -199,9 +202,19 @@ class SampleGrid:
 
     def until(self, to_s: float) -> Floats:
         """Times (m,) in s not yet returned, none later than `to_s`."""
-        first, last = self._taken + 1, floor(to_s / self._period_s + SLACK)
-        if last < first:
+        first, count = self._taken + 1, self.count_until(to_s)
+        if not count:
             return NO_TIMES
-        self._taken = last
-        times: Floats = np.minimum(np.arange(first, last + 1) * self._period_s, to_s)
+        times: Floats = np.minimum(np.arange(first, first + count) * self._period_s, to_s)
         return times
+
+    def list_until(self, to_s: float) -> list[float]:
+        """The same times as plain numbers: for one or two, an array takes longer."""
+        first, count = self._taken + 1, self.count_until(to_s)
+        return [min(number * self._period_s, to_s) for number in range(first, first + count)]
+
+    def count_until(self, to_s: float) -> int:
+        """How many times `until` would return; they count as returned."""
+        count = max(0, floor(to_s / self._period_s + SLACK) - self._taken)
+        self._taken += count
+        return count

@@ -4,9 +4,8 @@ The plants, which are based on the model, are in other packages.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from math import ceil
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,7 @@ RESTING_STEP_FACTOR = 5
 MAX_RESTING_SPEED_RAD_S = 1e-3
 
 
-@dataclass(frozen=True)
-class ShaftDrive:
+class ShaftDrive(NamedTuple):
     """Linear torque law of a drive, in SI units at the shaft: feed + angle_gain (angle - q) + speed_gain (speed - dq/dt)."""
 
     feed_Nm: float = 0.0
@@ -38,8 +36,7 @@ class ShaftDrive:
         )
 
 
-@dataclass(frozen=True)
-class ShaftState:
+class ShaftState(NamedTuple):
     """Present state of the shaft, and the motor's torque on it."""
 
     angle_rad: float

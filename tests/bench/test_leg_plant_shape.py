@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rfca_rig.bench.factory import LegPlant, TwinScatter
+from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect

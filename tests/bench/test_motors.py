@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rfca_rig.bench import factory
-from rfca_rig.bench.factory import LegPlant, open_bench
+from rfca_rig.bench.factory import open_bench
+from rfca_rig.bench.leg_plant import LegPlant
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput

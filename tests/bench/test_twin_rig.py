@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.bench.expectation import predict_loads
-from rfca_rig.bench.factory import LegPlant, TwinScatter
+from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.description.protocol_file import read_static
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import PresentEffect

@@ -9,7 +9,7 @@ from pathlib import Path
 import can
 import numpy as np
 
-from rfca_rig.bench.factory import LegPlant, TwinScatter
+from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.run_experiment import SignalHandler
 from rfca_rig.clock import TwinClock

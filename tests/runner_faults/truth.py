@@ -1,6 +1,6 @@
 """What the shaft really does, and what can be done to it: written down step by step, whatever the drive says."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -62,8 +62,7 @@ def _held_fast(drive: ShaftDrive, angle_rad: float) -> ShaftDrive:
     """The same law with a stiff spring and damper to where the shaft stands."""
     gain = drive.angle_gain_Nm_per_rad + BLOCK_Nm_per_rad
     damping = drive.speed_gain_Nm_s_per_rad + BLOCK_Nm_s_per_rad
-    return replace(
-        drive,
+    return drive._replace(
         angle_gain_Nm_per_rad=gain,
         angle_rad=(drive.angle_gain_Nm_per_rad * drive.angle_rad + BLOCK_Nm_per_rad * angle_rad) / gain,
         speed_gain_Nm_s_per_rad=damping,

@@ -291,15 +291,17 @@ class NetFtSensor:
         self._status.take(records.status)
         # A signed 32 bit difference is right across the wrap of the counter, and negative after a restart of the box.
         steps = (records.ft_sequence[1:] - records.ft_sequence[:-1]).view(np.int32)
-        # Only neighbouring records: a lost record would look like a larger step.
-        self._check_rate(steps[numbers[1:] - numbers[:-1] == 1])
         since = 1 if self._last_ft is None else wrap_to_signed(int(records.ft_sequence[0]) - self._last_ft)
-        self._stalled += int((steps <= 0).sum()) + (since <= 0)
+        # Every step as set is the usual case, and a comparison is much cheaper than a median.
+        if np.count_nonzero(steps != self._settings.decimation):
+            # Only neighbouring records: a lost record would look like a larger step.
+            self._check_rate(steps[numbers[1:] - numbers[:-1] == 1])
+            self._stalled += int((steps <= 0).sum())
+        self._stalled += since <= 0
         self._last_ft = int(records.ft_sequence[-1])
 
     def _check_rate(self, steps: NDArray[np.int32]) -> None:
         """Raises DeviceError for a wrong rate, which would stretch the time base of the whole recording."""
-        # Every step as set is the usual case, and a comparison is much cheaper than a median.
         if (steps == self._settings.decimation).all():
             return
         # The median is not affected by single stalled records.

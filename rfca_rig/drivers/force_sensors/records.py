@@ -46,7 +46,7 @@ class RecordSequence:
         # The view as int32 makes records behind `_next` negative.
         ahead = (numbers - np.uint32(self._next & 0xFFFFFFFF)).view(np.int32).astype(np.int64)
         # Fast path for a batch without gap, the usual case at 7000 to 15 000 records/s.
-        if len(ahead) and ahead[0] == 0 and ahead[-1] == len(ahead) - 1 and (ahead[1:] - ahead[:-1] == 1).all():
+        if len(ahead) and ahead[0] == 0 and ahead[-1] == len(ahead) - 1 and not np.count_nonzero(ahead[1:] - ahead[:-1] != 1):
             picked, fresh = np.arange(len(ahead)), ahead
         else:
             picked, fresh = self._sort_out(ahead)
@@ -94,7 +94,7 @@ class StatusCounter:
 
     def take(self, status: NDArray[np.uint32]) -> None:
         """Counts one batch of status words (m,)."""
-        if not status.any():
+        if not np.count_nonzero(status):
             return
         faulty = status[~np.isin(status, list(WARNINGS))]
         self.faulty += len(faulty)

@@ -103,6 +103,7 @@ class OdriveReports:
         self._bus = bus
         self._clock = clock
         self._settings = settings
+        self._rad_per_turn, self._torque_ratio = settings.shaft_rad_per_turn, settings.shaft_torque_per_drive_torque
         self._count = FrameCount(settings.encoder_period_s)
         # Turns, turns/s and motor torque of frames that have no time stamp yet.
         self._rows: list[tuple[float, float, float]] = []
@@ -224,18 +225,23 @@ class OdriveReports:
         """Time-stamps the new rows. After a long pause frames may be missing anywhere, so no jump is looked for."""
         if not self._rows:
             return
-        rows, self._rows = np.array(self._rows), []
-        settings = self._settings
-        samples = ShaftSamples(
-            host_s=np.full(len(rows), self.drained_s),
-            device_s=self._count.stamp(len(rows), self.drained_s),
-            angle_rad=(rows[:, 0] - settings.zero_turns) * settings.shaft_rad_per_turn,
-            speed_rad_s=rows[:, 1] * settings.shaft_rad_per_turn,
-            torque_Nm=rows[:, 2] * settings.shaft_torque_per_drive_torque,
-        )
-        for report in zip(samples.device_s.tolist(), samples.angle_rad.tolist(), samples.speed_rad_s.tolist(), strict=True):
+        rows, self._rows = self._rows, []
+        zero_turns, rad, ratio = self._settings.zero_turns, self._rad_per_turn, self._torque_ratio
+        # Plain numbers: a tick brings two reports, for which numpy takes longer.
+        angle_rad = [(turns - zero_turns) * rad for turns, _, _ in rows]
+        speed_rad_s = [turns_s * rad for _, turns_s, _ in rows]
+        device_s = self._count.stamp(len(rows), self.drained_s)
+        for report in zip(device_s.tolist(), angle_rad, speed_rad_s, strict=True):
             self._leap.follow(self.drained_s, *report, judged=is_whole)
-        self._samples.append(samples)
+        self._samples.append(
+            ShaftSamples(
+                host_s=np.array([self.drained_s] * len(rows)),
+                device_s=device_s,
+                angle_rad=np.array(angle_rad),
+                speed_rad_s=np.array(speed_rad_s),
+                torque_Nm=np.array([torque_Nm * ratio for _, _, torque_Nm in rows]),
+            )
+        )
 
 
 NO_SAMPLES = ShaftSamples(*(np.empty(0) for _ in range(5)))
