@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.contact import normal_force
+from rfca_rig.model.kernel.contact import normal_force
 from rfca_rig.model.paper.dynamics import (
     EndLoads,
     LinkChain,
@@ -480,7 +480,7 @@ def stick_friction_N(speed_m_s: float, applied_N: float, static_N: float, kineti
 
     References
     ----------
-    Equation (19). The simulation treats stick as a state, with a compliant tie: `rfca_rig.model.contact.tangential_force`.
+    Equation (19). The simulation treats stick as a state, with a compliant tie: `rfca_rig.model.kernel.contact.tangential_force`.
     """
     # Exactly zero, as in (19): this function evaluates the equation and is no law for an integrator.
     if speed_m_s != 0.0:

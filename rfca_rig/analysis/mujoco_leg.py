@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from scipy.optimize import root
 
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.model.compiled import jit
 from rfca_rig.model.hinge_springs import polynomial_springs
+from rfca_rig.model.kernel.compiled import jit
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import resolve_effect, set_up
 from rfca_rig.model.chain import HELD_SHAFT, Tolerance, advance, allocate_samples, find_rest_state, resolve_integrator
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import Chain, Laws, Samples, Shaft, State, Work
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State, Work
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 Floats = NDArray[np.float64]

@@ -151,7 +151,7 @@ def _short(what: str) -> str:
 def announce_first_compile(bars: ProgressLines, quiet: bool, say: Say = lambda line: typer.echo(line, err=True)) -> None:
     """To be called before the first computation of a command; prints nothing where the model is compiled already."""
     # numba takes half a second to import, which commands without a model need not wait for.
-    from rfca_rig.model.compiled import CACHE_FOLDER, is_warm
+    from rfca_rig.model.kernel.compiled import CACHE_FOLDER, is_warm
 
     if not is_warm() and not quiet:
         say(COMPILE_NOTICE)

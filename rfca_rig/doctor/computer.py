@@ -19,7 +19,7 @@ from rfca_rig import __version__
 from rfca_rig.clock import Clock
 from rfca_rig.doctor.finding import Finding, green, red, yellow
 from rfca_rig.drivers.ports import UdpDatagrams
-from rfca_rig.model.compiled import CACHE_FOLDER
+from rfca_rig.model.kernel.compiled import CACHE_FOLDER
 
 CLOCK_SUBJECT = "clock"
 # Limits in s for the 99th percentile and the maximum of the loop period: two and ten nominal periods.

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.compiled import jit, jit_internal
+from rfca_rig.model.kernel.compiled import jit, jit_internal
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]
 
 STIFFNESS, DAMPING, FRICTION, PRESLIDING, DRAG, USUAL_DEPTH, MORE_POWER = range(7)  # columns of `ContactArrays.law`
-# Drag grows in proportion to the normal force up to this value, as in `rfca_rig.model.contact`.
+# Drag grows in proportion to the normal force up to this value, as in `rfca_rig.model.kernel.contact`.
 FULL_DRAG_N = 1.0
 
 

@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.contact_law import ContactArrays, apply_contact_forces
-from rfca_rig.model.compiled import jit_internal
+from rfca_rig.model.kernel.compiled import jit_internal
 
 NAMES = (
     "mj_step", "mj_step1", "mj_step2", "mj_fwdPosition", "mj_fwdVelocity", "mj_fwdActuation", "mj_fwdAcceleration", "mj_fwdConstraint",

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.mechanism.plant import Plant
-from rfca_rig.model.compiled import jit
+from rfca_rig.model.kernel.compiled import jit
 
 Floats = NDArray[np.float64]
 

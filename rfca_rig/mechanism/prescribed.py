@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly, make_lsq_spline
 
-from rfca_rig.model.compiled import jit_internal
+from rfca_rig.model.kernel.compiled import jit_internal
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]

@@ -11,7 +11,7 @@ from scipy.optimize import root
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.mechanism.contact_law import ContactArrays, apply_contact_forces
-from rfca_rig.model.compiled import jit
+from rfca_rig.model.kernel.compiled import jit
 
 Floats = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from rfca_rig.mechanism.laws import pack_laws
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.mechanism.prescribed import PrescribedArrays, PrescribedMotion, prescribe
 from rfca_rig.mechanism.rest import PlayArrays, add_spring_play, find_rest_pose
-from rfca_rig.model.compiled import jit, jit_internal
+from rfca_rig.model.kernel.compiled import jit, jit_internal
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.intp]

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.compiled import jit, jit_inline
-from rfca_rig.model.contact import drag_anchors
-from rfca_rig.model.forces import assemble_stiffness
 from rfca_rig.model.hinge_springs import table_of
-from rfca_rig.model.integrator import DONE, SHORTEST_STEP_S, STEP_TOO_SHORT, integrate, update_memory
-from rfca_rig.model.laws import TABLE, LawUse, address_of, address_of_advance
+from rfca_rig.model.kernel.compiled import jit, jit_inline
+from rfca_rig.model.kernel.contact import drag_anchors
+from rfca_rig.model.kernel.forces import assemble_stiffness
+from rfca_rig.model.kernel.integrator import DONE, SHORTEST_STEP_S, STEP_TOO_SHORT, integrate, update_memory
+from rfca_rig.model.kernel.laws import TABLE, LawUse, address_of, address_of_advance
+from rfca_rig.model.kernel.stage import allocate_workspace, drive_torque, solve
+from rfca_rig.model.kernel.state import NO_LAWS, Chain, Laws, Samples, Shaft, State, Work
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
-from rfca_rig.model.stage import allocate_workspace, drive_torque, solve
-from rfca_rig.model.state import NO_LAWS, Chain, Laws, Samples, Shaft, State, Work
 
 NEWTON_LIMIT = 200
 # Time since the last step that laws with memory are given: at rest everything has relaxed.

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.compiled import jit_inline
-from rfca_rig.model.lanes import count_lanes, lane_of, with_lane
+from rfca_rig.model.kernel.compiled import jit_inline
+from rfca_rig.model.kernel.lanes import count_lanes, lane_of, with_lane
+from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.parameters import Leg, TorqueSpline
-from rfca_rig.model.state import Chain
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.state import Shaft
+from rfca_rig.model.kernel.state import Shaft
 
 Floats = NDArray[np.float64]
 

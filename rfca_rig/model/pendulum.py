@@ -17,13 +17,13 @@ from rfca_rig.model.chain import Tolerance, advance, allocate_samples
 from rfca_rig.model.effects.joint_torques import CLOCK, TorqueTrace, drive_of, with_traces
 from rfca_rig.model.effects.joints import friction_of, inertia_of
 from rfca_rig.model.effects.sensor_timing import filter_first_order
-from rfca_rig.model.integrator import FIRST_STEP_S, update_memory_once
-from rfca_rig.model.laws import HINGE, LINK, ROTOR, LawUse
+from rfca_rig.model.kernel.integrator import FIRST_STEP_S, update_memory_once
+from rfca_rig.model.kernel.laws import HINGE, LINK, ROTOR, LawUse
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import Chain, Laws, State
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import Drive, Ground, Leg, PresentEffect, RigModel, SensorMount
 from rfca_rig.model.setup import JointReadings, Setup
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Chain, Laws, State
 
 Floats = NDArray[np.float64]
 

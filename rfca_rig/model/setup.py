@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import find_rest_state, make_chain, make_laws, set_swinging
-from rfca_rig.model.forces import measure_once
-from rfca_rig.model.laws import TABLE, LawUse, compile_law
+from rfca_rig.model.kernel.forces import measure_once
+from rfca_rig.model.kernel.laws import TABLE, LawUse, compile_law
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import Chain, Laws, Shaft, State
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Chain, Laws, Shaft, State
 
 Floats = NDArray[np.float64]
 

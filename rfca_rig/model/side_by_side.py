@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.chain import Steps, Tolerance
-from rfca_rig.model.integrator import DONE, FIRST_STEP_S, integrate_lanes
-from rfca_rig.model.lanes import LANES, aligned_zeros
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Chain, Laws, Samples, Shaft, State, Work
+from rfca_rig.model.kernel.integrator import DONE, FIRST_STEP_S, integrate_lanes
+from rfca_rig.model.kernel.lanes import LANES, aligned_zeros
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import Chain, Laws, Samples, Shaft, State, Work
 
 Floats = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import Tolerance
-from rfca_rig.model.laws import SLIP
+from rfca_rig.model.kernel.laws import SLIP
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke

@@ -12,14 +12,14 @@ import numpy as np
 
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
-from rfca_rig.model.compiled import jit_allocating
-from rfca_rig.model.contact import drag_anchors, store_ends
-from rfca_rig.model.forces import assemble_once, assemble_stiffness
-from rfca_rig.model.integrator import FIRST_STEP_S
+from rfca_rig.model.kernel.compiled import jit_allocating
+from rfca_rig.model.kernel.contact import drag_anchors, store_ends
+from rfca_rig.model.kernel.forces import assemble_once, assemble_stiffness
+from rfca_rig.model.kernel.integrator import FIRST_STEP_S
+from rfca_rig.model.kernel.stage import allocate_workspace, solve
+from rfca_rig.model.kernel.state import NO_LAWS, Chain, Floats, Laws, State, Work
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stage import allocate_workspace, solve
-from rfca_rig.model.state import NO_LAWS, Chain, Floats, Laws, State, Work
 from rfca_rig.model.static_stages import StaticState, make_static_state
 
 NEWTON_LIMIT = 25

@@ -12,15 +12,15 @@ from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_samples
-from rfca_rig.model.forces import measure_once
-from rfca_rig.model.integrator import FIRST_STEP_S
-from rfca_rig.model.lanes import LANES
+from rfca_rig.model.kernel.forces import measure_once
+from rfca_rig.model.kernel.integrator import FIRST_STEP_S
+from rfca_rig.model.kernel.lanes import LANES
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import Samples
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import SensorOutput, Setup
 from rfca_rig.model.side_by_side import Start, allocate_samples_of_lanes, move_side_by_side
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import Samples
 
 Floats = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ def simulate_stroke(
 
 
 @dataclass(frozen=True)
-class Request:
+class StrokeRequest:
     """A stroke to simulate: its complete setup, the times (m,) at which it is sampled, and the error allowed per step."""
 
     setup: Setup
@@ -143,7 +143,7 @@ class Request:
         return effects, len(setup.rig.leg.link_lengths_m), setup.begins_s, self.tolerance, self.t_s.tobytes()
 
 
-def recall_stroke(request: Request) -> SimulatedStroke:
+def recall_stroke(request: StrokeRequest) -> SimulatedStroke:
     """Simulates a stroke, but uses a motion of the leg again that was simulated recently. Raises SimulationFailed.
 
     For a search, which tries dozens of effects of the sensor on one motion of the leg.
@@ -156,7 +156,7 @@ def recall_stroke(request: Request) -> SimulatedStroke:
 @dataclass(frozen=True)
 class _Motion:
     key: tuple[Hashable, ...]
-    request: Request = field(compare=False)
+    request: StrokeRequest = field(compare=False)
 
 
 # Enough for the conditions of a campaign, in several threads. A stroke has 0.4 MB.
@@ -236,7 +236,7 @@ def simulate_strokes(jobs: Sequence[Job], threads: int | None = None) -> list[Si
     results differ from those of single strokes by less than `tolerance` allows. On `threads`, or as many as there are cores: compiled code
     releases the interpreter lock. Raises BadInput for effects that do not fit, as for a single stroke.
     """
-    requests = [Request(job.setup(), job.t_s, job.tolerance or Tolerance()) for job in jobs]
+    requests = [StrokeRequest(job.setup(), job.t_s, job.tolerance or Tolerance()) for job in jobs]
     blocks = _divide_into_blocks(requests, LANES)
     with ThreadPoolExecutor(max(1, min(threads or cores(), len(blocks) or 1))) as pool:
         found = list(pool.map(lambda block: _move_block([requests[number] for number in block]), blocks))
@@ -250,7 +250,7 @@ def simulate_strokes(jobs: Sequence[Job], threads: int | None = None) -> list[Si
 Pair = tuple[SimulatedStroke, SimulatedStroke | None]
 
 
-def simulate_variations(here: Request, varied: Sequence[Request]) -> list[Pair | SimulationFailed]:
+def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest]) -> list[Pair | SimulationFailed]:
     """Simulates variations of a stroke, each beside the stroke itself, so that their difference is free of what different steps would add.
 
     Parameters
@@ -287,14 +287,14 @@ def simulate_variations(here: Request, varied: Sequence[Request]) -> list[Pair |
 Moved = tuple[Samples, Steps] | SimulationFailed
 
 
-def _pair(here: Request, request: Request, moved: Moved, reference: Moved | None) -> Pair | SimulationFailed:
+def _pair(here: StrokeRequest, request: StrokeRequest, moved: Moved, reference: Moved | None) -> Pair | SimulationFailed:
     if isinstance(moved, SimulationFailed):
         return moved
     beside = None if reference is None or isinstance(reference, SimulationFailed) else _sense(here.setup, *reference)
     return _sense(request.setup, *moved), beside
 
 
-def _divide_into_blocks(requests: Sequence[Request], most: int) -> list[list[int]]:
+def _divide_into_blocks(requests: Sequence[StrokeRequest], most: int) -> list[list[int]]:
     """Numbers of the requests, those of one kind in blocks of up to `most`."""
     groups: dict[Hashable, list[int]] = {}
     for number, request in enumerate(requests):
@@ -302,7 +302,7 @@ def _divide_into_blocks(requests: Sequence[Request], most: int) -> list[list[int
     return [group[first : first + most] for group in groups.values() for first in range(0, len(group), most)]
 
 
-def _move_block(requests: Sequence[Request]) -> list[Moved]:
+def _move_block(requests: Sequence[StrokeRequest]) -> list[Moved]:
     """Moves up to eight legs with the same sample times, side by side where the compiled chain allows it and all of them succeed."""
     setups, t_s = [request.setup for request in requests], requests[0].t_s
     try:
@@ -320,7 +320,7 @@ def _move_block(requests: Sequence[Request]) -> list[Moved]:
     return [_move_alone(request) for request in requests]
 
 
-def _move_alone(request: Request) -> Moved:
+def _move_alone(request: StrokeRequest) -> Moved:
     try:
         return _move(request.setup, request.t_s, request.tolerance)
     except SimulationFailed as failed:

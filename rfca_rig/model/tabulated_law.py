@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Values
-from rfca_rig.model.laws import HINGE, LOAD, NORMAL, SLIP, TABLE, Law, LawUse
+from rfca_rig.model.kernel.laws import HINGE, LOAD, NORMAL, SLIP, TABLE, Law, LawUse
 from rfca_rig.model.parameters import LawTable
 from rfca_rig.model.setup import SensorOutput, Setup
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, Valley, find_valley
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.catalogue import set_up
+from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.state import Chain
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke
 from rfca_rig.sweep.quantities import SweepCase
 

@@ -13,8 +13,8 @@ from math import isfinite
 import numpy as np
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.forces import mechanical_energy_J
 from rfca_rig.model.hinge_springs import bending_stiffness_Nm_per_rad, bending_torque_Nm
+from rfca_rig.model.kernel.forces import mechanical_energy_J
 from rfca_rig.model.parameters import GRAVITY_M_S2
 from rfca_rig.model.static_stages import StaticState
 from rfca_rig.model.statics_contact import follow_static_path

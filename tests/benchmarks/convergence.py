@@ -17,9 +17,9 @@ from scipy.integrate import solve_ivp
 
 from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.model.chain import LONGEST_STEP_S, Tolerance, allocate_samples, make_chain
-from rfca_rig.model.integrator import DONE, FIRST_STEP_S, integrate
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import NO_LAWS, Chain, Samples
+from rfca_rig.model.kernel.integrator import DONE, FIRST_STEP_S, integrate
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import NO_LAWS, Chain, Samples
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.reports.style import FAINT, MEASURED, STYLE
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum

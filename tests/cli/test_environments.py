@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.model import compiled
+from rfca_rig.model.kernel import compiled
 from tests.cli.malformed_inputs import CART, EXPERIMENT, MECHANISM
 from tests.cli.typed import typed
 

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from rfca_rig.model.chain import find_rest_state, make_chain
-from rfca_rig.model.forces import assemble_once
+from rfca_rig.model.kernel.forces import assemble_once
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import NO_LAWS
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import NO_LAWS
 from tests.model.legs import PAPER
 
 ICE = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0, drag_N_s_per_m=0.0))

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.model import laws
 from rfca_rig.model.effects import hinge_stiffness, spring_memory
+from rfca_rig.model.kernel import laws
 
 CALL_BOTH = """
 import ctypes
 from rfca_rig.model.effects.hinge_stiffness import hinge_backlash_torque, hinge_stop_torque
-from rfca_rig.model.laws import HINGE, address_of
+from rfca_rig.model.kernel.laws import HINGE, address_of
 
 Numbers = ctypes.c_double * 8
 def torque(law, *parameters):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.chain import make_chain
-from rfca_rig.model.contact import carry_stretch, tangential_force
+from rfca_rig.model.kernel.contact import carry_stretch, tangential_force
 from tests.model.legs import PAPER
 
 CHAIN = make_chain(PAPER, 0.2)

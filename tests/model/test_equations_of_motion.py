@@ -6,9 +6,9 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
-from rfca_rig.model.forces import assemble_once
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import NO_LAWS, Shaft, State
+from rfca_rig.model.kernel.forces import assemble_once
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import NO_LAWS, Shaft, State
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 
 TIGHT = Tolerance(1e-9, 3e-6)

@@ -6,6 +6,7 @@ from scipy.special import ellipk
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, make_chain
+from rfca_rig.model.kernel.state import Shaft, State
 from rfca_rig.model.paper.dynamics import (
     PASSIVE,
     EndLoads,
@@ -18,7 +19,6 @@ from rfca_rig.model.paper.dynamics import (
     simulate_chain,
     solve_mixed,
 )
-from rfca_rig.model.state import Shaft, State
 from tests.model.legs import NO_GROUND_M, PAPER, pendulum
 
 TIGHT = Tolerance(1e-9, 3e-6)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.chain import make_chain
-from rfca_rig.model.forces import assemble_once
+from rfca_rig.model.kernel.forces import assemble_once
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import NO_LAWS, State
 from rfca_rig.model.paper.dynamics import (
     EndLoads,
     joint_accelerations,
@@ -16,8 +18,6 @@ from rfca_rig.model.paper.dynamics import (
     no_loads,
     right_side_Nm,
 )
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import NO_LAWS, State
 from tests.model.legs import PAPER, pendulum
 
 

@@ -11,7 +11,7 @@ from rfca_rig.model.catalogue import catalogue, set_up
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import TorqueSpline
-from rfca_rig.model.stroke import Job, Request, simulate_stroke, simulate_strokes, simulate_variations
+from rfca_rig.model.stroke import Job, StrokeRequest, simulate_stroke, simulate_strokes, simulate_variations
 from tests.model.effects.rigs import having
 from tests.model.effects.test_strength import SMALL
 from tests.model.legs import PAPER
@@ -53,7 +53,7 @@ def test_hinges_with_measured_curves_and_their_own_rest_angles_move_side_by_side
 
 
 def request(rig, tolerance=None, height_m=0.215):
-    return Request(set_up(rig, height_m, MOTION), T, tolerance or Tolerance())
+    return StrokeRequest(set_up(rig, height_m, MOTION), T, tolerance or Tolerance())
 
 
 def test_a_difference_of_two_legs_side_by_side_is_free_of_what_different_steps_add():

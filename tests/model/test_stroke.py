@@ -9,11 +9,11 @@ from rfca_rig.errors import SimulationFailed
 from rfca_rig.model import stroke as stroke_module
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
-from rfca_rig.model.integrator import FIRST_STEP_S
+from rfca_rig.model.kernel.integrator import FIRST_STEP_S
+from rfca_rig.model.kernel.stage import allocate_workspace
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.stroke import Request, recall_stroke, simulate_stroke, simulate_stroke_at_speed
+from rfca_rig.model.stroke import StrokeRequest, recall_stroke, simulate_stroke, simulate_stroke_at_speed
 from tests.model.legs import PAPER
 from tests.model.lsoda import ICE, fz_by_lsoda
 
@@ -94,7 +94,7 @@ def test_the_same_stroke_twice_is_the_same_to_the_last_bit(stroke):
 
 def recalled(effects, height_m):
     motion = ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, PAPER.drive.ramp_s, float(T[-1]))
-    return recall_stroke(Request(set_up(replace(PAPER, effects=effects), height_m, motion), T, Tolerance()))
+    return recall_stroke(StrokeRequest(set_up(replace(PAPER, effects=effects), height_m, motion), T, Tolerance()))
 
 
 def test_effects_of_the_sensor_use_the_motion_that_is_known_and_others_do_not(monkeypatch):

@@ -9,7 +9,6 @@ from scipy.optimize import approx_fprime
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state, make_chain
-from rfca_rig.model.forces import assemble_once, mechanical_energy_J, springs_J
 from rfca_rig.model.hinge_springs import (
     bending_stiffness_Nm_per_rad,
     bending_torque_Nm,
@@ -20,11 +19,12 @@ from rfca_rig.model.hinge_springs import (
     springs_of,
     table_of,
 )
+from rfca_rig.model.kernel.forces import assemble_once, mechanical_energy_J, springs_J
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import NO_LAWS, Shaft, State
 from rfca_rig.model.paper.statics import equilibrium_under_tip_force, imbalance_Nm, tangent_stiffness, tip_chain_of
 from rfca_rig.model.paper.strip import with_links
 from rfca_rig.model.parameters import LawTable, PresentEffect, TorqueSpline
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import NO_LAWS, Shaft, State
 from rfca_rig.model.statics_contact import follow_static_path
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from tests.model.legs import NO_GROUND_M, PAPER

@@ -6,12 +6,12 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 452,
-    "lines": 87_500,
-    "lines of code": 55_900,
-    "modules with one user, in their package": 31,
-    "functions": 5_835,
-    "private functions with one use": 701,
+    "modules": 455,
+    "lines": 88_600,
+    "lines of code": 56_600,
+    "modules with one user, in their package": 33,
+    "functions": 5_920,
+    "private functions with one use": 710,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,

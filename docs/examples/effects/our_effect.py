@@ -1,7 +1,7 @@
 """A damper in every hinge whose torque grows with the cube of the speed."""
 
 from rfca_rig.model.effect import Effect, Parameter
-from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.setup import with_law
 
 

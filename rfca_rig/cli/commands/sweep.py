@@ -129,7 +129,7 @@ def _run_sweep(
 ) -> "SweepResult":
     from rfca_rig.cli.options import open_executor
     from rfca_rig.cli.progress import progress
-    from rfca_rig.model.compiled import is_warm
+    from rfca_rig.model.kernel.compiled import is_warm
     from rfca_rig.sweep.carrying_out import run_sweep
 
     if not is_warm() and not quiet:

@@ -64,7 +64,7 @@ def serve(
     from rfca_rig.cli.progress import COMPILE_NOTICE, make_marked_say
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
-    from rfca_rig.model.compiled import is_warm
+    from rfca_rig.model.kernel.compiled import is_warm
     from rfca_rig.twin_server.faults import parse_fault_events
     from rfca_rig.twin_server.tcp import is_loopback
 

@@ -12,7 +12,7 @@ from rfca_rig.diagnosis.data import Observations, rms
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, dynamic_label
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
-from rfca_rig.model.stroke import Request, SimulatedStroke, simulate_setup
+from rfca_rig.model.stroke import SimulatedStroke, StrokeRequest, simulate_setup
 
 Floats = NDArray[np.float64]
 
@@ -66,10 +66,10 @@ class ShaftCondition:
             return self._read_angle(supposed, request.setup.motion.angle_rad(np.maximum(request.t_s, 0.0)))
         return self.read(supposed, simulate_setup(request.setup, request.t_s, request.tolerance))
 
-    def request(self, supposed: ModelPoint) -> Request:
+    def request(self, supposed: ModelPoint) -> StrokeRequest:
         """The stroke to simulate. Raises BadInput for effects that do not fit."""
         setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, self._command(supposed), self.strokes_before)
-        return Request(setup, self.t_s - supposed.command_delay_s, STROKE_TOLERANCE)
+        return StrokeRequest(setup, self.t_s - supposed.command_delay_s, STROKE_TOLERANCE)
 
     def read(self, supposed: ModelPoint, stroke: SimulatedStroke) -> Floats:
         """Rows (b,) of a stroke that was simulated as requested."""

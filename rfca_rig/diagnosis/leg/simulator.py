@@ -27,7 +27,7 @@ from rfca_rig.diagnosis.simulator import Dataset, ScatterDirection, Simulator, m
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect, RigModel, Swing
 from rfca_rig.model.static_stages import StageMoves
-from rfca_rig.model.stroke import Request, simulate_variations
+from rfca_rig.model.stroke import StrokeRequest, simulate_variations
 
 # Beside the friction coefficient: presliding, tangential damping, friction rise in a deep print, and damping of a point that leaves.
 SELDOM_MEASURED = ("presliding", "tangential_damping", "friction_rise", "leaving_damping")
@@ -196,7 +196,7 @@ class LegSimulator(Simulator):
         return _with_tables(conditions, [replace(table, moves=moves) for table in tables])
 
 
-def _request_or_none(condition: DynamicCondition | ShaftCondition, at: ModelPoint) -> Request | None:
+def _request_or_none(condition: DynamicCondition | ShaftCondition, at: ModelPoint) -> StrokeRequest | None:
     try:
         return condition.request(at)
     except BadInput:

@@ -14,7 +14,7 @@ from rfca_rig.diagnosis.data import Label, Observations
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
-from rfca_rig.model.stroke import Request, SimulatedStroke, recall_stroke
+from rfca_rig.model.stroke import SimulatedStroke, StrokeRequest, recall_stroke
 from rfca_rig.recording.model import Stroke, collect_strokes_before
 
 Floats = NDArray[np.float64]
@@ -132,11 +132,11 @@ class DynamicCondition:
         """The whole stroke, simulated at `t_s`. Raises SimulationFailed."""
         return recall_stroke(self.request(supposed))
 
-    def request(self, supposed: ModelPoint) -> Request:
+    def request(self, supposed: ModelPoint) -> StrokeRequest:
         """The stroke to simulate. Raises BadInput for effects that do not fit."""
         motion = self.turn.motion(supposed, float(self.t_s[-1]))
         setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, motion, self.strokes_before)
-        return Request(setup, self.t_s, STROKE_TOLERANCE)
+        return StrokeRequest(setup, self.t_s, STROKE_TOLERANCE)
 
     def _bin_means(self, values: Floats) -> Floats:
         return np.asarray(np.add.reduceat(values, self.first) / self.counts)

@@ -27,7 +27,7 @@ from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, c
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, advance_time, make_basis, simulate_forced_stroke
 from rfca_rig.diagnosis.simulator import THREADS
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.laws import HINGE, TABLE, LawUse
+from rfca_rig.model.kernel.laws import HINGE, TABLE, LawUse
 from rfca_rig.model.parameters import LawTable
 from rfca_rig.model.pendulum import make_driven_pendulum
 from rfca_rig.model.setup import Setup, with_law

@@ -28,7 +28,7 @@ from rfca_rig.diagnosis.residual_force.force_localization import (
 )
 from rfca_rig.diagnosis.residual_force.spline_force import Change
 from rfca_rig.diagnosis.simulator import THREADS
-from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition
 from rfca_rig.model.catalogue import set_up
-from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.setup import Setup, with_law
 from rfca_rig.model.stroke import SimulatedStroke, simulate_setup

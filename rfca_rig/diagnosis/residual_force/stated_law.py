@@ -13,7 +13,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import families_of, set_up
 from rfca_rig.model.effects import hinge_friction, joints
 from rfca_rig.model.hinge_springs import bending_torque_Nm
-from rfca_rig.model.laws import HINGE, LOAD, NORMAL, SLIP, LawUse
+from rfca_rig.model.kernel.laws import HINGE, LOAD, NORMAL, SLIP, LawUse
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.setup import SensorOutput, Setup

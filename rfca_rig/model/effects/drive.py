@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.setup import CompliantDrive, Setup, with_chain, with_drive
-from rfca_rig.model.state import Chain
 
 Floats = NDArray[np.float64]
 

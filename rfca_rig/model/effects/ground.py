@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.laws import NORMAL, SLIP, LawUse
+from rfca_rig.model.kernel.laws import NORMAL, SLIP, LawUse
+from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.setup import Setup, with_chain, with_law
-from rfca_rig.model.state import Chain
 
 # A compliant floor in series with the nominal contact.
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
-from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
 # Dry friction with stick, as a law of hinges and joints.

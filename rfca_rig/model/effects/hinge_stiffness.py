@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.kernel.laws import HINGE, LawUse
+from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.setup import Setup, link_of_hinge, with_chain, with_law
-from rfca_rig.model.state import Chain
 
 # One hinge that is softer (or stiffer) than the others.
 

@@ -18,9 +18,9 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.effects.joints import DAMPING_S, PRESLIDING_RAD
 from rfca_rig.model.effects.sensor_timing import filter_first_order
-from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.kernel.laws import HINGE, LawUse
+from rfca_rig.model.kernel.state import Laws
 from rfca_rig.model.setup import MAX_PARAMETERS, Setup
-from rfca_rig.model.state import Laws
 
 Floats = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import numpy as np
 from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Parameter, Values
 from rfca_rig.model.effects.hinge_friction import dry_friction
-from rfca_rig.model.laws import HINGE, ROTOR, LawUse
+from rfca_rig.model.kernel.laws import HINGE, ROTOR, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
 # Dry friction of every joint, with stick.

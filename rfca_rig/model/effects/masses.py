@@ -4,8 +4,8 @@ import numpy as np
 
 from rfca_rig.errors import BadInput
 from rfca_rig.model.effect import Effect, Parameter, Values
+from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.setup import Setup, with_chain
-from rfca_rig.model.state import Chain
 
 # A point mass at the end of the last link.
 

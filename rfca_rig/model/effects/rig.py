@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.model.effect import Effect, Parameter, Values
-from rfca_rig.model.laws import LINK, LawUse
+from rfca_rig.model.kernel.laws import LINK, LawUse
+from rfca_rig.model.kernel.state import Chain, State
 from rfca_rig.model.parameters import GRAVITY_M_S2
 from rfca_rig.model.setup import SensorOutput, Setup, with_begin, with_chain, with_law, with_sensor
-from rfca_rig.model.state import Chain, State
 
 # A compliant frame under the shaft: one mode of vibration along one line.
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.model.compiled import jit
 from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
+from rfca_rig.model.kernel.compiled import jit
 from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 Floats = NDArray[np.float64]

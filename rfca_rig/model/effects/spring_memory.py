@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from rfca_rig.model.compiled import jit_internal
 from rfca_rig.model.effect import Effect, EqualLimit, Parameter, Values
-from rfca_rig.model.laws import HINGE, LawUse
+from rfca_rig.model.kernel.compiled import jit_internal
+from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
 # Rate-independent hysteresis in parallel to the hinge spring (Bouc-Wen).

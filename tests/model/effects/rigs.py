@@ -6,10 +6,10 @@ import numpy as np
 
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import Tolerance, advance, allocate_samples, find_rest_state
+from rfca_rig.model.kernel.state import Samples, State
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.setup import Setup
-from rfca_rig.model.state import Samples, State
 from rfca_rig.model.stroke import SimulatedStroke, simulate_stroke_at_speed
 from tests.model.legs import NO_GROUND_M, PAPER
 

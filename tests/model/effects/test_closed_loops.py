@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.catalogue import catalogue, set_up
-from rfca_rig.model.laws import HINGE
+from rfca_rig.model.kernel.laws import HINGE
 from tests.model.effects.rigs import having, held
 from tests.model.legs import PAPER
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.catalogue import set_up
-from rfca_rig.model.contact import locate_ends, store_ends
-from rfca_rig.model.forces import assemble_once, prepare_pose
-from rfca_rig.model.stage import allocate_workspace
-from rfca_rig.model.state import State
+from rfca_rig.model.kernel.contact import locate_ends, store_ends
+from rfca_rig.model.kernel.forces import assemble_once, prepare_pose
+from rfca_rig.model.kernel.stage import allocate_workspace
+from rfca_rig.model.kernel.state import State
 from tests.model.effects.rigs import having, held
 from tests.model.effects.test_strength import SMALL
 from tests.model.legs import PAPER

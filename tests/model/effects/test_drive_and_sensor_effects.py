@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rfca_rig.model.catalogue import set_up
+from rfca_rig.model.kernel.stage import drive_torque
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.setup import SensorOutput
-from rfca_rig.model.stage import drive_torque
 from rfca_rig.model.stroke import simulate_stroke
 from tests.model.effects.rigs import NO_GROUND_M, TIGHT, T, having, held, paper_stroke, through
 from tests.model.legs import PAPER, pendulum

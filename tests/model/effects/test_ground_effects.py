@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfca_rig.model.bump import elevation, find_nearest
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import advance, allocate_samples, find_rest_state
-from rfca_rig.model.forces import mechanical_energy_J
+from rfca_rig.model.kernel.bump import elevation, find_nearest
+from rfca_rig.model.kernel.forces import mechanical_energy_J
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import Ground
 from rfca_rig.model.stroke import simulate_stroke

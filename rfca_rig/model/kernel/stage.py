@@ -6,10 +6,10 @@ of a drive, which closes row 0 of the equations.
 
 import numpy as np
 
-from rfca_rig.model.compiled import jit_inline, jit_internal
-from rfca_rig.model.forces import assemble
-from rfca_rig.model.lanes import count_lanes, highest, in_all_lanes, in_any_lane, lane_of, select, sign, with_lane
-from rfca_rig.model.state import Chain, Floats, Laws, Shaft, State, Work
+from rfca_rig.model.kernel.compiled import jit_inline, jit_internal
+from rfca_rig.model.kernel.forces import assemble
+from rfca_rig.model.kernel.lanes import count_lanes, highest, in_all_lanes, in_any_lane, lane_of, select, sign, with_lane
+from rfca_rig.model.kernel.state import Chain, Floats, Laws, Shaft, State, Work
 
 NEWTON_LIMIT = 10  # a stage that needs more iterations is cheaper to repeat at half the length
 GOOD_CONTRACTION = 0.1  # an iteration that gains less than a digit gets a new Jacobian

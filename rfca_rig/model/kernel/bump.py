@@ -7,9 +7,9 @@ depends on the depth alone is conservative.
 
 import numpy as np
 
-from rfca_rig.model.compiled import jit, jit_inline
-from rfca_rig.model.lanes import in_all_lanes, in_any_lane, select
-from rfca_rig.model.state import Chain, Floats, Work
+from rfca_rig.model.kernel.compiled import jit, jit_inline
+from rfca_rig.model.kernel.lanes import in_all_lanes, in_any_lane, select
+from rfca_rig.model.kernel.state import Chain, Floats, Work
 
 ROUNDS = 12  # of Newton's iteration at most; it takes three or four
 FOUND_M = 1e-12

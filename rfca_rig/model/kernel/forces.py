@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from rfca_rig.model.bump import fill_distances, find_slope_direction
-from rfca_rig.model.compiled import jit, jit_inline, jit_internal
-from rfca_rig.model.contact import add_contacts, locate_ends
 from rfca_rig.model.hinge_springs import SplineTable, spring
-from rfca_rig.model.lanes import in_all_lanes, in_any_lane, select
-from rfca_rig.model.laws import HINGE, LINK, ROTOR, call_law
-from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
+from rfca_rig.model.kernel.bump import fill_distances, find_slope_direction
+from rfca_rig.model.kernel.compiled import jit, jit_inline, jit_internal
+from rfca_rig.model.kernel.contact import add_contacts, locate_ends
+from rfca_rig.model.kernel.lanes import in_all_lanes, in_any_lane, select
+from rfca_rig.model.kernel.laws import HINGE, LINK, ROTOR, call_law
+from rfca_rig.model.kernel.state import Chain, Floats, Laws, State, Weights, Work
 
 DRAGGED_FROM_RAD_S = 0.02  # speed at which friction of the shaft is full: no reading resolves a slower turn
 TWO_OVER_PI = 2.0 / np.pi

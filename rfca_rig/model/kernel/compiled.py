@@ -32,11 +32,12 @@ WITHOUT_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 def cache_folder() -> str:
     """Folder of compiled code of exactly this source; NUMBA_CACHE_DIR decides the parent where it is set."""
     content = hashlib.sha256()
-    here = Path(__file__).parent
-    for source in sorted(path for folder in (here, here.parent / "mechanism") for path in folder.glob("*.py")):
+    kernel = Path(__file__).parent
+    folders = kernel, kernel.parent, kernel.parents[1] / "mechanism"
+    for source in sorted(path for folder in folders for path in folder.glob("*.py")):
         text = source.read_bytes()
         # `state` compiles nothing, but its tuples are the types of all compiled functions.
-        if b"model.compiled import" in text or source.name == "state.py":
+        if b"kernel.compiled import" in text or source.name == "state.py":
             content.update(text)
     parent = os.environ.get("NUMBA_CACHE_DIR") or _cache_of_user() / "rfca-rig"
     return str(Path(parent) / f"compiled-{content.hexdigest()[:16]}")

@@ -40,9 +40,9 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from rfca_rig.model.compiled import CACHE_FOLDER, caching_in
-from rfca_rig.model.lanes import LANES, LanesType
-from rfca_rig.model.state import Floats
+from rfca_rig.model.kernel.compiled import CACHE_FOLDER, caching_in
+from rfca_rig.model.kernel.lanes import LANES, LanesType
+from rfca_rig.model.kernel.state import Floats
 
 HINGE, LINK, SLIP, NORMAL, ROTOR, LOAD = range(6)
 ARGUMENTS, RESULTS, MEMORY = 6, 4, 4  # of a law at most, and numbers of its memory
@@ -75,7 +75,7 @@ def _compile_call(call: Law, law: Law) -> int:
     """
     # A new function with globals of its own: the module has no name `law`, and each law needs another value for it.
     function = FunctionType(call.__code__, {"__name__": __name__, "law": numba.njit(law, error_model="numpy")}, call.__name__)
-    if law.__module__.startswith(__package__) and law.__closure__ is None:
+    if law.__module__.startswith("rfca_rig.model.") and law.__closure__ is None:
         with caching_in(str(Path(CACHE_FOLDER) / "laws" / _key_of(law))):
             compiled = numba.cfunc(_SIGNATURE, cache=True)(function)
     else:
@@ -94,7 +94,7 @@ def _source_of_laws() -> str:
     """A hash of all files from which the laws of the package are compiled."""
     # A law may call any module of the package, and the compiler notices an edit in the law's own file only.
     content = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.rglob("*.py")):
+    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
         content.update(source.read_bytes())
     return content.hexdigest()
 

@@ -10,12 +10,12 @@ Output between the two ends of a step: angles and speeds by cubic Hermite interp
 
 import numpy as np
 
-from rfca_rig.model.compiled import jit, jit_inline, jit_internal
-from rfca_rig.model.contact import limit_step_to_reversal, locate_ends, store_ends, update_friction_anchors
-from rfca_rig.model.forces import call_hinge, measure, prepare_pose
-from rfca_rig.model.lanes import highest, view_fields, view_lanes
-from rfca_rig.model.stage import shaft_at, solve_stage
-from rfca_rig.model.state import Chain, Floats, Laws, Samples, Shaft, State, Work
+from rfca_rig.model.kernel.compiled import jit, jit_inline, jit_internal
+from rfca_rig.model.kernel.contact import limit_step_to_reversal, locate_ends, store_ends, update_friction_anchors
+from rfca_rig.model.kernel.forces import call_hinge, measure, prepare_pose
+from rfca_rig.model.kernel.lanes import highest, view_fields, view_lanes
+from rfca_rig.model.kernel.stage import shaft_at, solve_stage
+from rfca_rig.model.kernel.state import Chain, Floats, Laws, Samples, Shaft, State, Work
 
 G = 0.43586652150845967
 STAGES = 4

@@ -7,11 +7,11 @@ therefore cut short just after a reversal, and the anchors follow from the path 
 
 import numpy as np
 
-from rfca_rig.model.bump import SLOPE, Y, add_normal_rotation, locate_on_bump, measure_climb, rotate_arms
-from rfca_rig.model.compiled import jit_inline
-from rfca_rig.model.lanes import in_any_lane, lowest, select, sign
-from rfca_rig.model.laws import LOAD, NORMAL, SLIP, call_law
-from rfca_rig.model.state import Chain, Floats, Laws, State, Weights, Work
+from rfca_rig.model.kernel.bump import SLOPE, Y, add_normal_rotation, locate_on_bump, measure_climb, rotate_arms
+from rfca_rig.model.kernel.compiled import jit_inline
+from rfca_rig.model.kernel.lanes import in_any_lane, lowest, select, sign
+from rfca_rig.model.kernel.laws import LOAD, NORMAL, SLIP, call_law
+from rfca_rig.model.kernel.state import Chain, Floats, Laws, State, Weights, Work
 
 Normal = tuple[float, float, float]
 Tangential = tuple[float, float, float, float]
