@@ -305,3 +305,26 @@ def test_a_user_without_a_home_has_a_cache_that_is_their_own(monkeypatch):
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", nowhere)
     assert Path(compiled.cache_folder()).is_relative_to(Path(compiled.__file__).parent)
+
+
+@pytest.mark.parametrize("name", ["experiment.toml", "a.csv", "campaign.toml"])
+@pytest.mark.timeout(60)
+def test_a_pipe_among_recordings_does_not_stop_the_list_of_runs(tmp_path, monkeypatch, capsys, name):
+    place = tmp_path / "cart"
+    place.mkdir()
+    for file, text in (("experiment.toml", EXPERIMENT), ("model.xml", MECHANISM), ("a.csv", CART)):
+        place.joinpath(file).write_text(text, encoding="utf-8")
+    place.joinpath(name).unlink(missing_ok=True)
+    os.mkfifo(place / name)
+    said = typed(monkeypatch, capsys, "runs", "--runs", tmp_path)
+    assert said.exit_code == 0
+    assert "Traceback" not in said.err
+
+
+def test_a_table_of_a_campaign_that_does_not_fit_into_memory_is_refused(tmp_path, monkeypatch, capsys):
+    shutil.copytree("tests/data/small-campaign", tmp_path / "campaign")
+    with (tmp_path / "campaign/runs/dynamic-03.csv").open("wb") as file:
+        file.truncate(5_000_000_000)
+    said = typed(monkeypatch, capsys, "report", tmp_path / "campaign", "--out", tmp_path / "report")
+    assert said.exit_code == 2
+    assert "has 5000 MB, where 4000 MB are the most" in said.err
