@@ -14,6 +14,11 @@ from enum import StrEnum
 
 TRIP = "TRIP "  # what a trip's text begins with, by which it is known again in a recording
 
+# Of a process or thread that the system refuses to start, in one text wherever that happens.
+NO_MORE_PROCESSES = "the system allows no further process or thread; end other programs, or raise the limit (ulimit -u)"
+# Of a computer on which only IPv6 is set up.
+NO_SUCH_ADDRESS = "this computer has no such address; for 127.0.0.1 set up its loopback interface: sudo ip addr add 127.0.0.1/8 dev lo"
+
 
 class Trip(StrEnum):
     """The codes of what stops the motion by itself; `docs/trips.md` has a paragraph for each.

@@ -3,6 +3,7 @@
 Shared memory is created with all its pages, and attached by name without the attaching process removing it at its end.
 """
 
+import errno
 import multiprocessing
 import os
 import sys
@@ -13,7 +14,7 @@ from multiprocessing.shared_memory import SharedMemory
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.errors import DeviceError
+from rfca_rig.errors import NO_MORE_PROCESSES, DeviceError
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -28,6 +29,8 @@ _MARK, _CAPACITY, _RECORD_BYTES, _CLAIMED, _PUBLISHED, _REFUSED, _REFUSED_BYTES 
 def create_shared_memory(size_bytes: int) -> SharedMemory:
     """New shared memory with all its pages reserved; the creator unlinks it. Raises DeviceError where the system has no room for it."""
     try:
+        # Its tracker is a process. Where that cannot be started after the memory is there, nobody removes the memory.
+        resource_tracker.ensure_running()
         memory = SharedMemory(create=True, size=size_bytes)
     except OSError as error:
         raise DeviceError(_describe_no_room(size_bytes, error)) from error
@@ -43,6 +46,8 @@ def create_shared_memory(size_bytes: int) -> SharedMemory:
 
 
 def _describe_no_room(size_bytes: int, error: OSError) -> str:
+    if error.errno == errno.EAGAIN:
+        return NO_MORE_PROCESSES
     needed = f"rfca-rig needs {max(size_bytes / 1e6, 0.1):.1f} MB of shared memory (/dev/shm)"
     return f"{needed}, which the system refuses: {error.strerror}; in a container start it with --shm-size=256m"
 
@@ -60,6 +65,9 @@ def attach_shared_memory(name: str) -> SharedMemory:
         memory = SharedMemory(name)
     except FileNotFoundError as error:
         raise DeviceError(f"there is no shared memory called {name}; has the acquisition ended?") from error
+    except OSError as error:
+        reason = NO_MORE_PROCESSES if error.errno == errno.EAGAIN else error.strerror
+        raise DeviceError(f"shared memory {name} cannot be opened: {reason}") from error
     # A child started by multiprocessing shares the owner's tracker, whose entry must stay.
     if multiprocessing.parent_process() is None:
         resource_tracker.unregister(memory._name, "shared_memory")  # type: ignore[attr-defined]

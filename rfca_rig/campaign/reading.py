@@ -1,7 +1,6 @@
 """Reads a campaign folder, `rfca-campaign/1`, into a recording."""
 
 import difflib
-import hashlib
 import json
 import math
 import re
@@ -20,7 +19,7 @@ from rfca_rig.description.sections import RigSections
 from rfca_rig.description.toml import place_of, read_text, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
-from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH
+from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH, sha256_of
 from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, Stream, Stroke
 
 DYNAMIC = ("t_s", *SHAFT, *WRENCH)
@@ -218,7 +217,7 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
     _check_files(folder, campaign)
     _check_conditions(path, campaign)
     static, extra = _stages(folder, campaign)
-    hashes = {run.file: hashlib.sha256((folder / run.file).read_bytes()).hexdigest() for run in campaign.runs}
+    hashes = {run.file: sha256_of(folder / run.file) for run in campaign.runs}
     found = {"format": CAMPAIGN_FORMAT, CAMPAIGN: read_text(folder / CAMPAIGN), "sha256": json.dumps(hashes)}
     about = campaign.about
     stated = {"started_at": about.date, "operator": about.operator, "sample": about.specimen, "rig": about.rig}

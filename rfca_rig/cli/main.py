@@ -33,13 +33,13 @@ from rfca_rig.cli.commands.measure import dynamic, fatigue, plan, resume, static
 from rfca_rig.cli.names import add_completions
 from rfca_rig.cli.options import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.terminal import open_null, use_ascii_fallback
-from rfca_rig.errors import BadInput, RigError, Stopped, Tripped
+from rfca_rig.errors import NO_MORE_PROCESSES, BadInput, RigError, Stopped, Tripped
+from rfca_rig.executors.cores import use_one_thread_if_processes_are_few
 from rfca_rig.suggestions import in_one_line
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 # What the system says of a path that somebody wrote, in a file or an option, and that leads nowhere.
 UNUSABLE_PATHS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EISDIR)
-
 
 app = typer.Typer(
     name="rfca-rig",
@@ -99,12 +99,15 @@ def _options(
 def run() -> None:
     """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130 stopped."""
     use_ascii_fallback()
+    use_one_thread_if_processes_are_few()
     # Set to 0 or below, as by some terminals without a size, help would have no width at all.
     columns = os.environ.get("COLUMNS", "80")
     if not columns.isdecimal() or int(columns) == 0:
         del os.environ["COLUMNS"]
     # python-can warns of every frame that came in two pieces.
     logging.getLogger("can").setLevel(logging.ERROR)
+    # Matplotlib warns in two lines of a home in which it cannot write, and works all the same.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
         # The name by which help, messages and the shell's completion call it, also as python -m rfca_rig.
         exit_code = _command()(prog_name="rfca-rig", standalone_mode=False) or 0
@@ -140,7 +143,8 @@ def run() -> None:
         with suppress(OSError):
             sys.stdout.close()
         where = f" ({error.filename})" if error.filename else ""
-        _leave(f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where", 1)
+        refused = f"the system refused: {error.strerror or error}{where}; {DEBUG_VARIABLE}=1 shows where"
+        _leave(NO_MORE_PROCESSES if error.errno == errno.EAGAIN else refused, 1)
     # Users see one line. The traceback is for developers, who set the variable.
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
@@ -150,6 +154,8 @@ def run() -> None:
 
 def _describe_unexpected(error: Exception) -> str:
     text = " ".join(str(error).split())
+    if isinstance(error, RuntimeError) and "start new thread" in text:
+        return NO_MORE_PROCESSES
     # A damaged environment, for example a system library that OpenCV needs; a name that is missing here is a mistake of ours.
     if isinstance(error, ImportError) and not (error.name or "").startswith("rfca_rig"):
         return f"a library cannot be loaded: {text}; install rfca-rig again in a new environment"

@@ -18,7 +18,7 @@ from packaging.requirements import Requirement
 from rfca_rig import __version__
 from rfca_rig.clock import Clock
 from rfca_rig.doctor.finding import Finding, green, red, yellow
-from rfca_rig.drivers.ports import UdpDatagrams
+from rfca_rig.drivers.ports import open_udp
 from rfca_rig.model.kernel.compiled import CACHE_FOLDER
 
 CLOCK_SUBJECT = "clock"
@@ -191,9 +191,10 @@ def judge_packages(seen: tuple[PackageSeen, ...], python: str, own_version: str)
 
 def probe_receive_buffer() -> int:
     """Receive buffer in bytes that the system grants to a request like the driver's; nothing is sent."""
-    datagrams = UdpDatagrams("127.0.0.1")
-    datagrams.close()
-    return datagrams.receive_buffer_bytes
+    # Not connected: a computer without an IPv4 loopback interface has no way even to itself.
+    opened, granted_bytes = open_udp()
+    opened.close()
+    return granted_bytes
 
 
 def look_at_clock(clock: Clock) -> LoopSeen:

@@ -25,6 +25,14 @@ class Datagrams(Protocol):
         ...
 
 
+def open_udp() -> tuple[socket.socket, int]:
+    """A non-blocking UDP socket of no address yet, and the bytes of receive buffer that the system granted it."""
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    return opened, opened.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
 class UdpDatagrams:
     """UDP to one host and port; datagrams from other senders are dropped.
 
@@ -34,10 +42,7 @@ class UdpDatagrams:
 
     def __init__(self, host: str, port: int = PORT) -> None:
         self._peer = f"{host}:{port}"
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-        self.receive_buffer_bytes = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        self._socket, self.receive_buffer_bytes = open_udp()
         try:
             # A connected UDP socket receives from this peer only, and reports its ICMP errors.
             self._socket.connect((host, port))

@@ -1,10 +1,9 @@
 """Number of cores that a process may use for its threads. A worker uses one, as the other workers need the rest."""
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-
-from threadpoolctl import threadpool_limits
 
 from rfca_rig.errors import BadInput
 
@@ -13,6 +12,26 @@ VARIABLE = "RFCA_RIG_THREADS"
 MOST = 1024
 ONE_THREAD = {VARIABLE: "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a worker. Linear algebra reads its part when it is loaded, so it must stand there before the process begins."""
+# A limit of processes below this is one on purpose. Systems allow thousands to each user.
+FEW_PROCESSES = 1024
+
+
+def use_one_thread_if_processes_are_few() -> None:
+    """Where this user may have few processes (`ulimit -u`), set one thread for this process and those that it starts.
+
+    OpenBLAS prints four lines and ends the process with SIGINT where it cannot start its threads. Settings of the user stay. Call it
+    before linear algebra is loaded.
+    """
+    if sys.platform == "win32":
+        return
+    import resource  # noqa: PLC0415 - not on Windows
+
+    limit = resource.getrlimit(resource.RLIMIT_NPROC)[0] if hasattr(resource, "RLIMIT_NPROC") else resource.RLIM_INFINITY
+    if limit != resource.RLIM_INFINITY and limit < FEW_PROCESSES:
+        for name, value in ONE_THREAD.items():
+            os.environ.setdefault(name, value)
+        # OpenCV prints a line of its own for each thread that it cannot start.
+        os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
 
 def cores() -> int:
@@ -36,5 +55,8 @@ def single_threaded_blas() -> Iterator[None]:
 
     BLAS threads wait for each other by spinning. Beside other threads, or another program, they cost many times what they save.
     """
+    # Every command imports this module, and few need this package.
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415
+
     with threadpool_limits(limits=1, user_api="blas"):
         yield

@@ -81,6 +81,9 @@ def _whole_lines(path: Path) -> str:
 
 
 def _read_bytes(path: Path) -> bytes:
+    if not path.is_file():
+        # A pipe would be waited for, and a device may never end.
+        raise ValueError(f"{path.name} is no file")
     if path.stat().st_size > MOST_TEXT_BYTES:
         raise ValueError(f"{path.name} has more than {MOST_TEXT_BYTES / 1e6:.0f} MB")
     return path.read_bytes()
@@ -172,7 +175,7 @@ def _of_recording(path: Path, folder: str) -> Entry:
 
 def _of_pendulum(path: Path, folder: str) -> Entry:
     """Recordings of a pendulum; whether their tables are usable is for the commands that read them."""
-    description = tomllib.loads((path / PENDULUM).read_text(encoding="utf-8"))
+    description = tomllib.loads(_read_bytes(path / PENDULUM).decode())
     title = str(description["title"])
     return Entry(
         folder,
@@ -187,7 +190,7 @@ def _of_pendulum(path: Path, folder: str) -> Entry:
 
 def _of_experiment(path: Path, folder: str, seconds: float | None) -> Entry:
     """Recordings of a mechanism; whether they are usable is for the commands that read them."""
-    description = tomllib.loads((path / EXPERIMENT).read_text(encoding="utf-8"))
+    description = tomllib.loads(_read_bytes(path / EXPERIMENT).decode())
     title, recordings = str(description["title"]), description["recordings"]
     return Entry(
         folder,

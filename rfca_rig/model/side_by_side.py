@@ -85,9 +85,10 @@ def move_side_by_side(starts: Sequence[Start], begin_s: float, tolerance: Tolera
     return Steps(accepted, rejected, next_s)
 
 
-def allocate_samples_of_lanes(t_s: Floats, coordinates: int, links: int) -> Samples:
-    """Samples at the times `t_s` (m,), all others with lanes as last axis."""
-    return Samples(t_s, *_divide([(len(t_s), *shape) for shape in ((coordinates,), (coordinates,), (3,), (2, links))]))
+def allocate_samples_of_lanes(t_s: Floats, leg: State, only_sensed: bool) -> Samples:
+    """Samples at the times `t_s` (m,) with lanes as last axis; if `only_sensed`, no more than the shaft's angle and the forces."""
+    coordinates, speeds, links = (1, 0, 0) if only_sensed else (leg.q.size, leg.w.size, leg.anchor.size)
+    return Samples(t_s, *_divide([(len(t_s), *shape) for shape in ((coordinates,), (speeds,), (3,), (2, links))]))
 
 
 def _stack_fields(tuples: Sequence[Sequence[Floats | float]]) -> list[Floats]:

@@ -188,13 +188,16 @@ def _fill_rest(leg: Start, begins_s: float, out: Samples) -> Samples:
     resting = int(np.searchsorted(out.t, begins_s, side="right"))
     work, force = allocate_workspace(leg.state.q.size, leg.state.anchor.size), np.empty(3)
     measure_once(leg.chain, leg.laws, leg.state, 0.0, leg.state.q, leg.state.w, leg.state.a, work, force)
-    out.q[:resting], out.w[:resting], out.force[:resting], out.contact[:resting] = leg.state.q, 0.0, force, work.contact
+    # There may be fewer columns than coordinates and links.
+    out.q[:resting], out.w[:resting] = leg.state.q[: out.q.shape[1]], 0.0
+    out.force[:resting], out.contact[:resting] = force, work.contact[:, : out.contact.shape[2]]
     return Samples(*(column[resting:] for column in out))
 
 
 def _sense(setup: Setup, everything: Samples, cost: Steps) -> SimulatedStroke:
     """The stroke as the sensor shows it."""
-    t_s, links = everything.t, everything.contact.shape[2]
+    # The first link turns with the shaft, whose angle is always there.
+    t_s, links = everything.t, max(everything.contact.shape[2], 1)
     fy, fz, torque = everything.force.T
     # The sensor sits below the shaft, so fy adds a moment to the shaft's torque.
     felt = setup.apply_sensor_changes(SensorOutput(t_s, fy, fz, torque + setup.rig.sensor.below_shaft_m * fy, everything.q[:, 0]))
@@ -239,7 +242,7 @@ def simulate_strokes(jobs: Sequence[Job], threads: int | None = None) -> list[Si
     requests = [StrokeRequest(job.setup(), job.t_s, job.tolerance or Tolerance()) for job in jobs]
     blocks = _divide_into_blocks(requests, LANES)
     with ThreadPoolExecutor(max(1, min(threads or cores(), len(blocks) or 1))) as pool:
-        found = list(pool.map(lambda block: _move_block([requests[number] for number in block]), blocks))
+        found = list(pool.map(lambda block: _move_block([requests[number] for number in block], only_sensed=False), blocks))
     results: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(jobs)
     for block, moved in zip(blocks, found, strict=True):
         for number, one in zip(block, moved, strict=True):
@@ -263,7 +266,7 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest]) ->
     Returns
     -------
     list
-        For each variation its stroke and that of `here` with the same steps; None for the latter where the two cannot move side by side,
+        For each variation its stroke and that of `here` with the same steps, with shaft angle and forces only; None for the latter where the two cannot move side by side,
         as with other effects. SimulationFailed where a variation has no answer.
     """
     motions = {request.motion: request for request in varied if request.motion != here.motion}
@@ -272,14 +275,14 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest]) ->
     apart = [request for request in motions.values() if request.kind != here.kind]
     found: dict[Hashable, tuple[Moved, Moved | None]] = {}
     for block in _divide_into_blocks(beside, LANES - 1):
-        reference, *moved = _move_block([here, *(beside[number] for number in block)])
+        reference, *moved = _move_block([here, *(beside[number] for number in block)], only_sensed=True)
         found |= {beside[number].motion: (one, reference) for number, one in zip(block, moved, strict=True)}
     for block in _divide_into_blocks(apart, LANES):
-        moved = _move_block([apart[number] for number in block])
+        moved = _move_block([apart[number] for number in block], only_sensed=True)
         found |= {apart[number].motion: (one, None) for number, one in zip(block, moved, strict=True)}
     if any(request.motion == here.motion for request in varied):
         # Any of the blocks will do, as long as both come from it.
-        reference = next((reference for _, reference in found.values() if reference is not None), None) or _move_block([here])[0]
+        reference = next((reference for _, reference in found.values() if reference is not None), None) or _move_alone(here)
         found[here.motion] = (reference, reference)
     return [_pair(here, request, *found[request.motion]) for request in varied]
 
@@ -302,13 +305,16 @@ def _divide_into_blocks(requests: Sequence[StrokeRequest], most: int) -> list[li
     return [group[first : first + most] for group in groups.values() for first in range(0, len(group), most)]
 
 
-def _move_block(requests: Sequence[StrokeRequest]) -> list[Moved]:
-    """Moves up to eight legs with the same sample times, side by side where the compiled chain allows it and all of them succeed."""
+def _move_block(requests: Sequence[StrokeRequest], only_sensed: bool) -> list[Moved]:
+    """Moves up to eight legs with the same sample times, side by side where the compiled chain allows it and all of them succeed.
+
+    If `only_sensed`, their samples hold no more than the shaft's angle and the forces.
+    """
     setups, t_s = [request.setup for request in requests], requests[0].t_s
     try:
         legs = [_begin(setup) for setup in setups]
         if len(legs) > 1 and len({leg.kind for leg in legs}) == 1:
-            out = allocate_samples_of_lanes(t_s, legs[0].state.q.size, legs[0].state.anchor.size)
+            out = allocate_samples_of_lanes(t_s, legs[0].state, only_sensed)
             each = [Samples(t_s, *(column[..., lane] for column in out[1:])) for lane in range(len(legs))]
             moving = [_fill_rest(leg, setups[0].begins_s, own) for leg, own in zip(legs, each, strict=True)]
             resting = len(t_s) - len(moving[0].t)

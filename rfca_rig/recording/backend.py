@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from rfca_rig.clock import WallClock
-from rfca_rig.errors import DiskFull, RigError, Trip, Tripped
+from rfca_rig.errors import NO_MORE_PROCESSES, DiskFull, RigError, Trip, Tripped
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import JournalBlock, frame_block
 from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, spawn_recorder
@@ -167,6 +167,12 @@ class RecorderClient:
 
     def keep_photo(self, picture: Picture) -> str:
         self._check()
+        try:
+            self._sender.start()
+        except RuntimeError:
+            # As an error of the camera, it costs the photo and not the run.
+            self._warn(f"a photo was not kept: {NO_MORE_PROCESSES}")
+            return ""
         name = photo_name(next(self._photos))
         self._sender.send(name, picture)
         return name

@@ -203,8 +203,10 @@ def list_described_files(folder: Path) -> list[Path]:
     kinds = ("csv", *KINDS_OF_AN_EXPERIMENT) if (folder / EXPERIMENT).is_file() else ("csv",)
     descriptions = (file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}"))
     tables = (file for ending in kinds for file in folder.rglob(f"*.{ending}"))
-    # a diagnosis that was written below the folder has tables of its own
-    return sorted([*descriptions, *(file for file in tables if not (file.parent / DIAGNOSIS).is_file())])
+    # A diagnosis that was written below the folder has tables of its own.
+    files = (*descriptions, *(file for file in tables if not (file.parent / DIAGNOSIS).is_file()))
+    # A pipe of such a name would be waited for.
+    return sorted(file for file in files if file.is_file())
 
 
 def identity_of_tables(title: str, folder: Path) -> str:

@@ -68,11 +68,15 @@ class PhotoSender:
         self._waiting: queue.SimpleQueue[tuple[AnnouncedPhoto, Picture] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="photos", daemon=True)
 
-    def send(self, name: str, picture: Picture) -> None:
-        """Queues a picture (rows, columns, 3), which the caller must not change any more."""
-        # Started with the first photo: runs without a camera have no such thread.
+    def start(self) -> None:
+        """Starts the thread, if that is not done. Raises RuntimeError where the system allows no further one."""
+        # With the first photo: runs without a camera have no such thread.
         if not self._thread.ident:
             self._thread.start()
+
+    def send(self, name: str, picture: Picture) -> None:
+        """Queues a picture (rows, columns, 3), which the caller must not change any more."""
+        self.start()
         self._waiting.put((AnnouncedPhoto(name, picture.shape), np.ascontiguousarray(picture)))
 
     def finish(self, within_s: float) -> None:

@@ -5,7 +5,7 @@ import socket
 from contextlib import suppress
 from ipaddress import ip_address
 
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import NO_SUCH_ADDRESS, BadInput
 
 LOOPBACK = "127.0.0.1"
 ANY_FREE = 0
@@ -43,6 +43,8 @@ def _bind(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
             opened.listen()
     except (OSError, OverflowError) as error:
         opened.close()
+        if getattr(error, "errno", None) == errno.EADDRNOTAVAIL:
+            raise BadInput(f"cannot listen on {host}: {NO_SUCH_ADDRESS}") from error
         raise BadInput(f"cannot listen on {host} port {port}: {error}; another server may be running, port 0 takes any free one") from error
     opened.setblocking(False)
     return opened

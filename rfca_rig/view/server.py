@@ -27,7 +27,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from rfca_rig.errors import BadInput, Trip
+from rfca_rig.errors import NO_SUCH_ADDRESS, BadInput, Trip
 from rfca_rig.view.admission import PROTOCOL, Admission
 from rfca_rig.view.messages import BEATS_HZ, Feed, FeedSource, Message
 from rfca_rig.view.run_queue import HOST
@@ -227,6 +227,8 @@ def listen_on(port: int) -> socket.socket:
         listening.close()
         if error.errno == errno.EADDRINUSE:
             raise BadInput(f"port {port} is taken; name another one, or none for any that is free") from None
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise BadInput(f"cannot listen on {HOST}: {NO_SUCH_ADDRESS}") from None
         raise BadInput(f"port {port} cannot be listened on: {error}; name another one") from None
     return listening
 

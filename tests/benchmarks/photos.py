@@ -87,7 +87,8 @@ def labels_of(truth, share):
     yield "all"
     yield "12 MP" if truth["width_px"] == LARGE_WIDTH_PX else "2 MP"
     yield from (f"{key}: {kinds[key]}" for key in ("light", "surface", "blur", "plane"))
-    yield "clutter: cable" if "cable" in kinds["clutter"] else "clutter: no cable"
+    cable = "cable at marks" if "at marks" in kinds["clutter"] else "cable" if "cable" in kinds["clutter"] else "no cable"
+    yield f"clutter: {cable}"
     yield "whole" if share > WHOLE_SHARE else "partly covered"
 
 

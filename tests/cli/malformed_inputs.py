@@ -711,7 +711,9 @@ def _judge(case: Case, ended: Ended, before: set[str], after: set[str]) -> Itera
     if after - before and ended.code == 2:
         yield f"wrote {sorted(after - before)[:3]} and refused: {last[:200]}"
     own = [line for line in ended.err.splitlines() if not line.startswith(("SIM ", "REAL ", "IMPORT ", "  "))]
-    if ended.code == 2 and "check" in case.words and not own:
+    # A red finding on standard output is a result of the doctor.
+    is_finding = (ended.code == 2 and "check" in case.words) or (ended.code == 1 and "doctor" in case.words and " red" in ended.out)
+    if is_finding and not own:
         return
     if len(own) != 1 or not own[0].startswith("rfca-rig: "):
         yield f"{len(own)} lines: {' | '.join(own)[:300]}"

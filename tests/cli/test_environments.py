@@ -3,16 +3,22 @@
 Permissions are tested with /proc, which refuses an administrator too.
 """
 
+import errno
 import os
 import resource
+import shutil
+import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
 
+from rfca_rig.doctor.computer import probe_receive_buffer
+from rfca_rig.executors.cores import ONE_THREAD, use_one_thread_if_processes_are_few
 from rfca_rig.model.kernel import compiled
 from tests.cli.malformed_inputs import CART, EXPERIMENT, MECHANISM
 from tests.cli.typed import typed
@@ -182,6 +188,85 @@ def test_a_run_in_a_broken_environment_costs_one_line_at_most(tmp_path, name):
         assert len(list(tmp_path.glob("runs/SIM-*/run.h5"))) == 1
 
 
+# The limit of processes does not hold for the administrator: another real user, and the rights without those to pass the limit.
+ANOTHER_USER = "setpriv --ruid 65533 --euid 0 --bounding-set -sys_resource,-sys_admin --inh-caps=-all "
+NO_MORE = "the system allows no further process or thread"
+FEW: dict[str, Surroundings] = {
+    "one process": Surroundings(TRIP, script="exec PRLIMIT1 TYPED"),
+    "one process for a plan": Surroundings(PLAN, script="exec PRLIMIT1 TYPED"),
+    "one process for a run": Surroundings(RUN, 1, NO_MORE, script="exec PRLIMIT1 TYPED"),
+    "one process for the doctor": Surroundings("doctor", 1, NO_MORE, script="exec PRLIMIT1 TYPED"),
+}
+
+
+@pytest.mark.skipif(shutil.which("prlimit") is None or shutil.which("setpriv") is None, reason="the tools of util-linux")
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "one process" else pytest.mark.slow) for name in FEW])
+def test_few_processes_cost_one_line_at_most(name):
+    script = FEW[name].script.replace("PRLIMIT1", f"{ANOTHER_USER if os.getuid() == 0 else ''}prlimit --nproc=1:1")
+    # The program asks with the rights of the real user whether it may write there; tmp_path is closed to others.
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o777)
+        check(replace(FEW[name], script=script), Path(folder))
+
+
+NO_LOOPBACK: dict[str, Surroundings] = {
+    "twin server": Surroundings("twin serve --seconds 0.1", 2, "cannot listen on 127.0.0.1: this computer has no such address"),
+    "client of the twin server": Surroundings("twin tell status", 1, "no answer on port"),
+    "run": Surroundings(RUN),
+    "run with a view": Surroundings(f"{RUN} --view --pace 0", 2, "cannot listen on 127.0.0.1: this computer has no such address"),
+}
+
+
+# Runs its arguments in a network of its own that has ::1 and no IPv4 address.
+IPV6_ONLY = """
+import fcntl, os, socket, struct, sys
+control, no_address = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), struct.pack("16sH14x8x", b"lo", socket.AF_INET)
+fcntl.ioctl(control, 0x8914, struct.pack("16sH14x8x", b"lo", 0x41))  # SIOCSIFFLAGS: up and running
+fcntl.ioctl(control, 0x8916, no_address)  # SIOCSIFADDR
+os.execvp(sys.argv[1], sys.argv[1:])
+"""
+
+
+def has_own_networks() -> bool:
+    tool = shutil.which("unshare")
+    return tool is not None and subprocess.run([tool, "-rn", "true"], capture_output=True, check=False).returncode == 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not has_own_networks(), reason="networks of its own, which the system may refuse to a user")
+@pytest.mark.parametrize("name", NO_LOOPBACK)
+def test_a_computer_without_ipv4_costs_one_line_at_most(tmp_path, name):
+    tmp_path.joinpath("ipv6_only.py").write_text(IPV6_ONLY, encoding="utf-8")
+    check(replace(NO_LOOPBACK[name], script=f'exec unshare -rn "{sys.executable}" ipv6_only.py TYPED'), tmp_path)
+
+
+def test_threads_are_limited_only_where_processes_are_few(monkeypatch):
+    for name in (*ONE_THREAD, "OPENCV_FOR_THREADS_NUM"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (4096, 4096))
+    use_one_thread_if_processes_are_few()
+    assert "OPENBLAS_NUM_THREADS" not in os.environ
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (100, 4096))
+    # Deleted again after the test, as monkeypatch knows them.
+    for name in (*ONE_THREAD, "OPENCV_FOR_THREADS_NUM"):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    use_one_thread_if_processes_are_few()
+    assert (os.environ["OPENBLAS_NUM_THREADS"], os.environ["OMP_NUM_THREADS"], os.environ["OPENCV_FOR_THREADS_NUM"]) == ("1", "3", "1")
+
+
+def test_the_doctor_needs_no_way_to_this_computer(monkeypatch):
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+    class NoWay(socket.socket):
+        connect = refuse
+
+    monkeypatch.setattr(socket, "socket", NoWay)
+    assert probe_receive_buffer() > 0
+
+
 @pytest.mark.parametrize(
     ("package", "words", "extra"),
     [
@@ -220,3 +305,26 @@ def test_a_user_without_a_home_has_a_cache_that_is_their_own(monkeypatch):
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", nowhere)
     assert Path(compiled.cache_folder()).is_relative_to(Path(compiled.__file__).parent)
+
+
+@pytest.mark.parametrize("name", ["experiment.toml", "a.csv", "campaign.toml"])
+@pytest.mark.timeout(60)
+def test_a_pipe_among_recordings_does_not_stop_the_list_of_runs(tmp_path, monkeypatch, capsys, name):
+    place = tmp_path / "cart"
+    place.mkdir()
+    for file, text in (("experiment.toml", EXPERIMENT), ("model.xml", MECHANISM), ("a.csv", CART)):
+        place.joinpath(file).write_text(text, encoding="utf-8")
+    place.joinpath(name).unlink(missing_ok=True)
+    os.mkfifo(place / name)
+    said = typed(monkeypatch, capsys, "runs", "--runs", tmp_path)
+    assert said.exit_code == 0
+    assert "Traceback" not in said.err
+
+
+def test_a_table_of_a_campaign_that_does_not_fit_into_memory_is_refused(tmp_path, monkeypatch, capsys):
+    shutil.copytree("tests/data/small-campaign", tmp_path / "campaign")
+    with (tmp_path / "campaign/runs/dynamic-03.csv").open("wb") as file:
+        file.truncate(5_000_000_000)
+    said = typed(monkeypatch, capsys, "report", tmp_path / "campaign", "--out", tmp_path / "report")
+    assert said.exit_code == 2
+    assert "has 5000 MB, where 4000 MB are the most" in said.err

@@ -40,6 +40,7 @@ def test_the_photos_of_a_run_agree_with_its_sensor(monkeypatch, capsys):
         (("--angles", "30,4"), "2 angles: this leg has 7"),
         (("--angles", "30,x"), "takes numbers in degrees"),
         (("--angles", "30,nan,1,1,1,1,1"), "takes numbers in degrees"),
+        (("--angles", "1e300,0,0,0,0,0,0"), "beyond a whole turn"),
     ],
 )
 def test_what_cannot_be_used_is_said_in_one_line(monkeypatch, capsys, words, said):

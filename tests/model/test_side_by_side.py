@@ -73,12 +73,14 @@ def test_what_changes_only_the_sensor_shares_the_motion(monkeypatch):
     sensed = having(PAPER, sensor_gain={"factor": 1.03})
     varied = [request(sensed), request(stiffer(PAPER, 0.01)), request(stiffer(sensed, 0.01))]
     moved, move = [], stroke_module._move_block
-    monkeypatch.setattr(stroke_module, "_move_block", lambda requests: moved.append(len(requests)) or move(requests))
+    monkeypatch.setattr(
+        stroke_module, "_move_block", lambda requests, only_sensed: moved.append(len(requests)) or move(requests, only_sensed)
+    )
     gain, stiff, both = simulate_variations(request(PAPER), varied)
     assert moved == [2]
-    assert np.array_equal(gain[0].q_rad, gain[1].q_rad)
+    assert np.array_equal(gain[0].shaft_torque_Nm, gain[1].shaft_torque_Nm)
     assert gain[0].fz_N == pytest.approx(1.03 * gain[1].fz_N)
-    assert np.array_equal(both[0].q_rad, stiff[0].q_rad)
+    assert np.array_equal(both[0].shaft_torque_Nm, stiff[0].shaft_torque_Nm)
 
 
 def test_a_variation_without_an_answer_fails_alone():

@@ -125,3 +125,20 @@ def test_a_control_process_that_dies_before_its_photo_is_through_loses_that_phot
     assert [stage.stage for stage in found.static] == [2, 6]
     assert [event["photo"] for event in events_of(tmp_path / "run") if "photo" in event] == ["photos/002.png is lost"]
     assert np.array_equal(cv2.imread(str(tmp_path / "run" / "photos" / "001.png")), picture_of(2))
+
+
+@needs_process
+def test_where_no_thread_can_be_started_the_photo_is_lost_and_not_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def refuse(_: PhotoSender) -> None:
+        raise RuntimeError("can't start new thread")
+
+    run_folder.create(tmp_path / "run", header())
+    lines: list[str] = []
+    keeper = RecorderClient(tmp_path / "run", patient=False, warn=lines.append)
+    with monkeypatch.context() as patch:
+        patch.setattr(PhotoSender, "start", refuse)
+        assert keeper.keep_photo(PICTURES[0]) == ""
+    assert keeper.keep_photo(PICTURES[1]) == "photos/001.png"
+    keeper.finish("done")
+    assert len(lines) == 1
+    assert "a photo was not kept: the system allows no further process or thread" in lines[0]

@@ -226,8 +226,29 @@ def _hit_capsule(rows, at, origin, way, normal):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
-def _shade(rows, at, place, normal, way, lights, colours, radii, ambient, blockers, spots, sample, unused, towards, colour):
-    """Write the light (3,) that a surface sends back along a ray."""
+def _gap(rows, at, origin, way):
+    """Distance between the axis of a rod and the straight line from `origin` to `origin + way`."""
+    ax, ay, az = rows[at, 4] - rows[at, 1], rows[at, 5] - rows[at, 2], rows[at, 6] - rows[at, 3]
+    rx, ry, rz = rows[at, 1] - origin[0], rows[at, 2] - origin[1], rows[at, 3] - origin[2]
+    a, e = max(1e-18, ax * ax + ay * ay + az * az), way[0] ** 2 + way[1] ** 2 + way[2] ** 2
+    b, c, f = ax * way[0] + ay * way[1] + az * way[2], ax * rx + ay * ry + az * rz, way[0] * rx + way[1] * ry + way[2] * rz
+    steep = a * e - b * b
+    s = min(1.0, max(0.0, (b * f - c * e) / steep)) if steep > 1e-18 else 0.0
+    t = min(1.0, max(0.0, (b * s + f) / e))
+    s = min(1.0, max(0.0, (b * t - c) / a))
+    dx, dy, dz = rx + s * ax - t * way[0], ry + s * ay - t * way[1], rz + s * az - t * way[2]
+    return np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
+def _shade(  # noqa: PLR0912 - one kernel, compiled once
+    rows, at, place, normal, way, lights, colours, radii, ambient, blockers, spots, sample, unused, towards, to_spot, colour
+):
+    """Write the light (3,) that a surface sends back along a ray.
+
+    The share of a lamp that is seen from there is taken over all its spots. One spot per ray would pair each spot with a point of the
+    aperture: in a penumbra only a lopsided part of the aperture would see light, and blur would shift the edges.
+    """
     for channel in range(3):
         colour[channel] = rows[at, 12 + channel] * ambient[channel]
     length = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
@@ -240,14 +261,27 @@ def _shade(rows, at, place, normal, way, lights, colours, radii, ambient, blocke
         facing = (normal[0] * towards[0] + normal[1] * towards[1] + normal[2] * towards[2]) / away
         if facing <= 0.0:
             continue
-        hidden = False
+        seen, is_near = 1.0, False
         for blocker in range(len(blockers)):
-            there = _hit(blockers, blocker, place, towards, unused)
-            if 1e-4 < there < 1.0:
-                hidden = True
-                break
-        if hidden:
-            continue
+            # Most places are far from every shadow: one test for the whole lamp.
+            if _gap(blockers, blocker, place, towards) < blockers[blocker, 7] + 1.5 * radii[number]:
+                is_near = True
+        if is_near:
+            seen = 0.0
+            for spot in range(len(spots)):
+                to_spot[0] = lights[number, 0] - place[0]
+                to_spot[1] = lights[number, 1] + radii[number] * spots[spot, 0] - place[1]
+                to_spot[2] = lights[number, 2] + radii[number] * spots[spot, 1] - place[2]
+                hidden = False
+                for blocker in range(len(blockers)):
+                    there = _hit(blockers, blocker, place, to_spot, unused)
+                    if 1e-4 < there < 1.0:
+                        hidden = True
+                        break
+                if not hidden:
+                    seen += 1.0 / len(spots)
+            if seen == 0.0:
+                continue
         hx = towards[0] / away - way[0] / length
         hy = towards[1] / away - way[1] / length
         hz = towards[2] / away - way[2] / length
@@ -256,7 +290,7 @@ def _shade(rows, at, place, normal, way, lights, colours, radii, ambient, blocke
         if rows[at, 15] > 0.0:
             shine = rows[at, 15] * max(0.0, (normal[0] * hx + normal[1] * hy + normal[2] * hz) / half) ** rows[at, 16]
         for channel in range(3):
-            colour[channel] += colours[number, channel] / square * (rows[at, 12 + channel] * facing + shine)
+            colour[channel] += seen * colours[number, channel] / square * (rows[at, 12 + channel] * facing + shine)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp"})
@@ -282,7 +316,7 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
     near = np.empty(len(rows), np.int64)
     colour, normal, kept = np.empty(3), np.empty(3), np.empty(3)
     origin, way, place = np.empty(3), np.empty(3), np.empty(3)
-    unused, towards, total = np.empty(3), np.empty(3), np.empty(3)
+    unused, towards, to_spot, total = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     wall = np.zeros((1, 18))
     wall[0, 8] = 1.0
     for top in range(0, height, TILE_PX):
@@ -346,6 +380,7 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
                                 sample,
                                 unused,
                                 towards,
+                                to_spot,
                                 colour,
                             )
                         else:
@@ -354,7 +389,22 @@ def _trace(  # noqa: PLR0912, PLR0915 - one kernel, compiled once
                                 wall[0, 12 + i] = background[1] * (1.0 + 0.2 * folds)
                                 kept[i] = wall[0, 8 + i]
                             _shade(
-                                wall, 0, place, kept, way, lights, colours, radii, ambient, blockers, lamp, sample, unused, towards, colour
+                                wall,
+                                0,
+                                place,
+                                kept,
+                                way,
+                                lights,
+                                colours,
+                                radii,
+                                ambient,
+                                blockers,
+                                lamp,
+                                sample,
+                                unused,
+                                towards,
+                                to_spot,
+                                colour,
                             )
                         for channel in range(3):
                             total[channel] += colour[channel]

@@ -3,7 +3,7 @@
 A leg keeps its camera, its glued marks, its lights and its clutter over all its stages; only the pose changes, as in a static run.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import cv2
@@ -21,6 +21,8 @@ DEMOSAICING = (cv2.COLOR_BayerBG2BGR, cv2.COLOR_BayerBG2BGR_EA)
 # Error of gluing within the plane, standard deviation in each direction.
 GLUED_STD_M = 5e-5
 # Half the thickness of marks and half the range of the offsets out of the plane, by kind of leg.
+# Half the width of the shells: between a mark and a cable behind its shell a dark gap of 0.2 to 0.45 diameters remains.
+SHELL_M = (0.0056, 0.0075)
 OFFSETS_M = {"one plane": 5e-5, "up to 1 mm": 1e-3, "up to 3 mm": 3e-3}
 
 
@@ -40,6 +42,7 @@ class Leg:
     background: tuple[float, float]
     poses_rad: Floats
     kinds: dict[str, str]
+    shell_m: float = SHELL_M[1]
 
 
 def draw_leg(seed: int, width_px: int, stages: int) -> Leg:
@@ -64,19 +67,27 @@ def draw_leg(seed: int, width_px: int, stages: int) -> Leg:
         sharpening=float(random.choice([0.0, 0.0, 0.6])),
         jpeg_quality=int(random.integers(75, 98)) if random.random() < 0.8 else None,
     )
+    lighting, glued, offsets = _lighting(random, light), random.normal(0.0, GLUED_STD_M, (8, 2)), random.uniform(low, OFFSETS_M[plane], 8)
+    shell = np.full(3, random.uniform(0.008, 0.05)) * random.uniform(0.85, 1.15, 3)
+    background = (float(random.uniform(0.08, 0.4)), float(random.choice([0.01, 0.03, 0.12, 0.4], p=[0.4, 0.3, 0.2, 0.1])))
+    poses = _poses(random, stages)
+    if random.random() < 0.3:
+        kinds = "cable at marks" if kinds == "none" else f"{kinds}+cable at marks"
+        clutter = (*clutter, *_cable_at_marks(random, poses))
     return Leg(
         lens,
-        _lighting(random, light),
+        lighting,
         sensor,
-        random.normal(0.0, GLUED_STD_M, (8, 2)),
-        random.uniform(low, OFFSETS_M[plane], 8),
+        glued,
+        offsets,
         gloss,
-        np.full(3, random.uniform(0.008, 0.05)) * random.uniform(0.85, 1.15, 3),
+        shell,
         clutter,
         covers,
-        (float(random.uniform(0.08, 0.4)), float(random.choice([0.01, 0.03, 0.12, 0.4], p=[0.4, 0.3, 0.2, 0.1]))),
-        _poses(random, stages),
+        background,
+        poses,
         {"plane": plane, "light": light, "surface": surface, "blur": blur, "clutter": kinds},
+        float(random.uniform(*SHELL_M)),
     )
 
 
@@ -152,6 +163,18 @@ def _clutter(random: np.random.Generator) -> tuple[tuple[Surface, ...], str]:
     return tuple(things), "+".join(words) or "none"
 
 
+def _cable_at_marks(random: np.random.Generator, poses_rad: Floats) -> list[Surface]:
+    """A red cable close behind the shells, through the places of two marks in one of the poses."""
+    angles = poses_rad[int(random.integers(len(poses_rad)))]
+    chain = np.vstack([np.zeros(2), np.cumsum(LENGTHS_M[:, None] * np.column_stack([np.cos(angles), -np.sin(angles)]), axis=0)])
+    first, last = np.sort(random.choice(8, 2, False))
+    near = [chain[first] + random.normal(0.0, 0.003, 2), chain[last] + random.normal(0.0, 0.003, 2)]
+    points = np.array([near[0] + random.normal(0.0, 0.06, 2), *near, near[1] + random.normal(0.0, 0.06, 2)])
+    behind, radius = -random.uniform(0.007, 0.02, 4), float(random.uniform(0.0015, 0.004))
+    ways = pairwise(np.column_stack([behind, points]))
+    return [Surface(CAPSULE, a, b, radius, RED * random.uniform(0.6, 1.2), TOWARDS_CAMERA, 0.0, 0.08, 40.0) for a, b in ways]
+
+
 def _poses(random: np.random.Generator, stages: int) -> Floats:
     """Absolute link angles (stages, 7) rad of a leg that is pressed on the ground further and further, then let back."""
     first = np.radians(np.linspace(random.uniform(60.0, 80.0), random.uniform(95.0, 130.0), stages))
@@ -210,13 +233,15 @@ def photograph(leg: Leg, stage: int) -> tuple[NDArray[np.uint8], Floats]:
     ]
     ends = np.column_stack([np.minimum(leg.offsets_m[:-1], leg.offsets_m[1:]) - 4e-4, places[:-1], places[1:]])
     shells = [
-        Surface(SHELL, np.array([x, *a]), np.array([x, *b]), 0.0075, leg.shell, TOWARDS_CAMERA, 0.35, gloss, sharpness)
+        Surface(SHELL, np.array([x, *a]), np.array([x, *b]), leg.shell_m, leg.shell, TOWARDS_CAMERA, 0.35, gloss, sharpness)
         for x, *rest in ends
         for a, b in [(rest[:2], rest[2:])]
     ]
     covers = [_cover(place, side, share) for index, side, share in leg.covers for place in [places[index]]]
     surfaces = (*marks, *shells, *leg.clutter, *covers)
-    return take_photo(surfaces, leg.lens, leg.lighting, leg.sensor, leg.background, random)
+    # Things before the leg throw shadows on it.
+    lighting = replace(leg.lighting, blockers=(*leg.lighting.blockers, *covers))
+    return take_photo(surfaces, leg.lens, lighting, leg.sensor, leg.background, random)
 
 
 def _cover(place_m: Floats, side_rad: float, share: float) -> Surface:

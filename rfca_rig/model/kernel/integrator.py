@@ -64,9 +64,12 @@ def fill_samples(chain: Chain, laws: Laws, state: State, t: float, t_new: float,
         interpolate(state, end, h, elapsed / h, work)
         # Forces are not interpolated: contact and friction vary within a step more than a cubic can follow.
         measure(chain, laws, state, elapsed, work.q, work.w, work.a, work, work.force)
-        for i in range(state.q.size):
-            out.q[first, i], out.w[first, i] = work.q[i], work.w[i]
-        for i in range(state.anchor.size):
+        # A caller may want fewer columns than there are.
+        for i in range(out.q.shape[1]):
+            out.q[first, i] = work.q[i]
+        for i in range(out.w.shape[1]):
+            out.w[first, i] = work.w[i]
+        for i in range(out.contact.shape[2]):
             out.contact[first, 0, i], out.contact[first, 1, i] = work.contact[0, i], work.contact[1, i]
         for i in range(3):
             out.force[first, i] = work.force[i]

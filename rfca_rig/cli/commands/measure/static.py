@@ -156,6 +156,8 @@ def _numbers(text: str) -> list[float]:
         angles = [float("nan")]
     if not all(math.isfinite(angle) for angle in angles):
         raise BadInput(f"--angles {text!r}: takes numbers in degrees with commas between them, as 30,-4,-5,-5,-5,-3,-2")
+    if any(abs(angle) > 360.0 for angle in angles):
+        raise BadInput(f"--angles {text!r}: an angle is beyond a whole turn, 360 degrees")
     return angles
 
 
