@@ -253,7 +253,7 @@ def simulate_strokes(jobs: Sequence[Job], threads: int | None = None) -> list[Si
 Pair = tuple[SimulatedStroke, SimulatedStroke | None]
 
 
-def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest]) -> list[Pair | SimulationFailed]:
+def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest], only_sensed: bool = False) -> list[Pair | SimulationFailed]:
     """Simulates variations of a stroke, each beside the stroke itself, so that their difference is free of what different steps would add.
 
     Parameters
@@ -262,11 +262,13 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest]) ->
         The stroke.
     varied
         Its variations, in any number.
+    only_sensed
+        Whether the shaft's angle and the forces are enough.
 
     Returns
     -------
     list
-        For each variation its stroke and that of `here` with the same steps, with shaft angle and forces only; None for the latter where the two cannot move side by side,
+        For each variation its stroke and that of `here` with the same steps; None for the latter where the two cannot move side by side,
         as with other effects. SimulationFailed where a variation has no answer.
     """
     motions = {request.motion: request for request in varied if request.motion != here.motion}
@@ -275,10 +277,10 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest]) ->
     apart = [request for request in motions.values() if request.kind != here.kind]
     found: dict[Hashable, tuple[Moved, Moved | None]] = {}
     for block in _divide_into_blocks(beside, LANES - 1):
-        reference, *moved = _move_block([here, *(beside[number] for number in block)], only_sensed=True)
+        reference, *moved = _move_block([here, *(beside[number] for number in block)], only_sensed)
         found |= {beside[number].motion: (one, reference) for number, one in zip(block, moved, strict=True)}
     for block in _divide_into_blocks(apart, LANES):
-        moved = _move_block([apart[number] for number in block], only_sensed=True)
+        moved = _move_block([apart[number] for number in block], only_sensed)
         found |= {apart[number].motion: (one, None) for number, one in zip(block, moved, strict=True)}
     if any(request.motion == here.motion for request in varied):
         # Any of the blocks will do, as long as both come from it.

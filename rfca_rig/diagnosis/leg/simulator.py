@@ -131,12 +131,14 @@ class LegSimulator(Simulator):
 
     def simulate_changes(self, at: ModelPoint, rows: Floats, inputs: Sequence[ModelPoint], condition: LegCondition) -> list[Floats | None]:
         """The change of the predicted rows (m,) from `at` to each input, as in `Simulator`; each stroke moves beside that of `at`."""
-        if isinstance(condition, StageTable) or not inputs:
+        if not inputs:
             return super().simulate_changes(at, rows, inputs, condition)
         here, varied = condition.request(at), [_request_or_none(condition, each) for each in inputs]
         if isinstance(condition, ShaftCondition) and all(one is None or one.setup.drive is None for one in varied):
             return super().simulate_changes(at, rows, inputs, condition)
-        pairs = iter(simulate_variations(here, [one for one in varied if one is not None]))
+        # Stages have hinge angles, too.
+        only_sensed = not isinstance(condition, StageTable)
+        pairs = iter(simulate_variations(here, [one for one in varied if one is not None], only_sensed))
         changes: list[Floats | None] = []
         for each, one in zip(inputs, varied, strict=True):
             pair = None if one is None else next(pairs)
@@ -196,7 +198,7 @@ class LegSimulator(Simulator):
         return _with_tables(conditions, [replace(table, moves=moves) for table in tables])
 
 
-def _request_or_none(condition: DynamicCondition | ShaftCondition, at: ModelPoint) -> StrokeRequest | None:
+def _request_or_none(condition: LegCondition, at: ModelPoint) -> StrokeRequest | None:
     try:
         return condition.request(at)
     except BadInput:

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.diagnosis.data import Label, Observations
+from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves, make_stage_motion
-from rfca_rig.model.stroke import simulate_stroke
+from rfca_rig.model.stroke import SimulatedStroke, StrokeRequest, simulate_setup
 from rfca_rig.recording.model import StaticStage, collect_strokes_before
 
 Floats = NDArray[np.float64]
@@ -77,9 +78,21 @@ class StageTable:
 
     def simulated(self, supposed: ModelPoint) -> Floats:
         """Predicted rows (m,), signal after signal, without those that were not measured. Raises SimulationFailed."""
-        return self._simulate_all(supposed)[self._is_measured()]
+        return self._select_measured(_simulate_stages(*self._settled(supposed)))
 
-    def _simulate_all(self, supposed: ModelPoint) -> Floats:
+    def request(self, supposed: ModelPoint) -> StrokeRequest:
+        """The motion through all stages to simulate. Raises BadInput for effects that do not fit."""
+        return _request_stages(*self._settled(supposed))
+
+    def read(self, supposed: ModelPoint, held: SimulatedStroke) -> Floats:  # noqa: ARG002  (the shaft's condition needs it)
+        """Rows (m,) of a motion that was simulated as requested."""
+        return self._select_measured(_read_signals(held))
+
+    def _select_measured(self, signals: Floats) -> Floats:
+        return np.concatenate(signals[: len(self.signals)])[self._is_measured()]
+
+    def _settled(self, supposed: ModelPoint) -> tuple[RigModel, float, tuple[float, ...], StageMoves, tuple[int, ...]]:
+        """What is simulated for this input: rig, height, angles of the stages, moves, and the strokes before."""
         turned = tuple(stage.shaft_angle_rad + supposed.turn_offset_rad for stage in self.stages)
         # A settled reading does not show what acts in motion only. The sensor is tared at each stage, so what it adds over time does not
         # show either.
@@ -89,10 +102,8 @@ class StageTable:
             if not (effect.id in IN_MOTION_ONLY or (effect.table is not None and effect.table.argument == "time_s"))
         )
         rig = replace(supposed.rig, swing=None, effects=settled)
-        held = _simulate_stages(
-            rig, self.height_m + supposed.height_offset_m, turned, self._moves(), collect_strokes_before(self.stages[:1])
-        )
-        return np.concatenate(held[: len(self.signals)])
+        before = collect_strokes_before(self.stages[:1])
+        return rig, self.height_m + supposed.height_offset_m, turned, self._moves(), before
 
     def _moves(self) -> StageMoves:
         """The moves with the mean holding time of the stages, if all of them state it."""
@@ -146,8 +157,18 @@ def _simulate_stages(
 
     Cached: a fit often changes something that no settled reading shows, for example the swing of the leg at the start.
     """
+    request = _request_stages(rig, height_m, turned_rad, moves, strokes_before)
+    return _read_signals(simulate_setup(request.setup, request.t_s, request.tolerance))
+
+
+def _request_stages(
+    rig: RigModel, height_m: float, turned_rad: tuple[float, ...], moves: StageMoves, strokes_before: tuple[int, ...]
+) -> StrokeRequest:
     motion, read_s = make_stage_motion(rig.leg.start_angle_rad, turned_rad, moves)
-    held = simulate_stroke(rig, height_m, motion, read_s, CLOSE_ENOUGH, strokes_before)
+    return StrokeRequest(set_up(rig, height_m, motion, strokes_before), read_s, CLOSE_ENOUGH)
+
+
+def _read_signals(held: SimulatedStroke) -> Floats:
     return np.array([held.fy_N, held.fz_N, held.tx_Nm, *np.degrees(np.diff(held.q_rad, axis=1)).T])
 
 
