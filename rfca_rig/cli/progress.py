@@ -4,11 +4,15 @@ Silent when piped, and where a command prints JSON. The remaining time is estima
 unknown, the line shows the elapsed time instead.
 """
 
+import os
+import pickle
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import timedelta
 from pathlib import Path
+from typing import IO, TYPE_CHECKING, cast
 
 import typer
 from rich.console import Console
@@ -16,14 +20,24 @@ from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Ta
 from rich.text import Text
 
 from rfca_rig.cli.terminal import Say
+from rfca_rig.executors.cores import machine_cores
 from rfca_rig.progress import ProgressCount
 from rfca_rig.suggestions import printable
+
+if TYPE_CHECKING:
+    from rfca_rig.model.parameters import RigModel
 
 # Parts differ in length, so the remaining time is estimated from all of them and not from the last half minute.
 LONG_S = 1e4
 BAR_WIDTH = 20
 WIDEST = 34
 
+COMPILE_AHEAD = """
+import os, pickle, sys
+from rfca_rig.model.stroke import compile_side_by_side
+os.nice(10)
+compile_side_by_side(pickle.load(sys.stdin.buffer))
+"""
 COMPILE_NOTICE = "compiling the model, once on this machine, ten seconds to a minute ..."
 
 
@@ -156,3 +170,24 @@ def announce_first_compile(bars: ProgressLines, quiet: bool, say: Say = lambda l
     if not is_warm() and not quiet:
         say(COMPILE_NOTICE)
         bars.show_unbounded("compiling", lambda: f"{sum(1 for _ in Path(CACHE_FOLDER).rglob('*.nbi'))} functions")
+
+
+def compile_ahead(rig: "RigModel") -> None:
+    """Compiles what only a diagnosis needs in a process of its own, while this one compiles what a run needs; nothing waits for it.
+
+    It does nothing where the model is compiled already, or where one core would have to do both.
+    """
+    from rfca_rig.model.kernel.compiled import is_warm
+
+    if is_warm() or machine_cores() < 2 or not hasattr(os, "nice"):
+        return
+    nowhere = subprocess.DEVNULL
+    # Without this process, the diagnosis compiles later.
+    with suppress(OSError):
+        # In a session of its own: ^C ends the run, and the compiled code serves the next one.
+        process = subprocess.Popen(
+            [sys.executable, "-c", COMPILE_AHEAD], stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere, start_new_session=True
+        )
+        pipe = cast(IO[bytes], process.stdin)
+        with pipe:
+            pickle.dump(rig, pipe)

@@ -19,7 +19,7 @@ from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.attach_view import attach_view, twin_clock
 from rfca_rig.cli.finalize_run import AcknowledgedLines, FinishedRun, finish, finish_cut_short, note_end, open_folder
 from rfca_rig.cli.paths import find_file, make_run_folder, trust
-from rfca_rig.cli.progress import announce_first_compile, make_marked_say, progress, progress_bar
+from rfca_rig.cli.progress import announce_first_compile, compile_ahead, make_marked_say, progress, progress_bar
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import WallClock
@@ -62,6 +62,9 @@ def check_before_run(config: RunConfig, say: Say) -> Mapping[Stage, Load]:
     """Predicted load of each stage. Raises BadInput where a load, or the plan itself, passes a limit."""
     with progress(config.quiet) as bars:
         announce_first_compile(bars, config.quiet, say)
+        # Not beside real hardware: nothing may take time from its loop.
+        if not config.rig.is_real:
+            compile_ahead(config.nominal_source.model())
         expected = predict_loads(config.plan, config.nominal_source.model())
     check_plan(config.plan, expected)
     _check_on_rougher_floor(config)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.chain import Steps, Tolerance
 from rfca_rig.model.kernel.integrator import DONE, FIRST_STEP_S, integrate_lanes
-from rfca_rig.model.kernel.lanes import LANES, aligned_zeros
+from rfca_rig.model.kernel.lanes import LANES, allocate_aligned
 from rfca_rig.model.kernel.stage import allocate_workspace
 from rfca_rig.model.kernel.state import Chain, Laws, Samples, Shaft, State, Work
 
@@ -124,7 +124,7 @@ def _allocate_workspace(coordinates: int, links: int) -> Work:
 def _divide(shapes: Sequence[tuple[int, ...]]) -> list[Floats]:
     """Arrays (..., 8) of zeros, cut from a single one: few allocations, each at an address that vector instructions need."""
     sizes = [prod(shape) for shape in shapes]
-    whole, begin, parts = aligned_zeros(sum(sizes), LANES), 0, []
+    whole, begin, parts = allocate_aligned(sum(sizes), LANES), 0, []
     for shape, size in zip(shapes, sizes, strict=True):
         parts.append(whole[begin : begin + size].reshape(*shape, LANES))
         begin += size

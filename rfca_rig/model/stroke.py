@@ -250,6 +250,13 @@ def simulate_strokes(jobs: Sequence[Job], threads: int | None = None) -> list[Si
     return results
 
 
+def compile_side_by_side(rig: RigModel) -> None:
+    """Compiles what moves legs side by side, unless the disk has it, by moving two of them for a millisecond, far above the ground."""
+    t_s = np.array([1e-3])
+    motion = ramp_to_speed(rig.leg.start_angle_rad, 1.0, rig.drive.ramp_s, float(t_s[-1]))
+    simulate_strokes([Job(rig, 10.0, motion, t_s)] * 2)
+
+
 Pair = tuple[SimulatedStroke, SimulatedStroke | None]
 
 

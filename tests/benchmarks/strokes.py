@@ -9,8 +9,8 @@ import numpy as np
 
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.stroke import Job, simulate_stroke_at_speed, simulate_strokes
-from tests.benchmarks.__main__ import median_s
+from rfca_rig.model.stroke import Job, simulate_stroke, simulate_stroke_at_speed, simulate_strokes
+from tests.benchmarks.__main__ import compare_s, median_s
 from tests.model.legs import PAPER
 
 T = np.arange(1, 1401) * 1e-3
@@ -47,6 +47,15 @@ def many_links(links: int) -> RigModel:
     )
 
 
+def side_by_side(spread: float) -> float:
+    """CPU time of eight strokes in one block over that of the eight one after the other; stiffnesses differ by up to `spread`."""
+    motion = ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, PAPER.drive.ramp_s, float(T[-1]))
+    shares = np.linspace(0.0, spread, 8)
+    jobs = [Job(replace(PAPER, leg=replace(PAPER.leg, k0_Nm_per_rad=10.98 * (1.0 + share))), 0.215, motion, T) for share in shares]
+    alone = [(job.rig, job.height_m, job.motion, job.t_s) for job in jobs]
+    return compare_s(lambda: simulate_strokes(jobs, threads=1), lambda: [simulate_stroke(*one) for one in alone], 21)[1]
+
+
 def batch(size: int) -> float:
     """Strokes per second of a batch with different parameters, on all cores."""
     random = np.random.default_rng(1)
@@ -68,6 +77,8 @@ def main() -> None:
     one_s = median_s(lambda: stroke(PAPER), 31)
     per_s = batch(1000)
     print(f"one stroke {1e3 * one_s:.2f} ms; 1000 different ones on all cores: {per_s:.0f} strokes/s, {per_s * one_s:.2f} x one core")
+    for spread in (0.001, 0.05, 0.4):
+        print(f"eight side by side, stiffness up to {spread:.1%} apart: {side_by_side(spread):.3f} x one after the other")
     for links in (3, 7, 14, 28, 50):
         rig = many_links(links)
         print(f"{links:3d} links {median_s(lambda rig=rig: stroke(rig), 3) / one_s:8.1f} x a stroke of seven")

@@ -45,17 +45,23 @@ def test_only_how_well_the_contact_is_known_says_how_soft_the_floor_is(found):
     assert 0.5 * np.log(high / low) == pytest.approx(expected, rel=0.3)
 
 
-@pytest.mark.parametrize("seed", [3, 5, 6, 8, 10, 11])
-def test_a_fit_from_a_poor_start_with_a_poor_jacobian_arrives(found, seed):
-    """The secant updates of failed steps correct a Jacobian only along these steps, so after two of them it is computed again."""
+def test_many_fits_from_a_poor_start_with_a_poor_jacobian_arrive(found):
+    """The secant updates of failed steps correct a Jacobian only along these steps, so after two of them it is computed again.
+
+    Each fit alone is a matter of luck: 7 of these 12 arrive, and none where the Jacobian is not computed again.
+    """
     optimizer, best = found
+    assert sum(arrives_from_a_poor_start(optimizer, best, seed) for seed in range(12)) >= 5
+
+
+def arrives_from_a_poor_start(optimizer, best, seed):
     random, size = np.random.default_rng(seed), best.coordinates.size
     start = optimizer.at(best.coordinates, np.clip(best.x + random.normal(0.0, 1.0, size), -3.0, 3.0))
     poor = replace(start, jacobian=start.jacobian * np.exp(random.normal(0.0, 0.5, size)) * random.choice([1.0, 1.0, -1.0], size))
     arrived = optimizer.refine(poor)
     begun, left, least = (optimizer.misfit(fit.x, fit.predicted, optimizer.likelihood.usual) for fit in (poor, arrived, best))
     assert begun > least + 100.0
-    assert left < least + 10.0
+    return left < least + 10.0
 
 
 def test_slopes_that_are_learnt_on_the_way_stay_alike(found):

@@ -9,10 +9,10 @@ import pytest
 pytest.importorskip("playwright", reason='pages are tested in a browser: pip install "rfca-rig[dev]"')
 
 from playwright.sync_api import Page, ViewportSize
-from rfca_rig.reports.exam.files import write_exam
 
 from rfca_rig.exam.cases import split_numbers
 from rfca_rig.exam.scored import score_exam
+from rfca_rig.reports.exam.page import write_exam
 from rfca_rig.reports.provenance import Origin, PageContext
 from rfca_rig.reports.run.page import page as run_page
 from rfca_rig.reports.run.page import tables_of

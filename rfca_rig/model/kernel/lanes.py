@@ -81,7 +81,7 @@ def with_lane(x: float, lane: int, new: float) -> float:  # noqa: ARG001
     return new
 
 
-def aligned_zeros(*shape: int) -> NDArray[np.float64]:
+def allocate_aligned(*shape: int) -> NDArray[np.float64]:
     """Zeros of a shape (..., 8), at an address that vector instructions need."""
     size = math.prod(shape)
     raw = np.zeros(size + LANES)
