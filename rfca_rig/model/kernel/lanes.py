@@ -158,8 +158,9 @@ def _define(function: Any, *forms: tuple[Any, tuple[Any, ...], Callable[..., Any
     class _Template(ConcreteTemplate):
         # Together, so that the compiler chooses the form that converts least.
         cases = [signature(result, *arguments) for result, arguments, _ in forms]  # noqa: RUF012
+        key = function
 
-    infer_global(function)(_Template)
+    infer_global(function, types.Function(_Template))
     for _, arguments, build in forms:
         lower_builtin(function, *arguments)(lambda context, builder, sig, values, build=build: build(builder, *values))  # noqa: ARG005
 
