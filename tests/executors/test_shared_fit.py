@@ -6,8 +6,9 @@ import pytest
 from rfca_rig.analysis.fitting.fit import Search
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.strokes import ValleyRow, fit_valleys
-from rfca_rig.analysis.phases import Valley
+from rfca_rig.analysis.phases import find_valley
 from rfca_rig.executors.mapping import process_executor
+from rfca_rig.model.stroke import simulate_strokes
 from tests.model.legs import PAPER
 
 CONDITIONS = ((0.215, 2.433), (0.235, 3.276))
@@ -15,8 +16,8 @@ CONDITIONS = ((0.215, 2.433), (0.235, 3.276))
 
 def stronger(height_m: float, speed_rad_s: float) -> ValleyRow:
     """A valley that is a little deeper than the model's."""
-    valley = ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).simulate(ModelPoint(PAPER))
-    assert isinstance(valley, Valley)
+    (stroke,) = simulate_strokes([ValleyRow(height_m, speed_rad_s, 1.1, -50.0, 0.01, 0.1).job(ModelPoint(PAPER))])
+    valley = find_valley(stroke.t_s, stroke.fz_N)
     return ValleyRow(height_m, speed_rad_s, valley.time_s, 1.03 * valley.fz_N, 0.01, 0.1)
 
 

@@ -40,7 +40,7 @@ def test_the_tracer_puts_marks_where_its_lens_projects_them() -> None:
 @pytest.mark.timeout(900)
 def test_a_static_run_states_marks_out_of_the_plane_and_angles_within_their_deviations(tmp_path: Path) -> None:
     leg = draw_leg(5, WIDTH_PX, STAGES)
-    leg = replace(leg, offsets_m=np.array([0.0, 3.0, 0.5, 2.5, 0.0, 2.0, 3.0, 0.0]) * 1e-3, covers=((5, 1.0, 0.75),), clutter=())
+    leg = replace(leg, offsets_m=np.array([0.0, 3.0, 0.5, 2.5, 0.0, 2.0, 3.0, 0.0]) * 1e-3, covers=((5, 1.0, 0.5),), clutter=())
     (tmp_path / "photos").mkdir()
     unread = (float("nan"),) * 6
     stages = []
@@ -54,5 +54,7 @@ def test_a_static_run_states_marks_out_of_the_plane_and_angles_within_their_devi
     # Half of the marks are 2 to 3 mm out of the plane, so most angles are too uncertain to be stated.
     assert np.isfinite(miss).sum() >= 6
     assert np.nanmax(np.abs(miss) / std) < 4.0
-    # A sixth of this mark is visible.
-    assert all("mark at hinge 6: found at" in stage.photo_doubts and "but not used: " in stage.photo_doubts for stage in read)
+    # A small part of this mark is visible, and the rod before it casts its shadow there: in four photos it is found, but not used.
+    doubts = [stage.photo_doubts for stage in read]
+    assert all("mark at hinge 6: " in doubt for doubt in doubts)
+    assert sum("mark at hinge 6: found at" in doubt and "but not used: " in doubt for doubt in doubts) >= 3
