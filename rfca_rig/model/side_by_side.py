@@ -76,7 +76,7 @@ def move_side_by_side(starts: Sequence[Start], begin_s: float, tolerance: Tolera
         FIRST_STEP_S,
         tolerance.longest_s,
         tolerance.most_steps,
-        np.array([tolerance.angle_rad, tolerance.speed_rad_s]),
+        tolerance.bounds,
         _allocate_workspace(legs[0].state.q.size, legs[0].state.anchor.size),
         out,
     )

@@ -135,7 +135,7 @@ class StrokeRequest:
         legs = (replace(setup.rig, effects=()), setup.moved_by, setup.height_m, setup.strokes_before)
         return (*legs, self.tolerance, *(part.tobytes() for part in arrays))
 
-    @property
+    @cached_property
     def kind(self) -> tuple[Hashable, ...]:
         """Requests with the same value may move side by side."""
         setup = self.setup
@@ -282,28 +282,28 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest], on
     # What changes only the sensor shares the motion of `here`.
     beside = [request for request in motions.values() if request.kind == here.kind]
     apart = [request for request in motions.values() if request.kind != here.kind]
-    found: dict[Hashable, tuple[Moved, Moved | None]] = {}
+    found: dict[Hashable, tuple[Moved, SimulatedStroke | None]] = {}
     for block in _divide_into_blocks(beside, LANES - 1):
         reference, *moved = _move_block([here, *(beside[number] for number in block)], only_sensed)
-        found |= {beside[number].motion: (one, reference) for number, one in zip(block, moved, strict=True)}
+        # Sensed once for all variations beside it.
+        stroke = None if isinstance(reference, SimulationFailed) else _sense(here.setup, *reference)
+        found |= {beside[number].motion: (one, stroke) for number, one in zip(block, moved, strict=True)}
+        # Any of the blocks will do for what shares the motion of `here`, as long as both come from it.
+        found.setdefault(here.motion, (reference, stroke))
     for block in _divide_into_blocks(apart, LANES):
         moved = _move_block([apart[number] for number in block], only_sensed)
         found |= {apart[number].motion: (one, None) for number, one in zip(block, moved, strict=True)}
-    if any(request.motion == here.motion for request in varied):
-        # Any of the blocks will do, as long as both come from it.
-        reference = next((reference for _, reference in found.values() if reference is not None), None) or _move_alone(here)
-        found[here.motion] = (reference, reference)
-    return [_pair(here, request, *found[request.motion]) for request in varied]
+    if here.motion not in found and any(request.motion == here.motion for request in varied):
+        reference = _move_alone(here)
+        found[here.motion] = (reference, None if isinstance(reference, SimulationFailed) else _sense(here.setup, *reference))
+    pairs: list[Pair | SimulationFailed] = []
+    for request in varied:
+        one, stroke = found[request.motion]
+        pairs.append(one if isinstance(one, SimulationFailed) else (_sense(request.setup, *one), stroke))
+    return pairs
 
 
 Moved = tuple[Samples, Steps] | SimulationFailed
-
-
-def _pair(here: StrokeRequest, request: StrokeRequest, moved: Moved, reference: Moved | None) -> Pair | SimulationFailed:
-    if isinstance(moved, SimulationFailed):
-        return moved
-    beside = None if reference is None or isinstance(reference, SimulationFailed) else _sense(here.setup, *reference)
-    return _sense(request.setup, *moved), beside
 
 
 def _divide_into_blocks(requests: Sequence[StrokeRequest], most: int) -> list[list[int]]:

@@ -11,7 +11,7 @@ without omitted physics to the noise, once the scatter from stroke to stroke is 
 The shaft moves as commanded, on average, or as recorded; one motion serves repeats that are alike.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -187,10 +187,7 @@ class StrokeProblem:
 
     def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
         """Residuals (m,) at each point, in units of noise; None where the model cannot be computed."""
-        # Motion after motion, so that the points of one motion, which differ little, move side by side.
-        strokes = simulate_strokes([turn.job(point) for turn in self.turns for point in supposed])
-        by_point = [strokes[first :: len(supposed)] for first in range(len(supposed))]
-        return [self._against(simulated) for simulated in by_point]
+        return [self._against(simulated) for simulated in simulate_points([turn.job for turn in self.turns], supposed)]
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:
         """Root mean square of simulated minus measured by channel, sample by sample. Raises SimulationFailed."""
@@ -217,6 +214,15 @@ class StrokeProblem:
         except SimulationFailed:
             return None
         return np.concatenate([trace.residuals(strokes[stroke.turn]) for stroke, trace in self._all_traces()])
+
+
+def simulate_points(
+    jobs: Sequence[Callable[[ModelPoint], Job]], supposed: Sequence[ModelPoint]
+) -> list[list[SimulatedStroke | SimulationFailed]]:
+    """For each point its strokes, one for each of `jobs`, which make the job of a motion at a point."""
+    # Motion after motion, so that the points of one motion, which differ little, move side by side.
+    strokes = simulate_strokes([job(point) for job in jobs for point in supposed])
+    return [strokes[first :: len(supposed)] for first in range(len(supposed))]
 
 
 def _require_all(simulated: Sequence[SimulatedStroke | SimulationFailed]) -> list[SimulatedStroke]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.fit import Search, fit
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
-from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, make_stroke_problem, mean_start_rad
+from rfca_rig.analysis.fitting.residuals import StrokeProblem, StrokeWindow, make_stroke_problem, mean_start_rad, simulate_points
 from rfca_rig.analysis.fitting.result import FitResult
 from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
 from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S, Shaft
@@ -22,7 +22,7 @@ from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import Job, SimulatedStroke, simulate_strokes
+from rfca_rig.model.stroke import Job, SimulatedStroke
 from rfca_rig.recording.model import Recording, Stroke
 
 Floats = NDArray[np.float64]
@@ -140,9 +140,7 @@ class ValleyProblem:
 
     def residuals(self, supposed: Sequence[ModelPoint]) -> list[Floats | None]:
         """Residuals (m,) at each point, in standard deviations; None where the model has no valley at one of the rows."""
-        # Row after row, so that the points of one row, which differ little, move side by side.
-        strokes = simulate_strokes([row.job(point) for row in self.rows for point in supposed])
-        by_point = [strokes[first :: len(supposed)] for first in range(len(supposed))]
+        by_point = simulate_points([row.job for row in self.rows], supposed)
         return [_concatenate_if_complete([row.residual(one) for row, one in zip(self.rows, own, strict=True)]) for own in by_point]
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:

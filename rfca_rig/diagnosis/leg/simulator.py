@@ -27,7 +27,7 @@ from rfca_rig.diagnosis.simulator import Dataset, ScatterDirection, Simulator, m
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.parameters import PresentEffect, RigModel, Swing
 from rfca_rig.model.static_stages import StageMoves
-from rfca_rig.model.stroke import StrokeRequest, simulate_variations
+from rfca_rig.model.stroke import SimulatedStroke, StrokeRequest, simulate_variations
 
 # Beside the friction coefficient: presliding, tangential damping, friction rise in a deep print, and damping of a point that leaves.
 SELDOM_MEASURED = ("presliding", "tangential_damping", "friction_rise", "leaving_damping")
@@ -140,12 +140,17 @@ class LegSimulator(Simulator):
         only_sensed = not isinstance(condition, StageTable)
         pairs = iter(simulate_variations(here, [one for one in varied if one is not None], only_sensed))
         changes: list[Floats | None] = []
+        read_beside: SimulatedStroke | None = None
+        beside = rows
         for each, one in zip(inputs, varied, strict=True):
             pair = None if one is None else next(pairs)
             if pair is None or isinstance(pair, SimulationFailed):
                 changes.append(None)
             else:
-                beside = rows if pair[1] is None else condition.read(at, pair[1])
+                # Neighbours share the stroke beside them, whose rows are read once.
+                if pair[1] is not read_beside:
+                    read_beside = pair[1]
+                    beside = rows if read_beside is None else condition.read(at, read_beside)
                 changes.append(condition.read(each, pair[0]) - beside)
         return changes
 
