@@ -13,7 +13,6 @@ has a neutral default. A `Dataset` joins all conditions of a campaign with the s
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.data import Observations, stack_observations
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.executors.cores import cores
+from rfca_rig.executors.parallel import map_in_processes, map_in_threads
 from rfca_rig.model.parameters import PresentEffect
 
 Floats = NDArray[np.float64]
@@ -169,7 +168,9 @@ def spread(number: int, count: int) -> list[int]:
     return sorted({int(i) for i in np.linspace(0, number - 1, min(count, number)).round()})
 
 
-THREADS = cores()
+# From so many simulations on, copies of the process are worth their price of up to 0.1 s: a stroke takes about 1 ms.
+MANY_SIMULATIONS = 200
+INPUTS_AT_ONCE = 28
 
 
 @dataclass(frozen=True)
@@ -197,23 +198,33 @@ class Dataset:
 
     def predicted(self, at: Any) -> Floats | None:
         """The model's rows (m,) at an input of the simulator, conditions in parallel; None where the model has no answer."""
-        with ThreadPoolExecutor(THREADS) as pool:
-            return _join_or_none(pool.map(lambda part: self.simulator.simulate_or_none(at, part), self.parts))
+        return _join_or_none(map_in_threads(lambda part: self.simulator.simulate_or_none(at, part), self.parts))
 
     def predict_all(self, inputs: Sequence[Any]) -> list[Floats | None]:
         """The model's rows (m,) for each of many inputs, in parallel: a compiled model releases the interpreter lock."""
-        with ThreadPoolExecutor(THREADS) as pool:
-            # One thread per input: nested pools would only oversubscribe the cores.
-            return list(pool.map(lambda at: _join_or_none(self.simulator.simulate_or_none(at, part) for part in self.parts), inputs))
+        apply = map_in_processes if self._is_long(inputs) else map_in_threads
+        # One task per input: nested pools would only oversubscribe the cores.
+        return apply(lambda at: _join_or_none(self.simulator.simulate_or_none(at, part) for part in self.parts), inputs)
 
     def predict_changes(self, at: Any, predicted: Floats, inputs: Sequence[Any]) -> list[Floats | None]:
         """Change (m,) of the model's rows from `at`, where they are `predicted` (m,), to each of many inputs; None for no answer."""
         if not self.simulator.varies_many:
             return [None if there is None else there - predicted for there in self.predict_all(inputs)]
-        rows = [predicted[self.rows.condition == number] for number in range(len(self.parts))]
-        with ThreadPoolExecutor(THREADS) as pool:
-            by_part = pool.map(lambda part, own: self.simulator.simulate_changes(at, own, inputs, part), self.parts, rows)
-            return [_join_or_none(changes) for changes in zip(*by_part, strict=True)]
+        many = self._is_long(inputs)
+        # Each block of inputs is simulated beside `at`, so blocks should not be smaller than what is simulated at once.
+        blocks = [inputs[first : first + INPUTS_AT_ONCE] for first in range(0, len(inputs), INPUTS_AT_ONCE)] if many else [inputs]
+
+        def change(task: tuple[int, Sequence[Any]]) -> list[Floats | None]:
+            number, block = task
+            return self.simulator.simulate_changes(at, predicted[self.rows.condition == number], block, self.parts[number])
+
+        tasks = [(number, block) for number in range(len(self.parts)) for block in blocks]
+        found = (map_in_processes if many else map_in_threads)(change, tasks)
+        by_part = [[one for block in found[first : first + len(blocks)] for one in block] for first in range(0, len(found), len(blocks))]
+        return [_join_or_none(changes) for changes in zip(*by_part, strict=True)]
+
+    def _is_long(self, inputs: Sequence[Any]) -> bool:
+        return len(inputs) * len(self.parts) >= MANY_SIMULATIONS
 
 
 def _join_or_none(rows: Iterable[Floats | None]) -> Floats | None:

@@ -306,7 +306,7 @@ class ProcessExecutor(TaskExecutor):
                 pool: ProcessPoolExecutor | None = getattr(self._of_thread, "pool", None)
                 if pool is None:
                     # Spawn, as a forked copy of a process with threads may deadlock.
-                    pool = self._of_thread.pool = ProcessPoolExecutor(1, get_context("spawn"), _initialise)
+                    pool = self._of_thread.pool = ProcessPoolExecutor(1, get_context("spawn"), initialise_worker)
                     self._pools.append(pool)
                 future = pool.submit(fn, *args, **kwargs)
             return future.result()
@@ -340,7 +340,7 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _initialise() -> None:
+def initialise_worker() -> None:
     """Initialises each process. ^C reaches all processes of a terminal, but only the main one should react."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_exit_with_parent, daemon=True).start()

@@ -11,7 +11,6 @@ of them to convergence. Section 6 of docs/method.md describes it.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -45,8 +44,9 @@ from rfca_rig.diagnosis.inference.screening import (
 )
 from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter, estimate_scatter
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_likelihood
-from rfca_rig.diagnosis.simulator import THREADS, Dataset
+from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.model.catalogue import list_related
 from rfca_rig.model.effect import Effect
 
@@ -308,19 +308,31 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
     """Fit the starts on the subset, keep the best of each set, and fit the best `full` of these sets on all conditions."""
     known = {frozenset(fit.coordinates.choices) for fit in state.fits if len(fit.coordinates.choices) > 1}
     wanted = [start for start in starts if frozenset(start.terms) not in known]
-    with ThreadPoolExecutor(THREADS) as pool:
-        fits = pool.map(lambda start: _fit(state.coarse, state, start, 2), wanted)
-        ends = [
-            (state.coarse.free_log_evidence(fit), FitStart(start.terms, fit.x, start.jacobian))
-            for start, fit in zip(wanted, fits, strict=True)
-            if fit is not None
-        ]
-        best_of_each = {frozenset(start.terms): (gain, start) for gain, start in sorted(ends, key=lambda end: end[0])}
-        best = sorted(best_of_each.values(), key=lambda end: -end[0])[:full]
-        # The best ALWAYS_FITTED sets are always fitted: the best one without an effect measures the support of that effect.
-        near = [start for n, (gain, start) in enumerate(best) if n < ALWAYS_FITTED or gain > best[0][0] - CLOSE_LOG_EVIDENCE]
-        fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), near)
-        return state.with_fits(fit for fit in fits if fit is not None)
+
+    def fit_coarsely(start: FitStart) -> tuple[float, Floats] | None:
+        fit = _fit(state.coarse, state, start, 2)
+        return None if fit is None else (state.coarse.free_log_evidence(fit), fit.x)
+
+    found = zip(wanted, map_in_processes(fit_coarsely, wanted), strict=True)
+    ends = [(end[0], FitStart(start.terms, end[1], start.jacobian)) for start, end in found if end is not None]
+    best_of_each = {frozenset(start.terms): (gain, start) for gain, start in sorted(ends, key=lambda end: end[0])}
+    best = sorted(best_of_each.values(), key=lambda end: -end[0])[:full]
+    # The best ALWAYS_FITTED sets are always fitted: the best one without an effect measures the support of that effect.
+    near = [start for n, (gain, start) in enumerate(best) if n < ALWAYS_FITTED or gain > best[0][0] - CLOSE_LOG_EVIDENCE]
+    return state.with_fits(_fit_all(state, near))
+
+
+def _fit_all(state: SearchState, starts: Sequence[FitStart]) -> list[MapFit]:
+    """MAP fits on all conditions, in parallel; without those where the model has no answer."""
+    fits = map_in_processes(
+        lambda start: _fit(state.optimizer, state, start, 5), starts, _shared_by(state, (start.terms for start in starts))
+    )
+    return [fit for fit in fits if fit is not None]
+
+
+def _shared_by(state: SearchState, hypotheses: Iterable[Terms]) -> list[object]:
+    """What the fits of these hypotheses refer to, and the state too."""
+    return [state.nominal.coordinates.space, *(term for terms in hypotheses for term in terms)]
 
 
 def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: int) -> MapFit | None:
@@ -335,10 +347,13 @@ def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchStat
     best = state.of_size(size)[: config.converged]
     least = max((state.optimizer.free_log_evidence(fit) for fit in state.fits), default=0.0) - CLOSE_LOG_EVIDENCE
     near = [fit for fit in best if fit is best[0] or state.optimizer.free_log_evidence(fit) > least]
-    with ThreadPoolExecutor(THREADS) as pool:
-        fits = [fit for fit in near if fit not in state.converged]
-        found = list(pool.map(state.optimizer.converge, fits))
+    found = _refine_all(state, state.optimizer.converge, [fit for fit in near if fit not in state.converged])
     return replace(state.with_fits(found), converged=state.converged.union(found))
+
+
+def _refine_all(state: SearchState, refine: Callable[[MapFit], MapFit], fits: Sequence[MapFit]) -> list[MapFit]:
+    """The fits after `refine`, in parallel."""
+    return map_in_processes(refine, fits, _shared_by(state, (fit.coordinates.choices for fit in fits)))
 
 
 def _converge_all(state: SearchState, config: SearchConfig) -> SearchState:
@@ -375,10 +390,10 @@ def _learn(state: SearchState, enough: float, config: SearchConfig) -> SearchSta
         return state
     nominal, *fits = evaluated
     least = max(map(optimizer.free_log_evidence, fits)) - CLOSE_LOG_EVIDENCE
-    with ThreadPoolExecutor(THREADS) as pool:
-        # Fits far behind are not refined, only evaluated where they are.
-        is_worth = [n == 0 or optimizer.free_log_evidence(fit) > least for n, fit in enumerate(fits)]
-        nothing, *others = pool.map(lambda fit, worth: optimizer.refine(fit) if worth else fit, fits, is_worth)
+    # Fits far behind are not refined, only evaluated where they are.
+    is_worth = [n == 0 or optimizer.free_log_evidence(fit) > least for n, fit in enumerate(fits)]
+    refined = iter(_refine_all(state, optimizer.refine, [fit for fit, worth in zip(fits, is_worth, strict=True) if worth]))
+    nothing, *others = [next(refined) if worth else fit for fit, worth in zip(fits, is_worth, strict=True)]
     return SearchState(optimizer, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged)
 
 
@@ -400,13 +415,11 @@ def _exchange(state: SearchState, probes: Sequence[EffectProbe], config: SearchC
     # A fit whose nuisance parameters had to leave what is plausible may have ended in another mode than that of their prior means.
     strained = [fit for fit in parents if fit.max_nuisance_shift > IMPLAUSIBLE and fit.ids]
     starts += [FitStart(fit.coordinates.choices, fit.at_prior_means, fit.jacobian) for fit in strained]
-    with ThreadPoolExecutor(THREADS) as pool:
-        fits = pool.map(lambda start: _fit(state.optimizer, state, start, 5), starts)
-        found = [fit for fit in fits if fit is not None]
-        after = state.with_fits(found)
-        least = state.optimizer.free_log_evidence(after.best) - CLOSE_LOG_EVIDENCE
-        near = [fit for fit in found if fit in after.fits and state.optimizer.free_log_evidence(fit) > least]
-        converged = list(pool.map(state.optimizer.converge, near))
+    found = _fit_all(state, starts)
+    after = state.with_fits(found)
+    least = state.optimizer.free_log_evidence(after.best) - CLOSE_LOG_EVIDENCE
+    near = [fit for fit in found if fit in after.fits and state.optimizer.free_log_evidence(fit) > least]
+    converged = _refine_all(state, state.optimizer.converge, near)
     exchanged = state.exchanged.union(frozenset(parent.coordinates.choices) for parent in parents)
     return replace(after.with_fits(converged), converged=state.converged.union(converged), exchanged=exchanged)
 
@@ -438,14 +451,15 @@ def _fit_nested(state: SearchState) -> SearchState:
 
     Each subset also begins with the contribution of the missing effect transferred to the equivalent nuisance parameter.
     """
-    best, found = state.best, []
+    best = state.best
+    starts: list[FitStart] = []
     coordinates = best.coordinates
     if len(coordinates.choices) > 1:
         for number, term in enumerate(coordinates.choices):
             terms = tuple(other for i, other in enumerate(coordinates.choices) if i != number)
             x = np.delete(best.x, np.arange(coordinates.size)[coordinates.part(number)])
             of_nuisances = best.jacobian[:, : coordinates.nuisances]
-            found.append(_fit(state.optimizer, state, FitStart(terms, x, of_nuisances), 5))
+            starts.append(FitStart(terms, x.copy(), of_nuisances))
             if term.effect.same_as not in coordinates.space.names:
                 continue
             predicted = state.optimizer.dataset.predicted(coordinates.with_terms(terms).supposed(x))
@@ -456,8 +470,8 @@ def _fit_nested(state: SearchState) -> SearchState:
                 change = (best.predicted - predicted) / state.optimizer.dataset.rows.noise
                 share = float(along @ change) / max(float(along @ along), 1e-300)
                 x[place] = np.clip(x[place] + share, -MAX_COORDINATE, MAX_COORDINATE)
-                found.append(_fit(state.optimizer, state, FitStart(terms, x, of_nuisances), 5))
-    return state.with_fits(fit for fit in found if fit is not None)
+                starts.append(FitStart(terms, x, of_nuisances))
+    return state.with_fits(_fit_all(state, starts))
 
 
 def _refit_nothing(state: SearchState) -> SearchState:

@@ -7,7 +7,6 @@ A prescribed shaft moves on whatever torque acts on it. So a torque on the shaft
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,8 +22,8 @@ from rfca_rig.diagnosis.residual_force.spline_force import (
     make_basis,
     simulate_forced_stroke,
 )
-from rfca_rig.diagnosis.simulator import THREADS
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.stroke import SimulatedStroke
 
@@ -80,9 +79,8 @@ def nominal_conditions(flaps: Sequence[DynamicCondition], supposed: ModelPoint) 
     hinges = len(supposed.rig.leg.link_lengths_m) - 1
     bare = [NominalCondition(flap, supposed, simulate_forced_stroke(flap, supposed, ()), make_basis(flap), np.empty(0)) for flap in flaps]
     jobs = [(here, number, hinge) for here in bare for number in range(here.bumps.count) for hinge in range(1, hinges + 1)]
-    # One pool for all conditions, so that no thread waits at the end of each.
-    with ThreadPoolExecutor(THREADS) as pool:
-        columns = iter(list(pool.map(lambda job: _hinge_response(*job), jobs)))
+    # One map for all conditions, so that no core waits at the end of each.
+    columns = iter(map_in_processes(lambda job: _hinge_response(*job), jobs))
     found = []
     for here in bare:
         every = np.stack([next(columns) for _ in range(here.bumps.count * hinges)], axis=-1)
@@ -127,8 +125,7 @@ class ForceInput:
 
     def responses(self, conditions: Sequence[NominalCondition]) -> list[Floats]:
         """Response (m, count) of each condition."""
-        with ThreadPoolExecutor(THREADS) as pool:
-            return list(pool.map(self.response, conditions))
+        return map_in_processes(self.response, conditions)
 
 
 def list_force_inputs(hinges: int) -> tuple[ForceInput, ...]:

@@ -6,7 +6,6 @@ Presliding, a loop of the spring or play do not.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -25,8 +24,8 @@ from rfca_rig.diagnosis.residual_force.force_inputs import NominalCondition, arm
 from rfca_rig.diagnosis.residual_force.law import ROUGHNESS, SIZES, Course, MemoryTest, prior_root
 from rfca_rig.diagnosis.residual_force.law_arguments import course_of_stretch, course_of_stroke, response_to_branch, turning_rate
 from rfca_rig.diagnosis.residual_force.spline_force import AT_REST_S, Change, advance_time, make_basis, simulate_forced_stroke
-from rfca_rig.diagnosis.simulator import THREADS
 from rfca_rig.errors import SimulationFailed
+from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.model.kernel.laws import HINGE, TABLE, LawUse
 from rfca_rig.model.parameters import LawTable
 from rfca_rig.model.pendulum import make_driven_pendulum
@@ -111,10 +110,9 @@ def _responses(found: ModelSelectionResult, supposed: Any, table: LawTable, size
         return _of_stretch(part, supposed, table, knot, size) if isinstance(part, Stretch) else None
 
     responses = np.zeros((len(rows.measured), count))
-    with ThreadPoolExecutor(THREADS) as pool:
-        for (number, _, knot), change in zip(jobs, pool.map(response, jobs), strict=True):
-            if change is not None:
-                responses[rows.condition == number, knot] = change
+    for (number, _, knot), change in zip(jobs, map_in_processes(response, jobs), strict=True):
+        if change is not None:
+            responses[rows.condition == number, knot] = change
     return responses
 
 

@@ -9,7 +9,6 @@ noise, never from a differentiated recording.
 """
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +26,7 @@ from rfca_rig.diagnosis.residual_force.force_localization import (
     misfit_by_channel,
 )
 from rfca_rig.diagnosis.residual_force.spline_force import Change
-from rfca_rig.diagnosis.simulator import THREADS
+from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.model.kernel.laws import HINGE, LawUse
 from rfca_rig.model.setup import Setup, with_law
 
@@ -241,8 +240,7 @@ def _library(scene: ForceScene, place: ForceInput, blocks: Sequence[Floats]) -> 
     per = place.size / np.array([_rms([course[k] for course in courses]) for k in range(len(terms))])
     each = zip(scene.conditions, blocks, courses, strict=True)
     jobs = [(here, place, block, *one) for here, block, course in each for one in zip(terms, course, per, strict=True)]
-    with ThreadPoolExecutor(THREADS) as pool:
-        columns = list(pool.map(lambda job: _response(*job), jobs))
+    columns = map_in_processes(lambda job: _response(*job), jobs)
     count = len(terms)
     return _Library(place, terms, _stack(scene, [columns[i : i + count] for i in range(0, len(columns), count)]), per)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.residual_force.law import CatalogueCurve, MeasuredLaw
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, SignalOverlay
+from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.reports.style import (
     ALIKE,
     FAINT,
@@ -71,8 +72,8 @@ class Picture:
 
 def pictures_of(overlays: Sequence[SignalOverlay], never_folded: Collection[str] = ()) -> list[Picture]:
     """One picture for each signal, in the order of the overlays; those in `never_folded` show a difference, however small it looks."""
-    signals = dict.fromkeys(overlay.signal for overlay in overlays)
-    return [_picture(name, [each for each in overlays if each.signal == name], name in never_folded) for name in signals]
+    signals = list(dict.fromkeys(overlay.signal for overlay in overlays))
+    return map_in_processes(lambda name: _picture(name, [each for each in overlays if each.signal == name], name in never_folded), signals)
 
 
 def _picture(signal: str, overlays: Sequence[SignalOverlay], is_kept: bool) -> Picture:
