@@ -6,6 +6,7 @@ difference of their forces is free of what different steps would add.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import prod
 
 import numpy as np
@@ -65,19 +66,19 @@ def move_side_by_side(starts: Sequence[Start], begin_s: float, tolerance: Tolera
     if not out.t.size:
         return Steps(0, 0, FIRST_STEP_S)
     # Lanes that are left over repeat the last leg.
-    legs = [*starts, *[starts[-1]] * (LANES - len(starts))]
+    chain, laws, shaft, state = _stack_legs([*starts, *[starts[-1]] * (LANES - len(starts))])
     status, next_s, accepted, rejected = integrate_lanes(
-        Chain._make(_stack_fields([leg.chain for leg in legs])),
-        legs[0].laws._replace(parameter=np.stack([leg.laws.parameter for leg in legs], axis=1)),
-        _stack_shafts(legs),
-        _stack_states(legs),
+        chain,
+        laws,
+        shaft,
+        state,
         begin_s,
         float(out.t[-1]),
         FIRST_STEP_S,
         tolerance.longest_s,
         tolerance.most_steps,
         tolerance.bounds,
-        _allocate_workspace(legs[0].state.q.size, legs[0].state.anchor.size),
+        _allocate_workspace(starts[0].state.q.size, starts[0].state.anchor.size),
         out,
     )
     if status != DONE:
@@ -91,34 +92,44 @@ def allocate_samples_of_lanes(t_s: Floats, leg: State, only_sensed: bool) -> Sam
     return Samples(t_s, *_divide([(len(t_s), *shape) for shape in ((coordinates,), (speeds,), (3,), (2, links))]))
 
 
-def _stack_fields(tuples: Sequence[Sequence[Floats | float]]) -> list[Floats]:
-    """The fields (...) of eight tuples as arrays (..., 8)."""
-    stacked = _divide([np.shape(field) for field in tuples[0]])
-    for lane, fields in enumerate(tuples):
-        for out, field in zip(stacked, fields, strict=True):
-            out[..., lane] = field
-    return stacked
+def _stack_legs(legs: Sequence[Start]) -> tuple[Chain, Laws, Shaft, State]:
+    """The fields (...) of eight legs as arrays (..., 8).
 
-
-def _stack_states(legs: Sequence[Start]) -> State:
-    # The memory of laws is (m, n, 8, 4), because a law is called for one leg at a time.
-    return State._make([*_stack_fields([leg.state[:-1] for leg in legs]), np.stack([leg.state.memory for leg in legs], axis=2)])
-
-
-def _stack_shafts(legs: Sequence[Start]) -> Shaft:
-    names = [name for name in Shaft._fields if name not in ("landings", "free")]
-    columns = _stack_fields([[getattr(leg.shaft, name) for name in names] for leg in legs])
+    A law is called for one leg at a time, so its memory is (m, n, 8, 4), and its parameters are (m, 8, ...).
+    """
+    shafts = [[getattr(leg.shaft, name) for name in _OF_LANES] for leg in legs]
+    whole = [(*leg.chain, *shaft, *leg.state[:-1]) for leg, shaft in zip(legs, shafts, strict=True)]
+    numbers, arrays = ([i for i, one in enumerate(whole[0]) if isinstance(one, np.ndarray) == is_array] for is_array in (False, True))
+    of_numbers, *of_arrays = _divide([(len(numbers),), *(whole[0][i].shape for i in arrays)])
+    # All numbers at once: assigning one by one takes most of the time.
+    of_numbers[:] = np.array([[fields[i] for i in numbers] for fields in whole]).T
+    for i, out in zip(arrays, of_arrays, strict=True):
+        for lane, fields in enumerate(whole):
+            out[..., lane] = fields[i]
+    stacked = dict(zip((*numbers, *arrays), (*of_numbers, *of_arrays), strict=True))
+    fields_of = iter([stacked[i] for i in range(len(stacked))])
+    chain = Chain._make(next(fields_of) for _ in Chain._fields)
+    shaft = legs[0].shaft._asdict() | {name: next(fields_of) for name in _OF_LANES}
     # A step ends where the acceleration of any shaft jumps.
-    landings = np.unique(np.concatenate([leg.shaft.landings for leg in legs]))
-    fields = {**legs[0].shaft._asdict(), **dict(zip(names, columns, strict=True)), "landings": landings}
-    return Shaft(**fields)
+    shaft["landings"] = np.array(sorted({time for leg in legs for time in leg.shaft.landings.tolist()}))
+    state = State._make([*(next(fields_of) for _ in State._fields[:-1]), np.stack([leg.state.memory for leg in legs], axis=2)])
+    laws = legs[0].laws._replace(parameter=np.stack([leg.laws.parameter for leg in legs], axis=1))
+    return chain, laws, Shaft(**shaft), state
+
+
+# The fields of a shaft that differ from leg to leg.
+_OF_LANES = tuple(name for name in Shaft._fields if name not in ("landings", "free"))
 
 
 def _allocate_workspace(coordinates: int, links: int) -> Work:
-    alone = allocate_workspace(coordinates, links)
-    work = Work(*_divide([field.shape for field in alone]))
+    work = Work(*_divide(_shapes_of_workspace(coordinates, links)))
     work.limit[:] = np.inf
     return work
+
+
+@lru_cache(maxsize=64)
+def _shapes_of_workspace(coordinates: int, links: int) -> tuple[tuple[int, ...], ...]:
+    return tuple(field.shape for field in allocate_workspace(coordinates, links))
 
 
 def _divide(shapes: Sequence[tuple[int, ...]]) -> list[Floats]:

@@ -186,6 +186,8 @@ def _begin(setup: Setup) -> Start:
 def _fill_rest(leg: Start, begins_s: float, out: Samples) -> Samples:
     """Fills the samples of `out` before the motion begins, which costs no integration, and returns the others."""
     resting = int(np.searchsorted(out.t, begins_s, side="right"))
+    if not resting:
+        return out
     work, force = allocate_workspace(leg.state.q.size, leg.state.anchor.size), np.empty(3)
     measure_once(leg.chain, leg.laws, leg.state, 0.0, leg.state.q, leg.state.w, leg.state.a, work, force)
     # There may be fewer columns than coordinates and links.
