@@ -16,6 +16,8 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.extending import register_jitable
 
+from rfca_rig.model.kernel.linking import LinkingCallees, PartOfCallers
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 _settings = cast(Any, numba.config)
@@ -36,8 +38,8 @@ def cache_folder() -> str:
     folders = kernel, kernel.parent, kernel.parents[1] / "mechanism"
     for source in sorted(path for folder in folders for path in folder.glob("*.py")):
         text = source.read_bytes()
-        # `state` compiles nothing, but its tuples are the types of all compiled functions.
-        if b"kernel.compiled import" in text or source.name == "state.py":
+        # Neither compiles anything, but `state` has the types of all compiled functions, and `linking` decides what becomes of them.
+        if b"kernel.compiled import" in text or source.name in ("state.py", "linking.py"):
             content.update(text)
     parent = os.environ.get("NUMBA_CACHE_DIR") or _cache_of_user() / "rfca-rig"
     return str(Path(parent) / f"compiled-{content.hexdigest()[:16]}")
@@ -86,18 +88,20 @@ def jit_internal(function: Function) -> Function:
 
     A wrapper for calls from the interpreter, with some dozens of arguments, takes longer to compile than the function.
     """
-    return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS)(function))
+    return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, pipeline_class=PartOfCallers)(function))
 
 
 def jit_inline(function: Function) -> Function:
     """As `jit_internal`, inlined in its callers: passing a tuple of many arrays to a small function takes longer than the function."""
-    return cast(Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, forceinline=True)(function))
+    return cast(
+        Function, _jitable(**AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, pipeline_class=PartOfCallers, forceinline=True)(function)
+    )
 
 
 def _compile(function: Function, options: dict[str, bool]) -> Function:
     with caching_in(CACHE_FOLDER):
         # Nothing calls it by a pointer in C.
-        return cast(Function, _njit(cache=True, no_cfunc_wrapper=True, **AS_ALL, **options)(function))
+        return cast(Function, _njit(cache=True, no_cfunc_wrapper=True, **AS_ALL, pipeline_class=LinkingCallees, **options)(function))
 
 
 _CACHE_DIR_LOCK = Lock()
