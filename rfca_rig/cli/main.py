@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
@@ -79,6 +80,10 @@ app.command("view", cls=Command)(runs.view)
 app.command("contract", cls=Command)(doctor.contract)
 app.command("trip", cls=Command)(runs.trip)
 app.command("schema", cls=Command)(check.schema)
+
+
+# Once: tests and notebooks call `run` again and again, and all commands with their options take longer than many a command.
+_get_command = cache(typer.main.get_command)
 
 
 def _print_version(wanted: bool) -> None:
@@ -163,8 +168,8 @@ def _describe_unexpected(error: Exception) -> str:
 
 
 def _command() -> Callable[..., int | None]:
-    """The app as one command, with its shell completions."""
-    command = typer.main.get_command(app)
+    """The app as one command, with its shell completions where a shell asks for them."""
+    command = _get_command(app)
     add_completions(command)
     return command
 
