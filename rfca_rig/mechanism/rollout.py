@@ -257,7 +257,9 @@ def _play_arrays(plant: Plant) -> PlayArrays:
     model = plant.model
     # Under Runge-Kutta the torque in the middle of the step is its mean; an implicit step takes its springs at the beginning.
     ahead_s = 0.0 if plant.mechanism.is_implicit else 0.5 * plant.step_s
-    return PlayArrays(plant.spring_half_gap, model.qpos_spring, np.vstack([model.jnt_stiffness, model.jnt_stiffnesspoly.T]), ahead_s)
+    # Joints of a number other than one would come in the order of Fortran, for which the compiler would compile the rollout once more.
+    spring = np.ascontiguousarray(np.vstack([model.jnt_stiffness, model.jnt_stiffnesspoly.T]))
+    return PlayArrays(plant.spring_half_gap, model.qpos_spring, spring, ahead_s)
 
 
 def _integrate(
