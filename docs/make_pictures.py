@@ -105,16 +105,18 @@ def _opened(png: bytes) -> Image.Image:
     return Image.open(io.BytesIO(png)).convert("RGB")
 
 
-def main(out: Path) -> None:
-    """Runs the commands, and makes all pictures."""
+def main(out: Path, job: Path | None = None) -> None:
+    """Runs the commands, and makes all pictures. `job` is a folder where the README's job has been done already, if there is one."""
     executable = next((path for path in map(shutil.which, BROWSERS) if path), None)
     with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name)
-        rfca_rig(folder, "dynamic", "run", "--protocol", "table2", "--report", "report")
-        rfca_rig(folder, "diagnose", "runs/SIM-table-ii-001")
+        if job is None:
+            job = folder
+            rfca_rig(job, "dynamic", "run", "--protocol", "table2", "--report", "report")
+            rfca_rig(job, "diagnose", "runs/SIM-table-ii-001")
         rfca_rig(folder, *STROKE, "1")
         browser = playwright.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
-        draw_diagnosis(browser, folder, out / "diagnosis.png")
+        draw_diagnosis(browser, job, out / "diagnosis.png")
         draw_replay(browser, folder, "runs/SIM-flapping-215-mm-2.433-rad-per-s-001", out / "live-view.webp")
         draw_live_view(browser, folder, out / "live-view.png")
         browser.close()

@@ -12,6 +12,8 @@ pytest.importorskip("playwright", reason='pictures are made in a browser: pip in
 
 from PIL import Image
 
+from tests.test_readme import do_whole_job
+
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 # Squares of 8 pixels, about a letter, are compared by their mean grey of 0 to 255. Edges of letters and lines that a browser smooths
@@ -31,7 +33,7 @@ def made(tmp_path_factory):
     maker = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(maker)
     out = tmp_path_factory.mktemp("pictures")
-    maker.main(out)
+    maker.main(out, do_whole_job(tmp_path_factory).folder)
     return out
 
 

@@ -1,15 +1,21 @@
 """What README, commands, model and library pages say is so: commands run, snippets run, figures are the model's."""
 
 import json
+import os
 import re
 import shlex
+import sys
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import pytest
 
 from rfca_rig.analysis.prediction import predict_stroke
 from rfca_rig.description.rig_file import read_rig
-from tests.cli.typed import typed
+from tests.cli.typed import Said, typed, typed_in
+
+if sys.platform != "win32":
+    import fcntl
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -54,19 +60,42 @@ def test_the_next_five_minutes_are_as_shown(clone, monkeypatch, capsys):
                 assert all(" ".join(told.split()) in " ".join(said.err.split()) for told in shown.split(" ... "))
 
 
+@dataclass(frozen=True)
+class WholeJob:
+    """Where the README's job was done, and what its run and its diagnosis left on the terminal."""
+
+    folder: Path
+    ran: Said
+    diagnosed: Said
+
+
+def do_whole_job(tmp_path_factory) -> WholeJob:
+    """Does the README's job, once for all tests of a session, in whichever process; its diagnosis takes a minute."""
+    place = tmp_path_factory.getbasetemp()
+    # The folder of each process of pytest-xdist stands in that of the session.
+    folder = (place.parent if "PYTEST_XDIST_WORKER" in os.environ else place) / "whole-job"
+    folder.mkdir(exist_ok=True)
+    said = folder / "said.json"
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not said.is_file():
+            run, diagnose = (shlex.split(part) for part in block("job").split("&&")[-2:])
+            assert run[0] == diagnose[0] == ".venv/bin/rfca-rig"
+            said.write_text(json.dumps([asdict(typed_in(folder, *words)) for words in (run[1:], diagnose[1:])]))
+    return WholeJob(folder, *(Said(**one) for one in json.loads(said.read_text())))
+
+
 @pytest.mark.slow
-def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(clone, monkeypatch, capsys):
-    run, diagnose = (shlex.split(part) for part in block("job").split("&&")[-2:])
-    assert run[0] == diagnose[0] == ".venv/bin/rfca-rig"
-    said = typed(monkeypatch, capsys, *run[1:])
-    assert said.exit_code == 0
-    assert (clone / "report" / "report.html").stat().st_size > 100_000
+def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(tmp_path_factory, monkeypatch, capsys):
+    job = do_whole_job(tmp_path_factory)
+    monkeypatch.chdir(job.folder)
+    assert job.ran.exit_code == 0
+    assert Path("report", "report.html").stat().st_size > 100_000
     shown = re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", README).groups()
-    assert re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", said.err).groups() == shown
-    told = typed(monkeypatch, capsys, *diagnose[1:])
-    assert told.exit_code == 0
-    assert told.out.splitlines()[:2] == re.search(r"```text\n(IDENTIFIED.*?)\nmotor", README, re.DOTALL)[1].splitlines()
-    (effect,) = json.loads((clone / "diagnosis" / "diagnosis.json").read_text())["effects"]
+    assert re.search(r"average error of the valley ([\d.]+) % in time, ([\d.]+) % in force", job.ran.err).groups() == shown
+    assert job.diagnosed.exit_code == 0
+    assert job.diagnosed.out.splitlines()[:2] == re.search(r"```text\n(IDENTIFIED.*?)\nmotor", README, re.DOTALL)[1].splitlines()
+    (effect,) = json.loads(Path("diagnosis", "diagnosis.json").read_text())["effects"]
     assert effect["id"] == "motor_speed_droop"
     assert typed(monkeypatch, capsys, "runs", "--verdict", "motor_speed_droop", "--paths").out == "runs/SIM-table-ii-001\n"
     for name, true in (("kp_Nm_s_per_rad", 8.0), ("ki_Nm_per_rad", 60.0)):

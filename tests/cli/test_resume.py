@@ -18,7 +18,7 @@ from rfca_rig.recording.store import read_recording
 from rfca_rig.recording.tables import cycle_table
 from tests.cli.test_commands import FILES, ROOT
 from tests.cli.test_run_files import is_over, wait_for
-from tests.cli.typed import typed
+from tests.cli.typed import typed, typed_in
 
 CODE = "from rfca_rig.cli.main import run; run()"
 CONDITION = ("--height", "215", "--speed", "3.249")
@@ -34,8 +34,8 @@ def here(tmp_path, monkeypatch):
 def of_two(tmp_path_factory):
     """A whole run of two strokes, made once."""
     folder = tmp_path_factory.mktemp("two")
-    words = ["dynamic", "run", *CONDITION, "--repeats", "2", "--rig", ROOT / "calibration" / "twin.toml"]
-    subprocess.run([sys.executable, "-c", CODE, *words], cwd=folder, check=True, capture_output=True)
+    said = typed_in(folder, "dynamic", "run", *CONDITION, "--repeats", "2", "--rig", ROOT / "calibration" / "twin.toml")
+    assert said.exit_code == 0, said.err
     (run,) = (folder / "runs").iterdir()
     return run
 

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -12,7 +10,7 @@ import pytest
 
 from rfca_rig.recording.run_folder import read_stages
 from rfca_rig.recording.store import read_recording
-from tests.cli.typed import typed
+from tests.cli.typed import typed, typed_in
 
 ROOT = Path(__file__).parents[2]
 PROTOCOL = (ROOT / "protocols" / "static-angle.toml").read_text()
@@ -37,9 +35,9 @@ def of_two(tmp_path_factory):
     """A whole run of two stages with photos, made once: where it ran, and what it answered."""
     folder = tmp_path_factory.mktemp("two")
     path = protocol(folder, (75.0, "loading"), (90.0, "loading"))
-    words = ["static", "run", "--protocol", path, "--rig", ROOT / "calibration" / "twin.toml", "--json"]
-    code = "from rfca_rig.cli.main import run; run()"
-    return folder, subprocess.run([sys.executable, "-c", code, *words], cwd=folder, check=True, capture_output=True, text=True).stdout
+    said = typed_in(folder, "static", "run", "--protocol", path, "--rig", ROOT / "calibration" / "twin.toml", "--json")
+    assert said.exit_code == 0, said.err
+    return folder, said.out
 
 
 @pytest.fixture
