@@ -3,6 +3,7 @@
 import hashlib
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -20,17 +21,22 @@ ROOT = Path(__file__).parents[2]
 CALIBRATION = ROOT / "calibration"
 EYE = read_rig(CALIBRATION / "twin.toml").eye()
 HINGES_DEG = np.array([-15.0, -14.0, -12.0, -10.0, -7.0, -4.0])
+PLAIN = ImageDisturbance(noise_counts=1.0)
 ANGLES = np.radians(90.0) + np.concatenate([[0.0], np.cumsum(np.radians(HINGES_DEG))])
 
 
-def photographed(folder, disturbance=None, plan=EYE.plan, angles=ANGLES, **changes):
-    """A stage of a leg that stands at 90 degrees, with a photo of it in the run's folder."""
+@cache
+def png(disturbance: ImageDisturbance, plan: MarkPlan) -> bytes:
+    """The photo as a file. Most tests have the same one, and rendering it takes longer than reading it."""
     lengths = np.array(EYE.link_lengths_m)
-    picture = render_leg(
-        angles, lengths, plan, EYE.camera, disturbance or ImageDisturbance(noise_counts=1.0), np.random.default_rng(3), 0.235
-    )
+    picture = render_leg(ANGLES, lengths, plan, EYE.camera, disturbance, np.random.default_rng(3), 0.235)
+    return cv2.imencode(".png", picture)[1].tobytes()
+
+
+def photographed(folder, disturbance=PLAIN, plan=EYE.plan, **changes):
+    """A stage of a leg that stands at 90 degrees, with a photo of it in the run's folder."""
     (folder / "photos").mkdir(exist_ok=True)
-    cv2.imwrite(str(folder / "photos" / "001.png"), picture)
+    (folder / "photos" / "001.png").write_bytes(png(disturbance, plan))
     stage = StaticStage(0.235, 1, "loading", np.radians(90.0), (math.nan,) * 6, -1.0, -2.0, 0.3, photo="photos/001.png")
     return replace(stage, **changes)
 

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.description.camera_file import camera_file, plane_section, read_camera_file, write_camera_file
@@ -53,6 +53,7 @@ def test_photos_and_what_was_refused_are_read_back(tmp_path):
     assert file.plane.tilt_std_deg == pytest.approx(np.degrees([1e-4, 2e-4]), rel=1e-5)
 
 
+@settings(max_examples=30)
 @given(st.text(min_size=1, max_size=20), st.floats(10.0, 1e5))
 def test_any_name_and_any_focal_length_survive(tmp_path_factory, name, focal_px):
     file = read_camera_file(written(tmp_path_factory.mktemp("c"), calibration(focal_px, name)))

@@ -96,7 +96,7 @@ def test_a_campaign_is_read_as_believed_and_tells_nothing_of_what_is_concealed(t
 
 @pytest.mark.slow
 def test_the_truth_says_how_much_shows():
-    case = replace(draw_cases(7, {PENDULUM_NOTHING: 1})[0], kind=PENDULUM_SINGLE)
+    case = replace(draw_cases(7, {PENDULUM_NOTHING: 1})[0], kind=PENDULUM_SINGLE, driven=(True,))
     sizes = []
     for share in (0.01, 0.1):
         values = {"torque_Nm": share * torque_scale_Nm(case.world)}

@@ -1,6 +1,7 @@
 """Folders as runs leave them, without the samples."""
 
 import json
+from functools import cache
 from pathlib import Path
 
 from rfca_rig.description.protocol_file import read_plan
@@ -11,6 +12,7 @@ from rfca_rig.protocol.written_plan import serialize_plan
 ROOT = Path(__file__).parents[2]
 
 
+@cache
 def plan(protocol: str = "table2") -> Plan:
     return read_plan(ROOT / "protocols" / f"{protocol}.toml", read_rig(ROOT / "calibration" / "twin.toml").facts())
 

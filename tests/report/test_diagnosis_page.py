@@ -218,6 +218,25 @@ def read(text):
     return " ".join(unescape(body).split()).replace(" .", ".").replace(" :", ":")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def drawn():
+    """Draws the same overlays once for all pages, by their ids: most tests are about the words around them.
+
+    The overlays are kept beside their pictures, so that no other object takes their ids.
+    """
+    pictures = {}
+
+    def draw_once(overlays, never_folded):
+        key = tuple(map(id, overlays)), frozenset(never_folded)
+        if key not in pictures:
+            pictures[key] = overlays, pictures_of(overlays, never_folded)
+        return pictures[key][1]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("rfca_rig.reports.diagnosis.page.pictures_of", draw_once)
+        yield pictures
+
+
 @pytest.fixture(scope="module")
 def named_page():
     return page(NAMED, PageContext(Origin()))
@@ -336,8 +355,9 @@ def test_a_title_is_text_and_never_markup():
     assert "&lt;b&gt;&amp;" in text
 
 
-def test_the_same_diagnosis_gives_the_same_bytes(tmp_path):
+def test_the_same_diagnosis_gives_the_same_bytes(tmp_path, drawn):
     for folder in ("one", "two"):
+        drawn.clear()
         write_diagnosis(NAMED, tmp_path / folder)
     files = sorted(file.name for file in (tmp_path / "one").iterdir())
     tables = [f"{name}.{kind}" for name in ("before-after", "believed", "parameters", "ruled-out") for kind in ("csv", "tex")]
@@ -585,7 +605,7 @@ def shaft_overlays():
 
 
 def test_the_shaft_has_its_row_and_says_that_it_is_a_deviation(tmp_path):
-    drive = replace(NAMED, overlays=(*NAMED.overlays, *shaft_overlays()))
+    drive = replace(NAMED, overlays=(NAMED.overlays[0], *shaft_overlays()))
     text = read(page(drive, PageContext(Origin())))
     assert re.search(r"shaft angle less command rad 0\.0580 0\.0006", text)
     assert written_json(tmp_path, drive)["fit"]["rms_shaft_angle_rad"]["before"] == pytest.approx(0.0580, abs=1e-4)
@@ -593,7 +613,8 @@ def test_the_shaft_has_its_row_and_says_that_it_is_a_deviation(tmp_path):
 
 
 def test_signals_whose_curves_coincide_are_folded_unless_something_is_located_there():
-    same = tuple(replace(one, before=1.004 * one.measured, after=one.measured) for one in overlays() if one.signal != "tx_Nm")
+    two = [one for one in overlays() if one.signal != "tx_Nm" and one.condition in CONDITIONS[:2]]
+    same = tuple(replace(one, before=1.004 * one.measured, after=one.measured) for one in two)
     found = {one.signal: one.summary for one in pictures_of(same, {"fz_N"})}
     assert found["fy (N)"].startswith("fy: all curves coincide, rms ") and found["fz (N)"] == ""
     assert all(one.summary == "" for one in pictures_of(overlays()))
