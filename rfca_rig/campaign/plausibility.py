@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.model import Recording, StaticStage, Stroke
@@ -163,8 +162,8 @@ def _force_slips(where: str, t_s: Floats, columns: Mapping[str, Floats], length_
         lever = peak["tx_Nm"] / max(peak["fz_N"] * length_m, 1e-9)
         yield from _compare(where, "peak of tx_Nm beside fz_N times the leg's length", lever, (0.01, 30.0), MOMENTS)
     if "fz_N" in change:
-        impulse = float(trapezoid(change["fz_N"][moving], t_s[moving]))
-        strength = float(trapezoid(np.abs(change["fz_N"][moving]), t_s[moving]))
+        impulse = float(np.trapezoid(change["fz_N"][moving], t_s[moving]))
+        strength = float(np.trapezoid(np.abs(change["fz_N"][moving]), t_s[moving]))
         # The ground only pushes: over a stroke the mean of fz, positive downwards, is negative.
         if impulse > 0.3 * strength:
             yield Slip(where, "fz_N", "the ground pulls the leg down over the whole stroke", "is its sign turned?")

@@ -325,12 +325,12 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
 def _fit_all(state: SearchState, starts: Sequence[FitStart]) -> list[MapFit]:
     """MAP fits on all conditions, in parallel; without those where the model has no answer."""
     fits = map_in_processes(
-        lambda start: _fit(state.optimizer, state, start, 5), starts, _shared_by(state, (start.terms for start in starts))
+        lambda start: _fit(state.optimizer, state, start, 5), starts, _list_shared(state, (start.terms for start in starts))
     )
     return [fit for fit in fits if fit is not None]
 
 
-def _shared_by(state: SearchState, hypotheses: Iterable[Terms]) -> list[object]:
+def _list_shared(state: SearchState, hypotheses: Iterable[Terms]) -> list[object]:
     """What the fits of these hypotheses refer to, and the state too."""
     return [state.nominal.coordinates.space, *(term for terms in hypotheses for term in terms)]
 
@@ -353,7 +353,7 @@ def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchStat
 
 def _refine_all(state: SearchState, refine: Callable[[MapFit], MapFit], fits: Sequence[MapFit]) -> list[MapFit]:
     """The fits after `refine`, in parallel."""
-    return map_in_processes(refine, fits, _shared_by(state, (fit.coordinates.choices for fit in fits)))
+    return map_in_processes(refine, fits, _list_shared(state, (fit.coordinates.choices for fit in fits)))
 
 
 def _converge_all(state: SearchState, config: SearchConfig) -> SearchState:

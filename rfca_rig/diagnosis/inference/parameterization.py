@@ -110,7 +110,10 @@ class Parameterization:
 
     def supposed(self, x: Floats) -> Any:
         """Input of the simulator at the coordinates x (p,), of the simulator's own type (a `SimulatorInput`)."""
-        at: SimulatorInput = self.space.at(x[: self.nuisances])
+        return self.add_effects(self.space.at(x[: self.nuisances]), x)
+
+    def add_effects(self, at: SimulatorInput, x: Floats) -> Any:
+        """The input of `supposed`, where that of the nuisance parameters in x (p,) is `at`: for many points that have these in common."""
         return at.with_effects(tuple(choice.present(x[self.part(i)]) for i, choice in enumerate(self.choices)))
 
     def with_terms(self, choices: Sequence[EffectTerm]) -> "Parameterization":

@@ -50,10 +50,10 @@ def probe_effects(dataset: Dataset, base: MapFit, points: Sequence[Point]) -> li
     Points where the model has no answer are omitted.
     """
     coordinates = base.coordinates
-    supposed = []
+    nuisances, supposed = coordinates.space.at(base.x[: coordinates.nuisances]), []
     for choice, z in points:
         wider = coordinates.with_terms((*coordinates.choices, choice))
-        supposed.append(wider.supposed(np.concatenate([base.x, z])))
+        supposed.append(wider.add_effects(nuisances, np.concatenate([base.x, z])))
     found = dataset.predict_changes(coordinates.supposed(base.x), base.predicted, supposed)
     return [EffectProbe(c, z, change) for (c, z), change in zip(points, found, strict=True) if change is not None]
 
