@@ -1,4 +1,7 @@
-"""Opens the devices that a rig file describes: the real ones, or their twins on wires of their own."""
+"""Opens the devices that a rig file describes: the real ones, or their twins on wires of their own.
+
+The make of a motor is asked of the registry (`devices`).
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -9,13 +12,20 @@ import numpy as np
 
 from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
-from rfca_rig.bench.motors import make_motor, make_motor_twin, open_commanding_bus
 from rfca_rig.bench.sensors import make_camera, make_force_sensor, make_sensor_pair, make_twin_camera
-from rfca_rig.clock import TwinClock, WallClock
-from rfca_rig.description.rig_file import RigFile, TwinSection
+from rfca_rig.clock import Clock, TwinClock, WallClock
+from rfca_rig.description.rig_file import RigFile, TwinDriveSection, TwinSection
+from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, load_object
+from rfca_rig.devices.motor import MotorKeys, OwnMotorSection
+from rfca_rig.drivers.can_frames import CanBusSettings
+from rfca_rig.drivers.guard import TorqueOffFrames
+from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.guardian.guarded_bus import GuardedBus
+from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twin_server.faults import FaultEvent
+from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.wires import can_wire
 from rfca_rig.twins.world import MotorTwin, SensorTwin, TwinPlant, TwinWorld
 from rfca_rig.vision.leg_photo import PhotoSetup
@@ -46,6 +56,45 @@ class TwinRack:
 
     def set_height(self, height_m: float) -> None:
         self._plant.set_height(height_m)
+
+
+def open_commanding_bus(rig: RigFile, clock: WallClock) -> can.BusABC:
+    """The bus for a run, held by a guardian where the rig file wants one; the caller shuts it down.
+
+    Raises what python-can raises, and BadInput where this system has no guardian.
+    """
+    motor = rig.motor
+    torque_off = find_motor(motor.device).torque_off
+    # A drive without such frames has a watchdog of its own, which is nearer to the motor.
+    if torque_off is None or not motor.is_guarded:
+        return motor.open()
+    # Refused, not ignored: a drive without a watchdog must not run without the guardian that its rig file wants.
+    if not can_be_started():
+        raise BadInput(f"{rig.rig.title}: motor.guardian: this system has none; use Linux, or see docs/guardian.md on going without")
+    settings = CanBusSettings(motor.interface, motor.channel, motor.bitrate, motor.fd_bitrate)
+    frames: TorqueOffFrames = load_object(torque_off)(motor, rig.limits.drive_silent_ms / 1e3)
+    return GuardedBus(settings, frames, motor.guardian_silence_ms / 1e3, clock)
+
+
+def make_motor(rig: RigFile, bus: can.BusABC, clock: Clock) -> ShaftMotor:
+    """The driver that [motor] names, on its end of the bus."""
+    motor = rig.motor
+    if isinstance(motor, OwnMotorSection) and not isinstance(motor, MotorKeys):
+        raise BadInput(f"{rig.rig.title}: {motor.file} was not loaded; read the rig file from where it stands")
+    return find_motor(motor.device).make_driver(motor, bus, clock, rig.limits.drive_silent_ms / 1e3)
+
+
+def _make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> MotorTwin:
+    """The twin of the drive that [motor] names, on its end of the bus."""
+    make = find_motor(rig.motor.device)
+    gains = LoopGains(
+        speed_gain_Nm_s_per_rad=drive.speed_gain_Nm_s_per_rad,
+        integral_gain_Nm_per_rad=drive.integral_gain_Nm_per_rad,
+        angle_gain_per_s=drive.angle_gain_per_s,
+        torque_limit_Nm=drive.torque_limit_Nm,
+    )
+    # A drive that a guardian can switch off has no watchdog of its own.
+    return make.make_twin(rig.motor, bus, gains, USUAL_WATCHDOG_S if make.torque_off is None else None)
 
 
 @contextmanager
@@ -137,7 +186,7 @@ def _randomness(seed: int) -> tuple[np.random.Generator, np.random.Generator]:
 
 def _put_together(rig: RigFile, twin: TwinSection, chance: np.random.Generator, bus: can.BusABC, sensor: SensorTwin) -> Twins:
     plant = _plant(rig, twin, chance)
-    motor = make_motor_twin(rig, twin.drive, bus)
+    motor = _make_motor_twin(rig, twin.drive, bus)
     return Twins(plant, motor, sensor, TwinWorld(plant, motor, sensor))
 
 

@@ -1,29 +1,24 @@
 """Faults that can be injected into the devices of a rig file, and their injection into a twin in this process."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import can
 
-from rfca_rig.description.device_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, NetFtSection, OdriveSection
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.twin_server.drive_faults import (
-    CUBEMARS_FAULTS,
-    MOTEUS_FAULTS,
-    DriveDialect,
-    MoteusDialect,
-    NoDialect,
-    OdriveDialect,
+from rfca_rig.devices import find_motor, load_object
+from rfca_rig.devices.force_sensor import NetFtSection
+from rfca_rig.twin_server.faults import (
+    BOX_FAULTS,
+    CAN_FAULTS,
+    FORCE_FAULTS,
+    DriveFaults,
+    Fault,
+    FaultEvent,
+    FaultPanel,
+    FaultSchedule,
     TamperedBus,
-    cubemars_events,
-    moteus_events,
-    odrive_events,
 )
-from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, Fault, FaultEvent, FaultPanel, FaultSchedule
 from rfca_rig.twin_server.netft_ports import TamperedLink
-from rfca_rig.twins.cubemars_mit import CubemarsMitTwin
-from rfca_rig.twins.cubemars_servo import CubemarsServoTwin
-from rfca_rig.twins.moteus import MoteusTwin
-from rfca_rig.twins.odrive import OdriveTwin
 from rfca_rig.twins.wires import DatagramLink
 from rfca_rig.twins.world import MotorTwin
 
@@ -32,7 +27,7 @@ def faults_of(rig: RigFile) -> tuple[Fault, ...]:
     """Every fault that this rig's devices can have, except those of the sensor box's own pages."""
     # Faults of the force stream act on UDP datagrams, which only a Net F/T sends.
     force = FORCE_FAULTS if isinstance(rig.force_sensor, NetFtSection) else ()
-    return (*force, *CAN_FAULTS, *_motor_faults(rig))
+    return (*force, *CAN_FAULTS, *drive_faults_of(rig).faults)
 
 
 def faults_of_served_rig(rig: RigFile) -> tuple[Fault, ...]:
@@ -40,39 +35,11 @@ def faults_of_served_rig(rig: RigFile) -> tuple[Fault, ...]:
     return (*faults_of(rig), *(BOX_FAULTS if isinstance(rig.force_sensor, NetFtSection) else ()))
 
 
-def _motor_faults(rig: RigFile) -> tuple[Fault, ...]:
-    match rig.motor:
-        case OdriveSection():
-            return ODRIVE_FAULTS
-        case MoteusSection():
-            return MOTEUS_FAULTS
-        case CubemarsMitSection() | CubemarsServoSection():
-            return CUBEMARS_FAULTS
-        case _:
-            return ()
-
-
-def dialect_of(rig: RigFile) -> DriveDialect:
-    match rig.motor:
-        case OdriveSection():
-            return OdriveDialect()
-        case MoteusSection():
-            return MoteusDialect()
-        case _:
-            return NoDialect()
-
-
-def events_of(motor: MotorTwin) -> Mapping[str, Callable[[], None]]:
-    """Faults that happen once inside the drive, by name."""
-    match motor:
-        case OdriveTwin():
-            return odrive_events(motor)
-        case MoteusTwin():
-            return moteus_events(motor)
-        case CubemarsMitTwin() | CubemarsServoTwin():
-            return cubemars_events(motor)
-        case _:
-            return {}
+def drive_faults_of(rig: RigFile) -> DriveFaults:
+    """The faults of the rig's drive, none where its make names none."""
+    place = find_motor(rig.motor.device).faults
+    faults: DriveFaults = DriveFaults() if place is None else load_object(place)
+    return faults
 
 
 class FaultInjection:
@@ -88,7 +55,7 @@ class FaultInjection:
 
     def on_bus(self, end: can.BusABC) -> can.BusABC:
         """The drive's end of the wire."""
-        return end if self._is_idle else TamperedBus(end, self._panel, dialect_of(self._rig))
+        return end if self._is_idle else TamperedBus(end, self._panel, drive_faults_of(self._rig).dialect)
 
     def on_link(self, link: DatagramLink) -> DatagramLink:
         """The sensor's end of the network."""
@@ -98,7 +65,7 @@ class FaultInjection:
         """`process`, which advances the twins to a time, preceded by the faults that are due until then."""
         if self._is_idle:
             return process
-        events = events_of(motor)
+        events = drive_faults_of(self._rig).events(motor)
 
         def process_with_faults(to_s: float) -> None:
             # Switched before the step, so that a fault acts from its time on and not one step later.

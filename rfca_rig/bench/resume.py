@@ -10,9 +10,8 @@ import numpy as np
 
 from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos
 from rfca_rig.clock import Clock
-from rfca_rig.description.own_devices import texts_of
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.description.toml import model_of, read_text
+from rfca_rig.devices.own import texts_of
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.written_plan import PlanProgress, parse_plan
@@ -22,6 +21,7 @@ from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
 from rfca_rig.recording.store import outline_of
 from rfca_rig.suggestions import not_there
+from rfca_rig.toml import model_of, read_text
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 RESUMED = "run resumed"

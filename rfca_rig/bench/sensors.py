@@ -13,19 +13,13 @@ from rfca_rig.clock import Clock, WallClock
 from rfca_rig.codecs.ati_calibration import TransducerCalibration, parse_calibration
 from rfca_rig.codecs.ati_serial import MAX_COUNT
 from rfca_rig.description.camera_file import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
-from rfca_rig.description.device_sections import (
-    AtiDaqSection,
-    AtiSerialSection,
-    ForceSensorKeys,
-    NetFtSection,
-    OwnForceSensorSection,
-)
-from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, TwinSection
+from rfca_rig.devices.force_sensor import AtiDaqSection, AtiSerialSection, ForceSensorKeys, NetFtSection, OwnForceSensorSection
+from rfca_rig.devices.own import twin_of
 from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
 from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor
 from rfca_rig.drivers.force_sensors.daq_ft import DaqFtSensor, DaqFtSettings, NidaqmxGages
-from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSensor, NetFtSettings
+from rfca_rig.drivers.force_sensors.netft import NetFtSensor
 from rfca_rig.drivers.ports import UdpDatagrams, advise_receive_buffer, open_port
 from rfca_rig.drivers.roles import Camera, ForceSensor, Photo, Photographer
 from rfca_rig.errors import BadInput
@@ -46,7 +40,7 @@ def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> Force
             # A process of its own empties the socket, so that a busy loop loses no records.
             datagrams = AcquiredDatagrams(sensor.host, clock, sensor.port) if can_be_started() else UdpDatagrams(sensor.host, sensor.port)
             stack.callback(datagrams.close)
-            return NetFtSensor(datagrams, clock, _netft(sensor), _box(sensor), advise_receive_buffer(datagrams.receive_buffer_bytes))
+            return NetFtSensor(datagrams, clock, sensor.settings(), sensor.box(), advise_receive_buffer(datagrams.receive_buffer_bytes))
         case AtiSerialSection():
             port = open_port(sensor.port, sensor.bits_per_s)
             stack.callback(port.close)
@@ -92,7 +86,7 @@ def make_sensor_pair(
             twin_settings = _netft_twin(sensor, twin)
             streaming = NetFtTwin(on_link(there), twin_settings, random)
             box = None if sensor.configuration == "unchecked" else NetFtBoxTwin(streaming, twin_settings)
-            return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, _netft(sensor), box))
+            return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, sensor.settings(), box))
         case AtiSerialSection():
             host, device = serial_line()
             serial_twin = AtiSerialTwin(device, _serial_twin(sensor, twin), random)
@@ -127,27 +121,11 @@ def make_own_twin(sensor: ForceSensorKeys, twin: TwinSection, random: np.random.
     return made
 
 
-def _netft(sensor: NetFtSection) -> NetFtSettings:
-    return NetFtSettings(
-        counts_per_N=sensor.counts_per_N,
-        counts_per_Nm=sensor.counts_per_Nm,
-        rate_Hz=sensor.rate_Hz,
-        address=f"{sensor.host}:{sensor.port}",
-        buffered=sensor.buffered,
-    )
-
-
-def _box(sensor: NetFtSection) -> NetFtBox | None:
-    if sensor.configuration == "http":
-        return HttpBox(sensor.host, sensor.http_port)
-    return CommandBox(sensor.host, sensor.command_port) if sensor.configuration == "commands" else None
-
-
 def _netft_twin(sensor: NetFtSection, twin: TwinSection) -> NetFtTwinSettings:
     return NetFtTwinSettings(
         counts_per_N=sensor.counts_per_N,
         counts_per_Nm=sensor.counts_per_Nm,
-        decimation=_netft(sensor).decimation,
+        decimation=sensor.settings().decimation,
         noise_std=_noise_std(twin),
     )
 

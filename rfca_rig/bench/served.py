@@ -9,15 +9,14 @@ from typing import Protocol
 import numpy as np
 
 from rfca_rig.bench.factory import make_twins
-from rfca_rig.bench.fault_injection import dialect_of, events_of, faults_of_served_rig
+from rfca_rig.bench.fault_injection import drive_faults_of, faults_of_served_rig
 from rfca_rig.bench.sensors import make_netft_twins, make_own_twin, make_serial_twin
 from rfca_rig.clock import Clock
-from rfca_rig.description.device_sections import AtiSerialSection, ForceSensorKeys, NetFtSection
 from rfca_rig.description.rig_file import RigFile, TwinSection
+from rfca_rig.devices.force_sensor import AtiSerialSection, ForceSensorKeys, NetFtSection
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.can_ports import FdcanusbPort, PseudoTerminal, SharedWire, SlcanPort, SocketcandPort
-from rfca_rig.twin_server.drive_faults import TamperedBus
-from rfca_rig.twin_server.faults import ControlPort, FaultEvent, FaultPanel, FaultSchedule
+from rfca_rig.twin_server.faults import ControlPort, FaultEvent, FaultPanel, FaultSchedule, TamperedBus
 from rfca_rig.twin_server.netft_ports import CommandPort, HttpPort, TamperedLink, UdpLink
 from rfca_rig.twin_server.tcp import LOOPBACK
 from rfca_rig.twins.world import SensorTwin
@@ -213,7 +212,7 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
             fdcanusb = FdcanusbPort(wire)
             stack.callback(fdcanusb.close)
             reached.add(fdcanusb, fdcanusb=fdcanusb.path)
-        bus = TamperedBus(wire.join(), panel, dialect_of(rig))
+        bus = TamperedBus(wire.join(), panel, drive_faults_of(rig).dialect)
         stack.callback(bus.shutdown)
         twins = make_twins(rig, rig.twin, seed, bus, sensor.twin)
         twins.plant.set_height(openings.height_m)
@@ -225,4 +224,4 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
         control = ControlPort(panel, openings.control_port, twins.plant.set_height, loop.status)
         stack.callback(control.close)
         reached.add(control, control_port=control.port)
-        yield ServedRig(events_of(twins.motor), panel, loop, reached)
+        yield ServedRig(drive_faults_of(rig).events(twins.motor), panel, loop, reached)

@@ -10,13 +10,13 @@ import numpy as np
 
 from rfca_rig.description.camera_file import CameraFile, MarksSection
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.description.toml import model_of, read_text
 from rfca_rig.drivers.photo_files import read_picture
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import OVERLAYS, PHOTOS, sum_line
 from rfca_rig.recording.model import Recording, StaticStage
+from rfca_rig.toml import model_of, read_text
 from rfca_rig.vision.hinge_angles import MAX_REPORTED_STD_RAD, HingeAngles, LegFit, fit_leg
 from rfca_rig.vision.identify import IdentifiedMarks
 from rfca_rig.vision.leg_marks import MarkPlan

@@ -30,12 +30,12 @@ from rfca_rig.campaign.recorded_columns import ColumnRequest
 from rfca_rig.campaign.recorded_files import find_recordings, list_columns, read_columns
 from rfca_rig.campaign.table import select_samples
 from rfca_rig.description.sections import AboutSection
-from rfca_rig.description.toml import format_value, place_of, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.contact_law import SphereOnPlane
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import EXPERIMENT
+from rfca_rig.toml import format_value, place_of, read_toml
 
 Floats = NDArray[np.float64]
 

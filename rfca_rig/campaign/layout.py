@@ -6,17 +6,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from rfca_rig.campaign.pendulum import RunSection, Text
-from rfca_rig.description.sections import (
-    AboutSection,
-    DriveSection,
-    GroundSection,
-    KnownToSection,
-    LegSection,
-    NotNegative,
-    Positive,
-    Section,
-    SensorSection,
-)
+from rfca_rig.description.sections import AboutSection, DriveSection, GroundSection, KnownToSection, LegSection, SensorSection
+from rfca_rig.toml import NotNegative, Positive, Section
 
 CAMPAIGN_FORMAT = "rfca-campaign/1"
 CAMPAIGN = "campaign.toml"

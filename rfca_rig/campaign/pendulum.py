@@ -41,12 +41,12 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from rfca_rig.campaign.table import CsvTable, numbers, read_table, select_samples
-from rfca_rig.description.sections import AboutSection, NotNegative, Positive, Section
-from rfca_rig.description.toml import comment, format_value, place_of, read_toml, table
+from rfca_rig.description.sections import AboutSection
 from rfca_rig.errors import BadInput
 from rfca_rig.model.pendulum import Pendulum, PendulumLink
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import PENDULUM
+from rfca_rig.toml import NotNegative, Positive, Section, comment, format_value, place_of, read_toml, table
 
 FORMAT = "rfca-pendulum/1"
 MODEL_FORMAT = "rfca-pendulum-model/1"

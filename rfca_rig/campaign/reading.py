@@ -16,11 +16,11 @@ from rfca_rig.campaign.layout import CAMPAIGN, CAMPAIGN_FORMAT, CampaignFile, Dy
 from rfca_rig.campaign.table import CsvTable, number, numbers, read_table, rows
 from rfca_rig.description.model_file import read_named_curve
 from rfca_rig.description.sections import RigSections
-from rfca_rig.description.toml import place_of, read_text, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH, sha256_of
 from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, Stream, Stroke
+from rfca_rig.toml import place_of, read_text, read_toml
 
 DYNAMIC = ("t_s", *SHAFT, *WRENCH)
 STATIC_NEEDED = ("height_mm", "stage", "direction", "shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")

@@ -11,8 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.description.toml import read_text
 from rfca_rig.errors import BadInput
+from rfca_rig.toml import read_text
 
 Floats = NDArray[np.float64]
 

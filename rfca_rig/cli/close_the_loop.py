@@ -14,12 +14,12 @@ from rfca_rig.cli.terminal import Say
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.protocol_file import read_plan
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.description.toml import read_text, validate
 from rfca_rig.diagnosis.experiment_design.leg_experiment import NEXT_PROTOCOL
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Stage
 from rfca_rig.recording.model import Recording
+from rfca_rig.toml import read_text, validate
 
 Diagnosing = Callable[[Sequence[Recording]], Diagnosis]
 

@@ -16,7 +16,7 @@ from rfca_rig.cli.progress import make_marked_say, progress
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import Clock
-from rfca_rig.description.own_devices import texts_of
+from rfca_rig.devices.own import texts_of
 from rfca_rig.engine.interfaces import Bench, StopLevel, StopRequest
 from rfca_rig.errors import DiskFull, RigError, Tripped
 from rfca_rig.model.catalogue import lab_texts

@@ -101,7 +101,7 @@ def _list_file() -> Path:
 def _code_of(rig_path: Path) -> list[Path]:
     """The Python files that a rig file names, without reading any of them."""
     # Imported here, as pydantic would slow down --help and completions.
-    from rfca_rig.description.toml import read_data
+    from rfca_rig.toml import read_data
 
     data = read_data(rig_path)
     tables = [table for name in SECTIONS if isinstance(table := data.get(name), dict)]

@@ -9,10 +9,10 @@ from rfca_rig.bench.resume import InterruptedRun
 from rfca_rig.cli.paths import find_file, find_rig
 from rfca_rig.description.model_file import ModelFile, read_model_file
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.description.toml import read_text
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Plan
+from rfca_rig.toml import read_text
 from rfca_rig.twin_server.faults import FaultEvent, parse_fault_events
 from rfca_rig.vision.leg_photo import PhotoSetup
 

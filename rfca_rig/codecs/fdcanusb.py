@@ -1,14 +1,16 @@
-"""The ASCII lines of a fdcanusb, a serial adapter for CAN-FD; a moteus uses the same protocol on its own UART. Pure.
+"""The ASCII lines of a fdcanusb, a serial adapter for CAN-FD; some drives use the same protocol on their own UART. Pure.
 
-Sources: mjbots fdcanusb README, "Protocol"; moteus reference, "UART" (checksums). A client sends `can send ID DATA [flags]` and receives
-`OK` or `ERR ...`; a frame from the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of everything before the star.
+Sources: mjbots fdcanusb README, "Protocol", and the reference of the drives of mjbots, "UART" (checksums). A client sends
+`can send ID DATA [flags]` and receives `OK` or `ERR ...`; a frame from the bus is `rcv ID DATA flags`. Lines may end in ` *XX`, a CRC-8 of
+everything before the star.
 """
 
 from dataclasses import dataclass
 
-from rfca_rig.codecs.moteus import FD_LENGTHS
 from rfca_rig.errors import MalformedFrame
 
+# Data lengths of CAN-FD, in bytes.
+FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
 POLYNOMIAL = 0x97
 LONGEST_LINE = 256
 EXTENDED_IDS = 1 << 29

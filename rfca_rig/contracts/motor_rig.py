@@ -139,6 +139,8 @@ class MotorHooks:
     ENABLING_TORQUE_Nm = 0.05
     # Lag behind a target that moves at 2 rad/s.
     FOLLOWING_TOLERANCE_RAD = 0.02
+    # Farthest angle of the shaft from which a drive is enabled.
+    LARGEST_ANGLE_RAD = 200.0
     TELLS_TEMPERATURE = True
 
     def driver(self, bus: can.BusABC, clock: Clock) -> ShaftMotor:

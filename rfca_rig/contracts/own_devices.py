@@ -1,4 +1,4 @@
-"""Conformance tests on the plug-in drive and force sensor of a rig file, and their twins.
+"""Conformance tests on the plug-in drive and force sensor of a rig file, and their twins; `MotorOfAMake` also tests the built-in drives.
 
 The module itself is the plug-in of pytest with the option --rig.
 """
@@ -15,14 +15,16 @@ import pytest
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, NoisyPort, constant
 from rfca_rig.contracts.motor import MotorContract
-from rfca_rig.description.device_sections import ForceSensorKeys, MotorKeys
-from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import RigFile, read_rig
+from rfca_rig.devices import MOTORS, find_motor
+from rfca_rig.devices.force_sensor import ForceSensorKeys
+from rfca_rig.devices.motor import MotorKeys, MotorSection
+from rfca_rig.devices.own import twin_of
 from rfca_rig.drivers.force_sensors.record_stream import RecordStream
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.errors import BadInput
 from rfca_rig.twins.drive_parts import LoopGains
-from rfca_rig.twins.wires import serial_line
+from rfca_rig.twins.wires import can_wire, serial_line
 
 LATENCY_S = 0.02
 # Duration of the lost piece of the stream in s.
@@ -63,23 +65,25 @@ class TestOurForceSensor(ForceSensorContract):
         return rig
 
 
-class TestOurMotor(MotorContract):
-    """Runs the tests. A twin may widen tolerances in `tolerances`, if its protocol is coarser than most."""
+class MotorOfAMake(MotorContract):
+    """The tests on the motor of `keys`, with driver and twin as its make has them. The twin may widen tolerances (`tolerances`)."""
 
-    @pytest.fixture(autouse=True)
-    def _of_the_rig_file(self, own_rig: RigFile) -> None:
-        assert isinstance(own_rig.motor, MotorKeys), "[motor] is not of a file of its own"
-        self.keys = own_rig.motor
-        twin_class = twin_of(self.keys)
-        self.TELLS_TEMPERATURE = getattr(twin_class, "tells_temperature", False)
-        for name, value in getattr(twin_class, "tolerances", {}).items():
+    keys: MotorSection
+
+    def use(self, keys: MotorSection) -> None:
+        """Tests that motor, with the tolerances of its twin."""
+        self.keys = keys
+        with can_wire() as (_, end):
+            twin = self.twin(end, None)
+        self.TELLS_TEMPERATURE = getattr(twin, "tells_temperature", False)
+        for name, value in getattr(twin, "tolerances", {}).items():
             setattr(self, name, value)
 
     def driver(self, bus: can.BusABC, clock: Clock) -> ShaftMotor:
-        return self.keys.driver(bus, clock, SILENT_S)
+        return find_motor(self.keys.device).make_driver(self.keys, bus, clock, SILENT_S)
 
     def twin(self, bus: can.BusABC, watchdog_s: float | None) -> Any:
-        return twin_of(self.keys)(bus, self.keys, LoopGains(), watchdog_s)
+        return find_motor(self.keys.device).make_twin(self.keys, bus, LoopGains(), watchdog_s)
 
     def leave_stale_set_point(self, bus: can.BusABC) -> None:
         for message in self.twin(bus, None).stale_set_point():
@@ -92,18 +96,30 @@ class TestOurMotor(MotorContract):
         return str(twin.refuse())
 
 
+class TestOurMotor(MotorOfAMake):
+    """Runs the tests on the motor of the rig file."""
+
+    @pytest.fixture(autouse=True)
+    def _of_the_rig_file(self, own_rig: RigFile) -> None:
+        assert is_plug_in(own_rig.motor), "[motor] is neither of a file of its own nor of an installed package"
+        self.use(own_rig.motor)
+
+
+def is_plug_in(keys: MotorSection) -> bool:
+    """Whether the drive is not one that the package knows."""
+    return isinstance(keys, MotorKeys) or keys.device not in MOTORS
+
+
 def find_conformance_tests(rig: RigFile) -> list[str]:
     """Test classes for the plug-in devices of a rig. Raises BadInput for a rig without any, and for a device without a twin."""
-    pairs = (
-        (rig.motor, MotorKeys, TestOurMotor),
-        (rig.force_sensor, ForceSensorKeys, TestOurForceSensor),
-    )
-    own = [(keys, tests) for keys, kind, tests in pairs if isinstance(keys, kind)]
+    own: list[type] = [TestOurMotor] if is_plug_in(rig.motor) else []
+    own += [TestOurForceSensor] if isinstance(rig.force_sensor, ForceSensorKeys) else []
     if not own:
         raise BadInput(f'{rig.rig.title}: names no device = "own"; for the others the package keeps the contracts with tests of its own')
-    for keys, _ in own:
-        twin_of(keys)
-    return [f"{__file__}::{tests.__name__}" for _, tests in own]
+    for keys in (rig.motor, rig.force_sensor):
+        if isinstance(keys, MotorKeys | ForceSensorKeys):
+            twin_of(keys)
+    return [f"{__file__}::{tests.__name__}" for tests in own]
 
 
 def run_conformance_tests(rig: RigFile, path: Path) -> bool:

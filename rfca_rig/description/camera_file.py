@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from rfca_rig.description.sections import NotNegative, Positive, Section
-from rfca_rig.description.toml import comment, format_value, read_toml, table
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.toml import NotNegative, Positive, Section, comment, format_value, read_toml, table
 from rfca_rig.twins.image_noise import ImageDisturbance
 from rfca_rig.vision.camera_calibration import CameraCalibration, PlanePose
 from rfca_rig.vision.camera_model import CameraModel

@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rfca_rig.description.sections import Section
-from rfca_rig.description.toml import read_toml
 from rfca_rig.executors.slurm import JobArray
+from rfca_rig.toml import Section, read_toml
 
 # These values go into a batch script: no blanks, separators or line breaks may change its meaning.
 Word = Annotated[str, Field(pattern=r"^[^\s,;]+$")]

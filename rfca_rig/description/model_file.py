@@ -27,15 +27,14 @@ from rfca_rig.description.sections import (
     KnownToSection,
     LegSection,
     RigSections,
-    Section,
     SensorSection,
     TorqueRotationSection,
 )
-from rfca_rig.description.toml import comment, format_value, read_text, read_toml, table, validate
 from rfca_rig.errors import BadInput
 from rfca_rig.model.hinge_springs import slope_at_rest
 from rfca_rig.model.parameters import Drive, Ground, LawTable, Leg, RigModel, SensorMount, TorqueSpline
 from rfca_rig.recording.atomic import write_atomically
+from rfca_rig.toml import Section, comment, format_value, read_text, read_toml, table, validate
 
 File = TypeVar("File", bound=Section)
 

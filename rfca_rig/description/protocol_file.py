@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from rfca_rig.description.sections import Positive, Section, SpeedRadS
-from rfca_rig.description.toml import place_of, read_data, read_toml
+from rfca_rig.description.sections import SpeedRadS
 from rfca_rig.errors import BadInput
 from rfca_rig.protocol.experiments import (
     CheckSettings,
@@ -22,6 +21,7 @@ from rfca_rig.protocol.experiments import (
     static_plan,
 )
 from rfca_rig.protocol.plan import Direction, Plan, SettleCriterion
+from rfca_rig.toml import Positive, Section, place_of, read_data, read_toml
 
 HeightMm = Annotated[float, Field(gt=0, le=1000)]
 Reversal = Annotated[float, Field(ge=0, le=20)]

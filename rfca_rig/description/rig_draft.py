@@ -8,7 +8,8 @@ from textwrap import wrap
 from typing import Any
 
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.description.toml import comment, degrees_key, format_value
+from rfca_rig.devices import find_motor
+from rfca_rig.toml import comment, degrees_key, format_value
 
 COMMENT_COLUMN, WIDTH = 44, 130
 USUAL = "usual value: check"
@@ -18,14 +19,7 @@ IN_THE_PICTURE_mm = 330.0
 # Of a floor with Coulomb friction only, these keys are absent.
 NOT_COULOMB = ("presliding_mm", "tangential_damping_N_s_per_m")
 
-# Usual values of the keys that each device needs, beside those that were asked for. The devices of the shipped twin have its values.
-_SERVO = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.115, "zero_deg": 0.0, "status_period_ms": 2.0}
-DRIVES: dict[str, dict[str, Any]] = {
-    "odrive": {},
-    "cubemars-mit": {"model": "AK80-9", "zero_deg": 0.0},
-    "cubemars-servo": _SERVO,
-    "moteus": {"zero_turns": 0.0},
-}
+# Usual values of the keys that each sensor needs, beside those that were asked for; for a drive its make has them.
 SENSORS: dict[str, dict[str, Any]] = {
     "ati-net-ft": {},
     "ati-serial": {"counts_per_N": 20.0, "counts_per_Nm": 333.3333, "rate_Hz": 60.0},
@@ -48,7 +42,7 @@ class RigAnswers:
     force_N, torque_Nm
         Limits of the load on the sensor.
     drive, interface, channel, drive_number
-        The make of the drive, a key of `DRIVES`; its bus, as python-can names it; its number on the bus.
+        The make of the drive, one of `devices.list_motors`; its bus, as python-can names it; its number on the bus.
     sensor, address
         The make of the force sensor, a key of `SENSORS`, and its host, port or calibration file.
     counts
@@ -81,11 +75,13 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     usual
         The tables of the shipped twin, from which all other values come.
     """
+    make = find_motor(answers.drive)
+    number_key, _ = make.number
     # A make that the shipped twin does not have takes nothing of it.
     motor_values, sensor_values = (
         usual[section] if usual[section]["device"] == device else values
         for section, device, values in (
-            ("motor", answers.drive, DRIVES[answers.drive]),
+            ("motor", answers.drive, make.usual),
             ("force_sensor", answers.sensor, SENSORS[answers.sensor]),
         )
     )
@@ -103,7 +99,7 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
         "limits": {"force_N": answers.force_N, "torque_Nm": answers.torque_Nm},
         "motor": {
             "device": answers.drive,
-            "node_id" if answers.drive == "odrive" else "drive_id": answers.drive_number,
+            number_key: answers.drive_number,
             "interface": answers.interface,
             "channel": answers.channel,
         },

@@ -7,25 +7,16 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from rfca_rig.description.camera_file import CameraFile, CameraSection, PhotoFolderSection, TwinCameraSection
-from rfca_rig.description.device_sections import AtiDaqSection, ForceSensor, Motor, OwnForceSensorSection, OwnMotorSection
 from rfca_rig.description.model_file import nominal_model, read_named_curve
-from rfca_rig.description.own_devices import own_force_sensor, own_motor
-from rfca_rig.description.sections import (
-    DriveSection,
-    Effects,
-    GroundSection,
-    KnownToSection,
-    LegSection,
-    NotNegative,
-    Positive,
-    Section,
-    SensorSection,
-)
-from rfca_rig.description.toml import model_of, read_text
+from rfca_rig.description.sections import DriveSection, Effects, GroundSection, KnownToSection, LegSection, SensorSection
+from rfca_rig.devices.force_sensor import AtiDaqSection, ForceSensor, OwnForceSensorSection
+from rfca_rig.devices.motor import Motor, OwnMotorSection
+from rfca_rig.devices.own import load_own
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Limits, Rates
+from rfca_rig.toml import NotNegative, Positive, Section, model_of, read_text
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_photo import PhotoSetup
 
@@ -199,11 +190,10 @@ def read_rig(path: Path) -> RigFile:
 
 def _with_own_devices(text: str, path: Path, rig: RigFile) -> RigFile:
     """The rig, with the sections of a lab's own devices validated by their files."""
-    if isinstance(rig.motor, OwnMotorSection):
-        # The section was read with any keys at first; its own class now replaces it.
-        rig = rig.model_copy(update={"motor": own_motor(rig.motor, text, path)})
-    if isinstance(rig.force_sensor, OwnForceSensorSection):
-        rig = rig.model_copy(update={"force_sensor": own_force_sensor(rig.force_sensor, text, path)})
+    # A section was read with any keys at first; its own class now replaces it.
+    for table, section in (("motor", rig.motor), ("force_sensor", rig.force_sensor)):
+        if isinstance(section, OwnMotorSection | OwnForceSensorSection):
+            rig = rig.model_copy(update={table: load_own(table, section, text, path)})
     return rig
 
 

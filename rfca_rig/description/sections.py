@@ -4,19 +4,19 @@ Every key carries its unit. Numbers must be finite, and unknown keys are refused
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import date
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler, field_validator, model_validator
+from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
 from pydantic_core import CoreSchema
 
-from rfca_rig.description.toml import degrees_keys
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import resolve_effect
 from rfca_rig.model.hinge_springs import knots_from
 from rfca_rig.model.parameters import LawTable, PresentEffect
 from rfca_rig.model.tabulated_law import TABULATED_LAW
+from rfca_rig.toml import NotNegative, Positive, Section
 
 _TABLE_KEYS = ("place", "argument", "knots", "values")
 HINGE_LAW = "k0*phi + k0*k2*phi**3"
@@ -25,83 +25,11 @@ LAW_KEYS = ("hinge_torque_Nm", "k0_Nm_per_rad", "k2_per_rad2")
 # The torque's slope 1 + 3 k2 phi^2 is 0 at 90 degrees.
 MIN_K2_PER_RAD2 = -4.0 / (3.0 * math.pi**2)
 
-# In the unit of the key. The largest of a rig is a contact stiffness, 1e5 to 1e10 N/m^1.5. The smallest that must be above 0 is an inertia,
-# 1e-9 kg m^2 of a needle. Squares, products and quotients of a few such numbers stay finite.
-SMALLEST, LARGEST = 1e-30, 1e15
-
-
-def _check_size(value: float) -> float:
-    if value < SMALLEST:
-        raise ValueError(f"should be {SMALLEST:g} or more")
-    return value
-
-
-Positive = Annotated[float, Field(gt=0), AfterValidator(_check_size)]
 # Of the shaft: below, one stroke takes minutes and more samples than memory; above, no motor of these rigs turns.
 SpeedRadS = Annotated[float, Field(ge=0.01, le=100)]
-NotNegative = Annotated[float, Field(ge=0)]
 PositiveList = Annotated[tuple[Positive, ...], Field(strict=False, min_length=1)]
 Numbers = Annotated[tuple[float, ...], Field(strict=False)]
 Rows = Annotated[tuple[Numbers, ...], Field(strict=False, min_length=1)]
-
-
-class Section(BaseModel):
-    """A table in a file: no unknown keys, no text where a number is expected, no NaN.
-
-    An angle whose key ends in `_rad` may be written in degrees, under the same key with `_deg`; recordings hold radians.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _convert_degrees(cls, data: Any) -> Any:
-        if not isinstance(data, Mapping):
-            return data
-        converted = dict(data)
-        for key, in_degrees in degrees_keys(cls).items():
-            if in_degrees not in data:
-                continue
-            if key in data:
-                raise ValueError(f"{key} and {in_degrees} both state one angle; leave one of them out")
-            value = converted.pop(in_degrees)
-            # Anything else is refused under its own key as no number.
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            converted[key] = math.radians(value) if is_number else value
-        return converted
-
-    @classmethod
-    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """The schema for editors, with the keys in degrees beside those in radians."""
-        schema = handler(core_schema)
-        table = handler.resolve_ref_schema(schema)
-        for key, in_degrees in degrees_keys(cls).items():
-            either = [{"required": [key]}, {"required": [in_degrees]}]
-            is_required = key in table.get("required", ())
-            rule = {"oneOf": either} if is_required else {"not": {"required": [key, in_degrees]}}
-            table["allOf"] = [*table.get("allOf", ()), rule]
-            table["properties"][in_degrees] = {"type": "number", "description": f"{key} in degrees"}
-            if is_required:
-                table["required"] = [other for other in table["required"] if other != key]
-        return schema
-
-    @field_validator("*")
-    @classmethod
-    def _has_sane_numbers(cls, value: Any) -> Any:
-        for number in _floats_in(value):
-            if abs(number) > LARGEST:
-                raise ValueError(f"should be {LARGEST:g} or less in size, not {number:g}")
-        return value
-
-
-def _floats_in(value: Any) -> Iterator[float]:
-    if isinstance(value, float):
-        yield value
-    elif isinstance(value, tuple | list):
-        for each in value:
-            yield from _floats_in(each)
-    elif isinstance(value, Mapping):
-        yield from _floats_in(tuple(value.values()))
 
 
 class TorqueRotationSection(Section):

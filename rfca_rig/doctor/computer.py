@@ -17,7 +17,7 @@ from packaging.requirements import Requirement
 
 from rfca_rig import __version__
 from rfca_rig.clock import Clock
-from rfca_rig.doctor.finding import Finding, green, red, yellow
+from rfca_rig.devices.checks import Finding, green, red, yellow
 from rfca_rig.drivers.ports import open_udp
 from rfca_rig.model.kernel.compiled import CACHE_FOLDER
 

@@ -11,28 +11,14 @@ from typing import TypeVar
 import can
 import numpy as np
 
-from rfca_rig.bench.motors import make_motor, open_bus
+from rfca_rig.bench.factory import make_motor
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.cubemars_drives import mit_ranges
-from rfca_rig.codecs.odrive import OdriveFirmware
 from rfca_rig.description.camera_file import PhotoFolderSection, read_camera_file
-from rfca_rig.description.device_sections import (
-    AtiDaqSection,
-    AtiSerialSection,
-    CubemarsMitSection,
-    CubemarsServoSection,
-    ForceSensor,
-    ForceSensorKeys,
-    MoteusSection,
-    Motor,
-    MotorKeys,
-    MotorSection,
-    NetFtSection,
-    OdriveSection,
-    OwnForceSensorSection,
-    OwnMotorSection,
-)
 from rfca_rig.description.rig_file import RigFile
+from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, load_object
+from rfca_rig.devices.checks import CanBusObservation, Colour, Finding, Listener, green, red, shorten_error, yellow
+from rfca_rig.devices.force_sensor import AtiDaqSection, AtiSerialSection, ForceSensor, ForceSensorKeys, NetFtSection, OwnForceSensorSection
+from rfca_rig.devices.motor import MotorKeys, MotorSection
 from rfca_rig.doctor.computer import check_computer, judge_receive_buffer, probe_receive_buffer
 from rfca_rig.doctor.devices.ati_sensors import (
     judge_calibration,
@@ -43,22 +29,10 @@ from rfca_rig.doctor.devices.ati_sensors import (
     look_for_cards,
 )
 from rfca_rig.doctor.devices.camera import judge_camera, judge_camera_file, judge_photo_folder, look_at_camera
-from rfca_rig.doctor.devices.can import (
-    CanBusObservation,
-    Listener,
-    judge_can_bus,
-    judge_can_interface,
-    look_at_can_interface,
-    shorten_error,
-)
-from rfca_rig.doctor.devices.cubemars import judge_mit, judge_servo, look_for_mit, look_for_servo
-from rfca_rig.doctor.devices.moteus import judge_moteus, look_for_moteus
+from rfca_rig.doctor.devices.can import judge_can_bus, judge_can_interface, look_at_can_interface
 from rfca_rig.doctor.devices.netft import judge_box, judge_stream, look_at_box, look_at_stream
-from rfca_rig.doctor.devices.odrive import OdriveWanted, judge_odrive, look_for_odrive
 from rfca_rig.doctor.devices.serial_ports import judge_serial_port, look_at_serial_port
-from rfca_rig.doctor.finding import Colour, Finding, green, red, yellow
 from rfca_rig.drivers import roles
-from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSettings
 from rfca_rig.drivers.photo_files import list_pictures
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, SerialPort
 from rfca_rig.drivers.roles import ShaftMotor
@@ -70,27 +44,22 @@ POLL_S = 5e-3
 SILENT_S = 0.5
 DRIVE, SENSOR = "drive", "force sensor"
 NEXT = "try the driver without the device first:"
-
-Way = TypeVar("Way", can.BusABC, SerialPort)
-
 KNOWN = tuple(sorted(can.VALID_INTERFACES))
-
-# Watchdog timeout assumed for drives whose timeout is not in the rig file.
-USUAL_WATCHDOG_S = 0.1
-
 SHAFT = "shaft"
 LISTEN_S = 0.3
 
+Way = TypeVar("Way", can.BusABC, SerialPort)
 
-def check_own_motor(keys: MotorKeys, clock: Clock) -> Iterator[Finding]:
+
+def check_own_motor(keys: MotorSection, clock: Clock) -> Iterator[Finding]:
     """Yields the findings on a plug-in motor. Only listens, or requests reports if the drive sends none by itself."""
-    yield green("driver", f"{Path(keys.file).name} is loaded, its keys in [motor] are right")
+    yield green("driver", f"{_name(keys)} is loaded, its keys in [motor] are right")
     bus = _open(keys.open, f"CAN bus {keys.interface} {keys.channel}", "[motor]")
     if isinstance(bus, Finding):
         yield bus
         return
     with bus:
-        yield judge_own_motor(keys.driver(bus, clock, SILENT_S), clock)
+        yield judge_own_motor(find_motor(keys.device).make_driver(keys, bus, clock, SILENT_S), clock)
 
 
 def judge_own_motor(motor: ShaftMotor, clock: Clock) -> Finding:
@@ -168,7 +137,7 @@ def _poll(clock: Clock) -> Iterator[None]:
         yield
 
 
-def check_motor(motor: Motor, clock: Clock) -> Iterator[Finding]:
+def check_motor(motor: MotorSection, clock: Clock) -> Iterator[Finding]:
     """Yields the findings on interface, bus and drive. Opens the bus of [motor] for about one second."""
     before = _before_the_bus(motor)
     if before is not None:
@@ -176,7 +145,7 @@ def check_motor(motor: Motor, clock: Clock) -> Iterator[Finding]:
         if before.colour is Colour.RED:
             return
     try:
-        bus = open_bus(motor)
+        bus = motor.open()
     # Interfaces of python-can raise exceptions of many types, even NameError and ImportError if a vendor library is missing.
     except Exception as error:
         yield _bus(motor, CanBusObservation(f"{type(error).__name__}: {shorten_error(error)}"))
@@ -194,10 +163,11 @@ def _before_the_bus(motor: MotorSection) -> Finding | None:
     return None
 
 
-def check_drive(motor: Motor, listener: Listener) -> Iterator[Finding]:
+def check_drive(motor: MotorSection, listener: Listener) -> Iterator[Finding]:
     """Yields the findings on the bus and, unless it is red, on the drive."""
     # The drive is probed first: bus errors may show only once frames have passed.
-    findings = _drive(motor, listener)
+    check = find_motor(motor.device).check
+    findings: list[Finding] = [] if check is None else load_object(check)(motor, listener)
     bus = _bus(motor, listener.observe())
     yield bus
     if bus.colour is not Colour.RED:
@@ -206,23 +176,6 @@ def check_drive(motor: Motor, listener: Listener) -> Iterator[Finding]:
 
 def _bus(motor: MotorSection, seen: CanBusObservation) -> Finding:
     return judge_can_bus(seen, motor.interface, motor.channel, KNOWN)
-
-
-def _drive(motor: Motor, listener: Listener) -> list[Finding]:
-    match motor:
-        case OdriveSection():
-            wanted = OdriveWanted(motor.node_id, motor.encoder_period_ms / 1e3, OdriveFirmware(motor.dialect))
-            return judge_odrive(look_for_odrive(listener, wanted), wanted)
-        case CubemarsMitSection():
-            return judge_mit(look_for_mit(listener, motor.drive_id, mit_ranges(motor.model)), motor.drive_id)
-        case CubemarsServoSection():
-            return judge_servo(look_for_servo(listener, motor.drive_id), motor.drive_id, motor.status_period_ms / 1e3)
-        case MoteusSection():
-            seen = look_for_moteus(listener, motor.drive_id, motor.can_prefix, motor.bitrate_switch)
-            return judge_moteus(seen, motor.drive_id)
-        case OwnMotorSection():
-            # Checked through its own driver.
-            return []
 
 
 def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:
@@ -238,17 +191,14 @@ def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:
         return
     yield judge_camera_file(camera.calibration_file, None, error_px)
     if isinstance(camera, PhotoFolderSection):
-        yield _folder(camera.folder)
+        fault: str | None = None
+        try:
+            list_pictures(Path(camera.folder))
+        except BadInput as error:
+            fault = str(error)
+        yield judge_photo_folder(camera.folder, fault)
     elif eye is not None:
         yield judge_camera(look_at_camera(camera, eye, clock))
-
-
-def _folder(folder: str) -> Finding:
-    try:
-        list_pictures(Path(folder))
-    except BadInput as error:
-        return judge_photo_folder(folder, str(error))
-    return judge_photo_folder(folder, None)
 
 
 def check_sensor(sensor: ForceSensor, clock: Clock) -> Iterator[Finding]:
@@ -259,28 +209,23 @@ def check_sensor(sensor: ForceSensor, clock: Clock) -> Iterator[Finding]:
         case AtiSerialSection():
             return _controller(sensor, clock)
         case AtiDaqSection():
-            return _daq(sensor)
+            calibration = judge_calibration(sensor.calibration_file, look_at_calibration(sensor.calibration_file))
+            return iter((calibration, judge_card(look_for_cards(), sensor.channels)))
         case OwnForceSensorSection():
             # Checked through its own driver.
             return iter(())
 
 
 def _netft(sensor: NetFtSection, clock: Clock) -> Iterator[Finding]:
-    settings = NetFtSettings(counts_per_N=sensor.counts_per_N, counts_per_Nm=sensor.counts_per_Nm, rate_Hz=sensor.rate_Hz)
+    settings = sensor.settings()
     # Whether the box answers decides between two explanations of a missing stream.
-    box, answers = _box(sensor), None
+    box, answers = sensor.box(), None
     if box is not None:
         seen = look_at_box(sensor.host, box)
         answers = seen.says is not None
         yield judge_box(seen, settings)
     yield from judge_stream(look_at_stream(sensor.host, sensor.port, sensor.buffered, clock), settings, answers)
     yield judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, sensor.rate_Hz)
-
-
-def _box(sensor: NetFtSection) -> NetFtBox | None:
-    if sensor.configuration == "http":
-        return HttpBox(sensor.host, sensor.http_port)
-    return CommandBox(sensor.host, sensor.command_port) if sensor.configuration == "commands" else None
 
 
 def _controller(sensor: AtiSerialSection, clock: Clock) -> Iterator[Finding]:
@@ -290,18 +235,13 @@ def _controller(sensor: AtiSerialSection, clock: Clock) -> Iterator[Finding]:
         yield from judge_controller(look_at_controller(sensor.port, sensor.settings(), clock), sensor.rate_Hz)
 
 
-def _daq(sensor: AtiDaqSection) -> Iterator[Finding]:
-    yield judge_calibration(sensor.calibration_file, look_at_calibration(sensor.calibration_file))
-    yield judge_card(look_for_cards(), sensor.channels)
-
-
 def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
     """Yields the shaft angle, for a drive that was found. It is read as in a run, but not enabled.
 
     Yields nothing if the drive does not report while it is off.
     """
     try:
-        with open_bus(rig.motor) as bus:
+        with rig.motor.open() as bus:
             motor, angles_rad = make_motor(rig, bus, clock), list[float]()
             until_s = clock.now_s() + LISTEN_S
             while clock.now_s() < until_s:
@@ -334,7 +274,7 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
         return
     motor, sensor = rig.motor, rig.force_sensor
     is_red = False
-    for finding in check_own_motor(motor, clock) if isinstance(motor, MotorKeys) else check_motor(motor, clock):
+    for finding in check_own_motor(motor, clock) if find_motor(motor.device).check is None else check_motor(motor, clock):
         is_red |= finding.colour is Colour.RED
         yield finding
     # Reading the shaft makes no sense on a bus or drive that does not work.
@@ -344,11 +284,12 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
     yield from check_computer(runs, clock, _watchdog_s(rig))
 
 
-def _name(section: Motor | ForceSensor) -> str:
+def _name(section: MotorSection | ForceSensor) -> str:
     return Path(section.file).name if isinstance(section, MotorKeys | ForceSensorKeys) else section.device
 
 
 def _watchdog_s(rig: RigFile) -> float:
-    if isinstance(rig.motor, MoteusSection):
-        return rig.motor.watchdog_ms / 1e3
-    return rig.motor.guardian_silence_ms / 1e3 if rig.motor.is_guarded else USUAL_WATCHDOG_S
+    motor, key = rig.motor, find_motor(rig.motor.device).watchdog_key
+    if key is not None:
+        return float(getattr(motor, key)) / 1e3
+    return motor.guardian_silence_ms / 1e3 if motor.is_guarded else USUAL_WATCHDOG_S

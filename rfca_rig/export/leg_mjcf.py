@@ -16,7 +16,6 @@ from rfca_rig.analysis.fitting.scatter import USUAL_SCATTER
 from rfca_rig.analysis.phases import Undetermined, valley_and_phases
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.campaign.opening import open_with_nominal_model
-from rfca_rig.description.toml import comment, format_value
 from rfca_rig.diagnosis.diagnose import prepare_data
 from rfca_rig.diagnosis.leg.findings import PreparedData
 from rfca_rig.diagnosis.leg.simulator import SAGS, SAGS_PER_S
@@ -26,6 +25,7 @@ from rfca_rig.mechanism.model_files import FLOOR, RACK, SENSOR, SHAFT, end_names
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.atomic import make_folder_atomically, translate_os_errors
 from rfca_rig.recording.model import Recording, Stroke
+from rfca_rig.toml import comment, format_value
 
 Floats = NDArray[np.float64]
 

@@ -6,13 +6,12 @@ from typing import Annotated, TypeVar
 
 from pydantic import Field, model_validator
 
-from rfca_rig.description.sections import Section
-from rfca_rig.description.toml import Key, place_of, read_toml
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.sweep.outputs import DEFAULT_OUTPUTS, parse_outputs
 from rfca_rig.sweep.plan import METHODS, Axis, Method, Range, SweepPlan, SweepSamples, check_plan, make_grid, why_unbalanced
 from rfca_rig.sweep.quantities import Quantity, Value, find_quantity
+from rfca_rig.toml import Key, Section, place_of, read_toml
 
 Made = TypeVar("Made")
 Steps = Annotated[int, Field(ge=2, le=100_000)]

@@ -280,7 +280,7 @@ class SlcanPort(_SerialAdapter):
 class FdcanusbPort(_SerialAdapter):
     """Answers `can on`, `can off` and `can send`, and forwards every frame of the bus; refuses everything else.
 
-    Every sent line carries a checksum. Once a received line had one, all must have one, as on the UART of a moteus.
+    Every sent line carries a checksum. Once a received line had one, all must have one, as on the UART of a drive.
     """
 
     def __init__(self, wire: SharedWire) -> None:

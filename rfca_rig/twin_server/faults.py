@@ -1,17 +1,27 @@
 """Catalogue of injected faults, their schedule, and the panel that switches them while the server runs.
 
+Also how the faults of a drive and its bus act. Those of one make are in its folder (`devices`).
+
 The schedule comes from the command line, NAME@SECONDS or NAME@FROM-TO, or from text commands to the TCP port of the running server, which
 is always on the loopback address only.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from math import isfinite
+from typing import Any
 
+import can
+
+from rfca_rig.codecs.fdcanusb import FD_LENGTHS
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.tcp import LOOPBACK, TcpClient, accept_all, is_http, listening_tcp
+from rfca_rig.twins.drive_parts import DriveTwin
 
 LONGEST_LINE = 1024
+# Heating rate of the fault `drive-hot` in K/s.
+HEATING_K_s = 5.0
 VERBS = "on NAME, off NAME, off all, faults, status, height MM"
 
 
@@ -53,14 +63,6 @@ DRIVE_FAULTS = (
     Fault("drive-hot", "the motor warms by 5 K every second, and the drive has no limit of its own", once=True),
     Fault("temperature-stuck", "the temperature that the drive tells never changes again", once=True),
     Fault("encoder-frozen", "every report of the position is the next one over again", once=True),
-)
-ODRIVE_FAULTS = (
-    Fault("heartbeat-silent", "encoder reports go on without heartbeats"),
-    Fault("encoder-jump", "the encoder reads one motor turn more"),
-    Fault("watchdog-trip", "the drive says its watchdog expired, and goes idle", once=True),
-    Fault("over-temperature", "the drive says its motor is too hot, and goes idle", once=True),
-    Fault("idle-unasked", "the drive goes idle without any error", once=True),
-    *DRIVE_FAULTS,
 )
 
 
@@ -246,3 +248,93 @@ def _height_m(height_mm: str) -> float:
     if not 0.0 < height < 1000.0:
         raise BadInput(f"height {height_mm[:20]} is not one in millimetres, above 0 and below 1000")
     return 1e-3 * height
+
+
+def drive_events(motor: DriveTwin) -> Mapping[str, Callable[[], None]]:
+    """One-time events inside the drive, by the name of the fault."""
+    return {
+        "drive-restart": motor.restart,
+        "drive-hot": partial(setattr, motor.warmth, "fever_K_s", HEATING_K_s),
+        "temperature-stuck": motor.warmth.stick,
+        "encoder-frozen": motor.encoder.freeze,
+    }
+
+
+class DriveDialect:
+    """Knowledge of the drive's frames that bus faults need; this one is for drives without faults that depend on it."""
+
+    def is_heartbeat(self, message: can.Message) -> bool:  # noqa: ARG002 (none is)
+        return False
+
+    def shift_encoder(self, message: can.Message) -> can.Message:
+        """The frame with a displaced encoder position; other frames unchanged."""
+        return message
+
+
+@dataclass(frozen=True)
+class DriveFaults:
+    """The faults of one kind of drive: their list, one-time events inside its twin by name, and what bus faults need of its frames."""
+
+    faults: tuple[Fault, ...] = ()
+    events: Callable[[Any], Mapping[str, Callable[[], None]]] = lambda _: {}
+    dialect: DriveDialect = field(default_factory=DriveDialect)
+
+
+class TamperedBus(can.BusABC):
+    """The twin's bus; the faults of the panel act on the frames that pass."""
+
+    def __init__(self, end: can.BusABC, panel: FaultPanel, dialect: DriveDialect) -> None:
+        super().__init__(channel=end.channel_info)
+        self.channel_info = end.channel_info
+        self._end = end
+        self._panel = panel
+        self._dialect = dialect
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Sends a frame with the active faults. Raises can.CanOperationError once the end is shut down."""
+        # Without faults, the usual case, a frame costs no further lookups.
+        if self._panel.any_on():
+            if self._panel.is_on("can-silent") or self._panel.is_on("bus-off"):
+                return
+            if self._panel.is_on("heartbeat-silent") and self._dialect.is_heartbeat(msg):
+                return
+            if self._panel.is_on("encoder-jump"):
+                msg = self._dialect.shift_encoder(msg)
+            if self._panel.is_on("can-short"):
+                msg = _shorten(msg)
+            # The frame is sent here a first time.
+            if self._panel.is_on("can-twice"):
+                self._end.send(msg, timeout)
+        self._end.send(msg, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        message = self._end.recv(timeout)
+        # A drive without a bus receives nothing: what arrives meanwhile is lost.
+        while message is not None and self._panel.is_on("bus-off"):
+            message = self._end.recv(timeout)
+        if message is not None and self._panel.is_on("own-frame-echo"):
+            self._end.send(message)
+        return message, False
+
+    def shutdown(self) -> None:
+        super().shutdown()
+        self._end.shutdown()
+
+
+def replace_data(message: can.Message, data: bytes) -> can.Message:
+    """The same frame with other data, and the matching length."""
+    return can.Message(
+        arbitration_id=message.arbitration_id,
+        data=data,
+        is_extended_id=message.is_extended_id,
+        is_fd=message.is_fd,
+        bitrate_switch=message.bitrate_switch,
+    )
+
+
+def _shorten(message: can.Message) -> can.Message:
+    """Removes the last byte; on CAN-FD as many as lead to the next valid length."""
+    length = len(message.data) - 1
+    if message.is_fd:
+        length = max((one for one in FD_LENGTHS if one <= length), default=0)
+    return replace_data(message, bytes(message.data[: max(length, 0)]))

@@ -1,10 +1,23 @@
-"""What motor twins share: encoder, thermal model of the motor, and cascaded speed loop, as of an ODrive."""
+"""What motor twins share: their base class, encoder, thermal model of the motor, and a cascaded speed loop."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from math import exp
+from typing import ClassVar
 
-from rfca_rig.codecs.odrive import ControlMode
+import can
+
 from rfca_rig.twins.world import ShaftDrive, ShaftState
+
+
+class LoopMode(IntEnum):
+    """What a set-point commands."""
+
+    TORQUE = 1
+    VELOCITY = 2
+    POSITION = 3
 
 
 class Encoder:
@@ -62,6 +75,36 @@ class MotorThermalModel:
         return self._degC if self._stuck_degC is None else self._stuck_degC
 
 
+class DriveTwin(ABC):
+    """Base class of the twin of any drive: what faults and conformance tests need beside a `MotorTwin`.
+
+    `tells_temperature`: reports carry the motor's temperature. `tolerances` replaces values of `contracts.motor_rig.MotorHooks`, for a
+    protocol that is coarser than most.
+    """
+
+    tells_temperature: ClassVar[bool] = False
+    tolerances: ClassVar[Mapping[str, float]] = {}
+
+    encoder: Encoder
+    warmth: MotorThermalModel
+
+    @abstractmethod
+    def restart(self) -> None:
+        """Power cycle: no torque, no error."""
+
+    @abstractmethod
+    def stale_set_point(self) -> Sequence[can.Message]:
+        """Frames of an earlier session that commanded a high speed."""
+
+    @abstractmethod
+    def fail(self) -> str:
+        """Puts the drive into an error; returns the regular expression that the driver's text must match: code and meaning."""
+
+    @abstractmethod
+    def refuse(self) -> str:
+        """Makes every attempt to energise fail; returns a regular expression as `fail` does."""
+
+
 @dataclass(frozen=True)
 class LoopGains:
     """Gains at the shaft. The angle gain converts an angle error to a speed set-point."""
@@ -76,7 +119,7 @@ class LoopGains:
 class MotorSetPoint:
     """Last commanded set-points, at the shaft. The mode decides which of them are used."""
 
-    mode: int = ControlMode.POSITION
+    mode: int = LoopMode.POSITION
     angle_rad: float = 0.0
     speed_rad_s: float = 0.0
     torque_Nm: float = 0.0
@@ -102,14 +145,14 @@ class SpeedLoop:
         free = self._law_without_limit(wanted)
         torque_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
         self._limited = torque_Nm > self._gains.torque_limit_Nm
-        return _scale(free, self._gains.torque_limit_Nm / torque_Nm) if self._limited else free
+        return free.scale(self._gains.torque_limit_Nm / torque_Nm) if self._limited else free
 
     def _law_without_limit(self, wanted: MotorSetPoint) -> ShaftDrive:
         gains = self._gains
-        if wanted.mode == ControlMode.TORQUE:
+        if wanted.mode == LoopMode.TORQUE:
             return ShaftDrive(feed_Nm=wanted.torque_Nm)
         # The angle error times the angle gain is a speed, which the speed gain turns into torque.
-        angle_gain = gains.angle_gain_per_s * gains.speed_gain_Nm_s_per_rad if wanted.mode == ControlMode.POSITION else 0.0
+        angle_gain = gains.angle_gain_per_s * gains.speed_gain_Nm_s_per_rad if wanted.mode == LoopMode.POSITION else 0.0
         return ShaftDrive(
             feed_Nm=wanted.torque_Nm + self._integral_Nm,
             angle_gain_Nm_per_rad=angle_gain,
@@ -124,18 +167,10 @@ class SpeedLoop:
         The integrator is held while the torque is limited, the usual anti-windup of drives.
         """
         # In torque mode the integrator is not part of the law.
-        if self._limited or wanted.mode == ControlMode.TORQUE:
+        if self._limited or wanted.mode == LoopMode.TORQUE:
             return
         error_rad = wanted.speed_rad_s * elapsed_s - (after.angle_rad - before.angle_rad)
-        if wanted.mode == ControlMode.POSITION:
+        if wanted.mode == LoopMode.POSITION:
             behind_rad = wanted.angle_rad - 0.5 * (before.angle_rad + after.angle_rad)
             error_rad += self._gains.angle_gain_per_s * behind_rad * elapsed_s
         self._integral_Nm += self._gains.integral_gain_Nm_per_rad * error_rad
-
-
-def _scale(law: ShaftDrive, factor: float) -> ShaftDrive:
-    return law._replace(
-        feed_Nm=factor * law.feed_Nm,
-        angle_gain_Nm_per_rad=factor * law.angle_gain_Nm_per_rad,
-        speed_gain_Nm_s_per_rad=factor * law.speed_gain_Nm_s_per_rad,
-    )

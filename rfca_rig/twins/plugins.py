@@ -3,14 +3,22 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from math import isfinite, tau
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import can
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.odrive import ControlMode
-from rfca_rig.twins.drive_parts import Encoder, LoopGains, MotorSetPoint, MotorThermalModel, SpeedLoop, ThermalParameters
+from rfca_rig.twins.drive_parts import (
+    DriveTwin,
+    Encoder,
+    LoopGains,
+    LoopMode,
+    MotorSetPoint,
+    MotorThermalModel,
+    SpeedLoop,
+    ThermalParameters,
+)
 from rfca_rig.twins.wires import SampleGrid, SerialLine
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
 
@@ -30,21 +38,19 @@ class TwinnedKeys(Protocol):
     def report_period_ms(self) -> float | None: ...
 
 
-class SpeedDriveTwin(ABC):
+class SpeedDriveTwin(DriveTwin):
     """Handles speed loop, encoder, watchdog and time. Inherit, and implement the commands and the reports of the drive.
 
     `is_on` means that the drive is energised. `fault` is its error code, 0 for none; `refuses_with` is the error that every attempt to
     energise ends in. A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved, `advance`.
     """
 
-    tells_temperature: ClassVar[bool] = False
-
     def __init__(self, bus: can.BusABC, keys: TwinnedKeys, gains: LoopGains, watchdog_s: float | None) -> None:
         """`watchdog_s` None: a drive without a watchdog."""
         self._bus = bus
         self._gear = keys.gear_ratio, keys.direction, keys.zero_turns
         self._loop = SpeedLoop(gains)
-        self._wanted = MotorSetPoint(ControlMode.VELOCITY)
+        self._wanted = MotorSetPoint(LoopMode.VELOCITY)
         self._watchdog_s = watchdog_s
         self._fed_s = self.now_s = 0.0
         self._ticks = None if keys.report_period_ms is None else SampleGrid(1e-3 * keys.report_period_ms)
@@ -67,21 +73,6 @@ class SpeedDriveTwin(ABC):
     @abstractmethod
     def starve(self) -> None:
         """Watchdog timeout: disables the motor and sets the error that the drive has then."""
-
-    @abstractmethod
-    def stale_set_point(self) -> Sequence[can.Message]:
-        """Frames of an earlier session that commanded a high speed; for the conformance tests."""
-
-    @abstractmethod
-    def fail(self) -> str:
-        """Puts the drive into an error; returns the regular expression that the driver's text must match: code and meaning.
-
-        For the conformance tests.
-        """
-
-    @abstractmethod
-    def refuse(self) -> str:
-        """Makes every attempt to energise fail; returns a regular expression as `fail` does."""
 
     def reboot(self) -> Sequence[can.Message]:
         """Frames that the drive sends after a restart, if any."""
@@ -114,7 +105,7 @@ class SpeedDriveTwin(ABC):
     def restart(self) -> None:
         """Power cycle: no torque, no error; the encoder counts from zero at its present position."""
         self.is_on, self.fault, self._restarts = False, 0, True
-        self._wanted = MotorSetPoint(ControlMode.VELOCITY)
+        self._wanted = MotorSetPoint(LoopMode.VELOCITY)
         self._send(self.reboot())
 
     def take_frames(self, now_s: float) -> None:

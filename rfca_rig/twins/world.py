@@ -35,6 +35,14 @@ class ShaftDrive(NamedTuple):
             + self.speed_gain_Nm_s_per_rad * (self.speed_rad_s - speed_rad_s)
         )
 
+    def scale(self, factor: float) -> "ShaftDrive":
+        """The law with `factor` times the torque, at any angle and speed."""
+        return self._replace(
+            feed_Nm=factor * self.feed_Nm,
+            angle_gain_Nm_per_rad=factor * self.angle_gain_Nm_per_rad,
+            speed_gain_Nm_s_per_rad=factor * self.speed_gain_Nm_s_per_rad,
+        )
+
 
 class ShaftState(NamedTuple):
     """Present state of the shaft, and the motor's torque on it."""

@@ -9,8 +9,8 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from rfca_rig.bench.factory import open_bench
-from rfca_rig.description.device_sections import AtiDaqSection, AtiSerialSection, NetFtSection
 from rfca_rig.description.rig_file import RigFile, read_rig
+from rfca_rig.devices.force_sensor import AtiDaqSection, AtiSerialSection, NetFtSection
 from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor
 from rfca_rig.drivers.force_sensors.daq_ft import DaqFtSensor
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor

@@ -6,7 +6,6 @@ import can
 import numpy as np
 import pytest
 
-from rfca_rig.bench.motors import open_bus
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import BadInput
@@ -94,7 +93,7 @@ def test_a_bus_for_a_moteus_is_opened_for_can_fd_and_others_are_not(tmp_path: Pa
     opened = []
     monkeypatch.setattr(can, "Bus", lambda **asked: opened.append(asked))
     for motor in (MOTEUS + 'channel = "can1"\n', NEWER_ODRIVE):
-        open_bus(rig_with(tmp_path, motor).motor)
+        rig_with(tmp_path, motor).motor.open()
     assert opened == [
         {"interface": "socketcan", "channel": "can1", "bitrate": 1_000_000, "data_bitrate": 5_000_000, "fd": True},
         {"interface": "socketcan", "channel": "can0", "bitrate": 1_000_000},

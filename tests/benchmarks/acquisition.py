@@ -19,8 +19,8 @@ import numpy as np
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import WallClock
 from rfca_rig.codecs import classic_can
+from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from tests.acquisition.sender import sending
 
 TICK_S = 2e-3

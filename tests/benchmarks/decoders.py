@@ -12,9 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.codecs import ati_serial, cansimple, classic_can, cubemars_mit, cubemars_servo, fdcanusb, moteus, netft_configuration, rdt
+from rfca_rig.codecs import ati_serial, classic_can, fdcanusb, netft_configuration, rdt
 from rfca_rig.codecs.ati_serial import AsciiStream, BinaryStream
-from rfca_rig.codecs.cubemars_drives import mit_ranges
+from rfca_rig.devices.cubemars.codec import mit as cubemars_mit
+from rfca_rig.devices.cubemars.codec import mit_ranges
+from rfca_rig.devices.cubemars.codec import servo as cubemars_servo
+from rfca_rig.devices.moteus import codec as moteus
+from rfca_rig.devices.odrive import codec as cansimple
 from rfca_rig.errors import MalformedFrame
 
 RANGES = mit_ranges("AK80-9")

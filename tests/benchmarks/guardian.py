@@ -17,8 +17,8 @@ import can
 import numpy as np
 
 from rfca_rig.clock import WallClock
+from rfca_rig.devices.cubemars.driver import MitSettings, MitTorqueOffFrames
 from rfca_rig.drivers.can_frames import CanBusSettings
-from rfca_rig.drivers.motors.cubemars import MitSettings, MitTorqueOffFrames
 from rfca_rig.guardian.guarded_bus import GuardedBus
 
 LAST_WORD = MitTorqueOffFrames(MitSettings(1, "AK80-9"))

@@ -102,7 +102,7 @@ def test_what_an_encoding_cannot_carry_is_written_in_another_way(monkeypatch, en
 
 def test_no_colour_means_no_colour(here, monkeypatch, capsys):
     from rfca_rig.cli.commands.doctor import _lines
-    from rfca_rig.doctor.finding import green
+    from rfca_rig.devices.checks import green
 
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("TERM", "xterm")

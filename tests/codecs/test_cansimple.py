@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs import cansimple as cs
-from rfca_rig.codecs import odrive as om
-from rfca_rig.codecs.odrive import error_text, part_error_text, result_text, state_text
+from rfca_rig.devices.odrive import codec as cs
+from rfca_rig.devices.odrive import messages as om
+from rfca_rig.devices.odrive.messages import error_text, part_error_text, result_text, state_text
 from rfca_rig.errors import DeviceError, MalformedFrame, NotEncodable
 
 # Bytes worked out by hand from the field tables of the protocol: little-endian, node 3 unless said otherwise.

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs import cubemars_drives
-from rfca_rig.codecs.cubemars_drives import MIT_RANGES, MitRanges, error_text, mit_ranges
-from rfca_rig.codecs.cubemars_mit import (
+from rfca_rig.devices.cubemars import codec as cubemars_drives
+from rfca_rig.devices.cubemars.codec import MIT_RANGES, MitRanges, error_text, mit_ranges
+from rfca_rig.devices.cubemars.codec.mit import (
     MitCommand,
     MitReply,
     Special,

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs import cubemars_drives
-from rfca_rig.codecs import cubemars_servo as servo
-from rfca_rig.codecs.cubemars_servo import OriginMode, Packet, Status
+from rfca_rig.devices.cubemars import codec as cubemars_drives
+from rfca_rig.devices.cubemars.codec import servo
+from rfca_rig.devices.cubemars.codec.servo import OriginMode, Packet, Status
 from rfca_rig.errors import DeviceError, MalformedFrame, NotEncodable
 
 DBC = Path(cubemars_drives.__file__).parent / "dbc" / "cubemars_servo.dbc"

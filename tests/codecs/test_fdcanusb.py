@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rfca_rig.codecs import fdcanusb
-from rfca_rig.codecs.fdcanusb import FdFrame
-from rfca_rig.codecs.moteus import FD_LENGTHS
+from rfca_rig.codecs.fdcanusb import FD_LENGTHS, FdFrame
 from rfca_rig.errors import MalformedFrame
 
 COMMAND = "01000a07206000200150ff140400130d"  # the worked example of the moteus reference

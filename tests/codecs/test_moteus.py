@@ -6,9 +6,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs import moteus
-from rfca_rig.codecs.moteus import FD_LENGTHS, Read, Refusal, Reply, Route, Write
-from rfca_rig.codecs.moteus_registers import Mode, Register, Width, fault_text, mode_text, register_error_text, units_per_count
+from rfca_rig.codecs.fdcanusb import FD_LENGTHS
+from rfca_rig.devices.moteus import codec as moteus
+from rfca_rig.devices.moteus.codec import (
+    Mode,
+    Read,
+    Refusal,
+    Register,
+    Reply,
+    Route,
+    Width,
+    Write,
+    fault_text,
+    mode_text,
+    register_error_text,
+    units_per_count,
+)
 from rfca_rig.errors import DeviceError, MalformedFrame, NotEncodable
 
 INT8, INT16, INT32, FLOAT = Width

@@ -6,10 +6,10 @@ import pytest
 
 from rfca_rig.campaign.layout import KnownToMechanism
 from rfca_rig.campaign.pendulum import ColumnsSection, LinkSection, NoiseSection
-from rfca_rig.description.device_sections import CubemarsMitSection
 from rfca_rig.description.sections import LegSection
-from rfca_rig.description.toml import degrees_keys, validate
+from rfca_rig.devices.cubemars.section import CubemarsMitSection
 from rfca_rig.errors import BadInput
+from rfca_rig.toml import degrees_keys, validate
 from tests.description.test_sections import refusal, sections
 
 RADIANS = "start_angle_rad = 0.226893"

@@ -7,10 +7,10 @@ import pytest
 from pydantic import Field
 
 from rfca_rig.description.model_file import nominal_model
-from rfca_rig.description.sections import RigSections, Section
-from rfca_rig.description.toml import read_toml
+from rfca_rig.description.sections import RigSections
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import Ground, Leg
+from rfca_rig.toml import Section, read_toml
 
 RIG = """\
 [leg]

@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from rfca_rig.clock import Clock, TwinClock
-from rfca_rig.codecs.cubemars_drives import MIT_RANGES
-from rfca_rig.codecs.cubemars_mit import MitCommand, Special, decode_command, decode_reply, encode_command, encode_special
-from rfca_rig.contracts.motor import MotorContract
+from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import MotorRig, Rotor, concatenate_samples, drain, motor_rig
-from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
+from rfca_rig.devices.cubemars.codec import MIT_RANGES
+from rfca_rig.devices.cubemars.codec.mit import MitCommand, Special, decode_command, decode_reply, encode_command, encode_special
+from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
+from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
@@ -29,27 +28,6 @@ TURNED = {"direction": -1, "zero_rad": 2.25}
 
 def send(bus: can.BusABC, data: bytes, drive_id: int = 1) -> None:
     bus.send(can.Message(arbitration_id=drive_id, data=data, is_extended_id=False))
-
-
-class TestCubemarsMitAsAMotor(MotorContract):
-    """With the other direction and a zero of its own, which also puts the wrap of its position elsewhere."""
-
-    def driver(self, bus: can.BusABC, clock: Clock) -> CubemarsMitMotor:
-        return CubemarsMitMotor(bus, clock, MitSettings(1, "AK80-9", **TURNED))
-
-    def twin(self, bus: can.BusABC, watchdog_s: float | None) -> CubemarsMitTwin:
-        return CubemarsMitTwin(bus, MitTwinSettings(watchdog_s=watchdog_s, **TURNED))
-
-    def leave_stale_set_point(self, bus: can.BusABC) -> None:
-        send(bus, encode_command(RANGES, MitCommand(-9.0, 20.0, 100.0, 5.0, 15.0)))
-
-    def fail(self, twin: CubemarsMitTwin) -> str:
-        twin.fail(1)
-        return r"error 1 \(motor too hot\)"
-
-    def refuse(self, twin: CubemarsMitTwin) -> str:
-        twin.refuse_with(5)
-        return r"refuses with error 5 \(encoder fault\)"
 
 
 def rig(rotor: Rotor | None = None, settings: MitSettings | None = None, **twin) -> AbstractContextManager[MotorRig]:

@@ -7,14 +7,13 @@ from contextlib import AbstractContextManager
 import can
 import pytest
 
-from rfca_rig.clock import Clock, TwinClock
-from rfca_rig.codecs import cubemars_servo
-from rfca_rig.codecs.cubemars_servo import SetCurrent, SetPosition, SetPositionSpeed, Status
-from rfca_rig.contracts.motor import MotorContract
+from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import MotorRig, Rotor, drain, motor_rig
-from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.devices.cubemars.codec import servo as cubemars_servo
+from rfca_rig.devices.cubemars.codec.servo import SetCurrent, SetPosition, SetPositionSpeed, Status
+from rfca_rig.devices.cubemars.driver.servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.devices.cubemars.twin import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.wires import can_wire
 
 MOTOR = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.115}
@@ -23,36 +22,6 @@ TURNED = {"direction": -1, "zero_deg": 130.0}
 
 def send(bus: can.BusABC, frame: cubemars_servo.Frame) -> None:
     bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=True))
-
-
-class TestCubemarsServoAsAMotor(MotorContract):
-    """With the other direction and a zero of its own. One count of position is 1.7 mrad; its loop has no speed of a target."""
-
-    ANGLE_TOLERANCE_RAD = 4e-3
-    ENABLING_TORQUE_Nm = 0.4  # one count against the angle gain of 160 N m/rad
-    FOLLOWING_TOLERANCE_RAD = 0.12  # 2 rad/s over the angle gain of 20/s
-
-    def driver(self, bus: can.BusABC, clock: Clock) -> CubemarsServoMotor:
-        return CubemarsServoMotor(bus, clock, ServoSettings(1, **MOTOR, **TURNED))
-
-    def twin(self, bus: can.BusABC, watchdog_s: float | None) -> CubemarsServoTwin:
-        return CubemarsServoTwin(bus, ServoTwinSettings(watchdog_s=watchdog_s, **MOTOR, **TURNED))
-
-    def leave_stale_set_point(self, bus: can.BusABC) -> None:
-        """None stays: before it is enabled the drive is told to let go."""
-
-    @pytest.mark.parametrize("angle_rad", [-11.0, 14.0, 50.0])
-    def test_enabling_moves_nothing_however_often_the_shaft_had_turned_before(self, angle_rad: float) -> None:
-        """Within the nine turns that its status can show; beyond them it is refused, see below."""
-        super().test_enabling_moves_nothing_however_often_the_shaft_had_turned_before(angle_rad)
-
-    def fail(self, twin: CubemarsServoTwin) -> str:
-        twin.fail(2)
-        return r"error 2 \(motor current above its limit\)"
-
-    def refuse(self, twin: CubemarsServoTwin) -> str:
-        twin.refuse_with(5)
-        return r"refuses with error 5 \(encoder fault\)"
 
 
 def rig(rotor: Rotor | None = None, settings: ServoSettings | None = None, **twin) -> AbstractContextManager[MotorRig]:

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rfca_rig.devices.odrive.driver import TemperatureTelemetry
 from rfca_rig.drivers.device_time import FrameCount
-from rfca_rig.drivers.motors.drive_report import EncoderJumpMonitor
-from rfca_rig.drivers.motors.odrive_reports import TemperatureTelemetry
+from rfca_rig.drivers.drive_report import EncoderJumpMonitor
 
 
 def followed(angles_rad: np.ndarray, speeds_rad_s: np.ndarray, period_s: float = 2e-3) -> EncoderJumpMonitor:

@@ -8,15 +8,13 @@ import can
 import numpy as np
 import pytest
 
-from rfca_rig.clock import Clock, TwinClock
-from rfca_rig.codecs import moteus
-from rfca_rig.codecs.moteus import Refusal, Reply, Route, Subframe, Write
-from rfca_rig.codecs.moteus_registers import Mode, Register, Width
-from rfca_rig.contracts.motor import MotorContract
+from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import MotorRig, Rotor, drain, motor_rig
-from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
+from rfca_rig.devices.moteus import codec as moteus
+from rfca_rig.devices.moteus.codec import Mode, Refusal, Register, Reply, Route, Subframe, Width, Write
+from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
+from rfca_rig.devices.moteus.twin import MoteusGains, MoteusTwin, MoteusTwinSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.moteus import MoteusGains, MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.wires import can_wire
 
 GEARED = {"gear_ratio": 3.0, "direction": -1, "zero_turns": 2.75}
@@ -41,27 +39,6 @@ def order(position_turns: float, speed_turns_s: float) -> tuple[Write, ...]:
         Write(Register.COMMAND_POSITION, Width.FLOAT, position_turns),
         Write(Register.COMMAND_VELOCITY, Width.FLOAT, speed_turns_s),
     )
-
-
-class TestMoteusAsAMotor(MotorContract):
-    """The driver on its twin, with a gear, the other direction and a zero of its own."""
-
-    def driver(self, bus: can.BusABC, clock: Clock) -> MoteusMotor:
-        return MoteusMotor(bus, clock, MoteusSettings(**GEARED))
-
-    def twin(self, bus: can.BusABC, watchdog_s: float | None) -> MoteusTwin:
-        return MoteusTwin(bus, MoteusTwinSettings(keeps_timeouts=watchdog_s is not None, **GEARED))
-
-    def leave_stale_set_point(self, bus: can.BusABC) -> None:
-        send(bus, *order(-3.0, 5.0))
-
-    def fail(self, twin: MoteusTwin) -> str:
-        twin.fail(38)
-        return r"fault 38 \(over temperature: board or motor above its limit"
-
-    def refuse(self, twin: MoteusTwin) -> str:
-        twin._settings = replace(twin._settings, arming_fault=36)
-        return r"refuses position mode with fault 36 \(motor not configured: run moteus_tool --calibrate.*\), mode fault"
 
 
 def state_of(counter: int, mode: int = Mode.STOPPED, position_turns: float = 0.0) -> tuple[Reply, ...]:

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from rfca_rig.codecs import moteus as codec
-from rfca_rig.codecs.moteus import Read, Reply, Write
-from rfca_rig.codecs.moteus_registers import Mode, Register, Width
 from rfca_rig.contracts.motor_rig import Rotor
-from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
+from rfca_rig.devices.moteus import codec
+from rfca_rig.devices.moteus.codec import Mode, Read, Register, Reply, Width, Write
+from rfca_rig.devices.moteus.twin import MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld

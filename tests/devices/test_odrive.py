@@ -2,23 +2,23 @@
 
 import math
 import re
-from dataclasses import replace
 
 import can
 import numpy as np
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from rfca_rig.clock import Clock, TwinClock
-from rfca_rig.codecs import cansimple, odrive
-from rfca_rig.codecs.odrive import ControlMode
-from rfca_rig.contracts.motor import MotorContract, UnpluggedBus
+from rfca_rig.clock import TwinClock
+from rfca_rig.contracts.motor import UnpluggedBus
 from rfca_rig.contracts.motor_rig import Rotor
-from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.devices.odrive import codec as cansimple
+from rfca_rig.devices.odrive import messages as odrive
+from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
+from rfca_rig.devices.odrive.messages import ControlMode
+from rfca_rig.devices.odrive.twin import OdriveTwin, OdriveTwinSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.devices.rig import twin_rig
@@ -32,29 +32,6 @@ def frames_of(bus: can.BusABC) -> list[can.Message]:
 
 def send(bus: can.BusABC, frame: cansimple.Frame) -> None:
     bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
-
-
-class TestOdriveAsAMotor(MotorContract):
-    """The driver on its twin, with a gear, the other direction and a zero of its own."""
-
-    ANGLE_TOLERANCE_RAD = 1e-3
-
-    def driver(self, bus: can.BusABC, clock: Clock) -> OdriveMotor:
-        return OdriveMotor(bus, clock, OdriveSettings(0, **GEARED))
-
-    def twin(self, bus: can.BusABC, watchdog_s: float | None) -> OdriveTwin:
-        return OdriveTwin(bus, OdriveTwinSettings(watchdog_s=watchdog_s, **GEARED))
-
-    def leave_stale_set_point(self, bus: can.BusABC) -> None:
-        send(bus, cansimple.set_input_pos(0, -3.0, 5.0))
-
-    def fail(self, twin: OdriveTwin) -> str:
-        twin.fail(1 << 13)
-        return r"error 0x00002000 \(MOTOR_OVER_TEMP: motor too hot\)"
-
-    def refuse(self, twin: OdriveTwin) -> str:
-        twin._settings = replace(twin._settings, arming_error=1 << 3)
-        return r"refuses closed loop with error 0x00000008 \(MISSING_ESTIMATE"
 
 
 def test_enabling_moves_nothing_even_where_a_stale_set_point_waits_in_the_drive() -> None:
@@ -204,7 +181,7 @@ def test_a_fault_of_the_drive_is_told_with_its_code_and_meaning() -> None:
     with twin_rig() as rig:
         rig.motor.enable()
         rig.run(0.1, speed_rad_s=1.0)
-        rig.motor_twin.fail(1 << 13)
+        rig.motor_twin.set_error(1 << 13)
         rig.run(0.2, speed_rad_s=1.0)
         assert rig.motor.status().fault == "error 0x00002000 (MOTOR_OVER_TEMP: motor too hot)"
         assert rig.motor.status().state == "idle"
@@ -308,7 +285,7 @@ def test_a_heartbeat_from_before_the_errors_were_cleared_does_not_count() -> Non
 
 def test_the_twin_does_not_close_the_loop_on_an_error_that_was_not_cleared() -> None:
     with twin_rig(motor_twin=OdriveTwinSettings(watchdog_s=None), observers=1) as rig:
-        rig.motor_twin.fail(1 << 13)
+        rig.motor_twin.set_error(1 << 13)
         send(rig.others[0], cansimple.set_axis_state(0, 8))
         rig.run(0.2)
         assert rig.motor.status().state == "idle"

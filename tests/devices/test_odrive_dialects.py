@@ -8,13 +8,14 @@ import can
 import pytest
 
 from rfca_rig.clock import Clock, TwinClock
-from rfca_rig.codecs import cansimple, odrive
-from rfca_rig.codecs.odrive import Heartbeat, OdriveFirmware, OdrivePart, PartError
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
-from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.devices.odrive import codec as cansimple
+from rfca_rig.devices.odrive import messages as odrive
+from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
+from rfca_rig.devices.odrive.messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
+from rfca_rig.devices.odrive.twin import OdriveTwin, OdriveTwinSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.wires import can_wire
 
 GEARED = {"gear_ratio": 9.0, "direction": -1, "zero_turns": 2.75}
@@ -48,7 +49,7 @@ class TestOlderOdriveAsAMotor(MotorContract):
         send(bus, cansimple.set_input_pos(0, -3.0, 5.0))
 
     def fail(self, twin: OdriveTwin) -> str:
-        twin.fail(1 << 18)
+        twin.set_error(1 << 18)
         return r"error 0x00040000 \(OVER_TEMP: drive or motor too hot\)"
 
     def refuse(self, twin: OdriveTwin) -> str:

@@ -7,11 +7,10 @@ from contextlib import AbstractContextManager
 import pytest
 
 from rfca_rig.contracts.motor_rig import MotorRig, Rotor, motor_rig
-from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
+from rfca_rig.devices.cubemars.driver.servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
 from rfca_rig.errors import DeviceError
-from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
-from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.world import ShaftDrive
 
 SERVO = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.1}

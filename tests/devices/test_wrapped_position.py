@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.drivers.motors.cubemars import SpeedCheck, WrappedPosition
+from rfca_rig.devices.cubemars.driver import SpeedCheck, WrappedPosition
 
 ENDS = frozenset({0, 65535})
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from rfca_rig.doctor.finding import Colour, Finding
+from rfca_rig.devices.checks import Colour, Finding
 
 
 def colours(findings: Iterable[Finding]) -> dict[str, str]:

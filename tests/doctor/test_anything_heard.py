@@ -8,14 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.cli.commands.doctor import WIDTH, _lines
-from rfca_rig.codecs.cubemars_drives import mit_ranges
-from rfca_rig.codecs.odrive import OdriveFirmware
-from rfca_rig.doctor.devices.can import ReceivedFrame
-from rfca_rig.doctor.devices.cubemars import judge_mit, judge_servo, observe_mit, observe_servo
-from rfca_rig.doctor.devices.moteus import judge_moteus, observe_moteus
+from rfca_rig.devices.checks import ReceivedFrame, red
+from rfca_rig.devices.cubemars.checks import judge_mit, judge_servo, observe_mit, observe_servo
+from rfca_rig.devices.cubemars.codec import mit_ranges
+from rfca_rig.devices.moteus.checks import judge_moteus, observe_moteus
+from rfca_rig.devices.odrive.checks import OdriveWanted, judge_odrive, observe_odrive
+from rfca_rig.devices.odrive.messages import OdriveFirmware
 from rfca_rig.doctor.devices.netft import judge_stream, observe_stream
-from rfca_rig.doctor.devices.odrive import OdriveWanted, judge_odrive, observe_odrive
-from rfca_rig.doctor.finding import red
 from rfca_rig.drivers.force_sensors.netft import NetFtSettings
 from tests.doctor.said import whole
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from rfca_rig.codecs.cubemars_mit import MitReply
-from rfca_rig.codecs.cubemars_servo import Status
-from rfca_rig.codecs.odrive import Heartbeat, OdriveFirmware, OdrivePart, PartError
-from rfca_rig.doctor.devices.cubemars import MitSeen, ServoSeen, judge_mit, judge_servo
-from rfca_rig.doctor.devices.moteus import MoteusAnswer, MoteusSeen, judge_moteus
-from rfca_rig.doctor.devices.odrive import OdriveSeen, OdriveWanted, judge_odrive
+from rfca_rig.devices.cubemars.checks import MitSeen, ServoSeen, judge_mit, judge_servo
+from rfca_rig.devices.cubemars.codec.mit import MitReply
+from rfca_rig.devices.cubemars.codec.servo import Status
+from rfca_rig.devices.moteus.checks import MoteusAnswer, MoteusSeen, judge_moteus
+from rfca_rig.devices.odrive.checks import OdriveSeen, OdriveWanted, judge_odrive
+from rfca_rig.devices.odrive.messages import Heartbeat, OdriveFirmware, OdrivePart, PartError
 from tests.doctor.said import colours, whole
 
 WANTED = OdriveWanted(5, 2e-3)

@@ -8,19 +8,20 @@ import can
 import pytest
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs import cansimple, moteus
-from rfca_rig.codecs.cubemars_mit import Special, encode_special
-from rfca_rig.codecs.moteus import Read
-from rfca_rig.codecs.odrive import AxisState, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart, OlderCommand
 from rfca_rig.contracts.motor_rig import MotorRig, drain, motor_rig
-from rfca_rig.description.device_sections import CubemarsMitSection, CubemarsServoSection, MoteusSection, OdriveSection
-from rfca_rig.doctor.devices.can import Listener
-from rfca_rig.doctor.finding import Finding
+from rfca_rig.devices.checks import Finding, Listener
+from rfca_rig.devices.cubemars.codec.mit import Special, encode_special
+from rfca_rig.devices.cubemars.section import CubemarsMitSection, CubemarsServoSection
+from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
+from rfca_rig.devices.moteus import codec as moteus
+from rfca_rig.devices.moteus.codec import Read
+from rfca_rig.devices.moteus.section import MoteusSection
+from rfca_rig.devices.moteus.twin import MoteusTwin, MoteusTwinSettings
+from rfca_rig.devices.odrive import codec as cansimple
+from rfca_rig.devices.odrive.messages import AxisState, Heartbeat, OdriveCommand, OdriveFirmware, OdrivePart, OlderCommand
+from rfca_rig.devices.odrive.section import OdriveSection
+from rfca_rig.devices.odrive.twin import OdriveTwin, OdriveTwinSettings
 from rfca_rig.doctor.rig_checks import check_drive, check_motor
-from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
-from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
-from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
-from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from tests.doctor.said import colours, whole
 
 ANY = {"direction": 1, "interface": "virtual", "channel": "test"}
@@ -95,7 +96,7 @@ def test_a_wrong_period_is_told():
 def test_an_older_odrive_tells_the_error_of_its_part():
     with wired(odrive(dialect=OdriveFirmware.V0_5)) as rig:
         assert set(colours(checked(rig, OLDER)).values()) == {"green"}
-        rig.twin.fail(0x40)
+        rig.twin.set_error(0x40)
         findings = checked(rig, OLDER)
         assert colours(findings)["drive error"] == "red"
         assert "MOTOR_FAILED" in said(findings)
@@ -153,7 +154,7 @@ def test_a_moteus_is_only_asked_to_read(drive_id, says):
 
 def test_a_moteus_tells_its_fault():
     with wired(lambda bus: MoteusTwin(bus, MoteusTwinSettings())) as rig:
-        rig.twin.fail(38)
+        rig.twin.set_error(38)
         findings = checked(rig, MOTEUS)
         assert colours(findings)["drive error"] == "red"
         assert "over temperature" in said(findings)

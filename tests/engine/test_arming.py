@@ -2,10 +2,10 @@
 
 import pytest
 
+from rfca_rig.devices.odrive.twin import OdriveTwinSettings
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import prove_stop, run_plan
 from rfca_rig.errors import DeviceError
-from rfca_rig.twins.odrive import OdriveTwinSettings
 from tests.devices.rig import twin_rig as drive_alone
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
 from tests.engine.test_stops import ends_without_torque, tapped

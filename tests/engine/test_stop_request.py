@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.odrive import OdriveCommand
+from rfca_rig.devices.odrive.messages import OdriveCommand
 from rfca_rig.engine.interfaces import StopLevel, StopRequest
 from rfca_rig.engine.loop import Loop
 from rfca_rig.engine.run import Supervision, run_plan

@@ -6,7 +6,7 @@ import can
 import numpy as np
 import pytest
 
-from rfca_rig.codecs.odrive import AxisState, OdriveCommand
+from rfca_rig.devices.odrive.messages import AxisState, OdriveCommand
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import DeviceError, Stopped, Tripped

@@ -12,9 +12,8 @@ import numpy as np
 from rfca_rig.bench.served import RealTimeLoop
 from rfca_rig.clock import WallClock
 from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
 from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
-from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
-from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import datagram_link
 from rfca_rig.twins.world import TwinWorld

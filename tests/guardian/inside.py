@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import can
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.cubemars_mit import MitReply, encode_reply
-from rfca_rig.drivers.motors.cubemars import MitSettings, MitTorqueOffFrames
+from rfca_rig.devices.cubemars.codec.mit import MitReply, encode_reply
+from rfca_rig.devices.cubemars.driver import MitSettings, MitTorqueOffFrames
 from rfca_rig.guardian.link import GuardianLink, GuardianRecord, RecordKind, from_frame
 from rfca_rig.guardian.process import Guardian
 from rfca_rig.twins.wires import can_wire

@@ -12,11 +12,11 @@ from pathlib import Path
 import can
 
 from rfca_rig.clock import WallClock
+from rfca_rig.devices.cubemars.driver import MitTorqueOffFrames, ServoTorqueOffFrames
+from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
+from rfca_rig.devices.cubemars.driver.servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import TorqueOffFrames
-from rfca_rig.drivers.motors.cubemars import MitTorqueOffFrames, ServoTorqueOffFrames
-from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.guardian.guarded_bus import GuardedBus
 from tests.twin_server.server import Server, serving

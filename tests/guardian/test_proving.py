@@ -5,10 +5,10 @@ from math import nan
 import can
 import pytest
 
-from rfca_rig.codecs import cubemars_servo
-from rfca_rig.codecs.cubemars_servo import Status
+from rfca_rig.devices.cubemars.codec import servo as cubemars_servo
+from rfca_rig.devices.cubemars.codec.servo import Status
+from rfca_rig.devices.cubemars.driver import MitTorqueOffFrames, ServoTorqueOffFrames
 from rfca_rig.drivers.guard import GuardianProof, GuardianTorqueOff, TorqueOffResult, arm, prove_guard
-from rfca_rig.drivers.motors.cubemars import MitTorqueOffFrames, ServoTorqueOffFrames
 from rfca_rig.errors import DeviceError
 from tests.guardian.inside import reply
 from tests.guardian.rigs import MIT, SERVO

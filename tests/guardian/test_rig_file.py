@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.bench.motors import make_motor, open_commanding_bus
+from rfca_rig.bench.factory import make_motor, open_commanding_bus
 from rfca_rig.clock import WallClock
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.errors import BadInput

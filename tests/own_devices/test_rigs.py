@@ -8,14 +8,13 @@ import can
 import numpy as np
 import pytest
 
-from rfca_rig.bench.factory import open_bench
-from rfca_rig.bench.motors import make_motor
+from rfca_rig.bench.factory import make_motor, open_bench
 from rfca_rig.bench.served import Openings, open_served
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.contracts.motor_rig import Rotor
-from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.doctor.finding import Colour
+from rfca_rig.devices.checks import Colour
+from rfca_rig.devices.own import twin_of
 from rfca_rig.doctor.rig_checks import check_own_motor, check_own_sensor, judge_own_motor, judge_own_sensor
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import prove_stop

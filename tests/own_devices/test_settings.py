@@ -5,8 +5,8 @@ import pytest
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import concatenate_samples, motor_rig
-from rfca_rig.description.own_devices import twin_of
 from rfca_rig.description.rig_file import read_rig
+from rfca_rig.devices.own import twin_of
 from rfca_rig.doctor.rig_checks import judge_own_sensor
 from rfca_rig.errors import DeviceError
 from rfca_rig.twins.drive_parts import LoopGains

@@ -7,12 +7,12 @@ from datetime import datetime, timedelta
 import can
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.odrive import AxisState, OdriveCommand
+from rfca_rig.devices.odrive.messages import AxisState, OdriveCommand
+from rfca_rig.devices.odrive.twin import OdriveTwin
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.journal import JournalBlock
 from rfca_rig.recording.run_writer import Picture
-from rfca_rig.twins.odrive import OdriveTwin
 from rfca_rig.twins.wires import LinkEnd
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 

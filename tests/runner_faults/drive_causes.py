@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import can
 
-from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.odrive import ERROR_BITS, AxisState
+from rfca_rig.devices.odrive import codec as cansimple
+from rfca_rig.devices.odrive.messages import ERROR_BITS, AxisState
 from rfca_rig.twins.drive_parts import LoopGains, SpeedLoop
 from rfca_rig.twins.wires import SampleGrid
 from tests.runner_faults.cause import Cause, catalogued
@@ -15,7 +15,7 @@ from tests.runner_faults.rig import FaultyRig
 def _error(bit: int) -> Cause:
     name, meaning = ERROR_BITS[bit]
     return Cause(
-        f"drive-{name.lower().replace('_', '-')}", "drive", f"the drive stops: {meaning}", "D-01", lambda rig: rig.drive.fail(1 << bit)
+        f"drive-{name.lower().replace('_', '-')}", "drive", f"the drive stops: {meaning}", "D-01", lambda rig: rig.drive.set_error(1 << bit)
     )
 
 

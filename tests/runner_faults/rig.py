@@ -13,8 +13,9 @@ from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.run_experiment import SignalHandler
 from rfca_rig.clock import TwinClock
+from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
+from rfca_rig.devices.odrive.twin import FAULTS, OdriveDialect, OdriveTwin, OdriveTwinSettings, odrive_events
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.engine.interfaces import Bench, StopRequest
 from rfca_rig.protocol.check import Load
@@ -22,11 +23,9 @@ from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, MoveShaft, Pl
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.model import Recording
-from rfca_rig.twin_server.drive_faults import OdriveDialect, TamperedBus, odrive_events
-from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
+from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, FaultPanel, TamperedBus
 from rfca_rig.twin_server.netft_ports import TamperedLink
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinPlant, TwinWorld
 from tests.engine import rigs
@@ -153,7 +152,7 @@ def faulty_rig(folder: Path, fidelity: Fidelity = CHEAP, watchdog_s: float | Non
 
 
 def _put_together(folder: Path, fidelity: Fidelity, watchdog_s: float | None, random: np.random.Generator, stack: ExitStack) -> FaultyRig:
-    clock, panel = TwinClock(), FaultPanel((*FORCE_FAULTS, *CAN_FAULTS, *ODRIVE_FAULTS))
+    clock, panel = TwinClock(), FaultPanel((*FORCE_FAULTS, *CAN_FAULTS, *FAULTS.faults))
     agenda, truth = Agenda(clock), Truth(_plant(fidelity, random))
     drivers_end, twins_end, observer = stack.enter_context(can_wire(ends=3))
     here, there = datagram_link()

@@ -6,7 +6,7 @@ from pathlib import Path
 import can
 import pytest
 
-from rfca_rig.codecs import cansimple
+from rfca_rig.devices.odrive import codec as cansimple
 from rfca_rig.engine import stopping
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.limit_monitor import LimitMonitor

@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rfca_rig.bench.fault_injection import events_of
 from rfca_rig.clock import TwinClock
+from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
+from rfca_rig.devices.cubemars.driver.servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.devices.cubemars.twin import FAULTS as CUBEMARS_FAULTS
+from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
+from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
+from rfca_rig.devices.moteus.twin import FAULTS as MOTEUS_FAULTS
+from rfca_rig.devices.moteus.twin import MoteusTwin, MoteusTwinSettings
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
-from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.engine.stopping import Sink
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import Hold
-from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
-from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
-from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
 from rfca_rig.twins.netft import NetFtTwin
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
@@ -92,7 +92,8 @@ def begin(rig: DrivenRig, name: str) -> None:
     elif name == "encoder-jump" and isinstance(rig.twin, MoteusTwin):
         rig.twin.restart()  # its jump is one of the wire, and tested there
     else:
-        events_of(rig.twin)[name]()
+        faults = MOTEUS_FAULTS if isinstance(rig.twin, MoteusTwin) else CUBEMARS_FAULTS
+        faults.events(rig.twin)[name]()
 
 
 @pytest.mark.parametrize("name", CAUSES)

@@ -17,8 +17,8 @@ from pathlib import Path
 import can
 import pytest
 
-from rfca_rig.codecs import cansimple
-from rfca_rig.codecs.odrive import WATCHDOG_EXPIRED, AxisState, Heartbeat, OdriveCommand, OdriveFirmware, Torques
+from rfca_rig.devices.odrive import codec as cansimple
+from rfca_rig.devices.odrive.messages import WATCHDOG_EXPIRED, AxisState, Heartbeat, OdriveCommand, OdriveFirmware, Torques
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.model import Recording

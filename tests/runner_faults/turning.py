@@ -6,7 +6,7 @@ Where the bus is it takes from python-can's own environment. Says `turning` once
 import can
 
 from rfca_rig.clock import WallClock
-from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
 
 TICK_S = 5e-3
 SPEED_RAD_S = 2.0

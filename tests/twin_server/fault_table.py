@@ -12,14 +12,13 @@ import numpy as np
 from rfca_rig.clock import TwinClock
 from rfca_rig.codecs.rdt import RdtCommand, encode_request
 from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
+from rfca_rig.devices.odrive.twin import FAULTS, OdriveDialect, OdriveTwin, OdriveTwinSettings, odrive_events
 from rfca_rig.drivers.force_sensors.netft import HttpBox, NetFtSensor, NetFtSettings
-from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twin_server.drive_faults import OdriveDialect, TamperedBus, odrive_events
-from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, ODRIVE_FAULTS, FaultPanel
+from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, FaultPanel, TamperedBus
 from rfca_rig.twin_server.netft_ports import HttpPort, TamperedLink
 from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.wires import LinkEnd, can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.twin_server.polling import polled
@@ -28,7 +27,7 @@ TICK_S = 2e-3
 SPEED_RAD_S = 1.0
 NOTHING = "nothing"
 ON_THE_PAGES = frozenset({"force-scale", "http-busy"})
-CATALOGUE = (*FORCE_FAULTS, *BOX_FAULTS, *CAN_FAULTS, *ODRIVE_FAULTS)
+CATALOGUE = (*FORCE_FAULTS, *BOX_FAULTS, *CAN_FAULTS, *FAULTS.faults)
 
 
 @dataclass

@@ -5,15 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from rfca_rig.bench.fault_injection import events_of
 from rfca_rig.contracts.motor_rig import motor_rig
-from rfca_rig.drivers.motors.cubemars_mit import CubemarsMitMotor, MitSettings
-from rfca_rig.drivers.motors.cubemars_servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
+from rfca_rig.devices.cubemars.driver.servo import CubemarsServoMotor, ServoSettings
+from rfca_rig.devices.cubemars.twin import FAULTS, CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
 from rfca_rig.errors import DeviceError
-from rfca_rig.twin_server.drive_faults import CUBEMARS_FAULTS, NoDialect, TamperedBus
-from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel
-from rfca_rig.twins.cubemars_mit import CubemarsMitTwin, MitTwinSettings
-from rfca_rig.twins.cubemars_servo import CubemarsServoTwin, ServoTwinSettings
+from rfca_rig.twin_server.faults import CAN_FAULTS, DriveDialect, FaultPanel, TamperedBus
 
 SERVO = {"gear_ratio": 9.0, "pole_pairs": 21, "torque_constant_Nm_per_A": 0.115}
 MODES = {
@@ -47,11 +44,11 @@ SAID = {
 def noticed(mode: str, name: str) -> str:
     """What the driver says after half a second of the fault, on a shaft that turns."""
     driver, twin = MODES[mode]
-    panel = FaultPanel((*CAN_FAULTS, *CUBEMARS_FAULTS))
-    with motor_rig(driver, lambda bus: twin(TamperedBus(bus, panel, NoDialect()))) as rig:
+    panel = FaultPanel((*CAN_FAULTS, *FAULTS.faults))
+    with motor_rig(driver, lambda bus: twin(TamperedBus(bus, panel, DriveDialect()))) as rig:
         rig.motor.enable()
         rig.run(0.4, speed_rad_s=1.0)
-        events = events_of(rig.twin)
+        events = FAULTS.events(rig.twin)
         if name in events:
             events[name]()
         else:
@@ -72,7 +69,7 @@ def test_a_fault_is_noticed_as_what_it_is(mode: str, name: str) -> None:
 
 
 def test_the_list_is_whole() -> None:
-    assert [fault.name for fault in (*CAN_FAULTS, *CUBEMARS_FAULTS)] == list(SAID)
+    assert [fault.name for fault in (*CAN_FAULTS, *FAULTS.faults)] == list(SAID)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -81,6 +78,6 @@ def test_a_drive_that_refuses_is_told_apart_when_it_is_enabled_again(mode: str) 
     with motor_rig(driver, twin) as rig:
         rig.motor.enable()
         rig.motor.disable()
-        events_of(rig.twin)["refuses"]()
+        FAULTS.events(rig.twin)["refuses"]()
         with pytest.raises(DeviceError, match=r"refuses with error 1 \(motor too hot"):
             rig.motor.enable()

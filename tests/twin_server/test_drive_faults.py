@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.odrive import OdriveFirmware
 from rfca_rig.contracts.motor_rig import Rotor
-from rfca_rig.drivers.motors.moteus import MoteusMotor, MoteusSettings
-from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
+from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
+from rfca_rig.devices.moteus.twin import FAULTS as MOTEUS_FAULTS
+from rfca_rig.devices.moteus.twin import MoteusDialect, MoteusTwin, MoteusTwinSettings, moteus_events
+from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
+from rfca_rig.devices.odrive.messages import OdriveFirmware
+from rfca_rig.devices.odrive.twin import FAULTS as ODRIVE_FAULTS
+from rfca_rig.devices.odrive.twin import OdriveDialect, OdriveTwin, OdriveTwinSettings, odrive_events
 from rfca_rig.errors import DeviceError
-from rfca_rig.twin_server.drive_faults import MOTEUS_FAULTS, MoteusDialect, OdriveDialect, TamperedBus, moteus_events, odrive_events
-from rfca_rig.twin_server.faults import CAN_FAULTS, ODRIVE_FAULTS, FaultPanel
-from rfca_rig.twins.moteus import MoteusTwin, MoteusTwinSettings
+from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel, TamperedBus
 from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.odrive import OdriveTwin, OdriveTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 
@@ -52,7 +53,7 @@ OLDER_ODRIVE = {
 def noticed(name: str, older_odrive: bool = False) -> str:
     """What the driver says after half a second of the fault, on a shaft that turns."""
     with ExitStack() as stack:
-        clock, panel = TwinClock(), FaultPanel((*CAN_FAULTS, *(ODRIVE_FAULTS if older_odrive else MOTEUS_FAULTS)))
+        clock, panel = TwinClock(), FaultPanel((*CAN_FAULTS, *(ODRIVE_FAULTS if older_odrive else MOTEUS_FAULTS).faults))
         here, there = stack.enter_context(can_wire())
         bus = TamperedBus(there, panel, OdriveDialect() if older_odrive else MoteusDialect())
         stack.callback(bus.shutdown)
@@ -89,7 +90,7 @@ def test_a_fault_of_a_moteus_is_noticed_as_what_it_is(name: str) -> None:
 
 
 def test_the_list_of_a_moteus_is_whole() -> None:
-    assert [fault.name for fault in (*CAN_FAULTS, *MOTEUS_FAULTS)] == list(MOTEUS)
+    assert [fault.name for fault in (*CAN_FAULTS, *MOTEUS_FAULTS.faults)] == list(MOTEUS)
 
 
 @pytest.mark.parametrize("name", OLDER_ODRIVE)

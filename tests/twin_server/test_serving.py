@@ -11,8 +11,8 @@ import pytest
 
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import WallClock
+from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
 from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
-from rfca_rig.drivers.motors.odrive import OdriveMotor, OdriveSettings
 from tests.cli.typed import typed
 from tests.twin_server.server import ANY_FREE, serving
 

@@ -14,7 +14,7 @@ from rfca_rig.cli.terminal import takes_colours
 
 if TYPE_CHECKING:
     from rfca_rig.description.rig_file import RigFile
-    from rfca_rig.doctor.finding import Finding
+    from rfca_rig.devices.checks import Finding
 
 
 WIDTH = 80
@@ -39,7 +39,7 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
     from rfca_rig.cli.paths import find_rig
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
-    from rfca_rig.doctor.finding import Colour
+    from rfca_rig.devices.checks import Colour
     from rfca_rig.doctor.rig_checks import check_rig
     from rfca_rig.doctor.scan import scan
 

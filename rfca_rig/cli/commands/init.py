@@ -52,8 +52,8 @@ def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, d
 def _write_rig_file(path: Path, takes_all: bool) -> None:
     from rfca_rig.description.rig_draft import USUAL, draft_rig
     from rfca_rig.description.rig_file import RigFile
-    from rfca_rig.description.toml import model_of, read_data
     from rfca_rig.recording.atomic import write_atomically
+    from rfca_rig.toml import model_of, read_data
 
     if path.exists():
         raise BadInput(f"{path}: is there already; remove it, or edit it")
@@ -106,7 +106,8 @@ def _find_devices(folder: Path) -> _Found:
 
 def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     """Asks the ten questions; each has a suggestion."""
-    from rfca_rig.description.rig_draft import DRIVES, SENSORS, RigAnswers
+    from rfca_rig.description.rig_draft import SENSORS, RigAnswers
+    from rfca_rig.devices import OWN, find_motor, list_motors
 
     found = _find_devices(folder)
     seen = [*(" ".join(bus) for bus in found.buses), *found.ports, *found.calibrations, *([f"Net F/T at {found.box}"] if found.box else [])]
@@ -136,10 +137,11 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     force_N = ask("largest force that leg and sensor bear, N", f"{usual['limits']['force_N']:g}", _read_number())
     torque_Nm = ask("largest moment on the sensor, N m", f"{usual['limits']['torque_Nm']:g}", _read_number())
     others = "other makes: docs/add-a-motor.md"
-    drive = ask(f"drive: {', '.join(DRIVES)} ({others})", usual["motor"]["device"], _read_word([*DRIVES]))
+    drives = [kind for kind in list_motors() if kind != OWN]
+    drive = ask(f"drive: {', '.join(drives)} ({others})", usual["motor"]["device"], _read_word(drives))
     buses = [" ".join(bus) for bus in found.buses] or ["socketcan can0"]
     interface, channel = ask("its bus: interface and channel of python-can", buses[0], _read_bus)
-    number = ask("its number on that bus", "0" if drive == "odrive" else "1", _read_count)
+    number = ask("its number on that bus", str(find_motor(drive).number[1]), _read_count)
     # A box that answered is certain; a calibration file beside the rig file speaks for a sampling card.
     probable = "ati-daq" if found.calibrations and found.box is None else "ati-net-ft"
     sensor = ask(f"force sensor: {', '.join(SENSORS)}", probable, _read_word([*SENSORS]))

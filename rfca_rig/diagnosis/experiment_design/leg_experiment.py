@@ -17,7 +17,6 @@ from rfca_rig.analysis.phases import Undetermined
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.description.protocol_file import DynamicFile, StaticFile
-from rfca_rig.description.toml import comment, format_value, table, validate
 from rfca_rig.diagnosis.experiment_design.choice import (
     SET_UP_MIN,
     ExperimentDesign,
@@ -39,6 +38,7 @@ from rfca_rig.protocol.experiments import RigFacts, static_plan
 from rfca_rig.protocol.plan import Limits, Rates
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.model import Column, StaticStage, Stream, Stroke
+from rfca_rig.toml import comment, format_value, table, validate
 
 NEXT_PROTOCOL = "next-experiment.toml"
 # Settling and speeds as in protocols/static-angle.toml and protocols/flapping.toml

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.swings import SMOOTHING_HALF_WIDTH_S, local_polynomial
 from rfca_rig.campaign.experiment import Experiment, read_experiment
 from rfca_rig.campaign.layout import ExperimentFile
-from rfca_rig.description.toml import read_toml
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION, rms
 from rfca_rig.diagnosis.mechanisms.column_checks import (
@@ -40,6 +39,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.inverse_dynamics import States, TorqueBalance, balance_torques
 from rfca_rig.mechanism.load import Mechanism, load_mechanism
 from rfca_rig.mechanism.nuisances import COMMAND_NUISANCES, NUISANCES, find_places
+from rfca_rig.toml import read_toml
 
 Floats = NDArray[np.float64]
 

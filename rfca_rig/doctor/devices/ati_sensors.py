@@ -5,8 +5,7 @@ from pathlib import Path
 
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.ati_calibration import parse_calibration
-from rfca_rig.doctor.devices.can import shorten_error
-from rfca_rig.doctor.finding import Finding, green, red, yellow
+from rfca_rig.devices.checks import Finding, green, red, shorten_error, yellow
 from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor, AtiSerialSettings
 from rfca_rig.drivers.ports import open_port
 from rfca_rig.errors import DeviceError, RigError

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from rfca_rig.bench.sensors import make_camera
 from rfca_rig.clock import Clock
 from rfca_rig.description.camera_file import OpenCvCameraSection
-from rfca_rig.doctor.devices.can import shorten_error
-from rfca_rig.doctor.finding import Finding, green, red, yellow
+from rfca_rig.devices.checks import Finding, green, red, shorten_error, yellow
 from rfca_rig.drivers.roles import Photo, Photographer
 from rfca_rig.errors import DeviceError, RigError
 from rfca_rig.vision.leg_photo import PhotoSetup, read_leg_photo

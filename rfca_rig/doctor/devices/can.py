@@ -1,19 +1,17 @@
 """CAN: the interfaces of the Linux kernel, other adapters, and the bus of a rig file, on which it only listens.
 
-`look_at` functions and `Listener` probe, `judge` functions evaluate what was seen.
+`look_at` functions probe, as does `devices.checks.Listener`; `judge` functions evaluate what was seen.
 """
 
 import json
 import subprocess
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import can
 
-from rfca_rig.clock import Clock
-from rfca_rig.doctor.finding import Finding, green, red, yellow
+from rfca_rig.devices.checks import CanBusObservation, Finding, green, red, yellow
 
 BUS_SUBJECT = "CAN bus"
 # Fix and commands for the interfaces of python-can whose drivers have to be installed or set up.
@@ -32,34 +30,13 @@ COMMANDS = {
 }
 
 CAN_INTERFACE_SUBJECT = "CAN interface"
-
-POLL_S = 1e-3
-LISTEN_S = 1.0
-# Error class of a SocketCAN error frame (linux/can/error.h).
-CAN_ERROR_BUS_OFF = 0x40
-
 NETWORK = Path("/sys/class/net")
 # From linux/if_arp.h, linux/if.h and linux/can.h.
 ARPHRD_CAN = "280"
 IFF_UP = 1
 CANFD_MTU = 72
 IP_WITHIN_S = 2.0
-
 FINDABLE = ("canalystii", "cantact", "gs_usb", "ixxat", "kvaser", "neovi", "nican", "nixnet", "pcan", "systec", "usb2can", "vector")
-
-
-@dataclass(frozen=True)
-class CanBusObservation:
-    """Observed bus. `error` is None for a bus that opened. Counts of frames and error frames, and whether it went bus-off.
-
-    `failed` is how the bus failed while it was open, None if it did not.
-    """
-
-    error: str | None = None
-    frames: int = 0
-    error_frames: int = 0
-    went_off: bool = False
-    failed: str | None = None
 
 
 def judge_can_bus(seen: CanBusObservation, interface: str, channel: str, known: tuple[str, ...]) -> Finding:
@@ -184,74 +161,6 @@ def _others(seen: CanInterfaceObservation) -> str:
 
 def _show(name: str) -> str:
     return f"ip -details link show {name}"
-
-
-@dataclass(frozen=True)
-class ReceivedFrame:
-    """A data frame, and the time when it was received."""
-
-    at_s: float
-    message: can.Message
-
-
-class Listener:
-    """Collects frames, oldest first, and counts error frames. A bus failure is noted, not raised, as it is a finding."""
-
-    def __init__(self, bus: can.BusABC, clock: Clock) -> None:
-        self._bus = bus
-        self._clock = clock
-        self.frames: list[ReceivedFrame] = []
-        self.error_frames = 0
-        self.went_off = False
-        self.failed: str | None = None
-
-    def listen(self, seconds: float) -> list[ReceivedFrame]:
-        """Listens for `seconds`; returns the frames of that time."""
-        first, until_s = len(self.frames), self._clock.now_s() + seconds
-        while self.failed is None and self._clock.now_s() < until_s:
-            self._clock.wait_until(self._clock.now_s() + POLL_S)
-            self._drain()
-        return self.frames[first:]
-
-    def _drain(self) -> None:
-        now_s = self._clock.now_s()
-        try:
-            while (message := self._bus.recv(timeout=0)) is not None:
-                self._take(message, now_s)
-        except (can.CanError, OSError) as error:
-            self.failed = shorten_error(error)
-
-    def _take(self, message: can.Message, now_s: float) -> None:
-        if message.is_error_frame:
-            self.error_frames += 1
-            self.went_off |= bool(message.arbitration_id & CAN_ERROR_BUS_OFF)
-        # Remote frames are requests by other programs, and show nothing about the drive.
-        elif not message.is_remote_frame:
-            self.frames.append(ReceivedFrame(now_s, message))
-
-    def ask(self, message: can.Message) -> None:
-        """Sends a query; a failure to send is noted."""
-        if self.failed is not None:
-            return
-        try:
-            self._bus.send(message, timeout=0.0)
-        except (can.CanError, OSError) as error:
-            self.failed = f"a question was not sent: {shorten_error(error)}"
-
-    def observe(self) -> CanBusObservation:
-        return CanBusObservation(None, len(self.frames), self.error_frames, self.went_off, self.failed)
-
-
-def mean_period_s(frames: Sequence[ReceivedFrame]) -> float | None:
-    """Mean time between frames in s; None for fewer than two, and for frames received at the same time."""
-    if len(frames) < 2 or frames[-1].at_s <= frames[0].at_s:
-        return None
-    return (frames[-1].at_s - frames[0].at_s) / (len(frames) - 1)
-
-
-def shorten_error(error: Exception) -> str:
-    """Error message of another package, shortened to one line."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def look_at_can_interface(channel: str, network: Path = NETWORK) -> CanInterfaceObservation:

@@ -18,7 +18,7 @@ from rfca_rig.codecs.rdt import (
     encode_request,
     status_text,
 )
-from rfca_rig.doctor.finding import Finding, green, red, yellow
+from rfca_rig.devices.checks import Finding, green, red, yellow
 from rfca_rig.drivers.force_sensors.netft import NetFtBox, NetFtSettings, refuse_difference
 from rfca_rig.drivers.force_sensors.records import RecordSequence
 from rfca_rig.drivers.ports import Datagrams, UdpDatagrams

@@ -4,7 +4,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from rfca_rig.doctor.finding import Finding, green, red, yellow
+from rfca_rig.devices.checks import Finding, green, red, yellow
 
 SUBJECT = "serial port"
 

@@ -86,8 +86,8 @@ def run(
 def replace_conditions(protocol: "DynamicFile", height_mm: float | None, speed_rad_s: float | None, repeats: int | None) -> "DynamicFile":
     """The protocol with these values in place of its conditions and repeats. Raises BadInput where the file's format forbids them."""
     from rfca_rig.description.protocol_file import ConditionSection, DynamicFile
-    from rfca_rig.description.toml import validate
     from rfca_rig.errors import BadInput
+    from rfca_rig.toml import validate
 
     if (height_mm is None) != (speed_rad_s is None):
         raise BadInput("give --height and --speed together; alone, each leaves the other to chance")

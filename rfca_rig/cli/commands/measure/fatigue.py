@@ -66,7 +66,7 @@ def run(
 
 def _as_asked(protocol: "FatigueFile", cycles: int | None) -> "FatigueFile":
     """The protocol with the values that the command line replaces."""
-    from rfca_rig.description.toml import validate
+    from rfca_rig.toml import validate
 
     return protocol if cycles is None else validate({**protocol.model_dump(), "cycles": cycles}, type(protocol), "--cycles")
 

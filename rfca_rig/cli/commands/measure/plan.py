@@ -72,9 +72,9 @@ def _names() -> Iterator[str]:
 
 def _kind_and_title(folder: str, name: str) -> str:
     from rfca_rig.cli.paths import find_file
-    from rfca_rig.description.toml import read_data
     from rfca_rig.errors import BadInput
     from rfca_rig.suggestions import in_one_line
+    from rfca_rig.toml import read_data
 
     try:
         data = read_data(find_file(folder, name))

@@ -203,9 +203,9 @@ def photos(
     from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings
     from rfca_rig.cli.paths import make_run_folder
     from rfca_rig.cli.progress import progress
-    from rfca_rig.description.toml import read_text
     from rfca_rig.drivers.photo_files import list_photos
     from rfca_rig.recording.store import write_recording
+    from rfca_rig.toml import read_text
 
     (recording,) = open_recordings([run])
     files, eye = list_photos(folder), eye_for(recording, camera, mark_diameter)

@@ -1,0 +1,447 @@
+"""Twins of CubeMars / T-Motor AK drives in MIT and in servo mode, on the CAN bus, and the faults that can be injected into them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import degrees, floor, pi, radians, remainder, tau
+from typing import ClassVar
+
+import can
+
+from rfca_rig.devices.cubemars.codec import mit, mit_ranges, servo
+from rfca_rig.devices.cubemars.codec.mit import POSITION_CODES, MitCommand, MitReply, Special
+from rfca_rig.devices.cubemars.codec.servo import Message, OriginMode, Status
+from rfca_rig.devices.cubemars.section import CubemarsMitSection, CubemarsServoSection
+from rfca_rig.errors import MalformedFrame
+from rfca_rig.twin_server.faults import DRIVE_FAULTS, DriveFaults, Fault, drive_events
+from rfca_rig.twins.drive_parts import (
+    DriveTwin,
+    Encoder,
+    LoopGains,
+    LoopMode,
+    MotorSetPoint,
+    MotorThermalModel,
+    SpeedLoop,
+    ThermalParameters,
+)
+from rfca_rig.twins.wires import SampleGrid
+from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
+
+# Error codes of the drive.
+TOO_HOT, TOO_MUCH_CURRENT, ENCODER, STALLED = 1, 2, 5, 7
+# Step of the fault `encoder-jump`, at the shaft.
+JUMP_RAD = 0.5 * pi
+ZERO_COMMAND = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
+# Time in s for which the drive does not answer after it has set its zero.
+ZEROING_S = 1.0
+# One rotor turn at the shaft: the encoder sits before the gear.
+ROTOR_TURN_RAD = tau / 9.0
+# Largest temperature of the signed byte in the status frame.
+MAX_TEMPERATURE_degC = 127
+# End of the position range of the status frame according to the manual.
+MAX_COUNT = 32_000
+
+
+@dataclass(frozen=True)
+class MitTwinSettings:
+    """Configuration of the drive, and variant of its firmware.
+
+    With `watchdog_s` None the drive keeps its last command for ever. Otherwise the command is zeroed after that silence and the drive
+    stays in MIT mode, as in Ben Katz's firmware (25 ms). `reply_id` None replies under the drive's own id. `wraps`: the position
+    field wraps at its ends, else it stops there. `tells_errors`: replies carry temperature and error. `entering_error` is the error
+    that every attempt to enter MIT mode ends in; 0 for a healthy drive.
+    """
+
+    drive_id: int = 1
+    model: str = "AK80-9"
+    direction: int = 1
+    zero_rad: float = 0.0
+    torque_limit_Nm: float | None = None
+    watchdog_s: float | None = None
+    reply_id: int | None = 0
+    wraps: bool = True
+    tells_errors: bool = True
+    entering_error: int = 0
+    warming: ThermalParameters = field(default_factory=lambda: ThermalParameters(air_degC=31.0))
+
+
+class CubemarsMitTwin(DriveTwin):
+    """A `MotorTwin` that answers each frame with the state of the shaft at that time.
+
+    The drive keeps its last command across EXIT and ENTER; a driver that relies on the contrary causes a jerk.
+    """
+
+    tells_temperature = True
+
+    def __init__(self, bus: can.BusABC, settings: MitTwinSettings) -> None:
+        self._bus = bus
+        self._settings = settings
+        self._ranges = mit_ranges(settings.model)
+        self._command = ZERO_COMMAND
+        self._entered = False
+        self._error = 0
+        self._zero_rad = settings.zero_rad
+        self._zero_wanted = False
+        self._mute_until_s = 0.0
+        self._fed_s = 0.0
+        self._unanswered = 0
+        self._restarts = False
+        self.encoder = Encoder()
+        self.warmth = MotorThermalModel(settings.warming)
+
+    def take_frames(self, now_s: float) -> None:
+        """Executes received frames; invalid ones are ignored. Commands feed the watchdog, special frames do not."""
+        while (message := self._bus.recv(timeout=0)) is not None:
+            mine = message.arbitration_id == self._settings.drive_id and not message.is_extended_id
+            if mine and not message.is_error_frame and not message.is_remote_frame and now_s >= self._mute_until_s:
+                self._take(message.data, now_s)
+        limit_s = self._settings.watchdog_s
+        # Only the command is zeroed; the drive stays in MIT mode.
+        if limit_s is not None and now_s - self._fed_s > limit_s:
+            self._command = ZERO_COMMAND
+
+    def _take(self, data: bytearray, now_s: float) -> None:
+        try:
+            order = mit.decode_command(self._ranges, data)
+        except MalformedFrame:
+            return
+        self._unanswered += 1
+        if isinstance(order, MitCommand):
+            self._command, self._fed_s = order, now_s
+        elif order is Special.ZERO:
+            self._zero_wanted, self._mute_until_s = True, now_s + ZEROING_S
+        else:
+            entered = order is Special.ENTER
+            if entered and self._settings.entering_error:
+                self.set_error(self._settings.entering_error)
+            elif entered != self._entered:
+                self._entered, self._error = entered, 0
+
+    def set_error(self, error: int) -> None:
+        """Puts the drive into an error: no torque until it enters MIT mode again."""
+        self._error, self._entered = error, False
+
+    def restart(self) -> None:
+        """Power cycle: the drive is out of MIT mode and has lost its rotor turn count."""
+        self._command, self._entered, self._error, self._restarts = ZERO_COMMAND, False, 0, True
+
+    def leap(self, by_rad: float) -> None:
+        """Encoder slip: from now on the reported position is shifted by `by_rad`."""
+        self._zero_rad += by_rad
+
+    def refuse_with(self, error: int) -> None:
+        """From now on every attempt to enter MIT mode ends in this error."""
+        self._settings = replace(self._settings, entering_error=error)
+
+    def drive(self, shaft: ShaftState) -> ShaftDrive:
+        """Sends the pending answers; returns the torque law until the next step, limited at the present state."""
+        if self._restarts:
+            self._restarts, reported_rad = False, self._settings.direction * shaft.angle_rad + self._zero_rad
+            # A single-turn encoder knows its position within a rotor turn only: whole turns are lost.
+            self._zero_rad += remainder(reported_rad, ROTOR_TURN_RAD) - reported_rad
+        for _ in range(self._unanswered):
+            self._reply(shaft)
+        self._unanswered = 0
+        if self._zero_wanted:
+            self._zero_wanted, self._zero_rad = False, -self._settings.direction * shaft.angle_rad
+        if not self._entered:
+            return ShaftDrive()
+        free = self._law()
+        torque_Nm, limit_Nm = abs(free.torque_Nm(shaft.angle_rad, shaft.speed_rad_s)), self._limit_Nm
+        # Beyond the limit the whole law is scaled down for one step, as in `SpeedLoop`.
+        return free if torque_Nm <= limit_Nm else free.scale(limit_Nm / torque_Nm)
+
+    def _law(self) -> ShaftDrive:
+        command, direction = self._command, self._settings.direction
+        return ShaftDrive(
+            feed_Nm=direction * command.torque_Nm,
+            angle_gain_Nm_per_rad=command.kp_Nm_per_rad,
+            angle_rad=direction * (command.position_rad - self._zero_rad),
+            speed_gain_Nm_s_per_rad=command.kd_Nm_s_per_rad,
+            speed_rad_s=direction * command.speed_rad_s,
+        )
+
+    @property
+    def _limit_Nm(self) -> float:
+        given_Nm = self._settings.torque_limit_Nm
+        return self._ranges.torque_Nm if given_Nm is None else min(given_Nm, self._ranges.torque_Nm)
+
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:  # noqa: ARG002
+        """Advances the motor temperature. Nothing else becomes due, as the drive replies only when asked."""
+        self.warmth.advance(elapsed_s, after.torque_Nm)
+
+    def _reply(self, shaft: ShaftState) -> None:
+        settings, has_errors = self._settings, self._settings.tells_errors
+        angle_rad, speed_rad_s = self.encoder.report(settings.direction * shaft.angle_rad + self._zero_rad, shaft.speed_rad_s)
+        code = mit.position_code(self._ranges, angle_rad)
+        reply = MitReply(
+            drive_id=settings.drive_id,
+            # Firmware differs here: the position code wraps, or is limited to its range.
+            position_code=code % POSITION_CODES if settings.wraps else min(max(code, 0), POSITION_CODES - 1),
+            position_rad=0.0,
+            speed_rad_s=settings.direction * speed_rad_s,
+            torque_Nm=settings.direction * shaft.torque_Nm,
+            temperature_degC=min(round(self.warmth.reported_degC), 255 - self._ranges.temperature_offset_degC) if has_errors else None,
+            error=self._error if has_errors else None,
+        )
+        identifier = settings.drive_id if settings.reply_id is None else settings.reply_id
+        data = mit.encode_reply(self._ranges, reply)
+        self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+
+    def stale_set_point(self) -> Sequence[can.Message]:
+        """A position at a high speed, with torque."""
+        data = mit.encode_command(self._ranges, MitCommand(-9.0, 20.0, 100.0, 5.0, 15.0))
+        return (can.Message(arbitration_id=self._settings.drive_id, data=data, is_extended_id=False),)
+
+    def fail(self) -> str:
+        self.set_error(TOO_HOT)
+        return r"error 1 \(motor too hot\)"
+
+    def refuse(self) -> str:
+        self.refuse_with(ENCODER)
+        return r"refuses with error 5 \(encoder fault\)"
+
+
+@dataclass(frozen=True)
+class ServoTwinSettings:
+    """Configuration of the drive, and variant of its firmware.
+
+    With `watchdog_s` None the drive keeps its last command for ever, otherwise it is disabled after that silence. `wraps`: the
+    position of the status frame wraps at 16 bits, else it stops at +-3200 degrees. `ordered_error` is the error that every motion
+    command ends in; 0 for a healthy drive.
+    """
+
+    drive_id: int = 1
+    gear_ratio: float = 9.0
+    pole_pairs: int = 21
+    torque_constant_Nm_per_A: float = 0.115
+    direction: int = 1
+    zero_deg: float = 0.0
+    gains: LoopGains = field(default_factory=LoopGains)
+    status_period_s: float = 2e-3
+    watchdog_s: float | None = None
+    wraps: bool = True
+    ordered_error: int = 0
+    warming: ThermalParameters = field(default_factory=lambda: ThermalParameters(air_degC=31.0))
+
+
+class CubemarsServoTwin(DriveTwin):
+    """A `MotorTwin` that sends its status cyclically.
+
+    Commands take effect at once and stay in force. A position is absolute, however many turns the shaft has made before.
+    """
+
+    tells_temperature = True
+    # One count of position is 1.7 mrad, with an angle gain of 160 N m/rad. The loop has no speed of a target: 2 rad/s over a gain of 20/s.
+    # The status shows nine turns; beyond them the driver refuses to enable it.
+    tolerances: ClassVar = {
+        "ANGLE_TOLERANCE_RAD": 4e-3,
+        "ENABLING_TORQUE_Nm": 0.4,
+        "FOLLOWING_TOLERANCE_RAD": 0.12,
+        "LARGEST_ANGLE_RAD": 50.0,
+    }
+
+    def __init__(self, bus: can.BusABC, settings: ServoTwinSettings) -> None:
+        self._bus = bus
+        self._settings = settings
+        self._loop = SpeedLoop(settings.gains)
+        self._wanted = MotorSetPoint(LoopMode.TORQUE)
+        # Target of a position command with a speed limit; the set-point moves there.
+        self._goal_rad: float | None = None
+        self._pace_rad_s = 0.0
+        self._starts_pacing = False
+        self._looping = False
+        self._zero_deg = settings.zero_deg
+        self._origin_wanted = False
+        self._error = 0
+        self._fed_s = 0.0
+        self._status_ticks = SampleGrid(settings.status_period_s)
+        self._restarts = False
+        self.encoder = Encoder()
+        self.warmth = MotorThermalModel(settings.warming)
+
+    def take_frames(self, now_s: float) -> None:
+        """Executes received frames; invalid ones are ignored."""
+        while (message := self._bus.recv(timeout=0)) is not None:
+            mine = message.is_extended_id and servo.drive_of(message.arbitration_id) == self._settings.drive_id
+            if mine and not message.is_error_frame and not message.is_remote_frame:
+                self._fed_s = now_s
+                self._take(message)
+        limit_s = self._settings.watchdog_s
+        if limit_s is not None and now_s - self._fed_s > limit_s:
+            self._push(0.0)
+
+    def _take(self, message: can.Message) -> None:
+        try:
+            self._obey(servo.decode(message.arbitration_id, message.data))
+        except MalformedFrame:
+            # The firmware does not report invalid frames either.
+            return
+
+    def _obey(self, order: Message | None) -> None:
+        match order:
+            case servo.SetCurrent():
+                self._push(order.current_A)
+            case servo.SetOrigin():
+                self._origin_wanted = order.origin != OriginMode.FACTORY
+            case servo.SetSpeed():
+                self._turn(LoopMode.VELOCITY, speed_rad_s=order.speed_erpm / self._erpm_s_per_rad)
+            case servo.SetPosition():
+                self._turn(LoopMode.POSITION, angle_rad=self._angle_rad(order.position_deg))
+            case servo.SetPositionSpeed():
+                self._pace_rad_s = abs(order.speed_erpm / self._erpm_s_per_rad)
+                goal_rad = self._angle_rad(order.position_deg)
+                self._turn(LoopMode.POSITION, angle_rad=self._wanted.angle_rad, goal_rad=goal_rad)
+
+    def _push(self, current_A: float) -> None:
+        """Current control. Zero disables the motor and clears an error."""
+        self._wanted = MotorSetPoint(LoopMode.TORQUE, torque_Nm=current_A * self._torque_per_A)
+        self._goal_rad, self._looping = None, False
+        if current_A == 0.0:
+            self._error = 0
+
+    def _turn(self, mode: int, angle_rad: float = 0.0, speed_rad_s: float = 0.0, goal_rad: float | None = None) -> None:
+        if self._settings.ordered_error:
+            self._error = self._settings.ordered_error
+        if self._error:
+            return
+        self._starts_pacing |= goal_rad is not None and self._goal_rad is None
+        self._wanted = MotorSetPoint(mode, angle_rad, speed_rad_s)
+        self._goal_rad = goal_rad
+        if not self._looping:
+            self._loop.reset()
+        self._looping = True
+
+    def set_error(self, error: int) -> None:
+        """Puts the drive into an error: it is disabled, and ignores motion commands until a zero current clears it."""
+        self._push(0.0)
+        self._error = error
+
+    def restart(self) -> None:
+        """Power cycle: the drive is disabled and has lost its rotor turn count."""
+        self._push(0.0)
+        self._restarts = True
+
+    def leap(self, by_rad: float) -> None:
+        """Encoder slip: from now on the reported position is shifted by `by_rad`."""
+        self._zero_deg += degrees(by_rad)
+
+    def refuse_with(self, error: int) -> None:
+        """From now on every motion command ends in this error."""
+        self._settings = replace(self._settings, ordered_error=error)
+
+    def drive(self, shaft: ShaftState) -> ShaftDrive:
+        """Torque law on the shaft until the next step."""
+        if self._restarts:
+            self._restarts, reported_deg = False, self._zero_deg + self._settings.direction * degrees(shaft.angle_rad)
+            # A single-turn encoder knows its position within a rotor turn only: whole turns are lost.
+            self._zero_deg += remainder(reported_deg, 360.0 / self._settings.gear_ratio) - reported_deg
+        if self._origin_wanted:
+            self._origin_wanted, self._zero_deg = False, -self._settings.direction * degrees(shaft.angle_rad)
+        if self._goal_rad is not None and self._starts_pacing:
+            # The moving set-point starts where the shaft is, not at an old set-point.
+            self._wanted.angle_rad = shaft.angle_rad
+        self._starts_pacing = False
+        return self._loop.law(self._wanted, shaft)
+
+    def advance(self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive) -> None:
+        """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports that became due in it."""
+        self._loop.advance(self._wanted, elapsed_s, before, after)
+        self.warmth.advance(elapsed_s, after.torque_Nm)
+        if self._goal_rad is not None:
+            way_rad, most_rad = self._goal_rad - self._wanted.angle_rad, self._pace_rad_s * elapsed_s
+            self._wanted.angle_rad += min(max(way_rad, -most_rad), most_rad)
+        due_s = self._status_ticks.until(now_s).tolist()
+        for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
+            self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
+
+    def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
+        reported_deg, speed_rad_s = self.encoder.report(self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s)
+        count = floor(reported_deg / servo.STATUS_DEG)
+        clipped = min(max(count, -MAX_COUNT), MAX_COUNT)
+        wrapped = (count + servo.STATUS_COUNTS // 2) % servo.STATUS_COUNTS - servo.STATUS_COUNTS // 2
+        status = Status(
+            position_count=wrapped if self._settings.wraps else clipped,
+            speed_erpm=speed_rad_s * self._erpm_s_per_rad,
+            current_A=torque_Nm / self._torque_per_A,
+            temperature_degC=min(round(self.warmth.reported_degC), MAX_TEMPERATURE_degC),
+            error=self._error,
+        )
+        frame = servo.status(self._settings.drive_id, status)
+        self._bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=True))
+
+    def _angle_rad(self, position_deg: float) -> float:
+        return self._settings.direction * radians(position_deg - self._zero_deg)
+
+    @property
+    def _erpm_s_per_rad(self) -> float:
+        return self._settings.direction * self._settings.gear_ratio * self._settings.pole_pairs * 60.0 / tau
+
+    @property
+    def _torque_per_A(self) -> float:
+        return self._settings.direction * self._settings.gear_ratio * self._settings.torque_constant_Nm_per_A
+
+    def stale_set_point(self) -> Sequence[can.Message]:
+        """None stays: the driver takes the torque away before it enables the drive."""
+        return ()
+
+    def fail(self) -> str:
+        self.set_error(TOO_MUCH_CURRENT)
+        return r"error 2 \(motor current above its limit\)"
+
+    def refuse(self) -> str:
+        self.refuse_with(ENCODER)
+        return r"refuses with error 5 \(encoder fault\)"
+
+
+def cubemars_events(motor: CubemarsMitTwin | CubemarsServoTwin) -> Mapping[str, Callable[[], None]]:
+    """One-time events inside the drive, by the name of the fault."""
+    return {
+        "encoder-jump": lambda: motor.leap(JUMP_RAD),
+        "over-temperature": lambda: motor.set_error(TOO_HOT),
+        "encoder-lost": lambda: motor.set_error(ENCODER),
+        "stalled": lambda: motor.set_error(STALLED),
+        "refuses": lambda: motor.refuse_with(TOO_HOT),
+        **drive_events(motor),
+    }
+
+
+FAULTS = DriveFaults(
+    (
+        Fault("encoder-jump", "the encoder slips: the drive's position reads a quarter of a turn more from now on", once=True),
+        Fault("over-temperature", "the drive stops with error 1, motor too hot", once=True),
+        Fault("encoder-lost", "the drive stops with error 5, encoder fault", once=True),
+        Fault("stalled", "the drive stops with error 7, motor stalled", once=True),
+        Fault("refuses", "every later attempt to enable the drive ends in error 1", once=True),
+        *DRIVE_FAULTS,
+    ),
+    cubemars_events,
+)
+
+
+def make_mit_twin(bus: can.BusABC, keys: CubemarsMitSection, gains: LoopGains, watchdog_s: float | None) -> CubemarsMitTwin:
+    """The twin of a drive in MIT mode that [motor] names. Its gains come over the wire; of `gains` it only uses the torque limit."""
+    settings = MitTwinSettings(
+        drive_id=keys.drive_id,
+        model=keys.model,
+        direction=keys.direction,
+        zero_rad=keys.zero_rad,
+        torque_limit_Nm=gains.torque_limit_Nm,
+        watchdog_s=watchdog_s,
+    )
+    return CubemarsMitTwin(bus, settings)
+
+
+def make_servo_twin(bus: can.BusABC, keys: CubemarsServoSection, gains: LoopGains, watchdog_s: float | None) -> CubemarsServoTwin:
+    """The twin of a drive in servo mode that [motor] names."""
+    settings = ServoTwinSettings(
+        drive_id=keys.drive_id,
+        gear_ratio=keys.gear_ratio,
+        pole_pairs=keys.pole_pairs,
+        torque_constant_Nm_per_A=keys.torque_constant_Nm_per_A,
+        direction=keys.direction,
+        zero_deg=keys.zero_deg,
+        gains=gains,
+        status_period_s=keys.status_period_ms / 1e3,
+        watchdog_s=watchdog_s,
+    )
+    return CubemarsServoTwin(bus, settings)

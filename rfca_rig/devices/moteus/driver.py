@@ -1,0 +1,522 @@
+"""Driver for a moteus on a CAN-FD bus: its settings, its replies and its commands.
+
+Replies are decoded, kept apart from those of other drives, and time-stamped.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from math import isfinite, nan
+
+import can
+import numpy as np
+
+from rfca_rig.clock import Clock
+from rfca_rig.devices.moteus import codec
+from rfca_rig.devices.moteus.codec import (
+    LARGEST_ID,
+    LARGEST_PREFIX,
+    Mode,
+    Read,
+    Refusal,
+    Register,
+    Reply,
+    Route,
+    Subframe,
+    Width,
+    Write,
+    fault_text,
+    mode_text,
+    name_of,
+    register_error_text,
+)
+from rfca_rig.devices.moteus.section import MoteusSection
+from rfca_rig.drivers.can_frames import BusHealth, receive_frames, send, send_stop
+from rfca_rig.drivers.device_time import CounterClock
+from rfca_rig.drivers.drive_report import EncoderJumpMonitor, ShaftGear, check_command, check_positive
+from rfca_rig.drivers.roles import MotorStatus, ShaftSamples
+from rfca_rig.errors import BadInput, DeviceError
+
+POLL_S = 2e-3
+# A negative limit switches off the drive's own trajectory planning.
+NO_LIMIT = -1.0
+# Modes that a drive passes through between the first command and position mode.
+STARTING = frozenset({Mode.STOPPED, Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBRATED})
+# Fault codes from 96 on (limits 96-103) name what limits the output of a running drive; they are no faults.
+MIN_LIMIT_CODE = 96
+# The vendor's tools use source id 0, and answers go to the id that asked.
+OWN_ID = 0x20
+
+STATE_QUERY = (
+    Read(Register.MODE, Width.INT8),
+    Read(Register.POSITION, Width.FLOAT),
+    Read(Register.VELOCITY, Width.FLOAT),
+    Read(Register.TORQUE, Width.FLOAT),
+    Read(Register.MOTOR_TEMPERATURE, Width.INT16),
+    Read(Register.VOLTAGE, Width.INT16),
+    Read(Register.TEMPERATURE, Width.INT16),
+    Read(Register.FAULT, Width.INT16),
+    Read(Register.MILLISECOND_COUNTER, Width.INT32),
+)
+# A reply without these registers is no state. Voltage and temperatures are only shown, so they may be missing.
+_REQUIRED = frozenset(read.register for read in STATE_QUERY) - {
+    Register.VOLTAGE,
+    Register.TEMPERATURE,
+    Register.MOTOR_TEMPERATURE,
+}
+
+IDENTITY_QUERY = tuple(
+    Read(register, Width.INT32)
+    for register in (
+        Register.MODEL_NUMBER,
+        Register.FIRMWARE_VERSION,
+        Register.REGISTER_MAP_VERSION,
+        Register.SERIAL_NUMBER_1,
+        Register.SERIAL_NUMBER_2,
+        Register.SERIAL_NUMBER_3,
+    )
+)
+
+
+@dataclass(frozen=True)
+class MoteusSettings(ShaftGear):
+    """Settings of the drive.
+
+    `gear_ratio` is turns of the drive's output per shaft turn; it is 1 for a gear that motor_position.rotor_to_output_ratio already
+    includes. `direction` is +1 or -1, `zero_turns` the drive's position with the shaft horizontal. `watchdog_s` is sent with every
+    command: the drive stops the motor if no other follows within that time. `torque_limit_Nm` applies at the shaft; None keeps the
+    drive's own. Raises BadInput for invalid values.
+    """
+
+    drive_id: int = 1
+    own_id: int = OWN_ID
+    can_prefix: int = 0
+    gear_ratio: float = 1.0
+    direction: int = 1
+    zero_turns: float = 0.0
+    watchdog_s: float = 0.1
+    torque_limit_Nm: float | None = None
+    reply_timeout_s: float = 0.35
+    enable_timeout_s: float = 1.0
+    bitrate_switch: bool = True
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.drive_id <= LARGEST_ID:
+            raise BadInput(f"drive: drive_id is {self.drive_id}, must be 1..{LARGEST_ID}")
+        if not 0 <= self.own_id <= LARGEST_ID or self.own_id == self.drive_id:
+            raise BadInput(f"drive: own_id is {self.own_id}, must be 0..{LARGEST_ID} and not the drive's")
+        if not 0 <= self.can_prefix <= LARGEST_PREFIX:
+            raise BadInput(f"drive: can_prefix is {self.can_prefix}, must be 0..{LARGEST_PREFIX}")
+        self.check_gear()
+        for name in ("watchdog_s", "reply_timeout_s", "enable_timeout_s"):
+            check_positive(name, getattr(self, name))
+        if self.torque_limit_Nm is not None:
+            check_positive("torque_limit_Nm", self.torque_limit_Nm)
+
+
+@dataclass(frozen=True)
+class MoteusState:
+    """The last answer, in the drive's units."""
+
+    mode: int
+    fault: int
+    position_turns: float
+    voltage_V: float
+    temperature_degC: float
+    motor_temperature_degC: float
+
+    @property
+    def warmest_C(self) -> float | None:
+        """Higher of board and motor temperature in degrees C; None if neither is reported."""
+        reported = [value for value in (self.temperature_degC, self.motor_temperature_degC) if isfinite(value)]
+        return max(reported, default=None)
+
+
+class MoteusReplies:
+    """Receives replies. `state` is the drive's last answer, `facts` holds its identity registers, read when it was enabled.
+
+    A drive answers each query once. An answer therefore belongs to the query whose time fits its millisecond counter best; older
+    queries without an answer count as lost.
+    """
+
+    def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._settings = settings
+        self._time = CounterClock()
+        self._asked_s: deque[float] = deque()
+        self._rows: list[tuple[float, float, float, float, float]] = []
+        self._stamped_s = -1.0
+        self._leap = EncoderJumpMonitor()
+        self.health = BusHealth()
+        self.state: MoteusState | None = None
+        self.facts: dict[int, float] = {}
+        self.drained_s = clock.now_s()
+        self.lost = 0
+        self.reset_counters()
+
+    def reset_counters(self) -> None:
+        """Restarts the counters behind `missing`; open queries are forgotten."""
+        self._asked_s.clear()
+        self._foreign_ids: set[int] = set()
+        self._refusals: dict[int, int] = {}
+        self.answers = 0
+
+    def note_query(self) -> None:
+        """Notes that a state query has been sent."""
+        self._asked_s.append(self._clock.now_s())
+
+    def drain(self) -> None:
+        """Receives everything the bus holds; never waits.
+
+        Raises DeviceError if the bus fails, if a frame cannot be decoded, and if the drive reports no position.
+        """
+        self.drained_s = self._clock.now_s()
+        for message in receive_frames(self._bus, self.health):
+            self._take(message)
+
+    def samples(self) -> ShaftSamples:
+        """Samples (m,) drained since the last call. `host_s` is the time of the query, within 1 ms of the time of the measurement."""
+        rows, self._rows = np.array(self._rows).reshape(-1, 5), []
+        settings = self._settings
+        return ShaftSamples(
+            host_s=rows[:, 0],
+            device_s=rows[:, 1],
+            angle_rad=(rows[:, 2] - settings.zero_turns) * settings.shaft_rad_per_turn,
+            speed_rad_s=rows[:, 3] * settings.shaft_rad_per_turn,
+            torque_Nm=rows[:, 4] * settings.shaft_torque_per_drive_torque,
+        )
+
+    @property
+    def silent_s(self) -> float:
+        """Age in s of the oldest open query, 0 if none is open. A drive that is not asked sends nothing."""
+        return self.drained_s - self._asked_s[0] if self._asked_s else 0.0
+
+    @property
+    def restarts(self) -> int:
+        return self._time.restarts
+
+    @property
+    def zero_lost(self) -> str | None:
+        """Why the angle can no longer be trusted, or None. Never reset."""
+        if self.restarts:
+            return "the drive restarted, its millisecond counter began again; turns that it had counted are lost: find its zero again"
+        return self._leap.fault
+
+    def missing(self) -> str | None:
+        """Why there is no usable answer since `reset_counters`, with the remedy; None if there is one."""
+        drive = self._settings.drive_id
+        if self._refusals:
+            refused = ", ".join(f"{name_of(register)}: {register_error_text(code)}" for register, code in self._refusals.items())
+            return f"drive {drive} cannot tell {refused}; check that its firmware knows that register, and update it"
+        if self.answers > 0:
+            return None
+        if self._foreign_ids:
+            others = ", ".join(map(str, sorted(self._foreign_ids)))
+            return f"CAN frames from id {others} but no answer from drive {drive}; check drive_id and can_prefix"
+        return (
+            f"no answer from drive {drive}, and no other frames on the CAN bus; check the drive's power, the wiring, the termination, "
+            "drive_id (a moteus speaks only when asked), and that the interface does CAN-FD at 1 and 5 Mbit/s"
+        )
+
+    def _take(self, message: can.Message) -> None:
+        route = codec.route_of(message.arbitration_id)
+        if route.wants_reply or route.source == self._settings.own_id:
+            # A request: by another master, or our own echoed by the adapter.
+            return
+        if (route.source, route.prefix) != (self._settings.drive_id, self._settings.can_prefix):
+            self._foreign_ids.add(route.source)
+        elif route.destination == self._settings.own_id:
+            self._hear(codec.decode(message.data))
+
+    def _hear(self, subframes: list[Subframe]) -> None:
+        values = {item.register: item.value for item in subframes if isinstance(item, Reply)}
+        self._refusals |= {item.register: item.code for item in subframes if isinstance(item, Refusal) and item.register in _REQUIRED}
+        if values.keys() >= _REQUIRED:
+            self._hear_state(values)
+        else:
+            self.facts |= values
+
+    def _hear_state(self, values: dict[int, float]) -> None:
+        counter = int(values[Register.MILLISECOND_COUNTER])
+        asked_s = self._match_query(counter)
+        if asked_s is None:
+            # No query is open: the frame was duplicated on the way.
+            return
+        # A limit check on a position or speed that is not finite would never trip.
+        if not (isfinite(values[Register.POSITION]) and isfinite(values[Register.VELOCITY])):
+            raise DeviceError(
+                f"drive {self._settings.drive_id} knows no position, mode {mode_text(int(values[Register.MODE]))}; check its encoder"
+            )
+        self.answers += 1
+        self.state = MoteusState(
+            mode=int(values[Register.MODE]),
+            fault=int(values[Register.FAULT]),
+            position_turns=values[Register.POSITION],
+            voltage_V=values.get(Register.VOLTAGE, nan),
+            temperature_degC=values.get(Register.TEMPERATURE, nan),
+            motor_temperature_degC=values.get(Register.MOTOR_TEMPERATURE, nan),
+        )
+        stamp_s = self._time.stamp(counter, asked_s)
+        # Two answers with the same time carry the same sample.
+        if stamp_s > self._stamped_s:
+            self._stamped_s = stamp_s
+            self._rows.append((asked_s, stamp_s, values[Register.POSITION], values[Register.VELOCITY], values[Register.TORQUE]))
+            # A jump is the same in either direction of the shaft, so the sign is left out here.
+            per_turn = abs(self._settings.shaft_rad_per_turn)
+            self._leap.follow(asked_s, stamp_s, per_turn * values[Register.POSITION], per_turn * values[Register.VELOCITY])
+
+    def _match_query(self, counter: int) -> float | None:
+        """Time of the query that the answer with this counter belongs to; None without open queries. Older ones are dropped."""
+        if not self._asked_s:
+            return None
+        best = min(range(len(self._asked_s)), key=lambda index: self._time.distance_s(counter, self._asked_s[index]))
+        for _ in range(best):
+            self._asked_s.popleft()
+        self.lost += best
+        return self._asked_s.popleft()
+
+
+class MoteusMotor:
+    """A `ShaftMotor` over any `can.BusABC` that carries CAN-FD. Waits only through the clock, and only in `enable` and `prove_watchdog`.
+
+    A moteus replies only when asked. Every command requests a reply, and a `read` without a command before it sends its own request,
+    so that a reply is there for the next `read`. Only commands feed the drive's watchdog, and they result directly from calls; a
+    caller that hangs therefore lets the drive stop the motor. Each command writes the mode first, which resets all other command
+    registers, so no old set-point can take effect. The drive's own trajectories (servo.default_velocity_limit, default_accel_limit)
+    are switched off in each command, as targets come every few milliseconds. Only `enable` starts the drive: once it has stopped for
+    any reason, further commands do not move it.
+    """
+
+    def __init__(self, bus: can.BusABC, clock: Clock, settings: MoteusSettings) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._settings = settings
+        self._replies = MoteusReplies(bus, clock, settings)
+        self._asked = False
+        self._armed = False
+        # State of the drive when it left position mode on its own; None while it has not.
+        self._exit_state: MoteusState | None = None
+
+    def enable(self) -> None:
+        """Energises the motor and holds the shaft: the drive starts from the angle that it measures itself at that moment.
+
+        Raises DeviceError, and leaves the motor off, if no answer of this drive arrives, a register is missing, or the drive refuses
+        with a fault.
+        """
+        self.disable()
+        if self._replies.zero_lost is not None:
+            raise DeviceError(f"drive not enabled: {self._replies.zero_lost}, then start again")
+        self._replies.drain()
+        self._replies.reset_counters()
+        self._send(IDENTITY_QUERY, wants_reply=True)
+        self._await_stopped()
+        self._await_position_mode()
+        self._armed = True
+
+    def _await_stopped(self) -> None:
+        """Waits for the stopped mode. Stopping clears old faults; a persistent one remains."""
+        deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
+        while self._replies.answers == 0 or self._state().mode != Mode.STOPPED:
+            if self._clock.now_s() > deadline_s and (missing := self._replies.missing()) is not None:
+                raise DeviceError(f"drive not enabled: within {self._settings.enable_timeout_s:g} s {missing}")
+            self._refuse_if(self._clock.now_s() > deadline_s, f"does not stop within {self._settings.enable_timeout_s:g} s:")
+            self._ask()
+            self._wait_and_drain()
+
+    def _await_position_mode(self) -> None:
+        deadline_s = self._clock.now_s() + self._settings.enable_timeout_s
+        while self._state().mode != Mode.POSITION:
+            self._refuse_if(self._state().mode not in STARTING, "refuses position mode with")
+            self._refuse_if(self._clock.now_s() > deadline_s, f"not in position mode after {self._settings.enable_timeout_s:g} s:")
+            self._command(nan, 0.0)
+            self._wait_and_drain()
+
+    def _refuse_if(self, refused: bool, how: str) -> None:
+        if refused:
+            state = self._state()
+            self.disable()
+            fault = f"{fault_text(state.fault)}, " if state.fault else ""
+            raise DeviceError(f"drive not enabled: drive {self._settings.drive_id} {how} {fault}mode {mode_text(state.mode)}")
+
+    def _state(self) -> MoteusState:
+        if self._replies.state is None:
+            raise DeviceError(f"no answer from drive {self._settings.drive_id} yet; enable the drive first")
+        return self._replies.state
+
+    def command_speed(self, speed_rad_s: float) -> None:
+        """Commands a shaft speed. Raises DeviceError if the frame cannot be sent."""
+        self._move(nan, self._settings.turns_s(check_command(speed_rad_s, "speed")))
+
+    def command_angle(self, angle_rad: float, speed_rad_s: float = 0.0) -> None:
+        """Commands a shaft angle that moves on at the given speed. Raises DeviceError if the frame cannot be sent."""
+        turns = self._settings.turns(check_command(angle_rad, "angle"))
+        turns_s = self._settings.turns_s(check_command(speed_rad_s, "speed"))
+        self._move(turns, turns_s)
+
+    def _move(self, turns: float, turns_s: float) -> None:
+        """Sends a command. Any command would restart a stopped moteus, so one that left position mode is kept stopped and only queried.
+
+        A fault or timeout is latched until a stop, and a stop would erase it.
+        """
+        if self._armed and self._exit_state is None:
+            self._command(turns, turns_s)
+        elif self._exit_state is not None and self._exit_state.mode not in {Mode.FAULT, Mode.TIMEOUT}:
+            self._ask((Write(Register.MODE, Width.INT8, Mode.STOPPED),))
+        else:
+            self._ask()
+
+    def _command(self, turns: float, turns_s: float) -> None:
+        """Sends position mode with a state query. NaN for `turns` lets the drive continue from its own target."""
+        settings = self._settings
+        # The limit is set at the shaft; NaN leaves the drive's own limit in force.
+        limit_Nm = nan if settings.torque_limit_Nm is None else settings.torque_limit_Nm / settings.gear_ratio
+        commands = (
+            (Register.COMMAND_POSITION, turns),
+            (Register.COMMAND_VELOCITY, turns_s),
+            (Register.COMMAND_MAXIMUM_TORQUE, limit_Nm),
+            (Register.COMMAND_TIMEOUT, settings.watchdog_s),
+            (Register.COMMAND_VELOCITY_LIMIT, NO_LIMIT),
+            (Register.COMMAND_ACCELERATION_LIMIT, NO_LIMIT),
+        )
+        writes = (Write(register, Width.FLOAT, value) for register, value in commands)
+        # The mode comes first, as writing it resets the registers that follow.
+        self._send((Write(Register.MODE, Width.INT8, Mode.POSITION), *writes, *STATE_QUERY), wants_reply=True)
+        self._note_request()
+
+    def _ask(self, orders: tuple[Write, ...] = ()) -> None:
+        self._send((*orders, *STATE_QUERY), wants_reply=True)
+        self._note_request()
+
+    def _note_request(self) -> None:
+        self._replies.note_query()
+        self._asked = True
+
+    def disable(self) -> None:
+        """Disables the motor within 20 ms. Raises DeviceError if the frame cannot be sent; its watchdog then stops the motor."""
+        self._armed, self._exit_state = False, None
+        send_stop(self._bus, self._clock, [self._message((Write(Register.MODE, Width.INT8, Mode.STOPPED),), wants_reply=False)])
+
+    def prove_watchdog(self, limit_s: float) -> float:
+        """Sends queries only until the drive reports a timeout; returns the time in s that this took.
+
+        Call it with the shaft enabled and at rest; the motor is off afterwards. Raises DeviceError if nothing happened within
+        `limit_s`.
+        """
+        started_s = self._clock.now_s()
+        while self._state().mode != Mode.TIMEOUT:
+            # A query does not feed the watchdog, so the mode can be polled while it runs out.
+            if self._clock.now_s() - started_s > limit_s:
+                self.disable()
+                raise DeviceError(
+                    f"drive's watchdog let it run through {limit_s:g} s of silence, mode {mode_text(self._state().mode)}; "
+                    f"it was set to time out after {self._settings.watchdog_s:g} s (register 0x027), check its firmware"
+                )
+            self._ask()
+            self._wait_and_drain()
+        self.disable()
+        return self._clock.now_s() - started_s
+
+    def read(self) -> ShaftSamples:
+        """Samples (m,) since the last call. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        self._replies.drain()
+        state = self._replies.state
+        if self._armed and self._exit_state is None and state is not None and state.mode != Mode.POSITION:
+            self._exit_state = state
+        # A command already requested a reply; only a read without one needs its own query.
+        if not self._asked:
+            self._ask()
+        self._asked = False
+        return self._replies.samples()
+
+    def status(self) -> MotorStatus:
+        """State of the drive. A motor that left position mode on its own is at fault until it is enabled again, or disabled."""
+        state = self._replies.state
+        silent_s = self._replies.silent_s
+        temperature_C = None if state is None else state.warmest_C
+        return MotorStatus("unknown" if state is None else _state_text(state), self._fault(silent_s), silent_s, temperature_C)
+
+    def _fault(self, silent_s: float) -> str | None:
+        state, limit_s = self._exit_state or self._replies.state, self._settings.reply_timeout_s
+        # The drive's own fault comes first, since it names the cause.
+        if state is not None and state.mode == Mode.FAULT:
+            return fault_text(state.fault)
+        if self._replies.zero_lost is not None:
+            return self._replies.zero_lost
+        if self._exit_state is not None and self._exit_state.mode == Mode.TIMEOUT:
+            return f"mode 11 (timeout: no command reached the drive for {self._settings.watchdog_s:g} s)"
+        if self._exit_state is not None:
+            return (
+                f"left position mode for {mode_text(self._exit_state.mode)} without a fault; was it stopped from elsewhere, or restarted?"
+            )
+        if silent_s > limit_s:
+            return f"no answer for {silent_s:.2f} s, limit {limit_s:g} s; check the drive's power and the CAN wiring"
+        return self._replies.health.fault
+
+    def identity(self) -> dict[str, str]:
+        """For the recording. Model, firmware and serial number are known after `enable`."""
+        settings, facts = self._settings, self._replies.facts
+        return {
+            "make": "moteus, multiplex protocol on CAN-FD",
+            "bus": str(self._bus.channel_info),
+            "drive_id": str(settings.drive_id),
+            "model": _hexadecimal(facts.get(Register.MODEL_NUMBER), 1),
+            "firmware": _version(facts.get(Register.FIRMWARE_VERSION)),
+            "serial_number": "".join(_hexadecimal(facts.get(Register.SERIAL_NUMBER_1 + at), 8) for at in (2, 1, 0)),
+            "gear_ratio": repr(settings.gear_ratio),
+            "direction": str(settings.direction),
+            "zero_turns": repr(settings.zero_turns),
+            "watchdog_s": repr(settings.watchdog_s),
+            "answers_lost": str(self._replies.lost),
+            "restarts": str(self._replies.restarts),
+            **self._replies.health.facts(),
+        }
+
+    def _send(self, subframes: tuple[Subframe, ...], wants_reply: bool) -> None:
+        send(self._bus, self._message(subframes, wants_reply))
+
+    def _message(self, subframes: tuple[Subframe, ...], wants_reply: bool) -> can.Message:
+        settings = self._settings
+        identifier = codec.arbitration_id(Route(settings.own_id, settings.drive_id, wants_reply, settings.can_prefix))
+        return can.Message(
+            arbitration_id=identifier,
+            is_extended_id=True,
+            is_fd=True,
+            bitrate_switch=settings.bitrate_switch,
+            data=codec.encode(subframes),
+        )
+
+    def _wait_and_drain(self) -> None:
+        self._clock.wait_until(self._clock.now_s() + POLL_S)
+        self._replies.drain()
+
+
+def _state_text(state: MoteusState) -> str:
+    """Mode as text. Fault codes of a running drive name what limits its output at the moment."""
+    limited = state.mode != Mode.FAULT and state.fault >= MIN_LIMIT_CODE
+    return f"{mode_text(state.mode)}, {fault_text(state.fault)}" if limited else mode_text(state.mode)
+
+
+def _hexadecimal(value: float | None, digits: int) -> str:
+    return "unknown" if value is None else f"{int(value) & 0xFFFFFFFF:0{digits}x}"
+
+
+def _version(value: float | None) -> str:
+    number = int(value or 0)
+    # The register packs major, minor and micro version into one byte each.
+    return "unknown" if value is None else f"{number >> 16}.{number >> 8 & 0xFF}.{number & 0xFF}"
+
+
+def make_driver(keys: MoteusSection, bus: can.BusABC, clock: Clock, silent_s: float) -> MoteusMotor:
+    """The driver of the drive that [motor] names."""
+    settings = MoteusSettings(
+        drive_id=keys.drive_id,
+        can_prefix=keys.can_prefix,
+        gear_ratio=keys.gear_ratio,
+        direction=keys.direction,
+        zero_turns=keys.zero_turns,
+        watchdog_s=keys.watchdog_ms / 1e3,
+        torque_limit_Nm=keys.torque_limit_Nm,
+        reply_timeout_s=silent_s,
+        bitrate_switch=keys.bitrate_switch,
+    )
+    return MoteusMotor(bus, clock, settings)

@@ -1,0 +1,150 @@
+"""[motor] in a rig file: the base classes of its sections, and the section that `device` selects from the registry."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+import can
+from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, field_validator
+from pydantic_core import CoreSchema, PydanticCustomError, PydanticKnownError, core_schema
+
+from rfca_rig.clock import Clock
+from rfca_rig.devices import MOTORS, find_motor, list_motors, load_object
+from rfca_rig.drivers.can_frames import CanBusSettings
+from rfca_rig.drivers.roles import ShaftMotor
+from rfca_rig.errors import BadInput
+from rfca_rig.toml import Positive, Section, SelectedByData
+
+# Rate of commands during a stroke, and of the reports of a drive that only answers commands.
+LOOP_RATE_HZ = 500.0
+
+
+class MotorSection(Section):
+    """Keys of every drive on CAN: the bus, and the direction in which it turns the shaft.
+
+    On a real rig a `guardian` owns the bus of a drive that has no watchdog. It is a process that removes the torque when no command arrives
+    for `guardian_silence_ms`.
+    """
+
+    needs_guardian: ClassVar[bool] = False
+
+    if TYPE_CHECKING:
+        # Each section states its own word.
+        device: str
+
+    direction: Literal[1, -1] = Field(description="-1 where the drive counts up while the leg turns up")
+    interface: str = Field(default="socketcan", description="interface of python-can")
+    channel: str = Field(default="can0", description="channel of that interface")
+    bitrate: Annotated[int, Field(gt=0)] = Field(default=1_000_000, description="bits/s of the bus")
+    guardian: bool | None = Field(default=None, description="for drives without a watchdog: whether a guardian owns the bus of a real rig")
+    guardian_silence_ms: Annotated[float, Field(ge=20, le=300)] = Field(
+        default=100.0, description="time without a command after which the guardian removes the torque"
+    )
+
+    @field_validator("guardian")
+    @classmethod
+    def _only_where_it_is_needed(cls, guardian: bool | None) -> bool | None:
+        # A drive's own watchdog is tested before a run; a guardian beside it has no purpose.
+        if guardian and not cls.needs_guardian:
+            raise ValueError("is for drives without a watchdog; this one has its own, which is proven before a run: leave the key out")
+        return guardian
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether a guardian owns the bus on a real rig."""
+        # A drive without a watchdog is guarded unless the file says otherwise.
+        return self.needs_guardian if self.guardian is None else self.guardian
+
+    @property
+    def reports_Hz(self) -> float:
+        """Rate at which the drive reports the shaft."""
+        return LOOP_RATE_HZ
+
+    @property
+    def fd_bitrate(self) -> int | None:
+        """Bits/s of the data phase for drives with CAN-FD, else None."""
+        return None
+
+    def open(self) -> can.BusABC:
+        """Open the bus, to be shut down by the caller. Override it for a drive without a CAN bus. Raises the errors of python-can."""
+        return CanBusSettings(self.interface, self.channel, self.bitrate, self.fd_bitrate).open()
+
+    def driver(self, bus: can.BusABC, clock: Clock, silent_s: float) -> ShaftMotor:
+        """The driver on that bus; no report for `silent_s` is a fault. The make of a built-in drive makes it instead."""
+        raise NotImplementedError(f"{type(self).__name__} defines no driver(bus, clock, silent_s)")
+
+
+class OwnMotorSection(MotorSection):
+    """A lab's own drive, driven by the class MOTOR in `file`; `twin_file` defines its TWIN. Both are relative to the rig file's folder.
+
+    Other keys are only passed on here. MOTOR validates them when the rig file is read.
+    """
+
+    # A lab's class defines keys that are unknown here.
+    model_config = ConfigDict(extra="allow")
+
+    device: Literal["own"]
+    file: Annotated[str, Field(min_length=1)]
+    twin_file: Annotated[str, Field(min_length=1)] | None = None
+
+
+class SpeedDriveKeys(MotorSection):
+    """Base class of the keys of a drive with speed commands (`SpeedDrive`), and of the driver that is made from them.
+
+    `zero_turns` is the encoder's reading, in motor turns, with the leg horizontal. A drive that reports only on request has no
+    `report_period_ms`. `angle_gain_per_s` converts an angle error into a speed.
+    """
+
+    gear_ratio: Positive = 1.0
+    zero_turns: float
+    report_period_ms: Positive | None = None
+    angle_gain_per_s: Positive = 20.0
+
+    @property
+    def reports_Hz(self) -> float:
+        return LOOP_RATE_HZ if self.report_period_ms is None else 1e3 / self.report_period_ms
+
+
+class MotorKeys(SpeedDriveKeys, OwnMotorSection):
+    """Base class of a lab's MOTOR in a file that the rig file names."""
+
+    # A wrong key is refused again, now that the lab's class states all of them.
+    model_config = ConfigDict(extra="forbid")
+
+
+class SelectedByDevice(SelectedByData):
+    """Annotation of a section that `device` selects from the registry. Only the section of that kind is imported."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.validate)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The schema of all built-in kinds."""
+        sections = {kind: load_object(find_motor(kind).section).__pydantic_core_schema__ for kind in MOTORS}
+        return handler(core_schema.tagged_union_schema(sections, "device"))
+
+    def validate(self, data: Any) -> MotorSection:
+        """The section of the kind that `data` names. Faults have the types that pydantic gives a union of sections."""
+        if isinstance(data, MotorSection):
+            return data
+        if not isinstance(data, Mapping):
+            raise PydanticKnownError("model_attributes_type")
+        section = self.section_of(data)
+        if section is None:
+            words = {"discriminator": "'device'", "tag": str(data.get("device")), "expected_tags": ", ".join(map(repr, list_motors()))}
+            raise PydanticKnownError("union_tag_invalid" if "device" in data else "union_tag_not_found", words)
+        return section.model_validate(data)
+
+    def section_of(self, data: Mapping[str, Any]) -> type[MotorSection] | None:
+        """The class of the section that `data` names, None for a kind that is not known."""
+        try:
+            section = load_object(find_motor(str(data.get("device"))).section)
+        except KeyError:
+            return None
+        except BadInput as error:
+            raise PydanticCustomError("device_not_loaded", "{reason}", {"reason": str(error)}) from None
+        if not (isinstance(section, type) and issubclass(section, MotorSection)):
+            raise PydanticCustomError("device_not_loaded", f"the section of device {data['device']!r} does not inherit MotorSection")
+        return section
+
+
+Motor = Annotated[MotorSection, SelectedByDevice()]

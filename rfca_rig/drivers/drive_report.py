@@ -1,0 +1,250 @@
+"""Gear between a drive and the shaft, and the time-stamped reports of a plug-in drive (see docs/add-a-motor.md)."""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite, tau
+
+import can
+import numpy as np
+
+from rfca_rig.clock import Clock
+from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames
+from rfca_rig.drivers.device_time import FrameCount
+from rfca_rig.drivers.roles import ShaftSamples, concatenate_blocks
+from rfca_rig.errors import BadInput, DeviceError
+
+# Margin in rad on top of any possible motion.
+JUMP_MARGIN_RAD = 0.1
+# Factor on the faster of the two reported speeds, as the speed between two reports may be higher.
+SPEED_FACTOR = 1.5
+# Largest acceleration: 40 N m on a bare rotor of 0.008 kg m2.
+MAX_ACCELERATION_RAD_S2 = 5000.0
+# Cap on the assumed speed, so that a long gap does not allow any step.
+MAX_SPEED_RAD_S = 60.0
+
+
+class ShaftGear:
+    """Base of settings with these three values.
+
+    `gear_ratio` is drive turns per shaft turn, `direction` +1 or -1, `zero_turns` the drive's reading with the shaft horizontal.
+    """
+
+    gear_ratio: float
+    direction: int
+    zero_turns: float
+
+    def check_gear(self) -> None:
+        """Raises BadInput for invalid values."""
+        if self.direction not in {1, -1}:
+            raise BadInput(f"drive: direction is {self.direction}, must be 1 or -1")
+        if not isfinite(self.zero_turns):
+            raise BadInput(f"drive: zero_turns is {self.zero_turns}, must be a number")
+        check_positive("gear_ratio", self.gear_ratio)
+
+    def turns(self, angle_rad: float) -> float:
+        """Drive position in turns at a shaft angle in rad."""
+        return self.zero_turns + self.turns_s(angle_rad)
+
+    def turns_s(self, speed_rad_s: float) -> float:
+        """Drive speed in turns/s at a shaft speed in rad/s."""
+        return self.direction * self.gear_ratio * speed_rad_s / tau
+
+    @property
+    def shaft_rad_per_turn(self) -> float:
+        """Shaft angle in rad per turn of the drive, signed."""
+        return self.direction * tau / self.gear_ratio
+
+    @property
+    def shaft_torque_per_drive_torque(self) -> float:
+        """Shaft torque over drive torque, signed, for a gear without losses."""
+        return self.direction * self.gear_ratio
+
+
+def check_positive(name: str, value: float) -> None:
+    """Raises BadInput if `value` is not a finite number above 0."""
+    if not (isfinite(value) and value > 0.0):
+        raise BadInput(f"drive: {name} is {value}, must be above 0")
+
+
+def check_command(value: float, name: str) -> float:
+    """The commanded value. Raises DeviceError if it is not finite, before anything is sent."""
+    if not isfinite(value):
+        raise DeviceError(f"commanded {name} is {value}; nothing was sent to the drive")
+    return value
+
+
+class EncoderJumpMonitor:
+    """Checks each step of the shaft's position. `fault` stays set after a jump, as the zero is lost with it.
+
+    The allowed speed between two reports is 1.5 times the faster of their speeds, plus half of what the largest acceleration adds.
+    A step of 0.1 rad more than this speed allows is a jump. The elapsed time is the larger of device time and host time
+    between two reads, so that lost reports do not look like a jump.
+    """
+
+    def __init__(self) -> None:
+        self.fault: str | None = None
+        self._last: tuple[float, float, float, float] | None = None
+
+    def follow(self, host_s: float, device_s: float, angle_rad: float, speed_rad_s: float, judged: bool = True) -> None:
+        """Takes in one report, later than the last, that the host read at `host_s`. With `judged` False this step is not checked."""
+        last, self._last = self._last, (host_s, device_s, angle_rad, abs(speed_rad_s))
+        if last is None or self.fault is not None or not judged:
+            return
+        elapsed_s = max(host_s - last[0], device_s - last[1])
+        fastest_rad_s = max(last[3], abs(speed_rad_s)) * SPEED_FACTOR + 0.5 * MAX_ACCELERATION_RAD_S2 * elapsed_s
+        by_rad = angle_rad - last[2]
+        if abs(by_rad) > JUMP_MARGIN_RAD + min(fastest_rad_s, MAX_SPEED_RAD_S) * elapsed_s:
+            self.fault = (
+                f"position leapt by {by_rad:.2f} rad within {1e3 * elapsed_s:.1f} ms, more than the shaft can turn; "
+                "the drive restarted, was zeroed, or its encoder slipped: find its zero again"
+            )
+
+
+WATCHDOG_REMEDY = "the drive's watchdog stops the motor"
+NO_SAMPLES = ShaftSamples(*(np.empty(0) for _ in range(5)))
+
+
+@dataclass(frozen=True)
+class Report:
+    """One report of a drive: turns, turns/s and torque of its motor, before the gear.
+
+    `is_on` means that it is energised and follows commands. `state` is a text. `fault` is None, or the error code with its meaning.
+    `temperature_C` is the higher of drive and motor temperature, None if the drive reports none.
+    """
+
+    turns: float
+    turns_s: float
+    torque_Nm: float
+    is_on: bool
+    state: str
+    fault: str | None = None
+    temperature_C: float | None = None
+
+
+class DriveReports:
+    """Receives the reports of one drive. `last` is its last report, drained at host time `heard_s`.
+
+    With a period, reports are cyclic and are time-stamped by counting them. Without one, each report answers a request, and its time is
+    that of the last request. A late answer, or two answers at once, then costs one sample but never breaks the order of time.
+    """
+
+    def __init__(
+        self, bus: can.BusABC, clock: Clock, gear: ShaftGear, period_s: float | None, understand: Callable[[can.Message], Report | None]
+    ) -> None:
+        self._bus = bus
+        self._clock = clock
+        self._gear = gear
+        self._understand = understand
+        self._count = None if period_s is None else FrameCount(period_s)
+        self._leap = EncoderJumpMonitor()
+        self._asked_s = self._stamped_s = self._open_s = self._first_s = np.nan
+        self._samples: list[ShaftSamples] = []
+        self.health = BusHealth()
+        self.last: Report | None = None
+        self.restarted: str | None = None
+        self.angle_rad = self.speed_rad_s = np.nan
+        self.drained_s = self.heard_s = clock.now_s()
+        self.reset_counters()
+
+    def reset_counters(self) -> None:
+        """Restarts the counters behind `heard` and `missing`."""
+        self.heard = 0
+        self._foreign: set[int] = set()
+
+    def note_query(self) -> None:
+        """Notes a request that was sent; the next report answers it."""
+        self._asked_s = self._clock.now_s()
+        # Silence counts from the first request that is still open, not from the last one.
+        if np.isnan(self._open_s):
+            self._open_s = self._asked_s
+
+    def drain(self) -> None:
+        """Receives everything the bus holds; never waits. Raises DeviceError if the bus fails or a frame cannot be decoded."""
+        before_s, self.drained_s = self.drained_s, self._clock.now_s()
+        reports: list[Report] = []
+        try:
+            for message in receive_frames(self._bus, self.health, WATCHDOG_REMEDY):
+                self._take(message, reports)
+        # Reports decoded before a bad frame are still stamped and handed out.
+        finally:
+            # A long pause may have overflowed the receive buffer: frames are then missing, and no jump can be inferred.
+            self._stamp(reports, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
+
+    def _take(self, message: can.Message, reports: list[Report]) -> None:
+        try:
+            report = self._understand(message)
+        # A plug-in decoder raises these on a frame of the wrong length or content; other exceptions are its bugs and propagate.
+        except (struct.error, IndexError, ValueError) as error:
+            raise DeviceError(
+                f"CAN frame 0x{message.arbitration_id:x} {message.data.hex()} cannot be read: {error}; {WATCHDOG_REMEDY}"
+            ) from error
+        if report is None:
+            self._foreign.add(message.arbitration_id)
+        else:
+            reports.append(report)
+
+    def _stamp(self, reports: list[Report], is_whole: bool) -> None:
+        if not reports:
+            return
+        self.last, self.heard_s, self._open_s = reports[-1], self.drained_s, np.nan
+        self.heard += len(reports)
+        # Without a period only the newest of several answers has a known time, so the others are dropped.
+        accepted = reports if self._count is not None else reports[-1:]
+        gear, rows = self._gear, np.array([(one.turns, one.turns_s, one.torque_Nm) for one in accepted])
+        # A limit check on NaN is never exceeded, so a drive without a valid position must not run.
+        if not np.isfinite(rows[:, :2]).all():
+            raise DeviceError(f"the drive tells no position or speed, state {accepted[-1].state}; check its encoder")
+        samples = ShaftSamples(
+            host_s=np.full(len(rows), self.drained_s),
+            device_s=self._device_s(len(accepted)),
+            angle_rad=(rows[:, 0] - gear.zero_turns) * gear.shaft_rad_per_turn,
+            speed_rad_s=rows[:, 1] * gear.shaft_rad_per_turn,
+            torque_Nm=rows[:, 2] * gear.shaft_torque_per_drive_torque,
+        )
+        for stamp_s, angle_rad, speed_rad_s in zip(samples.device_s, samples.angle_rad, samples.speed_rad_s, strict=True):
+            self._leap.follow(self.drained_s, float(stamp_s), float(angle_rad), float(speed_rad_s), judged=is_whole)
+        self.angle_rad, self.speed_rad_s = float(samples.angle_rad[-1]), float(samples.speed_rad_s[-1])
+        # Time must increase strictly in a recording; a second answer to the same request is dropped.
+        is_new = self._count is not None or np.isnan(self._stamped_s) or samples.device_s[-1] > self._stamped_s
+        self._stamped_s = float(samples.device_s[-1])
+        self._samples += [samples] if is_new else []
+
+    def _device_s(self, reports: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        if self._count is not None:
+            return np.asarray(self._count.stamp(reports, self.drained_s)).reshape(reports)
+        moment_s = self.drained_s if np.isnan(self._asked_s) else self._asked_s
+        self._first_s = moment_s if np.isnan(self._first_s) else self._first_s
+        return np.full(reports, moment_s - self._first_s)
+
+    def samples(self) -> ShaftSamples:
+        """Samples (m,) drained since the last call."""
+        blocks, self._samples = self._samples, []
+        return concatenate_blocks(blocks or [NO_SAMPLES])
+
+    @property
+    def silent_s(self) -> float:
+        """Time in s for which a due report has been missing, at the last `drain`."""
+        since_s = self.heard_s if self._count is not None else self.drained_s if np.isnan(self._open_s) else self._open_s
+        return self.drained_s - since_s
+
+    @property
+    def lost(self) -> int:
+        return 0 if self._count is None else self._count.lost
+
+    @property
+    def zero_lost(self) -> str | None:
+        """Why the angle can no longer be trusted, or None. Never reset."""
+        return self.restarted or self._leap.fault
+
+    @property
+    def doubts(self) -> str | None:
+        """An error of the reports themselves that the drive does not report, or None."""
+        return self.zero_lost or (self._count.fault if self._count else None) or self.health.fault
+
+    def missing(self) -> str:
+        """Why there is no report, and the remedy."""
+        if self._foreign:
+            identifiers = ", ".join(f"0x{one:x}" for one in sorted(self._foreign)[:5])
+            return f"frames {identifiers} but no report of the drive; check its address under [motor], and which messages it is set to send"
+        return "no frames at all on the CAN bus; check the drive's power, the wiring, the termination and the bit rate"

@@ -1,0 +1,52 @@
+"""A make of a device is a folder: nothing else in the package names it, and no folder uses another."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from rfca_rig.devices import MOTORS, OWN
+from tests.structure.counts import find_imports, read_modules
+
+PACKAGE = Path(__file__).parents[2] / "rfca_rig"
+DEVICES = PACKAGE / "devices"
+FOLDERS = sorted(folder.name for folder in DEVICES.iterdir() if (folder / "__init__.py").exists())
+PARTS = {"section", "codec", "driver", "twin", "checks"}
+# The table of the built-in kinds.
+REGISTRY = DEVICES / "__init__.py"
+
+
+def test_every_folder_is_in_the_registry():
+    assert {place.split(".")[2].partition(":")[0] for kind, place in MOTORS.items() if kind != OWN} == {*FOLDERS}
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_a_make_has_its_parts_in_its_folder(folder):
+    assert {path.stem for path in (DEVICES / folder).iterdir()} >= PARTS
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_a_make_is_named_in_its_folder_and_in_the_registry_only(folder):
+    elsewhere = [
+        f"{path.relative_to(PACKAGE)}:{number}: {line.strip()}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if DEVICES / folder not in path.parents and path != REGISTRY
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if re.search(folder, line, re.IGNORECASE)
+    ]
+    assert elsewhere == []
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_the_registry_names_a_make_in_one_line_for_each_kind(folder):
+    lines = [line for line in REGISTRY.read_text().splitlines() if re.search(folder, line, re.IGNORECASE)]
+    assert len(lines) == sum(place.startswith(f"rfca_rig.devices.{folder}:") for place in MOTORS.values())
+
+
+def test_no_folder_uses_another():
+    imports = find_imports(read_modules())
+    for folder in FOLDERS:
+        inside = f"rfca_rig.devices.{folder}"
+        for name, imported in imports.items():
+            users = [other for other in imported if other == inside or other.startswith(f"{inside}.")]
+            assert not users or name == inside or name.startswith(f"{inside}."), f"{name} imports {users}"
