@@ -11,6 +11,7 @@ import numpy as np
 from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile, read_rig
+from rfca_rig.devices import package_of
 from rfca_rig.devices.own import texts_of
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.protocol.plan import Plan
@@ -208,9 +209,10 @@ def _list_keys(keys: list[str]) -> str:
 
 
 def _other_drivers(begun: InterruptedRun, now: RigFile) -> dict[str, str]:
-    """Files of a lab's own devices whose text has changed, with the present text."""
-    before = begun.header.provenance
-    return {name: text for name, text in texts_of(now.motor, now.force_sensor).items() if before.get(name, text) != text}
+    """Files of a lab's own devices whose text has changed, and an installed package whose version has, as they are now."""
+    before, package = begun.header.provenance, package_of(now.motor.device)
+    present = {**texts_of(now.motor, now.force_sensor), **({"motor_package": package} if package else {})}
+    return {name: text for name, text in present.items() if before.get(name, text) != text}
 
 
 def _other_curve(begun: InterruptedRun, before: RigFile, now: RigFile) -> dict[str, str]:

@@ -91,9 +91,13 @@ class MotorMake:
 
 
 def load_object(place: str) -> Any:
-    """The object at "module:name"."""
+    """The object at "module:name". Raises BadInput where it cannot be loaded."""
     module, _, name = place.partition(":")
-    return getattr(import_module(module), name)
+    try:
+        return getattr(import_module(module), name)
+    # Another package's code may raise anything.
+    except Exception as error:
+        raise BadInput(f"{place} cannot be loaded: {' '.join(f'{type(error).__name__}: {error}'.split())}") from error
 
 
 def list_motors() -> tuple[str, ...]:
@@ -118,23 +122,24 @@ def find_motor(kind: str) -> MotorMake:
     if not points:
         raise KeyError(kind)
     if len(points) > 1:
-        raise BadInput(f"device {kind!r} is offered by several installed packages: {', '.join(map(_package, points))}; remove all but one")
+        raise BadInput(f"device {kind!r} is offered by several installed packages: {package_of(kind)}; remove all but one")
     return _load(points[0])
+
+
+def package_of(kind: str) -> str | None:
+    """The installed package that offers the kind, with its version; None for a built-in kind."""
+    points = () if kind in MOTORS else entry_points(group=GROUP, name=kind)
+    return ", ".join(sorted(f"{point.dist.name} {point.dist.version}" for point in points if point.dist is not None)) or None
 
 
 def _load(point: EntryPoint) -> MotorMake:
     """The make of an entry point, with its section. Raises BadInput where the package does not provide one."""
+    what = f"device {point.name!r} of the installed package {package_of(point.name)}"
     try:
-        make = point.load()
+        make = load_object(point.value)
         if isinstance(make, MotorMake):
             load_object(make.section)
             return make
-    # Another package's code may raise anything.
-    except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise BadInput(f"device {point.name!r} of the installed package {_package(point)} cannot be loaded: {reason}") from error
-    raise BadInput(f"device {point.name!r} of the installed package {_package(point)} is no MotorMake: {point.value}")
-
-
-def _package(point: EntryPoint) -> str:
-    return "without a name" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+    except BadInput as error:
+        raise BadInput(f"{what}: {error}") from error
+    raise BadInput(f"{what}: {point.value} is no MotorMake")

@@ -89,16 +89,13 @@ def load_own(table: str, section: OwnMotorSection | OwnForceSensorSection, rig_t
     Raises BadInput FILE:LINE: key: what is wrong.
     """
     name, base, page = OWN_CLASSES[table]
-    path = _beside(rig_path, section.file)
+    path = (rig_path.parent / section.file).resolve()
     found = find_class(path, name, page)
     if not issubclass(found, base):
         raise BadInput(f"{path}: {name} does not inherit {base.__name__}; see docs/{page}")
     keys = section_of(rig_text, table, found, rig_path)
-    return keys.model_copy(update={"file": str(path), **({"twin_file": str(_beside(rig_path, keys.twin_file))} if keys.twin_file else {})})
-
-
-def _beside(rig_path: Path, file: str) -> Path:
-    return (rig_path.parent / file).resolve()
+    twin = {"twin_file": str((rig_path.parent / keys.twin_file).resolve())} if keys.twin_file else {}
+    return keys.model_copy(update={"file": str(path), **twin})
 
 
 def twin_of(keys: OwnMotorSection | OwnForceSensorSection) -> type:

@@ -43,6 +43,11 @@ def test_the_registry_names_a_make_in_one_line_for_each_kind(folder):
     assert len(lines) == sum(place.startswith(f"rfca_rig.devices.{folder}:") for place in MOTORS.values())
 
 
+@pytest.mark.parametrize("kind", MOTORS)
+def test_every_kind_stands_on_the_page_of_motors(kind):
+    assert re.search(rf'[`"]{kind}[`"]', (PACKAGE.parent / "docs" / "add-a-motor.md").read_text())
+
+
 def test_no_folder_uses_another():
     imports = find_imports(read_modules())
     for folder in FOLDERS:
