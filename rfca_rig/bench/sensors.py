@@ -19,7 +19,7 @@ from rfca_rig.devices.own import twin_of
 from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
 from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor
 from rfca_rig.drivers.force_sensors.daq_ft import DaqFtSensor, DaqFtSettings, NidaqmxGages
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor
+from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSensor, NetFtSettings
 from rfca_rig.drivers.ports import UdpDatagrams, advise_receive_buffer, open_port
 from rfca_rig.drivers.roles import Camera, ForceSensor, Photo, Photographer
 from rfca_rig.errors import BadInput
@@ -40,7 +40,9 @@ def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> Force
             # A process of its own empties the socket, so that a busy loop loses no records.
             datagrams = AcquiredDatagrams(sensor.host, clock, sensor.port) if can_be_started() else UdpDatagrams(sensor.host, sensor.port)
             stack.callback(datagrams.close)
-            return NetFtSensor(datagrams, clock, sensor.settings(), sensor.box(), advise_receive_buffer(datagrams.receive_buffer_bytes))
+            return NetFtSensor(
+                datagrams, clock, netft_settings(sensor), netft_box(sensor), advise_receive_buffer(datagrams.receive_buffer_bytes)
+            )
         case AtiSerialSection():
             port = open_port(sensor.port, sensor.bits_per_s)
             stack.callback(port.close)
@@ -86,7 +88,7 @@ def make_sensor_pair(
             twin_settings = _netft_twin(sensor, twin)
             streaming = NetFtTwin(on_link(there), twin_settings, random)
             box = None if sensor.configuration == "unchecked" else NetFtBoxTwin(streaming, twin_settings)
-            return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, sensor.settings(), box))
+            return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, netft_settings(sensor), box))
         case AtiSerialSection():
             host, device = serial_line()
             serial_twin = AtiSerialTwin(device, _serial_twin(sensor, twin), random)
@@ -121,11 +123,29 @@ def make_own_twin(sensor: ForceSensorKeys, twin: TwinSection, random: np.random.
     return made
 
 
+def netft_settings(sensor: NetFtSection) -> NetFtSettings:
+    """The settings for the driver."""
+    return NetFtSettings(
+        counts_per_N=sensor.counts_per_N,
+        counts_per_Nm=sensor.counts_per_Nm,
+        rate_Hz=sensor.rate_Hz,
+        address=f"{sensor.host}:{sensor.port}",
+        buffered=sensor.buffered,
+    )
+
+
+def netft_box(sensor: NetFtSection) -> NetFtBox | None:
+    """Where the settings of the box are read."""
+    if sensor.configuration == "http":
+        return HttpBox(sensor.host, sensor.http_port)
+    return CommandBox(sensor.host, sensor.command_port) if sensor.configuration == "commands" else None
+
+
 def _netft_twin(sensor: NetFtSection, twin: TwinSection) -> NetFtTwinSettings:
     return NetFtTwinSettings(
         counts_per_N=sensor.counts_per_N,
         counts_per_Nm=sensor.counts_per_Nm,
-        decimation=sensor.settings().decimation,
+        decimation=netft_settings(sensor).decimation,
         noise_std=_noise_std(twin),
     )
 

@@ -7,7 +7,6 @@ from pydantic import ConfigDict, Field, model_validator
 from rfca_rig.clock import Clock
 from rfca_rig.codecs.ati_serial import RecordForm
 from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSettings
-from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSettings
 from rfca_rig.drivers.ports import SerialPort, open_port
 from rfca_rig.drivers.roles import ForceSensor as ForceSensorRole
 from rfca_rig.errors import BadInput
@@ -36,22 +35,6 @@ class NetFtSection(Section):
     http_port: Port = Field(default=80, description="port of its configuration page")
     command_port: Port = Field(default=49151, description="port of its command interface")
     buffered: bool = Field(default=True, description="many records per datagram, as many as the RDT buffer size of the box")
-
-    def settings(self) -> NetFtSettings:
-        """The settings for the driver."""
-        return NetFtSettings(
-            counts_per_N=self.counts_per_N,
-            counts_per_Nm=self.counts_per_Nm,
-            rate_Hz=self.rate_Hz,
-            address=f"{self.host}:{self.port}",
-            buffered=self.buffered,
-        )
-
-    def box(self) -> NetFtBox | None:
-        """Where the settings of the box are read."""
-        if self.configuration == "http":
-            return HttpBox(self.host, self.http_port)
-        return CommandBox(self.host, self.command_port) if self.configuration == "commands" else None
 
 
 class AtiSerialSection(Section):

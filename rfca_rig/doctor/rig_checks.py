@@ -12,6 +12,7 @@ import can
 import numpy as np
 
 from rfca_rig.bench.factory import make_motor
+from rfca_rig.bench.sensors import netft_box, netft_settings
 from rfca_rig.clock import Clock
 from rfca_rig.description.camera_file import PhotoFolderSection, read_camera_file
 from rfca_rig.description.rig_file import RigFile
@@ -39,9 +40,7 @@ from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.errors import BadInput, RigError
 
 # Observation time and poll interval, and the silence that the driver treats as a fault, in s.
-OWN_LISTEN_S = 1.5
-POLL_S = 5e-3
-SILENT_S = 0.5
+OWN_LISTEN_S, POLL_S, SILENT_S = 1.5, 5e-3, 0.5
 DRIVE, SENSOR = "drive", "force sensor"
 NEXT = "try the driver without the device first:"
 KNOWN = tuple(sorted(can.VALID_INTERFACES))
@@ -217,9 +216,9 @@ def check_sensor(sensor: ForceSensor, clock: Clock) -> Iterator[Finding]:
 
 
 def _netft(sensor: NetFtSection, clock: Clock) -> Iterator[Finding]:
-    settings = sensor.settings()
+    settings = netft_settings(sensor)
     # Whether the box answers decides between two explanations of a missing stream.
-    box, answers = sensor.box(), None
+    box, answers = netft_box(sensor), None
     if box is not None:
         seen = look_at_box(sensor.host, box)
         answers = seen.says is not None
@@ -289,7 +288,5 @@ def _name(section: MotorSection | ForceSensor) -> str:
 
 
 def _watchdog_s(rig: RigFile) -> float:
-    motor, key = rig.motor, find_motor(rig.motor.device).watchdog_key
-    if key is not None:
-        return float(getattr(motor, key)) / 1e3
-    return motor.guardian_silence_ms / 1e3 if motor.is_guarded else USUAL_WATCHDOG_S
+    key = "guardian_silence_ms" if rig.motor.is_guarded else find_motor(rig.motor.device).watchdog_key
+    return USUAL_WATCHDOG_S if key is None else float(getattr(rig.motor, key)) / 1e3
