@@ -30,9 +30,8 @@ from rfca_rig.doctor.devices.ati_sensors import (
     look_for_cards,
 )
 from rfca_rig.doctor.devices.camera import judge_camera, judge_camera_file, judge_photo_folder, look_at_camera
-from rfca_rig.doctor.devices.can import judge_can_bus, judge_can_interface, look_at_can_interface
 from rfca_rig.doctor.devices.netft import judge_box, judge_stream, look_at_box, look_at_stream
-from rfca_rig.doctor.devices.serial_ports import judge_serial_port, look_at_serial_port
+from rfca_rig.doctor.devices.ports import judge_can_bus, judge_can_interface, judge_serial_port, look_at_can_interface, look_at_serial_port
 from rfca_rig.drivers import roles
 from rfca_rig.drivers.photo_files import list_pictures
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, SerialPort

@@ -7,9 +7,16 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.netft_configuration import CalibrationInfo, NetFtConfiguration
 from rfca_rig.devices.checks import Finding, green, yellow
 from rfca_rig.doctor.computer import check_computer, judge_receive_buffer, probe_receive_buffer
-from rfca_rig.doctor.devices.can import CanInterfaceObservation, can_interfaces, look_at_can_interface, look_for_adapters, make_up_command
 from rfca_rig.doctor.devices.netft import BoxObservation, look_at_box
-from rfca_rig.doctor.devices.serial_ports import judge_found_port, look_for_serial_ports
+from rfca_rig.doctor.devices.ports import (
+    CanInterfaceObservation,
+    can_interfaces,
+    judge_found_port,
+    look_at_can_interface,
+    look_for_adapters,
+    look_for_serial_ports,
+    make_up_command,
+)
 from rfca_rig.drivers.force_sensors.netft import HttpBox
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES
 

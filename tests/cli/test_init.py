@@ -10,7 +10,7 @@ from rfca_rig.description.rig_draft import SENSORS, USUAL
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.devices import MOTORS, OWN
 from rfca_rig.doctor import scan
-from rfca_rig.doctor.devices import can, serial_ports
+from rfca_rig.doctor.devices import ports
 from rfca_rig.doctor.devices.netft import BoxObservation
 from tests.cli.typed import typed
 
@@ -24,9 +24,9 @@ class Computer:
 
     def has(self, **devices):
         replaced = {
-            "buses": (can, "can_interfaces"),
-            "adapters": (can, "look_for_adapters"),
-            "ports": (serial_ports, "look_for_serial_ports"),
+            "buses": (ports, "can_interfaces"),
+            "adapters": (ports, "look_for_adapters"),
+            "ports": (ports, "look_for_serial_ports"),
             "box": (scan, "look_for_box"),
         }
         for name, found in devices.items():

@@ -5,8 +5,14 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.devices.checks import CanBusObservation, Colour
-from rfca_rig.doctor.devices.can import CanInterfaceObservation, judge_can_bus, judge_can_interface
-from rfca_rig.doctor.devices.serial_ports import SerialPortSeen, judge_found_port, judge_serial_port
+from rfca_rig.doctor.devices.ports import (
+    CanInterfaceObservation,
+    SerialPortSeen,
+    judge_can_bus,
+    judge_can_interface,
+    judge_found_port,
+    judge_serial_port,
+)
 from rfca_rig.doctor.scan import judge_found_adapters, judge_found_interfaces
 from tests.doctor.said import whole
 

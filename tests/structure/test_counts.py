@@ -7,10 +7,10 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 455,
-    "lines": 88_600,
-    "lines of code": 56_600,
+    "lines": 88_900,
+    "lines of code": 56_650,
     "modules with one user, in their package": 33,
-    "functions": 5_920,
+    "functions": 5_950,
     "private functions with one use": 710,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
