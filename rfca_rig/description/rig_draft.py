@@ -8,7 +8,7 @@ from textwrap import wrap
 from typing import Any
 
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.devices import find_motor
+from rfca_rig.devices import find_motor, load_object
 from rfca_rig.toml import comment, degrees_key, format_value
 
 COMMENT_COLUMN, WIDTH = 44, 130
@@ -121,6 +121,12 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     else:
         asked["twin"].pop("camera", None)
     schema = RigFile.model_json_schema()
+    makes: dict[str, str] = schema["properties"]["motor"]["discriminator"]["mapping"]
+    if answers.drive not in makes:
+        # The schema of the file has the built-in kinds only.
+        section = load_object(make.section)
+        schema["$defs"][section.__name__] = section.model_json_schema()
+        makes[answers.drive] = f"#/$defs/{section.__name__}"
     lines = [
         comment(f"Rig file of {title}. A line that ends in '{USUAL}' holds a value of the paper's leg or of a usual device."),
         comment("Replace it by what you weigh, measure or read off. Then set kind to real, and run rfca-rig doctor with this file."),

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -11,13 +12,15 @@ import pytest
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.own_devices import MotorOfAMake, find_conformance_tests
-from rfca_rig.description.rig_file import read_rig
+from rfca_rig.description.rig_draft import RigAnswers, draft_rig
+from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.devices import MOTORS, MotorMake, find_motor, list_motors, package_of
 from rfca_rig.devices.checks import Colour
 from rfca_rig.doctor.rig_checks import check_own_motor, judge_own_motor
 from rfca_rig.engine.run import prove_stop
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.store import read_recording
+from rfca_rig.toml import model_of, read_data
 from tests.cli.typed import typed
 from tests.own_devices.rigs import EXAMPLES, ROOT
 
@@ -149,6 +152,18 @@ def test_what_is_wrong_with_its_section_is_said_in_one_line(installed, tmp_path,
     with pytest.raises(BadInput, match=said) as refused:
         read_rig(rig_with_section(tmp_path, RIG_SECTION.replace(*change)))
     assert "\n" not in str(refused.value)
+
+
+def test_init_drafts_a_file_with_it(installed, tmp_path):
+    keys = tomllib.loads(RIG_SECTION)["motor"]
+    usual = {key: keys[key] for key in ("gear_ratio", "zero_turns", "report_period_ms", "counts_per_turn", "rated_torque_Nm")}
+    init = installed / "our_drive" / "__init__.py"
+    init.write_text(INIT.replace(", twin=", f', number=("node_id", 5), usual={usual!r}, twin='))
+    answers = RigAnswers((60.0, 50.0), (100.0, 90.0), -20.0, 120.0, 9.0, "our-drive", "socketcan", "can0", 7, "ati-net-ft", "10.0.0.5")
+    text = draft_rig("ours", answers, read_data(ROOT / "calibration" / "twin.toml"))
+    motor = model_of(text, RigFile, tmp_path / "ours.toml").motor
+    assert (motor.device, motor.node_id, motor.counts_per_turn) == ("our-drive", 7, 16384.0)
+    assert re.search(r"node_id = 7 +# >= 1, <= 126\n", text)
 
 
 def test_a_package_is_imported_only_where_a_file_names_its_kind(installed, tmp_path):
