@@ -13,15 +13,15 @@ from tests.runner_faults.rig import Fidelity
 
 HEAD = """# Fault table: what can go wrong, and what the runner does then
 
-Made by `python -m tests.runner_faults docs/fault-table.md` from the causes in `tests/runner_faults`, on the twin of an ODrive with a
-watchdog of 0.1 s, {plant}.
+Made by `python -m tests.runner_faults docs/fault-table.md` from the causes in `tests/runner_faults`. They act on the twin of an ODrive
+with a watchdog of 0.1 s, {plant}.
 Each begins in the middle of a stroke at 5 rad/s unless it says otherwise. Times and angles are the simulated shaft's own, from the
-moment at which the cause begins: until the motor gives no torque any more, and until the shaft stands (a shaft without torque coasts,
-and the leg swings on it as on a hinge; a dash: not within {watched:g} s after the run). Limits are those of `calibration/twin.toml`;
+moment at which the cause begins: until the motor gives no torque any more, and until the shaft stands. A shaft without torque coasts,
+and the leg swings on it as on a hinge. A dash means: not within {watched:g} s after the run. Limits are those of `calibration/twin.toml`;
 [Trips](trips.md) explains the codes.
 
-"Energised after" is what the motor did after the run had ended; where no command reached the drive any more, its own watchdog took the
-torque away, and the last line on the screen asks for the emergency stop. "Frames" are motion commands sent after the first order to
+"Energised after" is what the motor did after the run had ended. Where no command reached the drive any more, its own watchdog removed
+the torque. Then the last line on the screen asks for the emergency stop. "Frames" are motion commands sent after the first order to
 disable it. "Lost" are stages that had been acknowledged as safe and cannot be read back.
 
 | cause | what happens | ends as | torque gone after | stands after | energised after | frames | lost |
