@@ -50,7 +50,7 @@ STYLE: dict[Any, Any] = {
     # Lines are decimated by `envelope`, which keeps every peak; no further point may be dropped.
     "path.simplify": False,
 }
-SMALL = 8.2
+SMALL = 9.0
 
 FORMATS = (".svg", ".png", ".pdf")
 
@@ -206,11 +206,15 @@ def hover_values(axes: Axes, x: Floats, x_unit: str, series: Mapping[str, Floats
     if len(x) < 2:
         return []
     found, edges = [], np.linspace(x[0], x[-1], count + 1)
+    # Rounding errors of a line that is zero are zero to a reader.
+    least = 1e-6 * max((np.abs(values[np.isfinite(values)]).max(initial=0.0) for values in series.values()), default=0.0)
     for left, right in pairwise(edges.tolist()):
         at = int(np.argmin(np.abs(x - 0.5 * (left + right))))
         if not left <= x[at] <= right:
             continue
-        values = ", ".join(f"{name} {values[at]:.3g}" for name, values in series.items() if np.isfinite(values[at]))
+        values = ", ".join(
+            f"{name} {values[at] if abs(values[at]) > least else 0.0:.3g}" for name, values in series.items() if np.isfinite(values[at])
+        )
         found.append(Hover(axes, left, right, f"{x[at]:.3f} {x_unit}: {values} {unit}".strip().replace("-", "\u2212")))
     return found
 

@@ -13,6 +13,11 @@ from rfca_rig.reports.style import DARK, colours
 from rfca_rig.reports.table import Foot, Table, TableCell, TableColumn, TableRow, cell, foot_cell, head_span
 from rfca_rig.reports.text import MARK_MEANINGS, MINUS, NO_BREAK, NOTHING, in_thousands
 
+# Width of a phone of 390 px in characters of a table, and of the gap between two columns.
+PHONE_CHARACTERS, GAP_CHARACTERS, WORD_CHARACTERS = 50, 3, 14
+# Longer texts of a cell are broken over lines.
+MOST_UNBROKEN = 44
+
 HEADING = re.compile(r"<h2>(.*?)</h2>", re.DOTALL)
 
 
@@ -44,26 +49,51 @@ class ShownFoot:
 
 @dataclass(frozen=True)
 class ShownTable:
-    """Content for the macro `table` in parts.html; `stacked` are the headings where cells stand below each other."""
+    """Content for the macro `table` in parts.html; `stacked` are the headings where cells stand below each other.
+
+    `unit_place` is the column with units, which a phone shows behind the row's name.
+    """
 
     heads: tuple[ShownCell, ...]
     stacked: tuple[str, ...]
+    unit_place: int | None
     units: tuple[str, ...]
     overs: tuple[tuple[str, int], ...]
     groups: tuple[tuple[str, tuple[ShownRow, ...]], ...]
     foot: tuple[ShownFoot, ...]
+
+    @property
+    def is_wide(self) -> bool:
+        """True where a phone shows each row as a card, as the columns do not fit beside each other."""
+        rows = [row.cells for _, rows in self.groups for row in rows]
+        widths = [
+            max([*map(len, head.text.split()), len(unit) + 2, *(_characters(row[place]) for row in rows)])
+            for place, (head, unit) in enumerate(zip(self.heads, self.units, strict=True))
+        ]
+        return sum(widths) + GAP_CHARACTERS * (len(widths) - 1) > PHONE_CHARACTERS
 
 
 def cells_as_text(table: Table) -> ShownTable:
     """The table with every cell as text."""
     return ShownTable(
         heads=tuple(ShownCell(column.title, column.key in table.numeric) for column in table.shown),
-        stacked=tuple(f"{column.over}, {column.title}" if column.over else column.title for column in table.shown),
+        stacked=tuple(_stacked_head(column) for column in table.shown),
+        unit_place=next((place for place, column in enumerate(table.shown) if column.key == "unit"), None),
         units=tuple(column.unit.replace(" ", NO_BREAK) for column in table.shown),
         overs=tuple(table.overs()),
         groups=tuple((name, tuple(_row(table, row) for row in rows)) for name, rows in table.groups()),
         foot=tuple(_foot(table, foot) for foot in table.foot),
     )
+
+
+def _stacked_head(column: TableColumn) -> str:
+    over = f"{column.over}, " if column.over else ""
+    return f"{over}{column.title} ({column.unit.replace(' ', NO_BREAK)})" if column.unit else f"{over}{column.title}"
+
+
+def _characters(cell: ShownCell) -> int:
+    # Words are broken over lines, numbers are not.
+    return len(cell.text) if cell.right else min(len(cell.text), WORD_CHARACTERS)
 
 
 def _row(table: Table, row: TableRow) -> ShownRow:
@@ -107,6 +137,7 @@ def _environment() -> Environment:
         "colours": {name: f"var(--{name})" for name in colours()},
         "mark_meanings": MARK_MEANINGS,
         "shown_cells": cells_as_text,
+        "most_unbroken": MOST_UNBROKEN,
         "version": __version__,
     }
     return environment

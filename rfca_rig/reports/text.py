@@ -42,7 +42,7 @@ UNIT_WORDS = {"Nm": "N m", "pct": "%", "Ns": "N s"} | {
     unit: unit
     for unit in ("N", "m", "mm", "ppm", "kHz", "s", "ms", "kg", "g", "rad", "deg", "Hz", "V", "A", "W", "J", "K", "degC", "relative")
 }
-SIGNAL_WORDS = {"shaft_angle_rad": "shaft angle less command"}
+SIGNAL_WORDS = dict.fromkeys(("shaft_angle_rad", "shaft_angle_deg"), "shaft angle less command")
 POWERS = {"": "", "2": "²", "3": "³", "1p5": "^1.5"}
 # speed_m_s: the only quotients that names write without "per".
 SPEEDS = (["m", "s"], ["mm", "s"], ["rad", "s"], ["deg", "s"])
@@ -86,7 +86,7 @@ def spread(mean: float | None, std: float | None, digits: int) -> str:
 def keep_units_together(text: str) -> str:
     """The text with no-break spaces between numbers and units, so that no line begins with a unit."""
     # "N" before the space is for "N m": the unit itself must not be broken either.
-    return re.sub(r"(?<=[\dN]) (?=(?:N|mm|ms|m|rad/s|s|%)(?![\w]))", NO_BREAK, text)
+    return re.sub(r"(?<=[\dN]) (?=(?:N|mm|ms|m|rad/s|deg|s|%)(?![\w]))", NO_BREAK, text)
 
 
 def count_noun(count: int, one: str, many: str | None = None) -> str:

@@ -197,8 +197,47 @@ TOO_LITTLE = replace(
     **{name: {} for name in ("fit", "held_out", "valley", "believed_values", "settings")},
     next_experiment=None,
 )
+MOTIONS = tuple(f"{run}, repeat 1, {begin}.0 to {begin + 2}.0 s" for run in ("sines 1", "sines 2") for begin in (0, 2))
+
+
+def motions_of(signal):
+    """Cells of a mechanism: the phase of each condition is its run."""
+    return tuple(MapCell(signal, "motions", one.partition(",")[0], one, 0.1, 9.0) for one in MOTIONS)
+
+
+def motion_overlays(signals):
+    t_s = np.linspace(0.0, 4.0, 161)
+    wave, starts_s = np.sin(4.0 * t_s), np.arange(0.0, 4.0, 0.5)
+    return tuple(
+        SignalOverlay(f"{run}, repeat 1", signal, t_s, wave, 0.9 * wave, 0.995 * wave, starts_s, np.full(161, run), MOTIONS[at : at + 2])
+        for signal in signals
+        for run, at in (("sines 1", 0), ("sines 2", 2))
+    )
+
+
+JOINT_SIGNALS = ("joint1_position_rad", "joint2_position_rad", "joint1_speed_rad_s", "joint2_speed_rad_s")
+MECHANISM = replace(
+    NAMED,
+    title="Arm on the table",
+    sentence="Joint 2 has dry friction: 0.120 \u00b1 0.003 N m.",
+    located=(Located("joint2_position_rad", "motions", "sines 2", MOTIONS[2:], 0.1, "rad", 9.0, 0.001),),
+    cells=tuple(cell for signal in JOINT_SIGNALS for cell in motions_of(signal)),
+    effects=(NamedEffect("joint_friction", "dry friction in a joint", 0.99, {"friction_Nm": Value(0.12, 0.0016)}, (), ""),),
+    not_seen=(NotSeen("gravity_tilt", {"about_x_rad": 0.01, "about_y_rad": 0.02}), NotSeen("joint_spring", None)),
+    fit={f"rms_{signal}": BeforeAfter(0.07, 0.004, 0.002) for signal in JOINT_SIGNALS},
+    held_out={f"held_out_rms_{signal}": BeforeAfter(0.08, 0.005, 0.002) for signal in JOINT_SIGNALS},
+    valley={},
+    unexplained=("joint2 position in sines 2: 0.004 rad rms, 1.2 \u03c3",),
+    remarks=(),
+    overlays=motion_overlays(JOINT_SIGNALS),
+    believed_values={"link2.mass_relative": Value(0.01, 0.008), "joint1.zero_offset_rad": Value(0.001, 0.0005)},
+    priors={"link2.mass_relative": Value(0.0, 0.02), "joint1.zero_offset_rad": Value(0.0, 0.002)},
+    next_experiment=None,
+    found_effects=(),
+)
 ALL = {
     "named": NAMED,
+    "mechanism": MECHANISM,
     "mostly": MOSTLY,
     "family": FAMILY,
     "nothing missing": NOTHING_MISSING,
@@ -415,12 +454,15 @@ def test_a_place_without_a_recording_stays_empty():
     assert (here.phase, first[0].text, first[1].text != "") == ("rest", "", True)
 
 
-MOTIONS = tuple(f"{run}, repeat 1, {begin}.0 to {begin + 2}.0 s" for run in ("sines 1", "sines 2") for begin in (0, 2))
-
-
-def motions_of(signal):
-    """Cells of a mechanism: the phase of each condition is its run."""
-    return tuple(MapCell(signal, "motions", one.partition(",")[0], one, 0.1, 9.0) for one in MOTIONS)
+def test_angles_are_in_degrees_on_the_page_and_in_radians_beside_it(tmp_path):
+    text = read(page(MECHANISM, PageContext(Origin())))
+    for said in ("joint2 position, deg", "5.73 deg", "joint1.zero offset 0.00 \u00b1 0.19 0.057 \u00b1 0.047 deg", "about x 0.573 deg"):
+        assert said in text, said
+    assert not re.search(r"(?<!/)\brad\b(?!/)", text.replace("N m/rad", "").replace("rad/s", ""))
+    assert "joint2 position in sines 2: 0.23 deg rms" in text
+    document = written_json(tmp_path, MECHANISM)
+    assert (document["located"][0]["signal"], document["located"][0]["size"]) == ("joint2_position_rad", 0.1)
+    assert "joint2_position_rad" in (tmp_path / "residual-map.csv").read_text()
 
 
 def test_conditions_that_are_one_phase_each_leave_no_place_empty():
@@ -607,7 +649,7 @@ def shaft_overlays():
 def test_the_shaft_has_its_row_and_says_that_it_is_a_deviation(tmp_path):
     drive = replace(NAMED, overlays=(NAMED.overlays[0], *shaft_overlays()))
     text = read(page(drive, PageContext(Origin())))
-    assert re.search(r"shaft angle less command rad 0\.0580 0\.0006", text)
+    assert re.search(r"shaft angle less command deg 3\.325 0\.033", text)
     assert written_json(tmp_path, drive)["fit"]["rms_shaft_angle_rad"]["before"] == pytest.approx(0.0580, abs=1e-4)
     assert "difference,unit" in (tmp_path / "before-after.csv").read_text() and "shaft angle less command" in text
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from dataclasses import replace
 from math import nan
 
 import pytest
@@ -107,3 +108,19 @@ def test_a_small_value_does_not_round_to_none():
         said.append(cell(column, TableRow({"noise": value}, digits=4)).text)
     assert said == ["< 0.0001", "0.0000", "0.0001", "0.0000"]
     assert "2e-05" in as_csv(Table("t", "", (column,), (TableRow({"noise": 2e-5}, digits=4),)))
+
+
+def test_a_wide_table_is_a_list_of_cards_on_a_phone_and_a_narrow_one_stays_a_table():
+    def html(table):
+        return str(template("parts.html").module.table(table))
+
+    narrow = Table(
+        "n", "", (TableColumn("name"), TableColumn("value"), TableColumn("unit")), (TableRow({"name": "a", "value": 1.0, "unit": "s"}),)
+    )
+    assert "stack" not in html(narrow) and "data-head" not in html(narrow)
+    wide = html(replace(TABLE, columns=(*COLUMNS, TableColumn("following_error_deg"))))
+    assert 'class="stack"' in wide
+    # Cells state their heading with its unit, rows the unit of their line, and feet the headings of their own columns.
+    assert 'data-head="Measured, fz (N)"' in wide and 'data-head="Measured, torque (N\u00a0m)"' in wide.partition("<tfoot>")[2]
+    long = replace(narrow, columns=(*narrow.columns, *(TableColumn(f"value{at}_Nm_per_rad") for at in range(6))))
+    assert '<td data-head="name" data-unit="s">a</td>' in html(long) and 'class="unit-column"' in html(long)

@@ -1,5 +1,6 @@
 import pytest
 
+from rfca_rig.reports.shown_units import shown_name, text_in_degrees
 from rfca_rig.reports.strokes.page import parameter_lines
 from rfca_rig.reports.text import count_noun, in_thousands, keep_units_together, number, spread
 from tests.model.legs import PAPER
@@ -42,3 +43,22 @@ def test_parameters_are_shown_in_a_labs_units_and_none_is_left_out():
 )
 def test_long_numbers_stand_in_groups_of_three(text, said):
     assert in_thousands(text) == said
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("zero of 0.0200 ± 0.0010 rad", "zero of 1.146 ± 0.057 deg"),
+        ("\u22120.1 rad, then 0.25\u00a0rad", "\u22125.7 deg, then 14\u00a0deg"),
+        ("at 2.433 rad/s, k0 11 N m/rad, 3 rad² and 5 radii", "at 2.433 rad/s, k0 11 N m/rad, 3 rad² and 5 radii"),
+        ("1.2e-05 rad", "1.2e-05 rad"),
+    ],
+)
+def test_angles_in_sentences_are_in_degrees(text, said):
+    assert text_in_degrees(text) == said
+
+
+def test_names_in_degrees_are_those_of_angles_only():
+    assert shown_name("mass_relative") == ("mass_pct", 100.0)
+    names = ["joint1_position_rad", "k0_Nm_per_rad", "speed_rad_s", "rms_shaft_angle_rad"]
+    assert [shown_name(name)[0] for name in names] == ["joint1_position_deg", "k0_Nm_per_rad", "speed_rad_s", "rms_shaft_angle_deg"]

@@ -32,6 +32,21 @@ def test_every_python_that_is_allowed_is_classified_and_tested():
     assert str(classified).replace("'", '"') in workflow
 
 
+def test_the_workflow_pins_its_actions_and_names_paths_that_exist():
+    workflow = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
+    used = re.findall(r"uses: (.*)", workflow)
+    assert used and all(re.fullmatch(r"actions/[\w-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", one) for one in used)
+    commands = re.findall(r"run: (.*)", workflow)
+    named = [word for command in commands for word in command.split() if word.startswith((".ci/", "tests/", "constraints"))]
+    assert len(named) >= 8
+    assert [name for name in named if not (ROOT / name).exists()] == []
+    # What a release is checked with by hand is what the workflow runs.
+    contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert ".ci/run" in commands and "`.ci/run`" in contributing
+    assert any("pytest -q -m long tests/test_packaging.py" in command for command in commands)
+    assert "pytest -m long tests/test_packaging.py" in contributing
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_of_the_pages_lead_somewhere(page):
     links = [link for link in LINK.findall(page.read_text(encoding="utf-8")) if not link.startswith("https://")]

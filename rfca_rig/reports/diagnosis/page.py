@@ -32,6 +32,7 @@ from rfca_rig.reports.diagnosis.tables import (
     sizes,
 )
 from rfca_rig.reports.provenance import PROGRAM, PageContext
+from rfca_rig.reports.shown_units import diagnosis_as_shown, shown_name
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import (
     NOTHING,
@@ -51,6 +52,8 @@ ORDER = (*PHASES, "loading", "unloading")
 
 # Columns with a number in each that fit across a sheet of paper.
 MOST_COLUMNS = 18
+# And across a phone.
+PHONE_COLUMNS = 6
 # A grid with more places than this per condition would be mostly empty, and is not used.
 SPARSE = 1.5
 
@@ -250,6 +253,7 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
     files
         Names of the files beside the page, which it links.
     """
+    diagnosis = diagnosis_as_shown(diagnosis)
     probability = diagnosis.probability
     shown_rivals, other_rivals = _rivals(diagnosis.rivals)
     differing = {one.signal for one in (*diagnosis.located, *diagnosis.remaining)}
@@ -278,6 +282,7 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
         residual=draw_residual(diagnosis),
         probability=None if probability is None else format_probability(probability),
         maps=maps_of(diagnosis),
+        phone_columns=PHONE_COLUMNS,
         band_words=BAND_WORDS,
         located=[_place(place, diagnosis) for place in diagnosis.located],
         effects=[_effect(effect) for effect in diagnosis.effects],
@@ -399,15 +404,24 @@ def _parameter(effect_id: str, name: str, value: Value) -> dict[str, str]:
     words, unit = words_and_unit(name)
     texts = {"name": words, "unit": unit, "value": format_with_interval_90(value), "range": "", "forest": ""}
     known = catalogue().get(effect_id)
-    plausible = next((one for one in known.parameters if one.name == name), None) if known else None
-    if plausible is None or not isfinite(value.value):
+    plausible = next((one for one in known.parameters if shown_name(one.name)[0] == name), None) if known else None
+    if not isfinite(value.value):
         return texts
     half = STDS_90 * value.std if isfinite(value.std) else 0.0
-    ends = [plausible.low, plausible.high, value.value - half, value.value, value.value + half]
-    texts["range"] = f"{format_significant(plausible.low)} to {format_significant(plausible.high)}"
+    if plausible is None:
+        # Without a plausible range the axis shows how far the value is from zero.
+        interval = (value.value - half, value.value, value.value + half)
+        reach = (min(0.0, 1.1 * interval[0]), max(0.0, 1.1 * interval[2]))
+        if reach[0] < reach[1]:
+            texts["forest"] = draw_forest(None, interval, reach, f"{words}: {texts['value']} {unit}", 0.0)
+        return texts
+    factor = shown_name(plausible.name)[1]
+    lowest, highest = factor * plausible.low, factor * plausible.high
+    ends = [lowest, highest, value.value - half, value.value, value.value + half]
+    texts["range"] = f"{format_significant(lowest)} to {format_significant(highest)}"
     shown_text = f"{words}: {texts['value']} {unit}, plausible {texts['range']} {unit}"
     # A range over more than a decade is drawn on a logarithmic axis.
-    if min(ends) > 0.0 and plausible.high > 10.0 * plausible.low:
+    if min(ends) > 0.0 and highest > 10.0 * lowest:
         ends = [log10(end) for end in ends]
     low, high, *posterior = ends
     axis = (min(ends), max(ends))

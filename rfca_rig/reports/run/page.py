@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import degrees
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -38,7 +39,7 @@ LIMIT_WORDS = (
     ("force_N", "force", "N", 1.0),
     ("torque_Nm", "moment", "N m", 1.0),
     ("speed_rad_s", "speed of the shaft", "rad/s", 1.0),
-    ("following_error_rad", "following error", "rad", 1.0),
+    ("following_error_rad", "following error", "deg", degrees(1.0)),
     ("above_expected", "load over the expected", "times", 1.0),
     ("above_expected_s", "such a load for", "ms", 1e3),
     ("temperature_C", "temperature of the drive", "°C", 1.0),

@@ -118,11 +118,12 @@ def draw_static_forces(stages: Sequence[StaticStage]) -> str:
     with drawing():
         figure = Figure(figsize=WIDE_IN)
         for place, (name, words) in enumerate(FORCES.items()):
-            axes = figure.add_axes((0.075 + 0.325 * place, 0.2, 0.25, 0.72))
+            axes = figure.add_axes((0.075 + 0.325 * place, 0.2, 0.25, 0.68))
             for height_m, dashes in zip(heights, DASHES, strict=False):
                 _static(axes, [stage for stage in stages if stage.height_m == height_m], name, dashes)
             axes.set_xlabel("shaft (degrees)")
-            axes.set_ylabel(words, labelpad=1.0)
+            # Above the axis, where no tick label pushes it out of the figure.
+            axes.set_title(words, loc="left", fontsize=9.2, pad=3.5)
         return inline_svg(figure, "static forces", "fy, fz and tx over the angle of the shaft, at each height")
 
 

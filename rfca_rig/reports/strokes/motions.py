@@ -23,6 +23,7 @@ from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
 from rfca_rig.reports.provenance import Origin
+from rfca_rig.reports.shown_units import fit_as_shown
 from rfca_rig.reports.style import FAINT, MEASURED, OTHER, SIMULATED, Panel, drawing, inline_svg, make_panel
 from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, as_csv, table_files, write_all
 from rfca_rig.reports.templates import template
@@ -75,7 +76,7 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
     found = []
     for signal in dict.fromkeys(one.signal for one in overlays):
         joint, unit = _split(signal)
-        position_name, speed_name = f"{joint}{POSITION}{unit}", f"{joint}{SPEED}{unit}_s"
+        position_name, speed_name = f"{joint}{POSITION}{unit}", f"{joint}{SPEED}{_unit_of_speed(unit)}"
         here = [one for one in overlays if one.signal == signal]
         if (here[0].condition, position_name) not in states:
             continue
@@ -84,8 +85,9 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
         speeds = [states.get((one.condition, speed_name)) for one in here]
         position = np.concatenate([one.measured for one in positions])
         # Where no speed was recorded: central differences of the binned position.
+        factor = np.radians(1.0) if unit == "deg" else 1.0
         speed = np.concatenate(
-            [np.asarray(np.gradient(p.measured, p.t_s)) if s is None else s.measured for p, s in zip(positions, speeds, strict=True)]
+            [factor * np.gradient(p.measured, p.t_s) if s is None else s.measured for p, s in zip(positions, speeds, strict=True)]
         )
         residuals = [(OTHER, np.concatenate([one.measured - one.before for one in here]))]
         if with_fit:
@@ -100,17 +102,23 @@ def _split(signal: str) -> tuple[str, str]:
     for kind in (SPEED, POSITION):
         joint, found, unit = signal.rpartition(kind)
         if found:
-            return joint, unit.removesuffix("_s")
+            # A page has angles in degrees, and their speeds in rad/s as the shaft's.
+            return joint, unit.removesuffix("_s").replace("rad", "deg")
     return "", ""
+
+
+def _unit_of_speed(unit: str) -> str:
+    return "rad_s" if unit == "deg" else f"{unit}_s"
 
 
 def draw_joint_remainders(joints: Sequence[JointRemainder]) -> list[Picture]:
     """One picture for each joint: the torque that the recorded motion requires and the nominal model lacks."""
     found = []
     for one in joints:
-        unit = "m" if one.is_slide else "rad"
+        unit = "m" if one.is_slide else "deg"
+        position = one.position if one.is_slide else np.asarray(np.degrees(one.position))
         name = f"{one.joint} force_N" if one.is_slide else f"{one.joint} torque_Nm"
-        series = [_Series(MEASURED, one.position, one.speed, one.remainder)]
+        series = [_Series(MEASURED, position, one.speed, one.remainder)]
         found.append(Picture(name_with_unit(name), _draw(name, f"{one.joint}{POSITION}{unit}", series)))
     return found
 
@@ -121,7 +129,7 @@ def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, P
     of_position, unit_of_position = words_and_unit(position)
     over = {
         "position": f"{of_position} ({unit_of_position})",
-        "speed": f"{of_position.removesuffix('position')}speed ({unit_of_position}/s)",
+        "speed": f"{of_position.removesuffix('position')}speed ({_unit_of_speed(unit_of_position).replace('_', '/')})",
     }
     panels = []
     for part, label in over.items():
@@ -222,8 +230,9 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
     RigError
         Where a file cannot be written.
     """
-    tables = (_error_table(report, fit), *((_shift_table(report, fit),) if fit.shifts else ()))
-    overlays, recordings = list(_worst_recordings(fit)), len({one.condition for one in fit.overlays})
+    shown_fit = fit_as_shown(fit)
+    tables, shown_tables = ((_error_table(report, one), *((_shift_table(report, one),) if one.shifts else ())) for one in (fit, shown_fit))
+    overlays, recordings = list(_worst_recordings(shown_fit)), len({one.condition for one in fit.overlays})
     shown = len({one.condition for one in overlays})
     contents = {
         report.json_file: json.dumps({"title": report.title, **fit.plain(report.file_format)}, indent=1) + "\n",
@@ -236,11 +245,11 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
         files=tuple(contents),
         report=report,
         is_fitted=bool(fit.shifts),
-        tables=tables,
+        tables=shown_tables,
         correlated=[describe_pair(pair).replace(" -", f" {MINUS}") for pair in fit.correlated],
         drawn=f"Of {recordings} recordings the {shown} are drawn that the model misses most." if shown < recordings else "",
         pictures=pictures_of(overlays),
-        residuals=draw_signal_residuals(fit.overlays, with_fit=bool(fit.shifts)),
+        residuals=draw_signal_residuals(shown_fit.overlays, with_fit=bool(fit.shifts)),
     )
     write_all(out, {PAGE: page, **contents})
 

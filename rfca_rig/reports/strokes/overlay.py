@@ -183,7 +183,7 @@ def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) ->
             _draw(column[0], column[1], one)
         axes[0, 0].set_ylabel("contact force (N)")
         axes[1, 0].set_ylabel("difference (N)")
-        axes[0, 0].legend(frameon=False, fontsize=8.2)
+        axes[0, 0].legend(frameon=False, fontsize=SMALL)
         save_picture(figure, path)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from math import degrees
 from typing import Any
 
 from rfca_rig.analysis.compare import PAPER_AVERAGE_ERROR_PCT, ComparedCondition, Table2, Table2Row, compare_condition, make_table2_row
@@ -41,7 +42,7 @@ UNITS = {
     "_N_per_m": ("N/m", 1.0),
     "_s_per_m": ("s/m", 1.0),
     "_per_rad2": ("1/rad²", 1.0),
-    "_rad": ("rad", 1.0),
+    "_rad": ("deg", degrees(1.0)),
     "_kg": ("g", 1e3),
     "_m": ("mm", 1e3),
     "_s": ("s", 1.0),

@@ -1,6 +1,7 @@
 """Writes the summary of a sweep: sweep.html, one self-contained page, and sweep.json, beside sweep.h5 and sweep.csv."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ def page(result: SweepResult, found: list[OutputSensitivity], command: str) -> s
         sheets=[],
         origin=Origin(command, (), version_text()),
         files=FILES,
-        title=plan.title,
+        title=_page_title(result),
         standfirst=_standfirst(result),
         figures=figures,
         left_out=left_out,
@@ -73,6 +74,14 @@ def page(result: SweepResult, found: list[OutputSensitivity], command: str) -> s
         reasons=result.reasons(),
         failed=result.failed,
     )
+
+
+def _page_title(result: SweepResult) -> str:
+    """The title, with names of columns in words."""
+    title = result.plan.title
+    for name in sorted(result.plan.varied, key=len, reverse=True):
+        title = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", name_and_unit(name)[0], title)
+    return title
 
 
 def _standfirst(result: SweepResult) -> str:

@@ -185,14 +185,16 @@ def sensitivities_table(found: list[OutputSensitivity]) -> Table:
     names = list(dict.fromkeys(each.name for each in found))
     columns = [TableColumn("at", role="group"), TableColumn("output")]
     for name in names:
-        columns += [TableColumn(name, name_and_unit(name)[0], half=f"{name} std"), TableColumn(f"{name} std", role="kept")]
+        # A share has no unit, so its key does not end as the name of the quantity.
+        share, std = f"{name} share", f"{name} std"
+        columns += [TableColumn(share, name_and_unit(name)[0], half=std), TableColumn(std, role="kept")]
     columns.append(TableColumn("sum", "together", digits=2))
     rows = []
     for at, output in dict.fromkeys((each.at, each.output) for each in found):
         values: dict[str, str | float | None] = {"at": ", ".join(with_unit(*each) for each in at), "output": name_and_unit(output)[0]}
         of_row = [each for each in found if (each.at, each.output) == (at, output)]
         for each in of_row:
-            values[each.name] = each.found.index if each.found else None
+            values[f"{each.name} share"] = each.found.index if each.found else None
             values[f"{each.name} std"] = each.found.std if each.found else None
         values["sum"] = sum(each.found.index for each in of_row if each.found) if all(each.found for each in of_row) else None
         rows.append(TableRow(values))
@@ -293,7 +295,7 @@ def _draw_map(figure: Figure, axes: Axes, x: Axis, y: Axis, values: Floats, head
         darkest_far_from_0 = SHADES.reversed() if known.max() <= 0.0 else SHADES
         shades = axes.contourf(across, up, known, levels=levels, cmap=darkest_far_from_0)
         lines = axes.contour(across, up, known, levels=levels[1:-1], colors="#1b1b1b", linewidths=0.5, linestyles="solid")
-        axes.clabel(lines, fontsize=SMALL - 1.0, fmt=lambda level: value_text(float(level)))
+        axes.clabel(lines, fontsize=SMALL, fmt=lambda level: value_text(float(level)))
         figure.colorbar(shades, ax=axes, label=axis_label(header), aspect=30, pad=0.02)
     # Failed cases are marked: a gap in a map could be taken for a value.
     missing = np.argwhere(np.isnan(values))
@@ -322,7 +324,7 @@ def draw_points(ranges: Sequence[Range], points: Floats, values: Floats, titles:
     """
     rows, across = -(-len(ranges) // PANELS_ACROSS), min(len(ranges), PANELS_ACROSS)
     with drawing():
-        figure = Figure(figsize=(PANEL_IN * across + 0.4, PANELS_HIGH_IN * rows), layout="constrained")
+        figure = Figure(figsize=(PANEL_IN * across + 0.3, PANELS_HIGH_IN * rows), layout="constrained")
         panels = figure.subplots(rows, across, sharey=True, squeeze=False).ravel()
         for place, (each, axes) in enumerate(zip(ranges, panels, strict=False)):
             # Lines without length and with round ends, all in one path: a quarter of the bytes of markers.
