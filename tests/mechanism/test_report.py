@@ -42,6 +42,7 @@ def test_the_page_shows_every_signal_with_its_errors_and_residuals(folder, tmp_p
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert page.count("<figure>") == 6 + 6 + 3  # signals, their residuals, what the model lacks in each joint
     assert "simulated, fitted values" in page
+    assert "Diagnosis: <code>rfca-rig diagnose" in page
     found = json.loads((tmp_path / "report" / "mechanism.json").read_text(encoding="utf-8"))
     errors = rows_of(tmp_path / "report" / "mechanism-errors.csv")
     assert [row["run"] for row in errors] == ["sines 1, repeat 1"] * 6 + ["sines 2, repeat 1"] * 6

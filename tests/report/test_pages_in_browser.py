@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow
 
 WIDTHS_PX = (1280, 390)
 # Figures whose letters would be too small on a phone.
-MAY_SCROLL = {"Force", "Stiffness", "Forces over the shaft\u2019s angle", "What the angles leave of the curve"}
+MAY_SCROLL = {"Force", "Stiffness", "Forces over the shaft\u2019s angle", "Residual torque"}
 # Boxes that scroll sideways, by their labels. Of the page itself the width beyond the screen.
 SCROLLED = """() => [document.documentElement.scrollWidth - document.documentElement.clientWidth,
   [...document.querySelectorAll("body *")].filter(each => ["auto", "scroll"].includes(getComputedStyle(each).overflowX)

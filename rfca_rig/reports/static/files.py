@@ -17,7 +17,7 @@ from rfca_rig.analysis.torque_rotation.calibration_file import (
     write_curve,
 )
 from rfca_rig.analysis.torque_rotation.static_result import PredictedHingeCurve, StaticResult, predict_hinge_curves, remarks
-from rfca_rig.reports.provenance import Origin, PageContext, origin_in_memory
+from rfca_rig.reports.provenance import Origin, PageContext, find_pages, origin_in_memory
 from rfca_rig.reports.static.page import page
 from rfca_rig.reports.static.tables import StaticSource, curve_table, full_curve_table, hinges_table, values_table
 from rfca_rig.reports.table import Table, TableColumn, TableRow, as_csv, table_files, write_all
@@ -192,7 +192,8 @@ def write_static_report(
     most_rad = min(max(abs(angle) for angle in result.curve.range_rad), FARTHEST_RAD)
     elastica = predict_hinge_curves(result.rig.leg, result.values.k0_Nm_per_rad, most_rad)
     writers = {MODEL_NAME: (can_be_written(result), write_calibration), CURVE_NAME: (can_curve_be_written(result), write_curve)}
-    context = PageContext(origin or origin_in_memory([source.recording for source in sources]), (), model_file)
+    known_origin = origin or origin_in_memory([source.recording for source in sources])
+    context = PageContext(known_origin, find_pages(out, known_origin, ("static.html",)), model_file)
     curve = curve_table(result.curve, int(result.data.seen.sum()))
     contents = {
         **table_files((values_table(result), hinges_table(result), curve)),

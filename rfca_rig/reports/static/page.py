@@ -86,6 +86,7 @@ def page(
     return template("static.html").render(
         sheets=("static.css",),
         origin=context.origin,
+        links=context.links,
         files=files,
         title=" · ".join(dict.fromkeys(source.recording.title for source in sources)),
         sources=[{"mark": s.recording.source, "text": f"{s.name}: {count_noun(len(s.recording.static), 'static stage')}"} for s in sources],

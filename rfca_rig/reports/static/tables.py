@@ -130,10 +130,10 @@ def systematic_errors_table(result: StaticResult) -> Table:
         TableColumn("what", "Off the nominal value"),
         TableColumn("off", "Found", half="off_std"),
         TableColumn("off_std", role="kept"),
-        TableColumn("known_to", "Known to before", set_value=True),
+        TableColumn("known_to", "Prior std.", set_value=True),
         TableColumn("unit", "Unit"),
     )
-    return Table("common", "One standard deviation each; bold where it is farther off than it was known to.", columns, rows)
+    return Table("common", "One standard deviation each; bold where the prior makes the shift implausible.", columns, rows)
 
 
 def repeats_table(result: StaticResult, names: Sequence[str]) -> Table:

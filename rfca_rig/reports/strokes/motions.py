@@ -22,7 +22,7 @@ from rfca_rig.diagnosis.pendulums.windows import PENDULUM_FIT, WINDOW_S
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
-from rfca_rig.reports.provenance import Origin
+from rfca_rig.reports.provenance import Origin, find_pages
 from rfca_rig.reports.shown_units import fit_as_shown
 from rfca_rig.reports.style import FAINT, MEASURED, OTHER, SIMULATED, Panel, drawing, inline_svg, make_panel
 from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, as_csv, table_files, write_all
@@ -242,6 +242,7 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
     page = template("motions.html").render(
         sheets=("motions.css",),
         origin=origin,
+        links=find_pages(out, origin, (PAGE, "run.html")),
         files=tuple(contents),
         report=report,
         is_fitted=bool(fit.shifts),
