@@ -77,7 +77,7 @@ def cells_as_text(table: Table) -> ShownTable:
     """The table with every cell as text."""
     return ShownTable(
         heads=tuple(ShownCell(column.title, column.key in table.numeric) for column in table.shown),
-        stacked=tuple(_stacked_head(column) for column in table.shown),
+        stacked=tuple(_card_head(column) for column in table.shown),
         unit_place=next((place for place, column in enumerate(table.shown) if column.key == "unit"), None),
         units=tuple(column.unit.replace(" ", NO_BREAK) for column in table.shown),
         overs=tuple(table.overs()),
@@ -86,7 +86,7 @@ def cells_as_text(table: Table) -> ShownTable:
     )
 
 
-def _stacked_head(column: TableColumn) -> str:
+def _card_head(column: TableColumn) -> str:
     over = f"{column.over}, " if column.over else ""
     return f"{over}{column.title} ({column.unit.replace(' ', NO_BREAK)})" if column.unit else f"{over}{column.title}"
 

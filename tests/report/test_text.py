@@ -1,6 +1,6 @@
 import pytest
 
-from rfca_rig.reports.shown_units import shown_name, text_in_degrees
+from rfca_rig.reports.page_units import page_name, text_in_degrees
 from rfca_rig.reports.strokes.page import parameter_lines
 from rfca_rig.reports.text import count_noun, in_thousands, keep_units_together, number, spread
 from tests.model.legs import PAPER
@@ -59,6 +59,6 @@ def test_angles_in_sentences_are_in_degrees(text, said):
 
 
 def test_names_in_degrees_are_those_of_angles_only():
-    assert shown_name("mass_relative") == ("mass_pct", 100.0)
+    assert page_name("mass_relative") == ("mass_pct", 100.0)
     names = ["joint1_position_rad", "k0_Nm_per_rad", "speed_rad_s", "rms_shaft_angle_rad"]
-    assert [shown_name(name)[0] for name in names] == ["joint1_position_deg", "k0_Nm_per_rad", "speed_rad_s", "rms_shaft_angle_deg"]
+    assert [page_name(name)[0] for name in names] == ["joint1_position_deg", "k0_Nm_per_rad", "speed_rad_s", "rms_shaft_angle_deg"]

@@ -6,17 +6,17 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 455,
-    "lines": 88_900,
-    "lines of code": 56_650,
+    "modules": 456,
+    "lines": 89_150,
+    "lines of code": 56_850,
     "modules with one user, in their package": 33,
-    "functions": 5_950,
+    "functions": 5_975,
     "private functions with one use": 710,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,
     "modules of the largest folder": 20,
-    "words of our own dialect": 34,
+    "words of our own dialect": 35,
 }
 AT_LEAST = {
     "full-line comments": 2_780,

@@ -31,8 +31,8 @@ from rfca_rig.reports.diagnosis.tables import (
     hypothesis,
     sizes,
 )
+from rfca_rig.reports.page_units import convert_diagnosis, page_name
 from rfca_rig.reports.provenance import PROGRAM, PageContext
-from rfca_rig.reports.shown_units import diagnosis_as_shown, shown_name
 from rfca_rig.reports.templates import template
 from rfca_rig.reports.text import (
     NOTHING,
@@ -253,7 +253,7 @@ def page(diagnosis: Diagnosis, context: PageContext, files: Sequence[str] = ()) 
     files
         Names of the files beside the page, which it links.
     """
-    diagnosis = diagnosis_as_shown(diagnosis)
+    diagnosis = convert_diagnosis(diagnosis)
     probability = diagnosis.probability
     shown_rivals, other_rivals = _rivals(diagnosis.rivals)
     differing = {one.signal for one in (*diagnosis.located, *diagnosis.remaining)}
@@ -404,7 +404,7 @@ def _parameter(effect_id: str, name: str, value: Value) -> dict[str, str]:
     words, unit = words_and_unit(name)
     texts = {"name": words, "unit": unit, "value": format_with_interval_90(value), "range": "", "forest": ""}
     known = catalogue().get(effect_id)
-    plausible = next((one for one in known.parameters if shown_name(one.name)[0] == name), None) if known else None
+    plausible = next((one for one in known.parameters if page_name(one.name)[0] == name), None) if known else None
     if not isfinite(value.value):
         return texts
     half = STDS_90 * value.std if isfinite(value.std) else 0.0
@@ -415,7 +415,7 @@ def _parameter(effect_id: str, name: str, value: Value) -> dict[str, str]:
         if reach[0] < reach[1]:
             texts["forest"] = draw_forest(None, interval, reach, f"{words}: {texts['value']} {unit}", 0.0)
         return texts
-    factor = shown_name(plausible.name)[1]
+    factor = page_name(plausible.name)[1]
     lowest, highest = factor * plausible.low, factor * plausible.high
     ends = [lowest, highest, value.value - half, value.value, value.value + half]
     texts["range"] = f"{format_significant(lowest)} to {format_significant(highest)}"

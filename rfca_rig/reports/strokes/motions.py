@@ -22,8 +22,8 @@ from rfca_rig.diagnosis.pendulums.windows import PENDULUM_FIT, WINDOW_S
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.window_fit import SignalError, WindowFit
 from rfca_rig.reports.diagnosis.pictures import Picture, pictures_of
+from rfca_rig.reports.page_units import convert_fit
 from rfca_rig.reports.provenance import Origin, find_pages
-from rfca_rig.reports.shown_units import fit_as_shown
 from rfca_rig.reports.style import FAINT, MEASURED, OTHER, SIMULATED, Panel, drawing, inline_svg, make_panel
 from rfca_rig.reports.table import Foot, Table, TableColumn, TableRow, as_csv, table_files, write_all
 from rfca_rig.reports.templates import template
@@ -76,7 +76,7 @@ def draw_signal_residuals(overlays: Sequence[SignalOverlay], with_fit: bool) -> 
     found = []
     for signal in dict.fromkeys(one.signal for one in overlays):
         joint, unit = _split(signal)
-        position_name, speed_name = f"{joint}{POSITION}{unit}", f"{joint}{SPEED}{_unit_of_speed(unit)}"
+        position_name, speed_name = f"{joint}{POSITION}{unit}", f"{joint}{SPEED}{_speed_unit(unit)}"
         here = [one for one in overlays if one.signal == signal]
         if (here[0].condition, position_name) not in states:
             continue
@@ -107,7 +107,7 @@ def _split(signal: str) -> tuple[str, str]:
     return "", ""
 
 
-def _unit_of_speed(unit: str) -> str:
+def _speed_unit(unit: str) -> str:
     return "rad_s" if unit == "deg" else f"{unit}_s"
 
 
@@ -129,7 +129,7 @@ def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, P
     of_position, unit_of_position = words_and_unit(position)
     over = {
         "position": f"{of_position} ({unit_of_position})",
-        "speed": f"{of_position.removesuffix('position')}speed ({_unit_of_speed(unit_of_position).replace('_', '/')})",
+        "speed": f"{of_position.removesuffix('position')}speed ({_speed_unit(unit_of_position).replace('_', '/')})",
     }
     panels = []
     for part, label in over.items():
@@ -230,7 +230,7 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
     RigError
         Where a file cannot be written.
     """
-    shown_fit = fit_as_shown(fit)
+    shown_fit = convert_fit(fit)
     tables, shown_tables = ((_error_table(report, one), *((_shift_table(report, one),) if one.shifts else ())) for one in (fit, shown_fit))
     overlays, recordings = list(_worst_recordings(shown_fit)), len({one.condition for one in fit.overlays})
     shown = len({one.condition for one in overlays})

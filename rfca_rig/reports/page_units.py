@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from math import degrees
 
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MapCell, MovedPrior, Value
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MapCell, MovedPrior, NotSeen, Value
 from rfca_rig.diagnosis.result import SignalOverlay as Overlay
 from rfca_rig.diagnosis.window_fit import FittedShift, SignalError, WindowFit
-from rfca_rig.reports.text import decimals, words_and_unit
+from rfca_rig.reports.text import MINUS, decimals, words_and_unit
 
 DEGREES = "deg"
 # Unit of a name: the unit of the page's name, and the factor to it.
@@ -17,7 +17,7 @@ SHOWN = {"rad": (DEGREES, degrees(1.0)), "relative": ("pct", 100.0)}
 ANGLE = re.compile(r"(?<![\w.,/\u2212-])([-\u2212]?\d+(?:\.\d+)?)(?:( ± )(\d+(?:\.\d+)?))?([ \u00a0])rad(?![\w/²])")
 
 
-def shown_name(name: str) -> tuple[str, float]:
+def page_name(name: str) -> tuple[str, float]:
     """Name and factor with which a page shows a quantity: angles in degrees, relative values in per cent, all others unchanged.
 
     A quotient by an angle, as of a stiffness, is no angle.
@@ -34,19 +34,15 @@ def text_in_degrees(text: str) -> str:
 
 def _angle(found: re.Match[str]) -> str:
     value, joint, half, space = found.groups()
-    known = half if half is not None else value
-    places = max(0, decimals(degrees(_number(known)), max(2, len(known.replace(".", "").lstrip("-\u22120")))))
-    numbers = [
-        f"{degrees(_number(each)):.{places}f}".replace("-", value[0] if value[0] in "-\u2212" else "-") for each in (value, half) if each
-    ]
-    return f"{(joint or '').join(numbers)}{space}{DEGREES}"
+    given = [float(each.replace(MINUS, "-")) for each in (value, half) if each]
+    # As many significant digits as the last number states, and two at least.
+    digits = max(2, len(re.sub(r"^[-\u22120.]+|\.", "", half or value)))
+    places = max(0, decimals(degrees(given[-1]), digits))
+    text = f"{(joint or '').join(f'{degrees(one):.{places}f}' for one in given)}{space}{DEGREES}"
+    return text.replace("-", MINUS) if MINUS in value else text
 
 
-def _number(text: str) -> float:
-    return float(text.replace("\u2212", "-"))
-
-
-def _scaled(one: Value, factor: float) -> Value:
+def _scale(one: Value, factor: float) -> Value:
     return Value(factor * one.value, factor * one.std)
 
 
@@ -54,48 +50,48 @@ def _values(values: Mapping[str, Value], units: Mapping[str, str] | None = None)
     """Values by the names shown; where a name carries no unit, that of `units` counts."""
     found = {}
     for name, one in values.items():
-        shown, factor = shown_name(name)
-        found[shown] = _scaled(one, SHOWN.get((units or {}).get(name, ""), ("", factor))[1])
+        shown, factor = page_name(name)
+        found[shown] = _scale(one, SHOWN.get((units or {}).get(name, ""), ("", factor))[1])
     return found
 
 
 def _misfits(misfits: Mapping[str, BeforeAfter]) -> dict[str, BeforeAfter]:
     found = {}
     for name, one in misfits.items():
-        shown, k = shown_name(name)
+        shown, k = page_name(name)
         found[shown] = BeforeAfter(k * one.before, k * one.after, None if one.noise_floor is None else k * one.noise_floor)
     return found
 
 
-def _limits(limits: Mapping[str, float] | None) -> Mapping[str, float] | None:
-    # A page gives relative limits in per cent anyhow.
-    return limits and {shown_name(name)[0]: shown_name(name)[1] * size for name, size in limits.items()}
+def _limits(one: NotSeen) -> NotSeen:
+    limits = {page_name(name): size for name, size in (one.would_have_seen or {}).items()}
+    return replace(one, would_have_seen=one.would_have_seen and {name: factor * size for (name, factor), size in limits.items()})
 
 
 def _place(place: Located) -> Located:
-    signal, factor = shown_name(place.signal)
+    signal, factor = page_name(place.signal)
     return replace(place, signal=signal, size=factor * place.size, unit=DEGREES) if factor != 1.0 else place
 
 
 def _cell(cell: MapCell) -> MapCell:
-    signal, factor = shown_name(cell.signal)
+    signal, factor = page_name(cell.signal)
     return replace(cell, signal=signal, size=factor * cell.size)
 
 
-def _moved(one: MovedPrior) -> MovedPrior:
-    name, factor = shown_name(one.name)
+def _prior(one: MovedPrior) -> MovedPrior:
+    name, factor = page_name(one.name)
     unit, factor = SHOWN.get(one.unit, (one.unit, factor))
-    return replace(one, name=name, unit=unit.replace("pct", "%"), prior=_scaled(one.prior, factor), now=_scaled(one.now, factor))
+    return replace(one, name=name, unit=unit.replace("pct", "%"), prior=_scale(one.prior, factor), now=_scale(one.now, factor))
 
 
-def overlay_as_shown(one: Overlay) -> Overlay:
+def convert_overlay(one: Overlay) -> Overlay:
     """The signal (m,) with both models in the unit of a page."""
-    signal, factor = shown_name(one.signal)
+    signal, factor = page_name(one.signal)
     measured, before, after = (factor * values for values in (one.measured, one.before, one.after))
     return replace(one, signal=signal, measured=measured, before=before, after=after)
 
 
-def diagnosis_as_shown(found: Diagnosis) -> Diagnosis:
+def convert_diagnosis(found: Diagnosis) -> Diagnosis:
     """The same answer in the units of a page: numbers with their names, and angles in sentences."""
     units = found.nuisance_units
     return replace(
@@ -106,7 +102,7 @@ def diagnosis_as_shown(found: Diagnosis) -> Diagnosis:
         cells=tuple(map(_cell, found.cells)),
         effects=tuple(replace(one, parameters=_values(one.parameters), wording=text_in_degrees(one.wording)) for one in found.effects),
         criteria=tuple(replace(one, found=text_in_degrees(one.found), required=text_in_degrees(one.required)) for one in found.criteria),
-        not_seen=tuple(replace(one, would_have_seen=_limits(one.would_have_seen)) for one in found.not_seen),
+        not_seen=tuple(map(_limits, found.not_seen)),
         fit=_misfits(found.fit),
         held_out=_misfits(found.held_out),
         valley=_misfits(found.valley),
@@ -114,29 +110,29 @@ def diagnosis_as_shown(found: Diagnosis) -> Diagnosis:
         remarks=tuple(map(text_in_degrees, found.remarks)),
         believed_values=_values(found.believed_values, units),
         priors=_values(found.priors, units),
-        nuisance_units={shown_name(name)[0]: SHOWN.get(unit, (unit, 1.0))[0] for name, unit in units.items()},
-        moved_priors=tuple(map(_moved, found.moved_priors)),
-        overlays=tuple(map(overlay_as_shown, found.overlays)),
+        nuisance_units={page_name(name)[0]: SHOWN.get(unit, (unit, 1.0))[0] for name, unit in units.items()},
+        moved_priors=tuple(map(_prior, found.moved_priors)),
+        overlays=tuple(map(convert_overlay, found.overlays)),
     )
 
 
 def _error(error: SignalError) -> SignalError:
-    signal, k = shown_name(error.signal)
+    signal, k = page_name(error.signal)
     held_out = None if error.held_out is None else k * error.held_out
     return replace(error, signal=signal, noise=k * error.noise, nominal=k * error.nominal, fitted=k * error.fitted, held_out=held_out)
 
 
 def _shift(shift: FittedShift) -> FittedShift:
-    name, k = shown_name(shift.name)
+    name, k = page_name(shift.name)
     return replace(shift, name=name, prior_std=k * shift.prior_std, value=k * shift.value, std=k * shift.std)
 
 
-def fit_as_shown(fit: WindowFit) -> WindowFit:
+def convert_fit(fit: WindowFit) -> WindowFit:
     """The same fit in the units of a page."""
     return replace(
         fit,
         shifts=tuple(map(_shift, fit.shifts)),
         errors=tuple(map(_error, fit.errors)),
         totals=tuple(map(_error, fit.totals)),
-        overlays=tuple(map(overlay_as_shown, fit.overlays)),
+        overlays=tuple(map(convert_overlay, fit.overlays)),
     )
