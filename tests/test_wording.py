@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted({*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")})
 MOST_WORDS = 25
 # Enumerations in running text that still wait to be lists.
-LONG_STILL = {"docs/camera.md": 2}
+LONG_STILL = {"docs/camera.md": 2, "docs/add-a-motor.md": 1}
 # What is no prose: front matter, code, comments, tables, quotes, addresses of links.
 NO_PROSE = re.compile(r"\A---\n(?s:.*?)\n---\n|```(?s:.*?)```|<!--(?s:.*?)-->|^ *[|>].*$|\]\([^)]*\)", re.MULTILINE)
 TABLES = re.compile(r"^ *\|.*$", re.MULTILINE)
