@@ -20,8 +20,7 @@ from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, load_object
 from rfca_rig.devices.checks import CanBusObservation, Colour, Finding, Listener, green, red, shorten_error, yellow
 from rfca_rig.devices.force_sensor import AtiDaqSection, AtiSerialSection, ForceSensor, ForceSensorKeys, NetFtSection, OwnForceSensorSection
 from rfca_rig.devices.motor import MotorKeys, MotorSection
-from rfca_rig.doctor.computer import check_computer, judge_receive_buffer, probe_receive_buffer
-from rfca_rig.doctor.devices.ati_sensors import (
+from rfca_rig.doctor.ati_sensors import (
     judge_calibration,
     judge_card,
     judge_controller,
@@ -29,9 +28,10 @@ from rfca_rig.doctor.devices.ati_sensors import (
     look_at_controller,
     look_for_cards,
 )
-from rfca_rig.doctor.devices.camera import judge_camera, judge_camera_file, judge_photo_folder, look_at_camera
-from rfca_rig.doctor.devices.netft import judge_box, judge_stream, look_at_box, look_at_stream
-from rfca_rig.doctor.devices.ports import judge_can_bus, judge_can_interface, judge_serial_port, look_at_can_interface, look_at_serial_port
+from rfca_rig.doctor.camera import judge_camera, judge_camera_file, judge_photo_folder, look_at_camera
+from rfca_rig.doctor.computer import check_computer, judge_receive_buffer, probe_receive_buffer
+from rfca_rig.doctor.netft import judge_box, judge_stream, look_at_box, look_at_stream
+from rfca_rig.doctor.ports import judge_can_bus, judge_can_interface, judge_serial_port, look_at_can_interface, look_at_serial_port
 from rfca_rig.drivers import roles
 from rfca_rig.drivers.photo_files import list_pictures
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, SerialPort

@@ -7,8 +7,8 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.netft_configuration import CalibrationInfo, NetFtConfiguration
 from rfca_rig.devices.checks import Finding, green, yellow
 from rfca_rig.doctor.computer import check_computer, judge_receive_buffer, probe_receive_buffer
-from rfca_rig.doctor.devices.netft import BoxObservation, look_at_box
-from rfca_rig.doctor.devices.ports import (
+from rfca_rig.doctor.netft import BoxObservation, look_at_box
+from rfca_rig.doctor.ports import (
     CanInterfaceObservation,
     can_interfaces,
     judge_found_port,

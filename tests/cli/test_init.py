@@ -9,9 +9,8 @@ from rfca_rig.codecs.netft_configuration import CalibrationInfo
 from rfca_rig.description.rig_draft import SENSORS, USUAL
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.devices import MOTORS, OWN
-from rfca_rig.doctor import scan
-from rfca_rig.doctor.devices import ports
-from rfca_rig.doctor.devices.netft import BoxObservation
+from rfca_rig.doctor import ports, scan
+from rfca_rig.doctor.netft import BoxObservation
 from tests.cli.typed import typed
 
 

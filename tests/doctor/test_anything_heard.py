@@ -14,7 +14,7 @@ from rfca_rig.devices.cubemars.codec import mit_ranges
 from rfca_rig.devices.moteus.checks import judge_moteus, observe_moteus
 from rfca_rig.devices.odrive.checks import OdriveWanted, judge_odrive, observe_odrive
 from rfca_rig.devices.odrive.messages import OdriveFirmware
-from rfca_rig.doctor.devices.netft import judge_stream, observe_stream
+from rfca_rig.doctor.netft import judge_stream, observe_stream
 from rfca_rig.drivers.force_sensors.netft import NetFtSettings
 from tests.doctor.said import whole
 

@@ -26,7 +26,7 @@ from rfca_rig.doctor.computer import (
     look_at_packages,
     probe_receive_buffer,
 )
-from rfca_rig.doctor.devices.ports import look_at_can_interface, look_at_serial_port
+from rfca_rig.doctor.ports import look_at_can_interface, look_at_serial_port
 from rfca_rig.twin_server.can_ports import PseudoTerminal
 from tests.doctor.said import whole
 

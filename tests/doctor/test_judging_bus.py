@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.devices.checks import CanBusObservation, Colour
-from rfca_rig.doctor.devices.ports import (
+from rfca_rig.doctor.ports import (
     CanInterfaceObservation,
     SerialPortSeen,
     judge_can_bus,

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from rfca_rig.codecs.netft_configuration import NetFtConfiguration
-from rfca_rig.doctor.devices.ati_sensors import CardsSeen, ControllerSeen, judge_calibration, judge_card, judge_controller
-from rfca_rig.doctor.devices.netft import BoxObservation, StreamObservation, judge_box, judge_stream
+from rfca_rig.doctor.ati_sensors import CardsSeen, ControllerSeen, judge_calibration, judge_card, judge_controller
+from rfca_rig.doctor.netft import BoxObservation, StreamObservation, judge_box, judge_stream
 from rfca_rig.doctor.scan import judge_found_sensor
 from rfca_rig.drivers.force_sensors.netft import NetFtSettings
 from tests.doctor.said import colours, whole

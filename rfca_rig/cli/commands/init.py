@@ -93,7 +93,7 @@ class _Found:
 
 
 def _find_devices(folder: Path) -> _Found:
-    from rfca_rig.doctor.devices.ports import can_interfaces, look_for_adapters, look_for_serial_ports
+    from rfca_rig.doctor.ports import can_interfaces, look_for_adapters, look_for_serial_ports
     from rfca_rig.doctor.scan import look_for_box
 
     box = look_for_box()
