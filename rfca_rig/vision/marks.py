@@ -20,6 +20,7 @@ from rfca_rig.vision.rim import (
     cast_rays,
     color_bleed_share,
     fit_outline,
+    follow_rim,
     is_oblique,
     likely_circle,
     measure_glare,
@@ -41,6 +42,9 @@ GAP_SHARES = (0.2, 0.35)
 # Patches nearer to each other than this share of a diameter are one mark.
 SAME_SHARE = 0.25
 RED_PEAK_PERCENTILE = 97.0
+# Counts in proportion to the light, for the counts 0 to 255 of the sRGB curve (IEC 61966-2-1).
+_CODED = np.arange(256) / 255.0
+LIGHT_OF_COUNTS = (255.0 * np.where(_CODED <= 0.04045, _CODED / 12.92, ((_CODED + 0.055) / 1.055) ** 2.4)).astype(np.float32)
 # Whiteness up to which surroundings count as black, as a share of the mark's redness.
 DARK_SHARE = 0.5
 # Limits of a patch's sides, in diameters.
@@ -55,7 +59,7 @@ class Patch:
     sides_px: tuple[float, float]
 
 
-def redness(image_bgr: Pixels) -> NDArray[np.float32]:
+def redness(image_bgr: Pixels | NDArray[np.float32]) -> NDArray[np.float32]:
     """Red minus the larger of green and blue, in counts (height, width). White glints and grey things have none."""
     blue, green, red = cv2.split(image_bgr.astype(np.float32))
     return np.asarray(red - cv2.max(green, blue), np.float32)
@@ -66,16 +70,14 @@ def whiteness(image_bgr: Pixels) -> NDArray[np.float32]:
     return np.asarray(cv2.min(image_bgr[..., 0], image_bgr[..., 1]), np.float32)
 
 
-def rim_picture(image_bgr: Pixels) -> NDArray[np.float32]:
-    """The picture (height, width) in which the rim of a red thing is searched, for a cutout around it.
+def is_on_black(image_bgr: Pixels) -> bool:
+    """Whether a cutout (height, width, 3) shows a red thing on black: then its rim is searched in the red channel alone.
 
-    On black this is the red channel alone. It has less noise than a difference of channels, and JPEG, which stores colours at half the
-    resolution, keeps most of its sharpness. In front of something light the red channel has no rim, and redness is used.
+    It has less noise than a difference of channels, and JPEG, which stores colours at half the resolution, keeps most of its sharpness. In
+    front of something light the red channel has no rim, and redness is used.
     """
     peak = float(np.percentile(redness(image_bgr), RED_PEAK_PERCENTILE))
-    if float(np.median(whiteness(image_bgr))) < DARK_SHARE * peak:
-        return np.asarray(image_bgr[..., 2], np.float32)
-    return redness(image_bgr)
+    return float(np.median(whiteness(image_bgr))) < DARK_SHARE * peak
 
 
 def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, ...]:
@@ -157,6 +159,10 @@ WAVE_ERROR = 1.7
 GLARE_ERROR = 0.02
 # Error of the centre of a half hidden mark, in radii: the rim near a cover's edge is shifted along with it.
 COVER_ERROR = 0.012
+# Error of the centre over its spread between ASSUMPTIONS.
+SPREAD_ERROR = 1.5
+# Largest spread between ASSUMPTIONS, in radii: beyond, it is no measure of the error any more. The largest of 1,728 tuned marks has 0.083.
+MAX_SPREAD = 0.1
 
 
 @dataclass(frozen=True)
@@ -188,6 +194,30 @@ class RejectedPatch:
 
 
 @dataclass(frozen=True)
+class _Assumption:
+    """What a rim's place depends on and no photo tells.
+
+    `linear`: counts are made proportional to light, as if the camera had the sRGB curve; otherwise they count as they are. `local`: the
+    level inside is that of each part of the rim, otherwise a plane through the disc. `share`: the rim's level between outside and inside.
+    """
+
+    linear: bool
+    local: bool
+    share: float
+
+
+# The centre of an undisturbed disc is the same under all of them. The first one gives the shape and what is seen of the rim.
+ASSUMPTIONS = (
+    _Assumption(linear=False, local=False, share=0.5),
+    _Assumption(linear=False, local=True, share=0.5),
+    _Assumption(linear=True, local=False, share=0.5),
+    _Assumption(linear=True, local=True, share=0.5),
+    _Assumption(linear=True, local=True, share=0.3),
+    _Assumption(linear=True, local=True, share=0.7),
+)
+
+
+@dataclass(frozen=True)
 class _Rim:
     """Rim points px (n, 2), the number of rays that looked for them, and the share of the points that are beside a glare."""
 
@@ -198,13 +228,14 @@ class _Rim:
 
 @dataclass(frozen=True)
 class _Cutout:
-    """Smoothed pictures (h, w) around a patch: the one in which rims are searched, redness and whiteness.
+    """Smoothed pictures (h, w) around a patch: the one in which rims are searched, as it is and linear in light, redness and whiteness.
 
     `corner_px` (2,) is the position of the first pixel in the photo. `inside_px` (2, 2) are the first and last position (x, y) of the
     cutout that are well inside the photo.
     """
 
     rims: NDArray[np.float32]
+    linear_rims: NDArray[np.float32]
     red: NDArray[np.float32]
     white: NDArray[np.float32]
     corner_px: Floats
@@ -243,10 +274,11 @@ def find_marks_and_rejected(image_bgr_uint8: Pixels, expected_diameter_px: float
     patches = red_patches(image_bgr_uint8, expected_diameter_px)
     cutouts = [_cutout(image_bgr_uint8, patch, expected_diameter_px) for patch in patches]
     alone = [_fit_alone(cutout, patch, expected_diameter_px / 2) for cutout, patch in zip(cutouts, patches, strict=True)]
-    shape = _estimate_shape([found for found in alone if found], expected_diameter_px / 2)
-    waves = [found.waves_px for found in alone if found and np.isfinite(found.waves_px)]
+    # A blurred disc's radius depends on the assumption, so each of them has its own shape.
+    shapes = [_estimate_shape([found[k] for found in alone if found], expected_diameter_px / 2) for k in range(len(ASSUMPTIONS))]
+    waves = [found[0].waves_px for found in alone if found and found[0] and np.isfinite(found[0].waves_px)]
     typical_waves_px = float(np.median(waves)) if waves else 0.0
-    results = [_mark(cutout, found, shape, typical_waves_px) for cutout, found in zip(cutouts, alone, strict=True)]
+    results = [_mark(cutout, found, shapes, typical_waves_px) for cutout, found in zip(cutouts, alone, strict=True)]
     marks = _without_duplicates([mark for mark in results if isinstance(mark, Mark)])
     rejected = [
         RejectedPatch(np.array(patch.middle_px), reason)
@@ -262,43 +294,48 @@ def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
     x, y = patch.middle_px
     left, top = max(0, int(x - reach)), max(0, int(y - reach))
     piece = image[top : int(y + reach) + 2, left : int(x + reach) + 2]
-    pictures = (rim_picture(piece), redness(piece), whiteness(piece))
-    widths = (SMOOTHING_PX, SMOOTHING_PX, max(SMOOTHING_PX, WHITE_SMOOTHING * diameter_px))
-    rims, red, white = (
+    light = LIGHT_OF_COUNTS[piece]
+    seen = (piece[..., 2].astype(np.float32), light[..., 2]) if is_on_black(piece) else (redness(piece), redness(light))
+    # Scaled to the same brightest counts, so that limits in counts hold for both.
+    brightest = [max(1.0, float(np.percentile(picture, RED_PEAK_PERCENTILE))) for picture in seen]
+    pictures = (seen[0], seen[1] * np.float32(brightest[0] / brightest[1]), redness(piece), whiteness(piece))
+    widths = (SMOOTHING_PX, SMOOTHING_PX, SMOOTHING_PX, max(SMOOTHING_PX, WHITE_SMOOTHING * diameter_px))
+    rims, linear_rims, red, white = (
         np.asarray(cv2.GaussianBlur(picture, (0, 0), width), np.float32) for picture, width in zip(pictures, widths, strict=True)
     )
     corner = np.array([left, top], dtype=np.float64)
     last = np.array(image.shape[1::-1], dtype=np.float64) - 1.0
-    return _Cutout(rims, red, white, corner, np.stack([BORDER_PX - corner, last - BORDER_PX - corner]))
+    return _Cutout(rims, linear_rims, red, white, corner, np.stack([BORDER_PX - corner, last - BORDER_PX - corner]))
 
 
-def _fit_alone(cutout: _Cutout, patch: Patch, radius_px: float) -> MarkOutline | None:
-    """First outline of a patch, with a free shape; its centre is in cutout coordinates."""
+def _fit_alone(cutout: _Cutout, patch: Patch, radius_px: float) -> list[MarkOutline | None] | None:
+    """First outlines of a patch, one for each assumption, with a free shape; their centres are in cutout coordinates."""
     rim = _rim(cutout, np.array(patch.middle_px) - cutout.corner_px, radius_px)
     # A fixed seed: the same photo always gives the same marks.
     circle = likely_circle(rim.px, radius_px, SIZE_SPREAD, np.random.default_rng(0))
     if circle is None:
         return None
-    return _measure(cutout, circle[:2], Shape(float(circle[2])))[0]
+    return [_measure(cutout, circle[:2], Shape(float(circle[2])), one)[0] for one in ASSUMPTIONS]
 
 
-def _measure(cutout: _Cutout, middle: Floats, shape: Shape) -> tuple[MarkOutline | None, _Rim]:
-    rim = _rim(cutout, middle, shape.radius_px, square=True)
+def _measure(cutout: _Cutout, middle: Floats, shape: Shape, assumption: _Assumption) -> tuple[MarkOutline | None, _Rim]:
+    rim = _rim(cutout, middle, shape.radius_px, assumption, square=True)
     return (fit_outline(rim.px, middle, shape, rim.rays) if len(rim.px) else None), rim
 
 
-def _rim(cutout: _Cutout, middle: Floats, radius_px: float, square: bool = False) -> _Rim:
+def _rim(cutout: _Cutout, middle: Floats, radius_px: float, assumption: _Assumption = ASSUMPTIONS[0], square: bool = False) -> _Rim:
     """Rim points as seen from a centre; points beside a glare, at the border or askew are rejected.
 
     Where glare, such as the sheen of a glossy mark, leaves too little of the rim, its mildest parts are used as well.
     """
-    rays = cast_rays(cutout.rims, middle, radius_px)
+    picture = cutout.linear_rims if assumption.linear else cutout.rims
+    rays = cast_rays(picture, middle, radius_px)
     white = cast_rays(cutout.white, middle, radius_px)
     level = measure_levels(rays, white, radius_px)
-    points = rim_points(rays, level.half)
+    points = rim_points(rays, (follow_rim(level, rays, radius_px) if assumption.local else level).between(assumption.share))
     spoilt = ((points.px < cutout.inside_px[0]) | (points.px > cutout.inside_px[1])).any(axis=1)
     if square:
-        spoilt |= is_oblique(points, middle, cutout.rims)
+        spoilt |= is_oblique(points, middle, picture)
     glare, noise = measure_glare(points, white, radius_px)
     limit = max(GLARE * max(MIN_CONTRAST_COUNTS, level.contrast), GLARE_SIGMAS * noise)
     kept = ~spoilt & (glare <= limit)
@@ -309,37 +346,58 @@ def _rim(cutout: _Cutout, middle: Floats, radius_px: float, square: bool = False
     return _Rim(points.px[kept], len(rays.directions), float((glare[kept] > limit).mean()) if kept.any() else 0.0)
 
 
-def _estimate_shape(found: Sequence[MarkOutline], radius_px: float) -> Shape:
+def _estimate_shape(found: Sequence[MarkOutline | None], radius_px: float) -> Shape:
     """Median shape of the whole marks, as a prior of a few per cent; the expected circle where fewer than three marks are whole."""
-    whole = [outline for outline in found if outline.seen >= WHOLE]
+    whole = [outline for outline in found if outline and outline.seen >= WHOLE]
     if len(whole) < 3:
         return Shape(radius_px)
     bend = np.median([outline.bend for outline in whole], axis=0)
     return Shape(float(np.median([outline.radius_px for outline in whole])), (float(bend[0]), float(bend[1])), 0.04, 0.006)
 
 
-def _mark(cutout: _Cutout, found: MarkOutline | None, shape: Shape, typical_waves_px: float) -> Mark | str:
+def _mark(cutout: _Cutout, found: list[MarkOutline | None] | None, shapes: Sequence[Shape], typical_waves_px: float) -> Mark | str:
     """The measured mark, or why it is none."""
-    if found is None:
+    first = found[0] if found else None
+    if first is None:
         return "no round rim"
-    outline, rim = _measure(cutout, found.middle_px, shape)
+    measured = [_measure(cutout, first.middle_px, shape, one) for shape, one in zip(shapes, ASSUMPTIONS, strict=True)]
+    outline, rim = measured[0]
     if outline is None:
         return "hardly any of its rim is seen"
-    rays, red = (cast_rays(picture, outline.middle_px, outline.radius_px) for picture in (cutout.rims, cutout.red))
-    level = measure_levels(rays, cast_rays(cutout.white, outline.middle_px, outline.radius_px), outline.radius_px)
-    roundness = outline.seen
-    if color_bleed_share(red, outline.radius_px) > MAX_SPILL:
-        return "it touches another red thing"
-    if roundness < MIN_ROUNDNESS:
-        return f"only {roundness:.0%} of its rim is seen, at least {MIN_ROUNDNESS:.0%}"
-    if level.contrast < MIN_CONTRAST_COUNTS:
-        return f"too dark, {level.contrast:.0f} counts of contrast, at least {MIN_CONTRAST_COUNTS:g}"
+    contrast = _contrast(cutout, outline)
+    outlines = [one for one, _ in measured if one is not None]
+    middles = np.array([one.middle_px for one in outlines])
+    middle = middles.mean(axis=0)
+    spread = float(np.sqrt(((middles - middle) ** 2).sum(axis=1).mean())) if len(outlines) == len(measured) else np.inf
+    if reason := _find_reason(cutout, outline, contrast, spread):
+        return reason
     # Errors that the scatter of the rim points does not show; the second term grows with the hidden share.
-    systematic = PIXEL_FLOOR_PX + outline.radius_px * (COVER_ERROR * (1.0 - roundness) / 0.5 + GLARE_ERROR * rim.glare_share)
+    systematic = PIXEL_FLOOR_PX + outline.radius_px * (COVER_ERROR * (1.0 - outline.seen) / 0.5 + GLARE_ERROR * rim.glare_share)
     own = outline.waves_px if np.isfinite(outline.waves_px) else typical_waves_px
     waves = WAVE_ERROR * np.hypot(own, typical_waves_px) / np.sqrt(2.0)
-    std = np.sqrt(np.diag(outline.covariance_px2) + systematic**2 + waves**2)
-    return Mark(outline.middle_px + cutout.corner_px, std, 2 * outline.radius_px, roundness, level.contrast)
+    std = np.sqrt(np.diag(outline.covariance_px2) + systematic**2 + waves**2 + (SPREAD_ERROR * spread) ** 2)
+    return Mark(middle + cutout.corner_px, std, 2 * outline.radius_px, outline.seen, contrast)
+
+
+def _contrast(cutout: _Cutout, outline: MarkOutline) -> float:
+    rays, white = (cast_rays(picture, outline.middle_px, outline.radius_px) for picture in (cutout.rims, cutout.white))
+    return measure_levels(rays, white, outline.radius_px).contrast
+
+
+def _find_reason(cutout: _Cutout, outline: MarkOutline, contrast: float, spread_px: float) -> str:
+    """Why an outline is no mark that can be measured; "" where it is one. The spread is infinite where an assumption gives no outline."""
+    if color_bleed_share(cast_rays(cutout.red, outline.middle_px, outline.radius_px), outline.radius_px) > MAX_SPILL:
+        return "it touches another red thing"
+    if outline.seen < MIN_ROUNDNESS:
+        return f"only {outline.seen:.0%} of its rim is seen, at least {MIN_ROUNDNESS:.0%}"
+    if contrast < MIN_CONTRAST_COUNTS:
+        return f"too dark, {contrast:.0f} counts of contrast, at least {MIN_CONTRAST_COUNTS:g}"
+    if spread_px > MAX_SPREAD * outline.radius_px:
+        most = f"at most {MAX_SPREAD * outline.radius_px:.1f} px"
+        if not np.isfinite(spread_px):
+            return "a part of its rim is seen at some levels of brightness only: a shadow, a cover or a glint"
+        return f"its centre moves by {spread_px:.1f} px with the level at which its rim is taken, {most}: a shadow, a cover or a glint"
+    return ""
 
 
 def _without_duplicates(marks: Sequence[Mark]) -> tuple[Mark, ...]:

@@ -37,6 +37,10 @@ DIRECTION_SMOOTHING_PX = 1.0
 NEIGHBOUR_SHARE = 0.06
 # The ring in which a mark's surroundings are black, in radii.
 SPILL_FROM, SPILL_TO = 1.35, 1.65
+# The ring in which the level just inside each part of the rim is taken, in radii: inside of the blur, outside of most glints.
+NEAR_RIM = (0.55, 0.8)
+# Share of the disc's contrast that a part of it has at least; what is darker is something before the disc, or a gap.
+FAINTEST_PART = 0.3
 # Redness between a disc and another red thing, as a share of the disc's, from which they touch.
 TOUCHING_SHARE = 0.4
 
@@ -77,10 +81,9 @@ class Levels:
         """The step at the rim, in counts."""
         return float(np.median(self.inside - self.outside))
 
-    @property
-    def half(self) -> Floats:
-        """Level at the rim along each ray (rays,): halfway between inside and outside."""
-        return 0.5 * (self.inside + self.outside)
+    def between(self, share: float) -> Floats:
+        """Level along each ray (rays,) at this share of the way from outside to inside; NaN where no disc is."""
+        return self.outside + share * (self.inside - self.outside)
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,15 @@ def measure_levels(rays: Rays, white: Rays, radius_px: float) -> Levels:
     return Levels(typical + rays.directions @ _slope(at[plain], core[plain] - typical) * radius_px, around)
 
 
+def follow_rim(level: Levels, rays: Rays, radius_px: float) -> Levels:
+    """The same levels outside, and inside those just within the rim, ray by ray: they follow a shadow's edge, a plane does not.
+
+    NaN inside where hardly anything red is.
+    """
+    near = _median_of_neighbours(np.median(rays.counts[:, _between(rays, *(share * radius_px for share in NEAR_RIM))], axis=1))
+    return Levels(np.where(near - level.outside < FAINTEST_PART * level.contrast, np.nan, near), level.outside)
+
+
 def _median_of_neighbours(values: Floats) -> Floats:
     """Median (rays,) over the rays on either side of each."""
     reach = max(1, round(NEIGHBOUR_SHARE * len(values)))
@@ -155,12 +167,12 @@ def _slope(at_px: Floats, above: Floats) -> Floats:
     return np.asarray(slope)
 
 
-def rim_points(rays: Rays, half: Floats) -> RimPoints:
-    """All points where the red falls through `half` (rays,), going outwards, interpolated linearly between steps."""
-    above = rays.counts >= half[:, None]
+def rim_points(rays: Rays, at: Floats) -> RimPoints:
+    """All points where the red falls through the level `at` (rays,), going outwards, interpolated linearly; none where it is NaN."""
+    above = rays.counts >= at[:, None]
     ray, step = np.nonzero(above[:, :-1] & ~above[:, 1:])
     before, after = rays.counts[ray, step], rays.counts[ray, step + 1]
-    radius = rays.radii_px[step] + STEP_PX * (before - half[ray]) / (before - after)
+    radius = rays.radii_px[step] + STEP_PX * (before - at[ray]) / (before - after)
     return RimPoints(rays.middle_px + rays.directions[ray] * radius[:, None], ray, step)
 
 
