@@ -40,6 +40,7 @@ from rfca_rig.suggestions import in_one_line
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
 # What the system says of a path that somebody wrote, in a file or an option, and that leads nowhere.
+LINK_TO_ITSELF = "Symlink loop from "
 UNUSABLE_PATHS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EISDIR)
 
 app = typer.Typer(
@@ -154,17 +155,22 @@ def run() -> None:
     except Exception as error:
         if os.environ.get(DEBUG_VARIABLE):
             raise
-        _leave(_describe_unexpected(error), 1)
+        _leave(*_describe_unexpected(error))
 
 
-def _describe_unexpected(error: Exception) -> str:
+def _describe_unexpected(error: Exception) -> tuple[str, int]:
+    """What to print, and the exit code."""
     text = " ".join(str(error).split())
     if isinstance(error, RuntimeError) and "start new thread" in text:
-        return NO_MORE_PROCESSES
+        return NO_MORE_PROCESSES, 1
+    # How Path.resolve says it before Python 3.13, as no OSError.
+    if isinstance(error, RuntimeError) and text.startswith(LINK_TO_ITSELF):
+        path = text.removeprefix(LINK_TO_ITSELF).strip("'")
+        return f"{path}: {os.strerror(errno.ELOOP)}; give another path", BadInput.exit_code
     # A damaged environment, for example a system library that OpenCV needs; a name that is missing here is a mistake of ours.
     if isinstance(error, ImportError) and not (error.name or "").startswith("rfca_rig"):
-        return f"a library cannot be loaded: {text}; install rfca-rig again in a new environment"
-    return f"this is a mistake in rfca-rig, not yours: {type(error).__name__}: {text}; {DEBUG_VARIABLE}=1 shows where"
+        return f"a library cannot be loaded: {text}; install rfca-rig again in a new environment", 1
+    return f"this is a mistake in rfca-rig, not yours: {type(error).__name__}: {text}; {DEBUG_VARIABLE}=1 shows where", 1
 
 
 def _command() -> Callable[..., int | None]:

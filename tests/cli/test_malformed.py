@@ -90,6 +90,14 @@ def test_a_long_value_does_not_hide_what_is_said_of_it(here, monkeypatch, capsys
     assert "long.toml:1: experiment: should be 'dynamic', not 'xxx" in said.err
 
 
+def test_a_path_below_a_link_to_itself_is_one_line(here, monkeypatch, capsys):
+    Path("loop").symlink_to("loop")
+    said = typed(monkeypatch, capsys, "import", "loop/below")
+    assert said.exit_code == 2
+    assert "loop/below: Too many levels of symbolic links; give another path" in said.err
+    assert said.err.count("\n") == 1
+
+
 @pytest.mark.parametrize("target", ["pipe.toml", "link"])
 def test_an_output_that_is_a_device_or_a_pipe_is_never_replaced(here, monkeypatch, capsys, target):
     """An administrator's --csv /dev/null would put a file in the place of the device, for the whole machine."""
