@@ -3,7 +3,7 @@
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from math import degrees
@@ -28,6 +28,7 @@ from rfca_rig.engine.run import Supervision, prove_stop, run_plan
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.plan import Cycles, Flap, Hold, Plan, Stage, cycle_bytes
+from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder, RecorderClient, RunBackend
 from rfca_rig.recording.run_writer import check_room
 from rfca_rig.subprocesses import can_be_started
@@ -229,9 +230,7 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
     ):
         # Before the folder is made: a drive that is refused leaves no empty run behind.
         armed = prove_drive(config, bench) if bench.is_real else {}
-        folder = config.begun.folder if config.begun else make_run_folder(config.runs, config.mark, config.plan.title)
-        open_folder(config, folder, bench)
-        keeper = _keeper(folder, bench, make_marked_say(config.mark, config.quiet))
+        folder, keeper = _begin_recording(config, bench)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_in_terminal):
             say = view.begin(keeper, say_in_terminal)
@@ -269,6 +268,25 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
                 raise
         finish(config, run(Outcome.of(None)))
     return folder, recorder
+
+
+def _begin_recording(config: RunConfig, bench: Bench) -> tuple[Path, RunBackend]:
+    """The run's folder, and what records into it. Where that cannot begin, the folders that were made for it are removed again."""
+    say = make_marked_say(config.mark, config.quiet)
+    if config.begun:
+        open_folder(config, config.begun.folder, bench)
+        return config.begun.folder, _keeper(config.begun.folder, bench, say)
+    made = [folder for folder in (config.runs, *config.runs.parents) if not folder.exists()]
+    folder = make_run_folder(config.runs, config.mark, config.plan.title)
+    try:
+        open_folder(config, folder, bench)
+        return folder, _keeper(folder, bench, say)
+    except BaseException:
+        with suppress(OSError):
+            run_folder.discard(folder)
+            for parent in made:
+                parent.rmdir()
+        raise
 
 
 def _keeper(folder: Path, bench: Bench, warn: Say) -> RunBackend:

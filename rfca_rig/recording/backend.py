@@ -3,6 +3,7 @@
 With a process of its own, handing over takes microseconds, and every loss is reported.
 """
 
+import errno
 import subprocess
 from collections.abc import Callable
 from itertools import count
@@ -121,7 +122,8 @@ class RecorderClient:
             self._process, self._child = spawn_recorder(RecorderAssignment(folder, self._queue.name, patient))
         except OSError as error:
             self._queue.remove()
-            raise RigError(f"{folder}: no process can be started to record: {error}") from error
+            reason = NO_MORE_PROCESSES if error.errno == errno.EAGAIN else error.strerror or error
+            raise RigError(f"{folder}: no process can be started to record: {reason}") from error
         self._photos, self._sender = count(next_photo(folder)), PhotoSender(self._child)
         kind, message = self._receive(STARTED_WITHIN_S)
         if kind != READY:

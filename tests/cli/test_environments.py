@@ -5,6 +5,7 @@ Permissions are tested with /proc, which refuses an administrator too.
 
 import errno
 import os
+import re
 import resource
 import shutil
 import socket
@@ -137,7 +138,7 @@ def check(surroundings: Surroundings, folder: Path) -> None:
     for word in ("Traceback", "mistake", "Exception ignored", "\x1b]"):
         assert word not in said
     assert surroundings.line in said
-    own = [line for line in said.splitlines() if not line.startswith(("SIM ", "  "))]
+    own = [line for line in said.splitlines() if not line.startswith(("SIM ", "  ", "report/"))]
     assert len(own) <= 1, own
     assert not [path for path in folder.rglob("*") if path.name.endswith(".writing")]
 
@@ -193,22 +194,33 @@ def test_a_run_in_a_broken_environment_costs_one_line_at_most(tmp_path, name):
 # The limit of processes does not hold for the administrator: another real user, and the rights without those to pass the limit.
 ANOTHER_USER = "setpriv --ruid 65533 --euid 0 --bounding-set -sys_resource,-sys_admin --inh-caps=-all "
 NO_MORE = "the system allows no further process or thread"
+# A recording for these that read one.
+RECORDED = str(Path(__file__).parents[1] / "data" / "small-campaign")
 FEW: dict[str, Surroundings] = {
     "one process": Surroundings(TRIP, script="exec PRLIMIT1 TYPED"),
     "one process for a plan": Surroundings(PLAN, script="exec PRLIMIT1 TYPED"),
     "one process for a run": Surroundings(RUN, 1, NO_MORE, script="exec PRLIMIT1 TYPED"),
+    "two processes for a run": Surroundings(RUN, 1, NO_MORE, script="exec PRLIMIT2 TYPED"),
+    "three processes for a run": Surroundings(RUN, 1, NO_MORE, script="exec PRLIMIT3 TYPED"),
     "one process for the doctor": Surroundings("doctor", 1, NO_MORE, script="exec PRLIMIT1 TYPED"),
+    "one process for a report": Surroundings(f"report {RECORDED} --out report", script="exec PRLIMIT1 TYPED"),
+    "two processes for a report": Surroundings(f"report {RECORDED} --out report", script="exec PRLIMIT2 TYPED"),
+    "one process for a diagnosis": Surroundings(f"diagnose {RECORDED} --out diagnosis", 1, NO_MORE, script="exec PRLIMIT1 TYPED"),
+    "three processes for a diagnosis": Surroundings(f"diagnose {RECORDED} --out diagnosis", 1, NO_MORE, script="exec PRLIMIT3 TYPED"),
 }
 
 
 @pytest.mark.skipif(shutil.which("prlimit") is None or shutil.which("setpriv") is None, reason="the tools of util-linux")
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "one process" else pytest.mark.slow) for name in FEW])
 def test_few_processes_cost_one_line_at_most(name):
-    script = FEW[name].script.replace("PRLIMIT1", f"{ANOTHER_USER if os.getuid() == 0 else ''}prlimit --nproc=1:1")
+    limited = rf"{ANOTHER_USER if os.getuid() == 0 else ''}prlimit --nproc=\1:\1"
+    script = re.sub(r"PRLIMIT(\d)", limited, FEW[name].script)
     # The program asks with the rights of the real user whether it may write there; tmp_path is closed to others.
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o777)
         check(replace(FEW[name], script=script), Path(folder))
+        # What could not begin leaves no folder behind.
+        assert FEW[name].code == 0 or not list(Path(folder).iterdir())
 
 
 NO_LOOPBACK: dict[str, Surroundings] = {
