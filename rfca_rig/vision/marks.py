@@ -387,7 +387,7 @@ def _contrast(cutout: _Cutout, outline: MarkOutline) -> float:
 def _find_reason(cutout: _Cutout, outline: MarkOutline, contrast: float, spread_px: float) -> str:
     """Why an outline is no mark that can be measured; "" where it is one. The spread is infinite where an assumption gives no outline."""
     if color_bleed_share(cast_rays(cutout.red, outline.middle_px, outline.radius_px), outline.radius_px) > MAX_SPILL:
-        return "it touches another red thing"
+        return "it touches another red thing, or a shadow leaves only a part of it bright"
     if outline.seen < MIN_ROUNDNESS:
         return f"only {outline.seen:.0%} of its rim is seen, at least {MIN_ROUNDNESS:.0%}"
     if contrast < MIN_CONTRAST_COUNTS:

@@ -125,3 +125,17 @@ def test_a_hidden_mark_of_a_leg_that_bends_both_ways_is_not_guessed() -> None:
     photos = [photograph(one, np.zeros(8), random, (4,) if number == 7 else ()) for number, one in enumerate(angles)]
     miss, _ = errors_deg(fit(photos), angles)
     assert np.isnan(miss[7, 2:5]).all()
+
+
+@pytest.mark.parametrize("hidden", [(2,), (3,), (2, 3)])
+def test_a_mark_that_no_photo_shows_costs_its_hinges_and_nothing_else(hidden: Sequence[int]) -> None:
+    """Two solutions for each photo: full steps jump between them, and what the fit then takes for offsets is none."""
+    for seed in range(2):
+        random, angles = np.random.default_rng(seed), poses(4, bend_deg=-4.0)
+        offsets_m = random.uniform(0.0, 3e-3, 8)
+        result = fit([photograph(one, offsets_m, random, hidden) for one in angles])
+        miss, std = errors_deg(result, angles)
+        assert np.isfinite(miss).mean() > 0.3
+        assert np.nanmax(np.abs(miss) / std) < 4.0
+        # That of marks found to 0.05 px; legs between two solutions had 0.05 to 0.4 mm.
+        assert result.misfit_m < 0.03e-3

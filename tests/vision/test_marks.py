@@ -115,6 +115,18 @@ def test_a_mark_in_cool_shadow_is_found_beside_a_bright_one() -> None:
     np.testing.assert_allclose(marks[1].px, [250, 150], atol=0.6)
 
 
+@pytest.mark.parametrize("darkness", [0.5, 0.7])
+def test_a_shadow_across_a_mark_widens_its_deviation(darkness: float) -> None:
+    """The edge of a shadow through a disc, at five distances from its centre: without the spread, errors of up to 5 deviations."""
+    picture = paint([(60, 60, 13, (24, 24, 230)), (240, 60, 13, (24, 24, 230)), (340, 240, 13, (24, 24, 230)), (150, 150, 13, (24, 24, 230))])
+    x, y = np.meshgrid(np.arange(400) - 150, np.arange(300) - 150)
+    for edge_px in (-6, -3, 0, 3, 6):
+        lit = 1.0 / (1.0 + np.exp(edge_px - x * np.cos(0.4) - y * np.sin(0.4)))
+        shade = np.where(np.hypot(x, y) < 40, darkness + (1.0 - darkness) * lit, 1.0)
+        (mark,) = (one for one in find_marks((picture * shade[..., None]).astype(np.uint8), 26.0) if np.hypot(*(one.px - 150)) < 10)
+        assert np.abs((mark.px - 150) / mark.std_px).max() < 3.3, edge_px
+
+
 def test_a_red_cable_beside_a_mark_does_not_hide_it() -> None:
     picture = paint([(150, 150, 13, (30, 30, 220))])
     cable = cv2.line(picture.copy(), (172, 0), (172, 299), (30, 30, 220), 6, cv2.LINE_AA)
