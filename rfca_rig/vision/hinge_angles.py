@@ -32,6 +32,9 @@ MAX_REPORTED_STD_RAD = float(np.radians(0.3))
 # Standard deviations of the marks' distances from the plane of motion: glued well, badly, on spacers. They are equally probable a priori:
 # six photos of a leg often cannot tell 0.1 mm from 1 mm, and a prior for 0.1 mm would then decide (errors of 0.9 degrees stated as 0.2).
 OFFSET_STD_M = (1.0e-4, 1.0e-3, 3.0e-3)
+# Smallest weight of a deviation of the offsets that explains the marks as well as the others do. On 108 ray-traced legs, of which half each
+# were used, 0, 0.05, 0.1 and 0.2 give a largest error of 3.7, 2.8, 2.4 and 2.3 deviations, and state 76, 75, 73 and 68 % of the angles.
+MIN_WEIGHT = 0.1
 # Largest distance of a mark from the plane that is corrected, and largest misfit of the distances between marks.
 MAX_OFFSET_M, MAX_MISFIT_M = 5.0e-3, 0.5e-3
 # An angle from lengths may be outside the range of the other photos by so much, and its reflection must be farther outside.
@@ -213,11 +216,15 @@ class _Problem:
 
 @dataclass(frozen=True)
 class _Solution:
-    """Values and their covariance, log evidence, and for each photo the misses (2 n,) in metres and the misfit per degree of freedom."""
+    """Values and their covariance, log evidence, the marks' squared misfit in deviations.
+
+    For each photo the misses (2 n,) in metres, and the misfit per degree of freedom.
+    """
 
     values: Floats
     covariance: Floats
     log_evidence: float
+    squared_misfit: float
     misses_m: list[Floats]
     scale: list[float]
 
@@ -251,7 +258,7 @@ def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solu
         rows = 2 * len(seen.planned)
         scale.append(max(1.0, float(residual[at : at + rows] @ residual[at : at + rows]) / max(1, rows - links)))
         at += rows
-    return _Solution(values, covariance, evidence, misses, scale)
+    return _Solution(values, covariance, evidence, float(residual @ residual), misses, scale)
 
 
 def _descend(
@@ -285,9 +292,15 @@ def _cost(residual: Floats, prior: Floats) -> float:
 
 
 def _mix(solutions: Sequence[_Solution]) -> _Solution:
-    """Mean and covariance over the possible deviations of the offsets, weighted by how well each explains the marks."""
+    """Mean and covariance over the possible deviations of the offsets, weighted by how well each explains the marks.
+
+    The evidence prefers small offsets, by up to a factor of ten for each mark. That decides where the marks hardly do, and a leg that is
+    glued to 1 mm is then stated as one glued to 0.1 mm. So each deviation keeps a share, unless the marks exclude it.
+    """
     logs = np.array([one.log_evidence for one in solutions])
+    misfits = np.array([one.squared_misfit for one in solutions])
     weights = np.exp(logs - logs.max())
+    weights = np.maximum(weights / weights.sum(), MIN_WEIGHT * np.exp(-0.5 * (misfits - misfits.min())))
     weights /= weights.sum()
     values = sum((weight * one.values for weight, one in zip(weights, solutions, strict=True)), np.zeros(1))
     spread = [one.covariance + np.outer(one.values - values, one.values - values) for one in solutions]

@@ -118,7 +118,9 @@ def test_a_mark_in_cool_shadow_is_found_beside_a_bright_one() -> None:
 @pytest.mark.parametrize("darkness", [0.5, 0.7])
 def test_a_shadow_across_a_mark_widens_its_deviation(darkness: float) -> None:
     """The edge of a shadow through a disc, at five distances from its centre: without the spread, errors of up to 5 deviations."""
-    picture = paint([(60, 60, 13, (24, 24, 230)), (240, 60, 13, (24, 24, 230)), (340, 240, 13, (24, 24, 230)), (150, 150, 13, (24, 24, 230))])
+    picture = paint(
+        [(60, 60, 13, (24, 24, 230)), (240, 60, 13, (24, 24, 230)), (340, 240, 13, (24, 24, 230)), (150, 150, 13, (24, 24, 230))]
+    )
     x, y = np.meshgrid(np.arange(400) - 150, np.arange(300) - 150)
     for edge_px in (-6, -3, 0, 3, 6):
         lit = 1.0 / (1.0 + np.exp(edge_px - x * np.cos(0.4) - y * np.sin(0.4)))
