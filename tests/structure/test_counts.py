@@ -6,9 +6,9 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 456,
-    "lines": 89_150,
-    "lines of code": 56_850,
+    "modules": 454,
+    "lines": 89_300,
+    "lines of code": 56_950,
     "modules with one user, in their package": 33,
     "functions": 5_975,
     "private functions with one use": 710,
