@@ -163,19 +163,24 @@ def _extensions(so_far: MarkAssignment, candidates: Candidates, bounds: ChainBou
 
 
 def _misfit(chosen: tuple[int, ...], found: int, candidates: Candidates, bounds: ChainBounds, tolerances: Tolerances) -> float | None:
-    """Squared misfit of a found mark as the next planned one, to the shaft and the last seen marks; None where it is impossible."""
+    """Squared misfit of a found mark as the next planned one, to the shaft and the last seen marks; None where it is impossible.
+
+    It is twice the negative log likelihood of the distances, above that of a mark without an error of its own: a mark of large deviation,
+    as a reflection has, fits anywhere, and pays for it.
+    """
     here, own_std = candidates.places_m[found], float(candidates.std_m[found])
     index = len(chosen) + 1
     seen = [(i + 1, mark) for i, mark in enumerate(chosen) if mark >= 0][-LOOK_BACK:]
-    references = [(0, np.zeros(2), np.hypot(tolerances.shaft_m, own_std))]
-    references += [(i, candidates.places_m[mark], np.hypot(own_std, candidates.std_m[mark])) for i, mark in seen]
+    references = [(0, np.zeros(2), tolerances.shaft_m)]
+    references += [(i, candidates.places_m[mark], float(candidates.std_m[mark])) for i, mark in seen]
     total = 0.0
-    for other, place, std in references:
+    for other, place, other_std in references:
         excess = bounds.excess_m(other, index, float(np.hypot(*(here - place))))
-        sigmas = excess / float(np.hypot(std, tolerances.length_m))
-        if abs(sigmas) > MAX_SIGMAS:
+        without_own = float(np.hypot(other_std, tolerances.length_m))
+        std = float(np.hypot(own_std, without_own))
+        if abs(excess) > MAX_SIGMAS * std:
             return None
-        total += sigmas**2
+        total += (excess / std) ** 2 + 2.0 * float(np.log(std / without_own))
     return total
 
 

@@ -75,7 +75,8 @@ def test_stages_have_hinge_angles_photos_and_overlays_and_everybody_can_read_the
 @pytest.mark.long
 def test_the_bending_protocol_runs_and_its_report_finds_the_bend_and_the_hinges(here, monkeypatch, capsys):
     answer = json.loads(typed(monkeypatch, capsys, "static", "run", "--protocol", "bending", "--json").out)
-    assert all(stage["settled"] and not stage["photo_doubts"] for stage in answer["stages"])
+    # The plate reflects some marks; the reflections are reported and not taken for marks.
+    assert all(stage["settled"] and "left out" not in stage["photo_doubts"] for stage in answer["stages"])
     said = typed(monkeypatch, capsys, "static", "report", answer["run"], "--out", "bending")
     assert said.exit_code == 0
     assert "The leg was bent most at 185 mm, stage 8: by 138." in said.err

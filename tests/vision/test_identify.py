@@ -1,6 +1,7 @@
 """Which mark is which, on made-up marks: what is missing, beyond the leg or uncertain is said, and nothing wrong is told."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -116,6 +117,17 @@ def test_two_marks_that_fit_equally_are_both_doubted() -> None:
     assert result.marks[7] is None
     assert "ambiguous" in kinds(result)
     assert all(mark is not None for mark in result.marks[:7])
+
+
+def test_a_blurred_reflection_does_not_compete_with_a_sharp_mark() -> None:
+    angles = pose(np.random.default_rng(3))
+    places = mark_positions(angles, LENGTHS_M, PLAN)
+    otherwise = mark_positions(angles + np.array([0, 0, 0, 0, 0, 0, 0.4]), LENGTHS_M, PLAN)[7]
+    reflected = replace(mark_at(otherwise), std_px=np.full(2, 10.0))
+    result = identify([*map(mark_at, places), reflected], CAMERA, PLAN, LENGTHS_M.tolist())
+    assert result.is_complete
+    assert not wrong(result, places)
+    assert kinds(result) == ["extra"]
 
 
 def test_a_disc_of_another_size_is_none_of_the_legs() -> None:
