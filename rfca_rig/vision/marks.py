@@ -6,6 +6,7 @@ hidden marks a correct centre. Pixel (0, 0) is the centre of the first pixel.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -15,7 +16,9 @@ from rfca_rig.errors import BadInput
 from rfca_rig.vision.rim import (
     GLARE,
     SMOOTHING_PX,
+    Levels,
     MarkOutline,
+    Rays,
     Shape,
     cast_rays,
     color_bleed_share,
@@ -26,6 +29,7 @@ from rfca_rig.vision.rim import (
     measure_glare,
     measure_levels,
     rim_points,
+    slopes_of,
 )
 
 Pixels = NDArray[np.uint8]
@@ -242,6 +246,14 @@ class _Cutout:
     corner_px: Floats
     inside_px: Floats
 
+    @cached_property
+    def slopes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        return slopes_of(self.rims)
+
+    @cached_property
+    def linear_slopes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        return slopes_of(self.linear_rims)
+
 
 def find_marks(image_bgr_uint8: Pixels, expected_diameter_px: float) -> tuple[Mark, ...]:
     """Find red round marks of about the expected diameter.
@@ -311,33 +323,54 @@ def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
 
 def _fit_alone(cutout: _Cutout, patch: Patch, radius_px: float) -> list[MarkOutline | None] | None:
     """First outlines of a patch, one for each assumption, with a free shape; their centres are in cutout coordinates."""
-    rim = _rim(cutout, np.array(patch.middle_px) - cutout.corner_px, radius_px)
+    rim = _rim(cutout, _look(cutout, np.array(patch.middle_px) - cutout.corner_px, radius_px))
     # A fixed seed: the same photo always gives the same marks.
     circle = likely_circle(rim.px, radius_px, SIZE_SPREAD, np.random.default_rng(0))
     if circle is None:
         return None
-    return [_measure(cutout, circle[:2], Shape(float(circle[2])), one)[0] for one in ASSUMPTIONS]
+    return [outline for outline, _ in _measure(cutout, circle[:2], [Shape(float(circle[2]))] * len(ASSUMPTIONS))]
 
 
-def _measure(cutout: _Cutout, middle: Floats, shape: Shape, assumption: _Assumption) -> tuple[MarkOutline | None, _Rim]:
-    rim = _rim(cutout, middle, shape.radius_px, assumption, square=True)
-    return (fit_outline(rim.px, middle, shape, rim.rays) if len(rim.px) else None), rim
+def _measure(cutout: _Cutout, middle: Floats, shapes: Sequence[Shape]) -> list[tuple[MarkOutline | None, _Rim]]:
+    """The outline from a first centre (2,) under each of ASSUMPTIONS, with the prior shape for it."""
+    seen: dict[tuple[bool, float], _View] = {}
+    measured = []
+    for shape, assumption in zip(shapes, ASSUMPTIONS, strict=True):
+        key = assumption.linear, shape.radius_px
+        # Assumptions share what is sampled, which takes most of the time.
+        if key not in seen:
+            seen[key] = _look(cutout, middle, shape.radius_px, assumption.linear)
+        rim = _rim(cutout, seen[key], assumption, square=True)
+        measured.append((fit_outline(rim.px, middle, shape, rim.rays) if len(rim.px) else None, rim))
+    return measured
 
 
-def _rim(cutout: _Cutout, middle: Floats, radius_px: float, assumption: _Assumption = ASSUMPTIONS[0], square: bool = False) -> _Rim:
+@dataclass(frozen=True)
+class _View:
+    """A patch as sampled from a centre: rays in the picture of rims and in whiteness, and the levels of the disc."""
+
+    rays: Rays
+    white: Rays
+    level: Levels
+    radius_px: float
+
+
+def _look(cutout: _Cutout, middle: Floats, radius_px: float, linear: bool = False) -> _View:
+    rays, white = (cast_rays(one, middle, radius_px) for one in (cutout.linear_rims if linear else cutout.rims, cutout.white))
+    return _View(rays, white, measure_levels(rays, white, radius_px), radius_px)
+
+
+def _rim(cutout: _Cutout, view: _View, assumption: _Assumption = ASSUMPTIONS[0], square: bool = False) -> _Rim:
     """Rim points as seen from a centre; points beside a glare, at the border or askew are rejected.
 
     Where glare, such as the sheen of a glossy mark, leaves too little of the rim, its mildest parts are used as well.
     """
-    picture = cutout.linear_rims if assumption.linear else cutout.rims
-    rays = cast_rays(picture, middle, radius_px)
-    white = cast_rays(cutout.white, middle, radius_px)
-    level = measure_levels(rays, white, radius_px)
+    rays, level, radius_px = view.rays, view.level, view.radius_px
     points = rim_points(rays, (follow_rim(level, rays, radius_px) if assumption.local else level).between(assumption.share))
     spoilt = ((points.px < cutout.inside_px[0]) | (points.px > cutout.inside_px[1])).any(axis=1)
     if square:
-        spoilt |= is_oblique(points, middle, picture)
-    glare, noise = measure_glare(points, white, radius_px)
+        spoilt |= is_oblique(points, rays.middle_px, cutout.linear_slopes if assumption.linear else cutout.slopes)
+    glare, noise = measure_glare(points, view.white, radius_px)
     limit = max(GLARE * max(MIN_CONTRAST_COUNTS, level.contrast), GLARE_SIGMAS * noise)
     kept = ~spoilt & (glare <= limit)
     for factor in MORE_GLARE:
@@ -361,7 +394,7 @@ def _mark(cutout: _Cutout, found: list[MarkOutline | None] | None, shapes: Seque
     first = found[0] if found else None
     if first is None:
         return "no round rim"
-    measured = [_measure(cutout, first.middle_px, shape, one) for shape, one in zip(shapes, ASSUMPTIONS, strict=True)]
+    measured = _measure(cutout, first.middle_px, shapes)
     outline, rim = measured[0]
     if outline is None:
         return "hardly any of its rim is seen"
@@ -381,8 +414,7 @@ def _mark(cutout: _Cutout, found: list[MarkOutline | None] | None, shapes: Seque
 
 
 def _contrast(cutout: _Cutout, outline: MarkOutline) -> float:
-    rays, white = (cast_rays(picture, outline.middle_px, outline.radius_px) for picture in (cutout.rims, cutout.white))
-    return measure_levels(rays, white, outline.radius_px).contrast
+    return _look(cutout, outline.middle_px, outline.radius_px).level.contrast
 
 
 def _find_reason(cutout: _Cutout, outline: MarkOutline, contrast: float, spread_px: float) -> str:

@@ -147,7 +147,8 @@ def follow_rim(level: Levels, rays: Rays, radius_px: float) -> Levels:
 def _median_of_neighbours(values: Floats) -> Floats:
     """Median (rays,) over the rays on either side of each."""
     reach = max(1, round(NEIGHBOUR_SHARE * len(values)))
-    return np.asarray(np.median([np.roll(values, turn) for turn in range(-reach, reach + 1)], axis=0))
+    neighbours = (np.arange(len(values))[:, None] + np.arange(-reach, reach + 1)) % len(values)
+    return np.asarray(np.median(values[neighbours], axis=1))
 
 
 def disc_whiteness(white: Rays, radius_px: float) -> float:
@@ -192,17 +193,21 @@ def measure_glare(points: RimPoints, white: Rays, radius_px: float) -> tuple[Flo
     return np.max(lightest, axis=0) - max(around, disc_whiteness(white, radius_px)), noise
 
 
-def is_oblique(points: RimPoints, middle_px: Floats, red: NDArray[np.float32]) -> Flags:
+def slopes_of(red: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Slopes of a picture (height, width) along x and y, smoothed, as `is_oblique` needs them."""
+    soft = cv2.GaussianBlur(red, (0, 0), DIRECTION_SMOOTHING_PX)
+    return np.asarray(cv2.Sobel(soft, cv2.CV_32F, 1, 0)), np.asarray(cv2.Sobel(soft, cv2.CV_32F, 0, 1))
+
+
+def is_oblique(points: RimPoints, middle_px: Floats, slopes: tuple[NDArray[np.float32], NDArray[np.float32]]) -> Flags:
     """Flags (n,) of rim points whose gradient is oblique to their radius: the edge of a cover, or one that is blurred into the rim.
 
-    `middle_px` is (2,), `red` the picture (height, width).
+    `middle_px` is (2,), `slopes` (height, width) each are those of the picture.
     """
     if not len(points.px):
         return np.zeros(0, np.bool_)
-    soft = cv2.GaussianBlur(red, (0, 0), DIRECTION_SMOOTHING_PX)
     x, y = (points.px[:, i].astype(np.float32) for i in (0, 1))
-    slopes = [cv2.remap(cv2.Sobel(soft, cv2.CV_32F, *order), x, y, cv2.INTER_LINEAR).ravel() for order in ((1, 0), (0, 1))]
-    fall = -np.column_stack(slopes).astype(np.float64)
+    fall = -np.column_stack([cv2.remap(slope, x, y, cv2.INTER_LINEAR).ravel() for slope in slopes]).astype(np.float64)
     outwards = points.px - middle_px
     cosine = (fall * outwards).sum(axis=1) / np.maximum(np.linalg.norm(fall, axis=1) * np.linalg.norm(outwards, axis=1), 1e-9)
     return np.asarray(cosine < np.cos(SQUARE_WITHIN_RAD))
