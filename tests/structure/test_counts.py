@@ -10,7 +10,7 @@ AT_MOST = {
     "lines": 89_300,
     "lines of code": 56_950,
     "modules with one user, in their package": 33,
-    "functions": 5_975,
+    "functions": 5_985,
     "private functions with one use": 710,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
