@@ -217,6 +217,8 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
     _check_files(folder, campaign)
     _check_conditions(path, campaign)
     static, extra = _stages(folder, campaign)
+    # Before the hashes, because it says which file cannot be read.
+    strokes = _strokes(folder, campaign, report_progress)
     hashes = {run.file: sha256_of(folder / run.file) for run in campaign.runs}
     found = {"format": CAMPAIGN_FORMAT, CAMPAIGN: read_text(folder / CAMPAIGN), "sha256": json.dumps(hashes)}
     about = campaign.about
@@ -229,7 +231,7 @@ def read_campaign(folder: Path, report_progress: ProgressCount = ignore_progress
         source="IMPORT",
         nominal=_nominal(campaign),
         known_to=campaign.known_to.model_dump(mode="json", exclude_unset=True),
-        strokes=_strokes(folder, campaign, report_progress),
+        strokes=strokes,
         static=static,
         provenance=found,
     )

@@ -149,3 +149,11 @@ def test_several_faults_in_campaign_toml_are_counted(tmp_path: Path):
     edit(campaign / TOML, swap("ramp_s = 0.05", "ramp_s = 0"))
     edit(campaign / TOML, swap("repeat = 1", "repeat = 0"))
     assert refusal(campaign, tmp_path) == "campaign.toml:36: known_to.k0_relativ: unknown key; did you mean k0_relative? (and 2 more)"
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="this system has no such file")
+def test_a_file_whose_reading_the_system_refuses_is_named(tmp_path: Path) -> None:
+    campaign = copy_to(tmp_path / "campaign")
+    (campaign / DYNAMIC).unlink()
+    (campaign / DYNAMIC).symlink_to("/proc/self/mem")
+    assert refusal(campaign, tmp_path) == f"{DYNAMIC}: cannot be read: Input/output error"
