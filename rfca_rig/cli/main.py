@@ -39,8 +39,8 @@ from rfca_rig.executors.cores import use_one_thread_if_processes_are_few
 from rfca_rig.suggestions import in_one_line
 
 DEBUG_VARIABLE = "RFCA_RIG_DEBUG"
-# What the system says of a path that somebody wrote, in a file or an option, and that leads nowhere.
 LINK_TO_ITSELF = "Symlink loop from "
+# What the system says of a path that somebody wrote, in a file or an option, and that leads nowhere.
 UNUSABLE_PATHS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EISDIR)
 
 app = typer.Typer(

@@ -214,14 +214,14 @@ class Dataset:
         # Each block of inputs is simulated beside `at`, so blocks should not be smaller than what is simulated at once.
         blocks = [inputs[first : first + INPUTS_AT_ONCE] for first in range(0, len(inputs), INPUTS_AT_ONCE)] if many else [inputs]
 
-        def change(task: tuple[int, Sequence[Any]]) -> list[Floats | None]:
-            number, block = task
+        def change(task: tuple[Sequence[Any], int]) -> list[Floats | None]:
+            block, number = task
             return self.simulator.simulate_changes(at, predicted[self.rows.condition == number], block, self.parts[number])
 
-        tasks = [(number, block) for number in range(len(self.parts)) for block in blocks]
-        found = (map_in_processes if many else map_in_threads)(change, tasks)
-        by_part = [[one for block in found[first : first + len(blocks)] for one in block] for first in range(0, len(found), len(blocks))]
-        return [_join_or_none(changes) for changes in zip(*by_part, strict=True)]
+        parts = range(len(self.parts))
+        found = iter((map_in_processes if many else map_in_threads)(change, [(block, number) for block in blocks for number in parts]))
+        by_block = [[next(found) for _ in parts] for _ in blocks]
+        return [_join_or_none(changes) for by_part in by_block for changes in zip(*by_part, strict=True)]
 
     def _is_long(self, inputs: Sequence[Any]) -> bool:
         return len(inputs) * len(self.parts) >= MANY_SIMULATIONS

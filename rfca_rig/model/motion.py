@@ -29,13 +29,6 @@ class ShaftMotion:
         c = self.coefficients[i].T
         return np.asarray(c[0] + x * (c[1] + x * (c[2] + x * c[3])))
 
-    def angle_at(self, t_s: float) -> float:
-        """Angle at one time [rad], as `angle_rad` has it."""
-        i = min(max(int(np.searchsorted(self.breaks_s, t_s)) - 1, 0), len(self.coefficients) - 1)
-        x = t_s - float(self.breaks_s[i])
-        c0, c1, c2, c3 = self.coefficients[i].tolist()
-        return float(c0 + x * (c1 + x * (c2 + x * c3)))
-
     def later(self, by_s: float) -> "ShaftMotion":
         """The same motion, delayed by `by_s`."""
         return replace(self, breaks_s=self.breaks_s + by_s, landings_s=self.landings_s + by_s)

@@ -119,7 +119,7 @@ class Setup:
     def begin(self, chain: Chain, laws: Laws) -> tuple[Shaft, State]:
         """The shaft, and the chain as it is at `begins_s`: at rest, or swinging."""
         motion = self.motion.standing_since(self.begins_s) if self.rig.swing else self.motion
-        start_rad = motion.angle_at(0.0)
+        start_rad = float(motion.angle_rad(np.zeros(1))[0])
         shaft = motion.shaft() if self.drive is None else add_drive(motion.shaft(), self.drive, start_rad)
         # A drive without an integrator sags: its spring carries the weight only where the shaft is away from its command.
         sags = self.drive is not None and not self.drive.holds_start

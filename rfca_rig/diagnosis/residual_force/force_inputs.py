@@ -125,7 +125,7 @@ class ForceInput:
 
     def responses(self, conditions: Sequence[NominalCondition]) -> list[Floats]:
         """Response (m, count) of each condition."""
-        return map_in_processes(self.response, conditions)
+        return [self.response(here) for here in conditions]
 
 
 def list_force_inputs(hinges: int) -> tuple[ForceInput, ...]:

@@ -16,6 +16,7 @@ from rfca_rig.diagnosis.leg.simulator import select_strokes
 from rfca_rig.diagnosis.residual_force.force_localization import ForceScene, LocalizedForce, localize_force, make_scene
 from rfca_rig.diagnosis.residual_force.sparse_law import FoundTerm, SparseLaw, sparse_laws
 from rfca_rig.diagnosis.result import StatedPlace
+from rfca_rig.executors.parallel import map_in_processes
 
 Floats = NDArray[np.float64]
 
@@ -80,7 +81,8 @@ def estimate_free_force(found: ModelSelectionResult) -> FreeForm | None:
 
 def rank_places(scene: ForceScene) -> tuple[PlaceCandidate, ...]:
     """All places, most probable first; no formula is sought for those far behind."""
-    responses = {place.id: place.responses(scene.conditions) for place in scene.places}
+    blocks = map_in_processes(lambda place: place.responses(scene.conditions), scene.places)
+    responses = {place.id: own for place, own in zip(scene.places, blocks, strict=True)}
     free = [localize_force(scene, place, responses[place.id]) for place in scene.places]
     best = max(one.log_evidence for one in free)
     near = [one for one in free if one.log_evidence > best - CLOSE_LOG_EVIDENCE]
