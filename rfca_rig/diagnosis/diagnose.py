@@ -15,10 +15,10 @@ from rfca_rig.diagnosis.config import DEFAULT_SEARCH, describe_exclusions, selec
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.decision.sizes import find_detection_limits
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
+from rfca_rig.diagnosis.inference.map_fit import without_scatter
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.inference.screening import grid_points, probe_effects, terms_of
+from rfca_rig.diagnosis.inference.screening import grid_points, make_projection, probe_effects, terms_of
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.result import build_leg_result
 from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, estimate_delay_s, make_shaft_condition, tracking_error, tracks_command
@@ -27,9 +27,10 @@ from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, NotSeen, join_not_seen
-from rfca_rig.diagnosis.simulator import spread
+from rfca_rig.diagnosis.simulator import Dataset, spread
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
+from rfca_rig.executors.parallel import map_in_processes
 from rfca_rig.model.catalogue import catalogue, members_of
 from rfca_rig.model.effect import OF_PENDULUMS, Effect
 from rfca_rig.model.parameters import RigModel
@@ -211,30 +212,36 @@ def search_drive(body: PreparedData, leg: ModelSelectionResult, effects: Sequenc
     """Search for effects of the drive in the motion of the shaft, with the leg as the best hypothesis has it.
 
     A hypothesis with a compliant drive is no such leg: the model has room for one drive only. A compliant drive may start in two ways. The
-    second one is searched only if it suits the best compliant drive of the first way better.
+    one that suits a single compliant drive better is taken for all hypotheses.
     """
     stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
     dataset = make_leg_dataset(body.shafts)
+    sagging, holding = (Parameterization(_space_of_drive(supposed, holds, body.known_to)) for holds in (False, True))
+    compliant = [effect for effect in effects if effect.id in members_of("drive_yields")]
+    evidence = map_in_processes(lambda way: _fit_most_promising(dataset, way, compliant), (sagging, holding))
+    return search_models(
+        dataset,
+        holding if evidence[1] > evidence[0] else sagging,
+        effects,
+        lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share),
+    )
 
-    def search(holds_start: bool) -> ModelSelectionResult:
-        return search_models(
-            dataset,
-            Parameterization(_space_of_drive(supposed, holds_start, body.known_to)),
-            effects,
-            lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share),
-        )
 
-    found = search(False)
-    soft = [hypothesis.fitted for hypothesis in found.named if members_of("drive_yields").intersection(hypothesis.ids)]
-    if not soft:
-        return found
-    optimizer = GaussNewton(dataset, found.likelihood)
-    held = replace(soft[0].coordinates, space=_space_of_drive(supposed, True, body.known_to))
-    other = optimizer.at(held, soft[0].x, soft[0].jacobian)
-    suits = other is not None and optimizer.log_evidence(optimizer.refine(other)) > optimizer.log_evidence(soft[0])
-    return search(True) if suits else found
+def _fit_most_promising(dataset: Dataset, coordinates: Parameterization, effects: Sequence[Effect]) -> float:
+    """Log evidence of the effect that promises most beside the nominal model, fitted alone; minus infinity where none has an answer."""
+    optimizer, measured = without_scatter(dataset), dataset.rows.measured
+    nominal = optimizer.at(coordinates, np.zeros(coordinates.size))
+    if nominal is None:
+        return -np.inf
+    projection = make_projection(nominal, measured, optimizer.likelihood.level(nominal.linear(measured)))
+    probes = probe_effects(dataset, nominal, grid_points(term for effect in effects for term in terms_of(effect)))
+    best = max(probes, key=lambda probe: projection.gain(probe.signature)[0], default=None)
+    if best is None:
+        return -np.inf
+    start = optimizer.at(coordinates.with_terms((best.choice,)), np.append(nominal.x, best.z), nominal.jacobian)
+    return -np.inf if start is None else optimizer.log_evidence(optimizer.refine(start))
 
 
 def _space_of_drive(supposed: ModelPoint, holds_start: bool, known_to: Mapping[str, float]) -> Prior[ModelPoint]:
