@@ -15,8 +15,12 @@ def can_be_started() -> bool:
     return sys.platform != "win32"
 
 
-def spawn(module: str, assignment: object) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Starts a helper process; returns the process and a connection to it.
+Helper = tuple[subprocess.Popen[bytes], Connection]
+"""A helper process, and the connection to it."""
+
+
+def start(module: str) -> Helper:
+    """Starts a helper process, which waits for its assignment.
 
     The process has its own session, so that neither ^C nor a closed terminal reaches it. `module` runs as a program; its argument is
     the number of its socket, over which it receives the assignment. Not on Windows, where processes cannot inherit a socket.
@@ -25,6 +29,11 @@ def spawn(module: str, assignment: object) -> tuple[subprocess.Popen[bytes], Con
     with child_end:
         command = [sys.executable, "-m", module, str(child_end.fileno())]
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=[child_end.fileno()], start_new_session=True)
-    connection = Connection(own_end.detach())
+    return process, Connection(own_end.detach())
+
+
+def spawn(module: str, assignment: object) -> Helper:
+    """Starts a helper process and sends it its assignment."""
+    process, connection = start(module)
     connection.send(assignment)
     return process, connection

@@ -30,8 +30,9 @@ from rfca_rig.protocol.check import Load, check_plan
 from rfca_rig.protocol.plan import Cycles, Flap, Hold, Plan, Stage, cycle_bytes
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder, RecorderClient, RunBackend
+from rfca_rig.recording.recorder_process import start_recorder
 from rfca_rig.recording.run_writer import check_room
-from rfca_rig.subprocesses import can_be_started
+from rfca_rig.subprocesses import Helper, can_be_started
 from rfca_rig.view.run_queue import check_live_view
 
 # Standard deviations of floor friction above its prior value with which a static plan must pass too.
@@ -209,20 +210,37 @@ def run_and_record(config: RunConfig, on_stage: Callable[[Stage, Recorder, Say],
     if config.viewing is not None:
         check_live_view()
     say = make_marked_say(config.mark, config.quiet)
-    expected = check_before_run(config, say)
-    print_plan(config, expected, say)
-    # All checks come before the operator is asked to arm the rig.
-    check_room(config.runs, recording_size(config))
-    if config.dry:
-        return None, None
-    if config.rig_name:
-        trust(find_file("calibration", config.rig_name))
-    if config.rig.is_real:
-        ask_operator(config)
-    return _record(config, Supervision(expected), on_stage)
+    with _start_recorder(config) as started:
+        expected = check_before_run(config, say)
+        print_plan(config, expected, say)
+        # All checks come before the operator is asked to arm the rig.
+        check_room(config.runs, recording_size(config))
+        if config.dry:
+            return None, None
+        if config.rig_name:
+            trust(find_file("calibration", config.rig_name))
+        if config.rig.is_real:
+            ask_operator(config)
+        return _record(config, started, Supervision(expected), on_stage)
 
 
-def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Stage, Recorder, Say], None]) -> tuple[Path, Recorder]:
+@contextmanager
+def _start_recorder(config: RunConfig) -> Iterator[Helper | None]:
+    """Within the block, a recorder process that imports its modules while the plan is checked; it ends where it gets nothing to record."""
+    started = None
+    # A system that refuses the process now is asked again, and its answer reported, when there is something to record.
+    with suppress(OSError):
+        started = start_recorder() if can_be_started() and not config.dry else None
+    try:
+        yield started
+    finally:
+        if started is not None:
+            started[1].close()
+
+
+def _record(
+    config: RunConfig, started: Helper | None, supervision: Supervision, on_stage: Callable[[Stage, Recorder, Say], None]
+) -> tuple[Path, Recorder]:
     with (
         open_bench(config.rig, config.twin_seed, config.eye, twin_clock(config), config.faults) as bench,
         attach_view(config, bench, supervision.stop_request) as view,
@@ -230,7 +248,7 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
     ):
         # Before the folder is made: a drive that is refused leaves no empty run behind.
         armed = prove_drive(config, bench) if bench.is_real else {}
-        folder, keeper = _begin_recording(config, bench)
+        folder, keeper = _begin_recording(config, bench, started)
         recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
         with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_in_terminal):
             say = view.begin(keeper, say_in_terminal)
@@ -270,17 +288,17 @@ def _record(config: RunConfig, supervision: Supervision, on_stage: Callable[[Sta
     return folder, recorder
 
 
-def _begin_recording(config: RunConfig, bench: Bench) -> tuple[Path, RunBackend]:
+def _begin_recording(config: RunConfig, bench: Bench, started: Helper | None) -> tuple[Path, RunBackend]:
     """The run's folder, and what records into it. Where that cannot begin, the folders that were made for it are removed again."""
     say = make_marked_say(config.mark, config.quiet)
     if config.begun:
         open_folder(config, config.begun.folder, bench)
-        return config.begun.folder, _keeper(config.begun.folder, bench, say)
+        return config.begun.folder, _keeper(config.begun.folder, bench, say, started)
     made = [folder for folder in (config.runs, *config.runs.parents) if not folder.exists()]
     folder = make_run_folder(config.runs, config.mark, config.plan.title)
     try:
         open_folder(config, folder, bench)
-        return folder, _keeper(folder, bench, say)
+        return folder, _keeper(folder, bench, say, started)
     except BaseException:
         with suppress(OSError):
             run_folder.discard(folder)
@@ -289,6 +307,8 @@ def _begin_recording(config: RunConfig, bench: Bench) -> tuple[Path, RunBackend]
         raise
 
 
-def _keeper(folder: Path, bench: Bench, warn: Say) -> RunBackend:
+def _keeper(folder: Path, bench: Bench, warn: Say, started: Helper | None) -> RunBackend:
     """On a twin the recorder may let the loop wait, as the twin's time stands still meanwhile; a real rig must not wait."""
-    return RecorderClient(folder, patient=not bench.is_real, warn=warn) if can_be_started() else InProcessRecorder(folder)
+    if not can_be_started():
+        return InProcessRecorder(folder)
+    return RecorderClient(folder, patient=not bench.is_real, warn=warn, started=started)

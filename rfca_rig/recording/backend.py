@@ -14,8 +14,9 @@ from rfca_rig.clock import WallClock
 from rfca_rig.errors import NO_MORE_PROCESSES, DiskFull, RigError, Trip, Tripped
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import JournalBlock, frame_block
-from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, spawn_recorder
+from rfca_rig.recording.recorder_process import COMPLAINT, DONE, READY, RecorderAssignment, start_recorder
 from rfca_rig.recording.run_writer import PhotoSender, Picture, RunWriter, next_photo, photo_name
+from rfca_rig.subprocesses import Helper
 
 # 20 s of a sensor at 15 kHz.
 QUEUE_BYTES = 16 << 20
@@ -105,10 +106,18 @@ class RecorderClient:
     waits instead.
     """
 
-    def __init__(self, folder: Path, patient: bool, queue_bytes: int = 0, warn: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        patient: bool,
+        queue_bytes: int = 0,
+        warn: Callable[[str], None] = lambda _: None,
+        started: Helper | None = None,
+    ) -> None:
         """Returns when the process is ready. `queue_bytes` 0 means the default size. Raises RigError where it cannot start.
 
-        `warn` gets a line where the recorder takes longer than a disk that works would.
+        `warn` gets a line where the recorder takes longer than a disk that works would. `started` is a process from `start_recorder`, which
+        has begun to import its modules already.
         """
         self._folder = folder
         self._warn = warn
@@ -119,7 +128,8 @@ class RecorderClient:
         self._fault = ""
         self._complaint = ""
         try:
-            self._process, self._child = spawn_recorder(RecorderAssignment(folder, self._queue.name, patient))
+            self._process, self._child = started or start_recorder()
+            self._child.send(RecorderAssignment(folder, self._queue.name, patient))
         except OSError as error:
             self._queue.remove()
             reason = NO_MORE_PROCESSES if error.errno == errno.EAGAIN else error.strerror or error

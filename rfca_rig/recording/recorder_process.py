@@ -6,19 +6,18 @@ Measured at 500 Hz with 7000 records/s, worst gap between commands beyond the ti
 """
 
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from rfca_rig import subprocesses
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import RigError
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import BlockKind, End, JournalBlock, parse_blocks
 from rfca_rig.recording.run_writer import AnnouncedPhoto, RunWriter
+from rfca_rig.subprocesses import Helper, start
 
 MODULE = "rfca_rig.recording.recorder_process"
 # Seconds to wait for a message while there is nothing else to do.
@@ -41,9 +40,9 @@ class RecorderAssignment:
     patient: bool
 
 
-def spawn_recorder(assignment: RecorderAssignment) -> tuple[subprocess.Popen[bytes], Connection]:
-    """Starts the process; returns it and the connection to it."""
-    return subprocesses.spawn(MODULE, assignment)
+def start_recorder() -> Helper:
+    """Starts the process, which waits for its `RecorderAssignment`, and ends where the connection is closed without one."""
+    return start(MODULE)
 
 
 def record_run(parent: Connection) -> None:
@@ -54,7 +53,10 @@ def record_run(parent: Connection) -> None:
     """
     # ^C stops the run, which the control process does in its own order; the recorder must see the end of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    assignment: RecorderAssignment = parent.recv()
+    try:
+        assignment: RecorderAssignment = parent.recv()
+    except EOFError:
+        return  # the parent started it in advance, and then had nothing to record
     try:
         queue, writer = BlockQueue.attach(assignment.queue_name), RunWriter(assignment.folder)
     except RigError as error:
