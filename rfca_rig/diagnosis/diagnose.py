@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.config import DEFAULT_SEARCH, describe_exclusions, selec
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.decision.sizes import find_detection_limits
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.inference.map_fit import without_scatter
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.inference.screening import grid_points, make_projection, probe_effects, terms_of
@@ -212,21 +212,27 @@ def search_drive(body: PreparedData, leg: ModelSelectionResult, effects: Sequenc
     """Search for effects of the drive in the motion of the shaft, with the leg as the best hypothesis has it.
 
     A hypothesis with a compliant drive is no such leg: the model has room for one drive only. A compliant drive may start in two ways. The
-    one that suits a single compliant drive better is taken for all hypotheses.
+    search is made for the one that suits a single compliant drive better. Only if its result then suits the other one, it is made again.
     """
     stiff = [h for h in leg.named if all(choice.effect.where != "drive" for choice in h.fitted.coordinates.choices)]
     best = max((leg.nothing, *stiff), key=lambda hypothesis: hypothesis.log_joint)
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
     dataset = make_leg_dataset(body.shafts)
-    sagging, holding = (Parameterization(_space_of_drive(supposed, holds, body.known_to)) for holds in (False, True))
+    ways = [Parameterization(_space_of_drive(supposed, holds, body.known_to)) for holds in (False, True)]
     compliant = [effect for effect in effects if effect.id in members_of("drive_yields")]
-    evidence = map_in_processes(lambda way: _fit_most_promising(dataset, way, compliant), (sagging, holding))
-    return search_models(
-        dataset,
-        holding if evidence[1] > evidence[0] else sagging,
-        effects,
-        lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share),
-    )
+    sagging, holding = map_in_processes(lambda way: _fit_most_promising(dataset, way, compliant), ways)
+    first, second = ways if sagging >= holding else reversed(ways)
+
+    def search(way: Parameterization) -> ModelSelectionResult:
+        return search_models(dataset, way, effects, lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share))
+
+    found = search(first)
+    if not found.named:
+        return found
+    optimizer, one = GaussNewton(dataset, found.likelihood), found.named[0].fitted
+    other = optimizer.at(second.with_terms(one.coordinates.choices), one.x, one.jacobian)
+    suits = other is not None and optimizer.log_evidence(optimizer.refine(other)) > optimizer.log_evidence(one)
+    return search(second) if suits else found
 
 
 def _fit_most_promising(dataset: Dataset, coordinates: Parameterization, effects: Sequence[Effect]) -> float:

@@ -243,12 +243,15 @@ def simulate_strokes(jobs: Sequence[Job], threads: int | None = None) -> list[Si
     """
     requests = [StrokeRequest(job.setup(), job.t_s, job.tolerance or Tolerance()) for job in jobs]
     blocks = _divide_into_blocks(requests, LANES)
-    with ThreadPoolExecutor(max(1, min(threads or cores(), len(blocks) or 1))) as pool:
-        found = list(pool.map(lambda block: _move_block([requests[number] for number in block], only_sensed=False), blocks))
     results: list[SimulatedStroke | SimulationFailed] = [SimulationFailed("not simulated")] * len(jobs)
-    for block, moved in zip(blocks, found, strict=True):
-        for number, one in zip(block, moved, strict=True):
+
+    def simulate(block: Sequence[int]) -> None:
+        # Sensed at once, while the samples are in the processor's cache.
+        for number, one in zip(block, _move_block([requests[number] for number in block], only_sensed=False), strict=True):
             results[number] = one if isinstance(one, SimulationFailed) else _sense(requests[number].setup, *one)
+
+    with ThreadPoolExecutor(max(1, min(threads or cores(), len(blocks) or 1))) as pool:
+        list(pool.map(simulate, blocks))
     return results
 
 
