@@ -35,5 +35,20 @@ def test_a_batch_does_not_depend_on_the_number_of_threads():
     assert all(a.fz_N.tobytes() == b.fz_N.tobytes() for a, b in zip(one, three, strict=True))
 
 
+def test_like_strokes_share_their_steps_in_whatever_order_they_come():
+    """Eight strokes of two conditions would need the steps of both."""
+    motions = [ramp_to_speed(PAPER.leg.start_angle_rad, speed_rad_s, 0.05, 0.5) for speed_rad_s in (2.4, 3.3)]
+    jobs = [Job(PAPER, 0.21 + 0.02 * (number % 2) + 1e-6 * number, motions[number % 2], T) for number in range(16)]
+    alone = [simulate_stroke(PAPER, job.height_m, job.motion, T).steps for job in jobs]
+    assert [each.steps for each in simulate_strokes(jobs)] == pytest.approx(alone, rel=0.1)
+
+
+def test_forces_alone_are_those_of_the_whole_stroke():
+    jobs = [Job(HEAVY, height_m, MOTION, T) for height_m in (0.215, 0.22)]
+    for whole, sensed in zip(simulate_strokes(jobs), simulate_strokes(jobs, only_sensed=True), strict=True):
+        assert sensed.fz_N.tobytes() == whole.fz_N.tobytes()
+        assert sensed.shaft_angle_rad.tobytes() == whole.shaft_angle_rad.tobytes()
+
+
 def test_an_empty_batch_is_empty():
     assert simulate_strokes([]) == []

@@ -191,7 +191,7 @@ class StrokeProblem:
 
     def rms(self, supposed: ModelPoint) -> dict[str, float]:
         """Root mean square of simulated minus measured by channel, sample by sample. Raises SimulationFailed."""
-        simulated = _require_all(simulate_strokes([turn.job(supposed) for turn in self.turns]))
+        simulated = _require_all(simulate_strokes([turn.job(supposed) for turn in self.turns], only_sensed=True))
         misses: dict[str, list[Floats]] = {}
         for stroke, trace in self._all_traces():
             misses.setdefault(trace.channel, []).append(trace.misses(simulated[stroke.turn]))
@@ -221,7 +221,7 @@ def simulate_points(
 ) -> list[list[SimulatedStroke | SimulationFailed]]:
     """For each point its strokes, one for each of `jobs`, which make the job of a motion at a point."""
     # Motion after motion, so that the points of one motion, which differ little, move side by side.
-    strokes = simulate_strokes([job(point) for job in jobs for point in supposed])
+    strokes = simulate_strokes([job(point) for job in jobs for point in supposed], only_sensed=True)
     return [strokes[first :: len(supposed)] for first in range(len(supposed))]
 
 
