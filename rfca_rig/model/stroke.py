@@ -242,8 +242,8 @@ def simulate_strokes(
     Strokes of one kind, with the same sample times and effects, move side by side, up to eight of them with common steps; results differ
     from those of single strokes by less than `tolerance` allows. Those that touch down at about the same time are taken together, because
     a step is as short as the worst of eight needs. On `threads`, or as many as there are cores: compiled code releases the interpreter
-    lock. If `only_sensed`, strokes of a block hold no more than the shaft's angle and the forces; new memory for the shapes takes a third of
-    the time. Raises BadInput for effects that do not fit, as for a single stroke.
+    lock. If `only_sensed`, strokes of a block hold no more than the shaft's angle and the forces; new memory for the shapes takes a third
+    of the time. Raises BadInput for effects that do not fit, as for a single stroke.
     """
     requests = [StrokeRequest(job.setup(), job.t_s, job.tolerance or Tolerance()) for job in jobs]
     blocks = _divide_into_blocks(requests, LANES, _order_by_likeness)
