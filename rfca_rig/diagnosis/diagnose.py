@@ -18,7 +18,7 @@ from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
-from rfca_rig.diagnosis.inference.screening import grid_points, make_projection, probe_effects, terms_of
+from rfca_rig.diagnosis.inference.screening import fit_most_promising, grid_points, probe_effects, terms_of
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.result import build_leg_result
 from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, estimate_delay_s, make_shaft_condition, tracking_error, tracks_command
@@ -27,7 +27,7 @@ from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import make_dynamic_condition, make_turn
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, NotSeen, join_not_seen
-from rfca_rig.diagnosis.simulator import Dataset, spread
+from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.executors.parallel import map_in_processes
@@ -219,8 +219,15 @@ def search_drive(body: PreparedData, leg: ModelSelectionResult, effects: Sequenc
     supposed = best.fitted.coordinates.supposed(best.fitted.x)
     dataset = make_leg_dataset(body.shafts)
     ways = [Parameterization(_space_of_drive(supposed, holds, body.known_to)) for holds in (False, True)]
-    compliant = [effect for effect in effects if effect.id in members_of("drive_yields")]
-    sagging, holding = map_in_processes(lambda way: _fit_most_promising(dataset, way, compliant), ways)
+    points = grid_points(term for effect in effects if effect.id in members_of("drive_yields") for term in terms_of(effect))
+
+    def fit_compliant(way: Parameterization) -> float:
+        optimizer = without_scatter(dataset)
+        nominal = optimizer.at(way, np.zeros(way.size))
+        found = None if nominal is None else fit_most_promising(optimizer, nominal, points, 1)
+        return -np.inf if found is None else optimizer.log_evidence(found)
+
+    sagging, holding = map_in_processes(fit_compliant, ways)
     first, second = ways if sagging >= holding else reversed(ways)
 
     def search(way: Parameterization) -> ModelSelectionResult:
@@ -233,21 +240,6 @@ def search_drive(body: PreparedData, leg: ModelSelectionResult, effects: Sequenc
     other = optimizer.at(second.with_terms(one.coordinates.choices), one.x, one.jacobian)
     suits = other is not None and optimizer.log_evidence(optimizer.refine(other)) > optimizer.log_evidence(one)
     return search(second) if suits else found
-
-
-def _fit_most_promising(dataset: Dataset, coordinates: Parameterization, effects: Sequence[Effect]) -> float:
-    """Log evidence of the effect that promises most beside the nominal model, fitted alone; minus infinity where none has an answer."""
-    optimizer, measured = without_scatter(dataset), dataset.rows.measured
-    nominal = optimizer.at(coordinates, np.zeros(coordinates.size))
-    if nominal is None:
-        return -np.inf
-    projection = make_projection(nominal, measured, optimizer.likelihood.level(nominal.linear(measured)))
-    probes = probe_effects(dataset, nominal, grid_points(term for effect in effects for term in terms_of(effect)))
-    best = max(probes, key=lambda probe: projection.gain(probe.signature)[0], default=None)
-    if best is None:
-        return -np.inf
-    start = optimizer.at(coordinates.with_terms((best.choice,)), np.append(nominal.x, best.z), nominal.jacobian)
-    return -np.inf if start is None else optimizer.log_evidence(optimizer.refine(start))
 
 
 def _space_of_drive(supposed: ModelPoint, holds_start: bool, known_to: Mapping[str, float]) -> Prior[ModelPoint]:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.result import describe_pair, list_correlated_pairs
 from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
-from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.inference.parameterization import std_of, value_of
-from rfca_rig.diagnosis.inference.screening import grid_points, make_projection, probe_effects, terms_of
+from rfca_rig.diagnosis.inference.screening import fit_most_promising, grid_points, terms_of
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import jackknife_std, loo_residuals
 from rfca_rig.diagnosis.result import SignalOverlay
 from rfca_rig.diagnosis.result_builder import group_by_recording, make_overlays
@@ -158,26 +158,14 @@ def fit_effects(found: ModelSelectionResult, effects: Sequence[Effect], progress
     optimizer, here = GaussNewton(found.dataset, found.likelihood), found.nothing.fitted
     for number, effect in enumerate(effects):
         progress(f"fitting {effect.id}", 0.5 + 0.4 * number / len(effects))
-        here = _add(optimizer, here, effect)
+        more = fit_most_promising(optimizer, here, grid_points(terms_of(effect)), STARTS)
+        if more is None:
+            raise SimulationFailed(f"the model cannot be simulated with {effect.id} of any plausible size")
+        here = more
     progress("fitting all together", 0.9)
     # Effects were added one after the other, so the first ones were fitted without the later ones.
     here = optimizer.converge(here)
     return Hypothesis(here.ids, here, optimizer.evaluate(here), found.nothing.log_prior)
-
-
-def _add(optimizer: GaussNewton, here: MapFit, effect: Effect) -> MapFit:
-    """The best fit with one effect more."""
-    measured = optimizer.dataset.rows.measured
-    projection = make_projection(here, measured, optimizer.likelihood.level(here.linear(measured)))
-    probes = probe_effects(optimizer.dataset, here, grid_points(terms_of(effect)))
-    # Several starts, because an effect may have more than one optimum.
-    ranked = sorted(probes, key=lambda probe: -projection.gain(probe.signature)[0])[:STARTS]
-    terms = here.coordinates.choices
-    starts = [optimizer.at(here.coordinates.with_terms((*terms, p.choice)), np.append(here.x, p.z), here.jacobian) for p in ranked]
-    fits = [optimizer.refine(start) for start in starts if start is not None]
-    if not fits:
-        raise SimulationFailed(f"the model cannot be simulated with {effect.id} of any plausible size")
-    return max(fits, key=optimizer.free_log_evidence)
 
 
 def summarize(found: ModelSelectionResult, fitted: Hypothesis) -> WindowFit:

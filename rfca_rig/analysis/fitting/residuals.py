@@ -220,7 +220,6 @@ def simulate_points(
     jobs: Sequence[Callable[[ModelPoint], Job]], supposed: Sequence[ModelPoint]
 ) -> list[list[SimulatedStroke | SimulationFailed]]:
     """For each point its strokes, one for each of `jobs`, which make the job of a motion at a point."""
-    # Motion after motion, so that the points of one motion, which differ little, move side by side.
     strokes = simulate_strokes([job(point) for job in jobs for point in supposed], only_sensed=True)
     return [strokes[first :: len(supposed)] for first in range(len(supposed))]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from rfca_rig.diagnosis.config import GRID_POINTS, MAX_RESCALING
-from rfca_rig.diagnosis.inference.map_fit import MapFit
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
 from rfca_rig.diagnosis.likelihood.covariance import Whitening
 from rfca_rig.diagnosis.simulator import Dataset
@@ -154,3 +154,31 @@ def make_projection(base: MapFit, measured: Floats, whitening: Whitening) -> Pro
     linear = base.linear(measured)
     residual = whitening(linear.target)
     return Projection(whitening, jacobian, inverse, residual - jacobian @ (inverse @ (jacobian.T @ residual)))
+
+
+def fit_most_promising(optimizer: GaussNewton, here: MapFit, points: Sequence[Point], starts: int) -> MapFit | None:
+    """The best fit with one effect more.
+
+    Parameters
+    ----------
+    optimizer
+        Of the data.
+    here
+        The fit that the effect is added to.
+    points
+        Effects with their sizes.
+    starts
+        From so many of them a fit begins: those that promise most. An effect may have more than one optimum.
+
+    Returns
+    -------
+    MapFit or None
+        None where the model has no answer at any of these points.
+    """
+    measured = optimizer.dataset.rows.measured
+    projection = make_projection(here, measured, optimizer.likelihood.level(here.linear(measured)))
+    ranked = sorted(probe_effects(optimizer.dataset, here, points), key=lambda probe: -projection.gain(probe.signature)[0])[:starts]
+    terms = here.coordinates.choices
+    begun = [optimizer.at(here.coordinates.with_terms((*terms, p.choice)), np.append(here.x, p.z), here.jacobian) for p in ranked]
+    fits = [optimizer.refine(start) for start in begun if start is not None]
+    return max(fits, key=optimizer.free_log_evidence, default=None)
