@@ -124,14 +124,24 @@ def _numbers(arm):
     return (*(np.array(values) for values in of_joints), np.array([law.rise, law.falls_rad_s, law.of_load]))
 
 
-@numba.njit
+# Reach of the four stages of a step as shares of it, and their weights.
+STAGES = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
+
+
+# Loops over numbers: expressions of arrays, and BLAS, take four times as long to compile.
+@numba.njit(cache=True)
 def _runge_kutta(x, torque, length, mass, rotor, dry, viscous, shape, h, steps):
+    x, at, rate, total = x.copy(), np.zeros(x.size), np.zeros(x.size), np.zeros(x.size)
     for _ in range(steps):
-        first = _rates(x, torque, length, mass, rotor, dry, viscous, shape)
-        second = _rates(x + 0.5 * h * first, torque, length, mass, rotor, dry, viscous, shape)
-        third = _rates(x + 0.5 * h * second, torque, length, mass, rotor, dry, viscous, shape)
-        fourth = _rates(x + h * third, torque, length, mass, rotor, dry, viscous, shape)
-        x = x + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+        total[:] = 0.0
+        for reach, weight in STAGES:
+            for i in range(x.size):
+                at[i] = x[i] + reach * h * rate[i]
+            rate = _rates(at, torque, length, mass, rotor, dry, viscous, shape)
+            for i in range(x.size):
+                total[i] += weight * rate[i]
+        for i in range(x.size):
+            x[i] += h / 6.0 * total[i]
     return x
 
 
@@ -146,30 +156,39 @@ def _deflection(arm, torque):
     return torque / stiffness + 0.5 * play * np.sign(torque)
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _geared_rates(x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping):
     """Links with their bristles, then angles and speeds of the rotors; a gear pushes, and never pulls its teeth together."""
     n = length.size
-    lead, lead_rate = x[3 * n : 4 * n] - x[:n], x[4 * n :] - x[n : 2 * n]
-    passed = np.zeros(n)
+    passed, rates = np.zeros(n), np.zeros(5 * n)
     for i in range(n):
-        bend = max(abs(lead[i]) - 0.5 * play[i], 0.0) * np.sign(lead[i])
+        lead, lead_rate = x[3 * n + i] - x[i], x[4 * n + i] - x[n + i]
+        bend = max(abs(lead) - 0.5 * play[i], 0.0) * np.sign(lead)
         if bend != 0.0:
-            passed[i] = stiffness[i] * bend + damping[i] * lead_rate[i]
+            passed[i] = stiffness[i] * bend + damping[i] * lead_rate
             if play[i] > 0.0 and passed[i] * bend < 0.0:
                 passed[i] = 0.0
     links = _rates(x[: 3 * n], passed, length, mass, np.zeros(n), dry, viscous, shape)
-    return np.concatenate((links, x[4 * n :], (torque - passed) / rotor))
+    for i in range(n):
+        for part in range(3):
+            rates[part * n + i] = links[part * n + i]
+        rates[3 * n + i], rates[4 * n + i] = x[4 * n + i], (torque[i] - passed[i]) / rotor[i]
+    return rates
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _geared_runge_kutta(x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping, h, steps):
+    x, at, rate, total = x.copy(), np.zeros(x.size), np.zeros(x.size), np.zeros(x.size)
     for _ in range(steps):
-        first = _geared_rates(x, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
-        second = _geared_rates(x + 0.5 * h * first, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
-        third = _geared_rates(x + 0.5 * h * second, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
-        fourth = _geared_rates(x + h * third, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
-        x = x + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+        total[:] = 0.0
+        for reach, weight in STAGES:
+            for i in range(x.size):
+                at[i] = x[i] + reach * h * rate[i]
+            rate = _geared_rates(at, torque, length, mass, rotor, dry, viscous, shape, stiffness, play, damping)
+            for i in range(x.size):
+                total[i] += weight * rate[i]
+        for i in range(x.size):
+            x[i] += h / 6.0 * total[i]
     return x
 
 
@@ -185,46 +204,86 @@ def _rate(arm, state, torque):
     return _rates(state, torque, *_numbers(arm))
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _rates(state, torque, length, mass, rotor, dry, viscous, shape):
     n = length.size
     q, w, bristle = state[:n], state[n : 2 * n], state[2 * n :]
     friction, bend = _friction(w, bristle, torque, dry, viscous, shape)
-    absolute, turning = np.cumsum(q), np.cumsum(w)
     in_joints, moment, heavy = _inertia(q, length, mass)
-    whirl = np.zeros(n)
+    right, rates = np.zeros(n), np.zeros(3 * n)
+    angle_i = inner = 0.0
     for i in range(n):
+        angle_i += q[i]
+        angle_j = turning_j = 0.0
+        whirl = GRAVITY_M_S2 * heavy[i] * np.sin(angle_i)
         for j in range(n):
-            whirl[i] += moment[i, j] * np.sin(absolute[i] - absolute[j]) * turning[j] ** 2
-    # a torque in absolute angles acts in all joints before it
-    inner = np.cumsum((whirl + GRAVITY_M_S2 * heavy * np.sin(absolute))[::-1])[::-1]
-    acceleration = np.linalg.solve(in_joints + np.diag(rotor), torque - friction - inner)
-    return np.concatenate((w, acceleration, bend))
+            angle_j += q[j]
+            turning_j += w[j]
+            whirl += moment[i, j] * np.sin(angle_i - angle_j) * turning_j**2
+        right[i] = whirl
+    for i in range(n - 1, -1, -1):
+        # a torque in absolute angles acts in all joints before it
+        inner += right[i]
+        right[i] = torque[i] - friction[i] - inner
+        in_joints[i, i] += rotor[i]
+    _solve(in_joints, right)
+    for i in range(n):
+        rates[i], rates[n + i], rates[2 * n + i] = w[i], right[i], bend[i]
+    return rates
 
 
-@numba.njit
+@numba.njit(cache=True)
+def _solve(a, b):
+    """Puts the solution of a x = b into b; `a` is positive definite, and needs no pivots."""
+    for k in range(b.size):
+        for i in range(k + 1, b.size):
+            share = a[i, k] / a[k, k]
+            b[i] -= share * b[k]
+            for j in range(k, b.size):
+                a[i, j] -= share * a[k, j]
+    for i in range(b.size - 1, -1, -1):
+        for j in range(i + 1, b.size):
+            b[i] -= a[i, j] * b[j]
+        b[i] /= a[i, i]
+
+
+@numba.njit(cache=True)
 def _inertia(q, length, mass):
     """The inertia (n, n) of the links in joint angles; c (n, n) of 1/2 sum c_ij cos(theta_i - theta_j) theta_i' theta_j'; moments of mass.
 
     The kinetic energy is that sum, in absolute angles theta.
     """
     n = length.size
-    absolute, beyond = np.cumsum(q), np.append(np.cumsum(mass[::-1])[::-1][1:], 0.0)
-    heavy = mass * length / 2.0 + beyond * length
-    moment, inertia = np.zeros((n, n)), np.zeros((n, n))
+    heavy, moment, inertia = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+    beyond = 0.0
+    for i in range(n - 1, -1, -1):
+        heavy[i] = mass[i] * length[i] / 2.0 + beyond * length[i]
+        moment[i, i] = mass[i] * length[i] ** 2 / 3.0 + beyond * length[i] ** 2
+        beyond += mass[i]
     for i in range(n):
-        for j in range(n):
-            moment[i, j] = length[min(i, j)] * heavy[max(i, j)] if i != j else mass[i] * length[i] ** 2 / 3.0 + beyond[i] * length[i] ** 2
-            inertia[i, j] = moment[i, j] * np.cos(absolute[i] - absolute[j])
-    ones = np.tril(np.ones((n, n)))  # absolute angles are sums of joint angles
-    return ones.T @ inertia @ ones, moment, heavy
+        between = 0.0
+        for j in range(i, n):
+            between += q[j] if j > i else 0.0
+            if j > i:
+                moment[i, j] = moment[j, i] = length[i] * heavy[j]
+            inertia[i, j] = inertia[j, i] = moment[i, j] * np.cos(between)
+    # Absolute angles are sums of joint angles: each element is summed with all behind it, in both directions.
+    for i in range(n - 1, -1, -1):
+        for j in range(n - 1, -1, -1):
+            if i + 1 < n:
+                inertia[i, j] += inertia[i + 1, j]
+    for i in range(n):
+        for j in range(n - 2, -1, -1):
+            inertia[i, j] += inertia[i, j + 1]
+    return inertia, moment, heavy
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _friction(w, bristle, torque, dry, viscous, shape):
     rise, falls, of_load = shape
-    friction, bend = viscous * w, np.zeros(w.size)
+    friction, bend = np.zeros(w.size), np.zeros(w.size)
     for i in range(w.size):
+        friction[i] = viscous[i] * w[i]
         full = dry[i] * (1.0 + rise * np.exp(-((w[i] / falls) ** 2))) + of_load * abs(torque[i])
         if full > 0.0:
             stiffness = full / BRISTLE_RAD

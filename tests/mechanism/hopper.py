@@ -61,7 +61,7 @@ def mjcf(hopper, own_contact=False):
 <sensor>{sensor}</sensor></mujoco>""".replace('<geom name="sole"', f'<site name="sole_site" size="{1.5 * SOLE_M}"/><geom name="sole"')
 
 
-@numba.njit
+@numba.njit(cache=True)
 def _advance(x, force, values, steps):
     """The state (height, leg, their speeds) after so many steps, and the force on the floor before them."""
     trunk, foot, k, c, power, damping_power, dry_rail, dry_leg, rise, viscous_rail, viscous_leg = values
