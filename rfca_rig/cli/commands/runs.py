@@ -166,7 +166,6 @@ def runs(
     """
     import json
 
-    from rfca_rig.campaign.experiment import measure_seconds
     from rfca_rig.cli.names import effect_names
     from rfca_rig.cli.progress import progress
     from rfca_rig.errors import BadInput
@@ -188,7 +187,7 @@ def runs(
         words=tuple(words or ()),
     )
     with progress(quiet=as_json) as bars:
-        entries = list_runs(folder, bars.counting("reading runs"), measure_seconds)
+        entries = list_runs(folder, bars.counting("reading runs"), _measure_seconds)
     fitting = [entry for entry in entries if wanted.fits(entry)]
     shown = fitting[: _most(last, is_table=not (paths or as_json))]
     if as_json:
@@ -200,6 +199,16 @@ def runs(
     else:
         _each(map(_printable, table_lines(shown)))
         typer.echo(_count_line(folder, len(shown), len(fitting), len(entries)), err=True)
+
+
+def _measure_seconds(folder: Path) -> float | None:
+    """The duration of an experiment's recordings.
+
+    Its reader imports the models, which takes three times as long as listing runs of a leg.
+    """
+    from rfca_rig.campaign.experiment import measure_seconds
+
+    return measure_seconds(folder)
 
 
 def _most(last: int | None, is_table: bool) -> int | None:
