@@ -49,12 +49,12 @@ def vector_mechanics(rig):
 
     def rhs(_, x):
         q, w = x[:n], x[n:]
-        mass, force = np.diag(masses * lengths**2 / 12), np.zeros(n)
-        for k in range(n):
-            along = np.array([-np.sin(q), np.cos(q)]) * reach[k]  # (2, n): y and depth of centre k per unit of w
-            centripetal = (np.array([-np.cos(q), -np.sin(q)]) * reach[k] * w**2).sum(axis=1)
-            mass = mass + masses[k] * along.T @ along
-            force = force + masses[k] * along.T @ (np.array([0.0, 9.81]) - centripetal)
+        # y and depth (2) of centre k (n) per unit of angle i (n): d/dt and d2/dt2 of a place at (cos q, sin q).
+        along = np.array([-np.sin(q), np.cos(q)])[:, None, :] * reach
+        centripetal = (np.array([-np.cos(q), -np.sin(q)])[:, None, :] * reach) @ w**2
+        weighed = masses[:, None] * along
+        mass = np.diag(masses * lengths**2 / 12) + np.einsum("xki,xkj->ij", weighed, along)
+        force = np.einsum("xki,xk->i", weighed, np.array([[0.0], [9.81]]) - centripetal)
         for i in range(1, n):
             phi = q[i] - q[i - 1]
             torque = rig.leg.k0_Nm_per_rad * (phi + rig.leg.k2_per_rad2 * phi**3) + rig.leg.hinge_damping_Nm_s_per_rad * (w[i] - w[i - 1])
