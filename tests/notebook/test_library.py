@@ -172,7 +172,9 @@ def test_the_catalogue_is_a_table():
 
 @pytest.mark.slow
 def test_a_diagnosis_is_a_grade_with_tables_and_a_picture(here):
-    found = rr.diagnose(DATA / "pendulums" / "free-swing", progress=False)
+    # tests/diagnosis/test_pendulum.py looks for all effects in these recordings, which takes ten times as long.
+    without = set(rr.effects()["id"]) - {"hinge_viscous_damping", "joint_friction", "fluid_drag"}
+    found = rr.diagnose(DATA / "pendulums" / "free-swing", without=sorted(without), progress=False)
     assert found.grade == found.diagnosis.grade and found.grade in repr(found)
     assert {"signal", "before", "after"} <= set(found.errors().columns) and len(found.rivals()) == len(found.diagnosis.rivals)
     assert set(found.effects()["effect"]) == {effect.id for effect in found.diagnosis.effects}

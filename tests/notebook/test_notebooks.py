@@ -8,7 +8,9 @@ import matplotlib as mpl
 import pytest
 from matplotlib import pyplot
 
+from rfca_rig.diagnosis.diagnose import diagnose as diagnose_leg
 from rfca_rig.model.catalogue import FOLDER_VARIABLE, catalogue
+from rfca_rig.notebook import analyses
 
 NOTEBOOKS = Path(__file__).parents[2] / "docs" / "notebooks"
 CELL = re.compile(r"^```\{code-cell\}\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -35,12 +37,27 @@ def execute(tmp_path, monkeypatch):
     pyplot.close("all")
 
 
+@pytest.fixture
+def look_for(monkeypatch):
+    """Has the diagnosis of a leg look for these effects alone."""
+
+    def narrow(*ids):
+        def diagnose(recordings, progress, limits, _, law_at):
+            return diagnose_leg(recordings, progress, limits, [one for one in catalogue() if one not in ids], law_at)
+
+        monkeypatch.setattr(analyses, "diagnose_leg", diagnose)
+
+    return narrow
+
+
 def test_the_list_of_notebooks_is_whole():
     assert {path.stem for path in NOTEBOOKS.glob("*.md")} == {"first-run", "own-data", "own-effect-and-simulator"}
     assert all(len(CELL.findall(path.read_text(encoding="utf-8"))) >= 5 for path in NOTEBOOKS.glob("*.md"))
 
 
-def test_a_first_run_finds_the_compliance_of_the_twins_drive(execute, tmp_path):
+def test_a_first_run_finds_the_compliance_of_the_twins_drive(execute, look_for, tmp_path):
+    """tests/test_readme.py finds it among all effects, in more repeats of the same strokes; that takes three times as long."""
+    look_for("motor_speed_droop", "motor_speed_ripple", "shaft_compliance", "sensor_lag")
     result = execute("first-run")["result"]
     assert result.grade == "identified" and set(result.effects()["effect"]) == {"motor_speed_droop"}
     values = result.effects().set_index("parameter")["value"]
