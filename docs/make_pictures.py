@@ -81,8 +81,8 @@ def draw_live_view(browser: Browser, folder: Path, out: Path) -> None:
         page.close()
 
 
-def draw_replay(browser: Browser, folder: Path, run: str, out: Path) -> None:
-    """A recorded stroke, replayed: the animation of the README."""
+def draw_replay(browser: Browser, folder: Path, run: str, out: Path, every: int = 1) -> None:
+    """A recorded stroke, replayed: the animation of the README, or each `every`-th of its frames."""
     frames = []
     page = browser.new_page(viewport={"width": WIDTH_PX, "height": HEIGHT_PX}, reduced_motion="reduce")
     with viewed(folder, "view", run) as url:
@@ -90,7 +90,7 @@ def draw_replay(browser: Browser, folder: Path, run: str, out: Path) -> None:
         page.wait_for_function("() => window.rfcaView?.shown.state")
         page.get_by_text("2 s", exact=True).first.click()
         duration_ms = int(1e3 * page.evaluate("() => rfcaView.replay.durationS"))
-        for at_s in (1e-3 * at_ms for at_ms in range(0, duration_ms, FRAME_MS)):
+        for at_s in (1e-3 * at_ms for at_ms in range(0, duration_ms, every * FRAME_MS)):
             page.evaluate(f"() => rfcaView.replay.seek({at_s})")
             page.wait_for_function(f"() => Math.abs(rfcaView.shown.state.now_s - {at_s}) < 0.01")
             # The traces are drawn at the next beat.
@@ -105,8 +105,11 @@ def _opened(png: bytes) -> Image.Image:
     return Image.open(io.BytesIO(png)).convert("RGB")
 
 
-def main(out: Path, job: Path | None = None) -> None:
-    """Runs the commands, and makes all pictures. `job` is a folder where the README's job has been done already, if there is one."""
+def main(out: Path, job: Path | None = None, every: int = 1) -> None:
+    """Runs the commands, and makes all pictures; of the animation, each `every`-th frame.
+
+    `job` is a folder where the README's job has been done already, if there is one.
+    """
     executable = next((path for path in map(shutil.which, BROWSERS) if path), None)
     with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
         folder = Path(name)
@@ -117,7 +120,7 @@ def main(out: Path, job: Path | None = None) -> None:
         rfca_rig(folder, *STROKE, "1")
         browser = playwright.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
         draw_diagnosis(browser, job, out / "diagnosis.png")
-        draw_replay(browser, folder, "runs/SIM-flapping-215-mm-2.433-rad-per-s-001", out / "live-view.webp")
+        draw_replay(browser, folder, "runs/SIM-flapping-215-mm-2.433-rad-per-s-001", out / "live-view.webp", every)
         draw_live_view(browser, folder, out / "live-view.png")
         browser.close()
 

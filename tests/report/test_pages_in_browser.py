@@ -109,9 +109,12 @@ def test_no_page_is_wider_than_the_screen(folder, watched, width_px, tmp_path):
     assert {"exam", "diagnosis-mechanism", "sweep-map", "sweep-samples"} <= {path.stem for path in pages}
     for path in pages:
         with opened(watched, path, width_px) as page:
-            boxes = scrolled(page)
-            # On a desk all fits. On a phone wide figures scroll within their box rather than shrink; rows of tables become cards.
-            assert boxes == [] if width_px == WIDTHS_PX[0] else set(boxes) <= MAY_SCROLL, path.name
-            assert page.evaluate(SMALL) == page.evaluate(CLIPPED) == page.evaluate(UNREACHED) == [], path.name
-            # For people: they stay where pytest keeps what failed.
-            assert page.screenshot(path=tmp_path / f"{path.stem}-{width_px}.png", full_page=True)
+            try:
+                boxes = scrolled(page)
+                # On a desk all fits. On a phone wide figures scroll within their box rather than shrink; rows of tables become cards.
+                assert boxes == [] if width_px == WIDTHS_PX[0] else set(boxes) <= MAY_SCROLL, path.name
+                assert page.evaluate(SMALL) == page.evaluate(CLIPPED) == page.evaluate(UNREACHED) == [], path.name
+            except AssertionError:
+                # For people: it stays where pytest keeps what failed.
+                page.screenshot(path=tmp_path / f"{path.stem}-{width_px}.png", full_page=True)
+                raise
