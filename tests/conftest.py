@@ -3,6 +3,7 @@
 import os
 import signal
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -27,9 +28,14 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 WITHOUT_MODEL = {"acquisition", "campaign", "codecs", "description", "devices", "doctor", "logbook", "protocol", "structure", "vision"}
 
 
+# Files with slow tests of up to a minute each. At the end of all tests such a test leaves the other workers idle. Pictures need the
+# README's job, so that they follow it in the same worker, which otherwise waits for it.
+FIRST_OF_ONE, FIRST_OF_OTHER = ("test_readme.py", "test_pictures.py"), ("test_notebooks.py", "test_pendulum.py", "test_whole_diagnosis.py")
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begins the second half of the tests with those that need no compiled model.
+    """Begins each half of the tests with what should not come last, and the second half with those that need no compiled model.
 
     Of two workers, each begins with one half. In a fresh clone the first of them compiles the model for a minute and more. The second
     would compile the same meanwhile; so it comes to tests of the model when the result is on disk.
@@ -39,6 +45,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     def is_without(item: pytest.Item) -> bool:
         return Path(os.path.relpath(item.path, root)).parts[0] in WITHOUT_MODEL
 
-    without, others = [item for item in items if is_without(item)], [item for item in items if not is_without(item)]
-    half = len(items) // 2
-    items[:] = [*others[:half], *without, *others[half:]]
+    def take(names: Sequence[str]) -> list[pytest.Item]:
+        """The slow tests of these files, in the order of the names."""
+        slow = [item for item in items if item.path.name in names and item.get_closest_marker("slow")]
+        return sorted(slow, key=lambda item: names.index(item.path.name))
+
+    one, other = take(FIRST_OF_ONE), take(FIRST_OF_OTHER)
+    rest = [item for item in items if item not in one and item not in other]
+    without, others = [item for item in rest if is_without(item)], [item for item in rest if not is_without(item)]
+    middle = max(len(items) // 2 - len(one), 0)
+    items[:] = [*one, *others[:middle], *other, *without, *others[middle:]]

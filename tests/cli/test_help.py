@@ -19,7 +19,9 @@ from tests.cli.test_eighty_columns import ROOT, every_command
 from tests.cli.typed import typed
 
 PROGRAM = typer.main.get_command(app)
-LEAVES = [path for path in every_command() if path and not any(other[: len(path)] == path for other in every_command() if other != path)]
+# Once: it makes all commands anew, and every worker imports this file.
+PATHS = list(every_command())
+LEAVES = [path for path in PATHS if path and not any(other[: len(path)] == path for other in PATHS if other != path)]
 # Types of Python, in brackets, and units in words: a unit stands in capitals behind the option's name.
 TYPES = re.compile(r"<[a-z]")
 UNITS_IN_WORDS = re.compile(r",? in (mm|degrees|rad/s|rad|pixels|%|seconds|ms|s|N)\b|, mm\b|How many (ms|mm|s) ")
