@@ -16,6 +16,15 @@ def short(tmp_path_factory):
     return campaign(tmp_path_factory.mktemp("listed") / "arm", NOMINAL, seconds=1.4, seeds=(0, 1))
 
 
+@pytest.fixture(scope="module")
+def diagnosed(short, tmp_path_factory):
+    """The folder of a diagnosis of these recordings, which is known by their content, wherever they lie."""
+    out = tmp_path_factory.mktemp("diagnosed") / "diagnosis"
+    ran = CliRunner().invoke(app, ["diagnose", str(short), "--out", str(out)])
+    assert ran.exit_code == 0, ran.output
+    return out
+
+
 def listed(folder, *options):
     ran = CliRunner().invoke(app, ["runs", "--runs", str(folder), *options])
     assert ran.exit_code == 0, ran.output
@@ -52,12 +61,10 @@ def test_an_experiment_that_cannot_be_read_is_listed_without_its_length(short, t
 
 @pytest.mark.slow
 @pytest.mark.parametrize("place", ["diagnosis", "arm/diagnosis"])
-def test_the_verdict_of_a_diagnosis_beside_it_or_in_it_is_listed(short, tmp_path, monkeypatch, place):
-    folder = shutil.copytree(short, tmp_path / "runs" / "arm")
+def test_the_verdict_of_a_diagnosis_beside_it_or_in_it_is_listed(short, diagnosed, tmp_path, monkeypatch, place):
+    shutil.copytree(short, tmp_path / "runs" / "arm")
     monkeypatch.chdir(tmp_path)
-    out = tmp_path / ("runs" if "/" in place else "") / place
-    ran = CliRunner().invoke(app, ["diagnose", str(folder), "--out", str(out)])
-    assert ran.exit_code == 0, ran.output
+    shutil.copytree(diagnosed, tmp_path / ("runs" if "/" in place else "") / place)
     assert "diagnosis: not enough data" in listed(tmp_path / "runs")
 
 
