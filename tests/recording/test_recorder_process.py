@@ -15,6 +15,7 @@ from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import RecorderClient
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import frame_block
+from rfca_rig.recording.recorder_process import start_recorder
 from rfca_rig.recording.run_text import check_not_running
 from rfca_rig.subprocesses import can_be_started
 from tests.recording.growing import PER_TICK, TICKS, begun, exhaust, grown, hand_over, header, run_blocks, wait_until_acknowledged
@@ -48,6 +49,23 @@ def test_it_writes_the_bytes_that_would_be_written_without_it(tmp_path: Path, pa
     assert {file: (tmp_path / "run" / file).read_bytes() for file in files} == {
         file: (tmp_path / "same" / file).read_bytes() for file in files
     }
+
+
+def test_one_that_is_started_in_advance_ends_without_a_run():
+    process, connection = start_recorder()
+    connection.close()
+    assert process.wait(60.0) == 0
+
+
+def test_one_that_is_started_in_advance_records(tmp_path: Path):
+    run_folder.create(tmp_path / "run", header())
+    started = start_recorder()
+    keeper = RecorderClient(tmp_path / "run", patient=False, started=started)
+    assert keeper.process_id == started[0].pid
+    (blocks,) = run_blocks(1)
+    exhaust(hand_over(keeper, 1, blocks))
+    keeper.finish("done")
+    assert keeper.acknowledged == 1
 
 
 def test_finishing_again_does_nothing(keeper: RecorderClient):
