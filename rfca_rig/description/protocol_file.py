@@ -184,6 +184,12 @@ def read_static(path: Path) -> StaticFile:
     return read_toml(path, StaticFile)
 
 
+PROTOCOLS: Mapping[str, Callable[[Path], DynamicFile | StaticFile | FatigueFile]] = {
+    "dynamic": read_dynamic,
+    "static": read_static,
+    "fatigue": read_fatigue,
+}
+
 PLANS: Mapping[str, Callable[[Path, RigFacts], Plan]] = {
     "dynamic": lambda path, facts: flapping_plan(read_dynamic(path).flapping(), facts),
     "static": lambda path, facts: static_plan(read_static(path).static_stages(), facts),

@@ -219,8 +219,8 @@ class AblationResult:
     def words(self) -> str:
         wrong, unexplained = self.confident_wrong, self.unexplained
         return (
-            f"each entry taken out of the catalogue: {wrong.hits} of {wrong.of} given a wrong name at {100.0 * CONFIDENT:g} % or more, "
-            f"{unexplained.hits} reported as unexplained, {self.silent.hits} as nothing missing"
+            f"each effect removed from the catalogue in turn: {wrong.hits} of {wrong.of} identified as another at {100.0 * CONFIDENT:g} % "
+            f"or more, {unexplained.hits} reported as unexplained, {self.silent.hits} as nothing missing"
         )
 
 

@@ -78,11 +78,11 @@ def _miss(truth: Truth, answer: ParsedDiagnosis) -> WorstCase | None:
             truth.case, truth.kind, 2.0 + max(wrong), f"stated {stated} as {answer.grade} at {max(wrong):.0%}, there is {there}"
         )
     result = outcome(truth, answer)
-    there = " and ".join(truth.effects) or ("something that no name fits" if truth.nameless else "nothing")
+    there = " and ".join(truth.effects) or ("an effect outside the catalogue" if truth.nameless else "nothing")
     if result in (WRONG, EXTRA):
         false = max(false_claims(truth, answer) or answer.named, key=lambda claim: claim.probability)
         level = 4.0 if result == WRONG else 3.0
-        reason = f"named {false.id} at {false.probability:.0%}, {'which is not there' if result == EXTRA else f'there is {there}'}"
+        reason = f"identified {false.id} at {false.probability:.0%}, {'which is not there' if result == EXTRA else f'there is {there}'}"
         return WorstCase(truth.case, truth.kind, level + false.probability, reason)
     if result == SILENT:
         return _rate_missed_effect(truth, there, truth.left)

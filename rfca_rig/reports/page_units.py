@@ -1,4 +1,4 @@
-"""Units of the pages that people read: angles in degrees, relative values in per cent. Files beside a page keep those of their keys."""
+"""Units of what people read, on pages and in the terminal: angles in degrees, relative values in per cent. Files keep their units."""
 
 import re
 from collections.abc import Mapping

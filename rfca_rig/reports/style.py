@@ -9,7 +9,7 @@ shows, decimation of lines, inline SVG without ids that two figures could share,
 
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
@@ -71,6 +71,8 @@ DARK = {
 
 # Sizes in inches of a figure across the page, and of a panel, with its margins for tick labels and titles.
 WIDTH_IN = 8.6
+# On a phone a wide figure is replaced by one of this width, whose letters are as large as the page's.
+NARROW_IN = 4.4
 PANEL_IN, LEFT_IN, BOTTOM_IN, TOP_IN, RIGHT_IN = (4.2, 1.95), 0.68, 0.46, 0.24, 0.1
 # Values that a pointer finds along one panel.
 HOVERS = 24
@@ -268,6 +270,15 @@ def inline_svg(figure: Figure, salt: str, label: str, hovers: Sequence[Hover] = 
     pointed = "".join(_hover_area(hover, figure) for hover in hovers)
     end = body.rindex("</svg>")
     return f'<svg {size[0] if size else ""} role="img" aria-label="{label}" {style}>{body[:end]}{pointed}{body[end:]}'.strip()
+
+
+def for_both_widths(draw: Callable[[bool], str]) -> str:
+    """A figure across the page and, for a narrow screen, the same redrawn in its width; the style sheet shows one of them.
+
+    `draw` returns the narrow figure where it is given True.
+    """
+    wide, narrow = (draw(is_narrow).replace("<svg ", f'<svg class="{name}" ', 1) for is_narrow, name in ((False, "desk"), (True, "phone")))
+    return wide + narrow
 
 
 def _hover_area(hover: Hover, figure: Figure) -> str:

@@ -14,6 +14,11 @@ from rfca_rig.doctor.netft import BoxObservation
 from tests.cli.typed import typed
 
 
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
 class Computer:
     """A computer without devices, to which a test adds some; `say` types answers."""
 
@@ -31,8 +36,8 @@ class Computer:
         for name, found in devices.items():
             self.monkeypatch.setattr(*replaced[name], lambda found=found: found)
 
-    def init(self, *words, answers=""):
-        self.monkeypatch.setattr(sys, "stdin", io.StringIO(answers))
+    def init(self, *words, answers: str | None = "", stream=io.StringIO):
+        self.monkeypatch.setattr(sys, "stdin", None if answers is None else stream(answers))
         return typed(self.monkeypatch, self.capsys, "init", *words)
 
 
@@ -102,9 +107,9 @@ def test_devices_that_are_there_are_suggested(computer, tmp_path):
     assert USUAL not in next(line for line in (tmp_path / "our-rig.toml").read_text().splitlines() if line.startswith("counts_per_N "))
 
 
-def test_an_answer_that_cannot_be_is_asked_for_again(computer, tmp_path):
+def test_on_a_terminal_an_answer_that_cannot_be_is_asked_for_again(computer, tmp_path):
     answers = "60 x\n60 50\n100\n100 0\n100 90\n\n\n\nodriv\nodrive\ncan0\nsocketcan can1\n-1\n5\n\n\n"
-    said = computer.init("--rig", "our-rig.toml", answers=answers)
+    said = computer.init("--rig", "our-rig.toml", answers=answers, stream=Terminal)
     assert said.exit_code == 0
     for reason in ("give numbers", "give 2 numbers, not 1", "above 0", "give one of odrive", "two words", "from 0 to 127"):
         assert reason in said.out + said.err
@@ -114,7 +119,13 @@ def test_an_answer_that_cannot_be_is_asked_for_again(computer, tmp_path):
 @pytest.mark.parametrize(
     ("words", "answers", "message"),
     [
-        (("--rig", "our-rig.toml"), "60 50\n", "no answer to question 2 of 10"),
+        # A closed standard input, an empty one, and fewer answers than questions.
+        (("--rig", "our-rig.toml"), None, "holds 0 of 10 answers; none for question 1, lengths of the links"),
+        (("--rig", "our-rig.toml"), "", "holds 0 of 10 answers"),
+        (("--rig", "our-rig.toml"), "60 50\n", "holds 1 of 10 answers; none for question 2, their masses, g; give one answer per line"),
+        # From a pipe a wrong answer cannot be asked for again: the next line answers the next question.
+        (("--rig", "our-rig.toml"), "60 x\n" + "\n" * 9, "answer 1 of 10, lengths of the links"),
+        (("--rig", "our-rig.toml"), "\n\n\n\n\nodriv\n" + "\n" * 4, "'odriv'; give one of odrive, cubemars-mit"),
         (("--rig", "nowhere/our-rig.toml", "--yes"), "", "there is no folder nowhere"),
         ((), "", "give --rig FILE"),
         (("--rig", "our-rig.toml", "--data", "."), "", "give --rig FILE"),
@@ -127,6 +138,7 @@ def test_what_cannot_be_is_one_line_and_writes_nothing(computer, tmp_path, words
     said = computer.init(*words, answers=answers)
     assert said.exit_code == 2
     assert message in said.err.splitlines()[-1]
+    assert "/10" not in said.out + said.err
     assert not list(tmp_path.iterdir())
 
 

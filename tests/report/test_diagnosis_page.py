@@ -463,6 +463,10 @@ def test_angles_are_in_degrees_on_the_page_and_in_radians_beside_it(tmp_path):
     document = written_json(tmp_path, MECHANISM)
     assert (document["located"][0]["signal"], document["located"][0]["size"]) == ("joint2_position_rad", 0.1)
     assert "joint2_position_rad" in (tmp_path / "residual-map.csv").read_text()
+    # The terminal has the units of the page.
+    lines = " ".join(terminal_lines(MECHANISM))
+    assert "joint2 position, motions, sines 2: 5.73 deg" in lines and "rms joint1 position: 4.0 -> 0.23 deg" in lines
+    assert not re.search(r"(?<!/)\brad\b(?!/)", lines)
 
 
 def test_conditions_that_are_one_phase_each_leave_no_place_empty():

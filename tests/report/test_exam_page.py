@@ -1,5 +1,6 @@
 import csv
 import json
+import re
 from collections import Counter
 from dataclasses import replace
 
@@ -37,6 +38,12 @@ def test_the_page_is_whole_and_fetches_nothing(shown):
     assert all(each.startswith(("#", "diagnoses/case-")) for each in outline.fetched)
     assert "nan" not in outline.text and "None" not in outline.text
     assert shown.count("<svg ") == 4
+
+
+def test_the_words_are_those_of_the_field(shown):
+    text = Outline(shown).text
+    assert "effect outside the catalogue" in text and "inconclusive" in text
+    assert re.findall(r"(?i)(?<![a-z])(?:strangers?|named|decoys?|sealed|marks|silent|cautious|by lot)(?![a-z])", text) == []
 
 
 def test_every_bar_is_told_with_goal_value_and_counts(exam, shown):
@@ -129,12 +136,12 @@ def test_effects_that_were_taken_out_are_told_with_what_they_were_called(exam, s
     asked = replace(exam, taken_out=AblationResult(Share(1, 20), Share(17, 20), Share(2, 20), (called,)))
     text = " ".join(Outline(page(asked)).text.replace("\u00a0", " ").split())
     assert (
-        "Each entry taken out of the catalogue: 1 of 20 given a wrong name at 90 % or more, 17 reported as unexplained, 2 as nothing"
+        "Each effect removed from the catalogue in turn: 1 of 20 identified as another at 90 % or more, 17 reported as unexplained, 2 as"
         in text
     )
     assert "tip mass" in text and "height offset" in text and "--take-out-each" in text
     none = replace(exam, taken_out=AblationResult(Share(0, 20), Share(18, 20), Share(2, 20), ()))
-    assert "0 of 20 given a wrong name" in Outline(page(none)).text
+    assert "0 of 20 identified as another" in Outline(page(none)).text
     write_exam(asked, tmp_path)
     (line,) = csv.DictReader((tmp_path / "taken-out.csv").open())
     assert line == {"concealed": "tip mass", "named": "height offset", "probability": "0.95"}

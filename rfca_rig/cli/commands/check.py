@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 import typer
 
 from rfca_rig.cli.options import Json
+from rfca_rig.errors import BadInput
+from rfca_rig.suggestions import printable
 
 if TYPE_CHECKING:
     from rfca_rig.progress import ProgressCount
@@ -14,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def check(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The folder of a run, or one with experiment.toml.")],
+    path: Annotated[
+        Path,
+        typer.Argument(metavar="PATH", help="The folder of a run, one with experiment.toml or campaign.toml; a rig file or a protocol."),
+    ],
     as_json: Json = False,
 ) -> None:
     """Check a run on disk: every file by its hash, every stage by its counts, a line each. Exit code 2 where one is damaged.
@@ -24,25 +29,75 @@ def check(
     Of recordings of a mechanism (experiment.toml): what can be used, how well the nominal model predicts, signs and units that are
     probably wrong. Exit code 2 where something cannot be used.
 
+    Of a rig file or a protocol: whether it can be read, and which command checks it further.
+
     Example: rfca-rig check runs/REAL-flapping-001
     """
     from rfca_rig.campaign.layout import CAMPAIGN
-    from rfca_rig.campaign.opening import experiment_among
+    from rfca_rig.recording.layout import EXPERIMENT, PENDULUM
 
-    if (folder / CAMPAIGN).is_file():
+    # A folder is described by the file in it; either names the recordings.
+    folder = path.parent if path.name in (CAMPAIGN, EXPERIMENT, PENDULUM) and path.is_file() else path
+    if folder.is_file():
+        _check_file(folder, as_json)
+    elif (folder / CAMPAIGN).is_file():
         _check_campaign(folder, as_json)
-    elif experiment_among([folder]) is None:
-        _check_run(folder, as_json)
-    else:
+    elif (folder / EXPERIMENT).is_file():
         _check_experiment(folder, as_json)
+    elif (folder / PENDULUM).is_file():
+        raise BadInput(f"{folder}: holds recordings of a pendulum; rfca-rig report {folder} checks and shows them")
+    else:
+        _check_run(folder, as_json)
+
+
+def _check_file(path: Path, as_json: bool) -> None:
+    """Checks a rig file or a protocol, and names the command that goes further. Raises BadInput for any other file, with what reads it."""
+    from rfca_rig.description.protocol_file import PROTOCOLS
+    from rfca_rig.toml import read_data
+
+    if path.suffix == ".h5":
+        raise BadInput(f"{path}: is one file of a run; rfca-rig check {path.parent} checks all of them")
+    if path.suffix != ".toml":
+        raise BadInput(f"{path}: is a file, and no .toml; give the folder of a run, a rig file or a protocol")
+    data = read_data(path)
+    if isinstance(data.get("rig"), dict):
+        kind, found, usual, further = "rig", *_check_rig(path), f"doctor --rig {path}"
+    elif isinstance(experiment := data.get("experiment"), str) and experiment in PROTOCOLS:
+        file = PROTOCOLS[experiment](path)
+        kind, found, usual, further = "protocol", f"{experiment} protocol, {file.title}", 0, f"plan {path}"
+    else:
+        readers = {"vary": f"sweep {path}", "samples": f"sweep {path}", "leg": f"predict --model {path}"}
+        reader = next((command for key, command in readers.items() if key in data), None)
+        hint = f"rfca-rig {reader} reads it" if reader else "a rig file has [rig], a protocol has experiment"
+        raise BadInput(f"{path}: is neither a rig file nor a protocol; {hint}")
+    if as_json:
+        typer.echo(json.dumps({"file": str(path), "kind": kind, "found": found, "usual_values": usual}, indent=1))
+        return
+    typer.echo(printable(f"ok      {path}: {found}"))
+    if usual:
+        typer.echo(f"{usual} lines hold a usual value; compare them with your rig", err=True)
+    typer.echo(f"next: rfca-rig {further}", err=True)
+
+
+def _check_rig(path: Path) -> tuple[str, int]:
+    """What a rig file describes, and how many of its lines hold a value that nobody entered."""
+    from rfca_rig.cli.paths import check_trusted
+    from rfca_rig.description.rig_draft import USUAL
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.toml import read_text
+
+    # Who checks a file from elsewhere does not expect that its code runs.
+    check_trusted(path, f"rfca-rig doctor --rig {path}")
+    rig = read_rig(path)
+    usual = sum(line.rstrip().endswith(USUAL) for line in read_text(path).splitlines())
+    devices = f"drive {rig.motor.device}, force sensor {rig.force_sensor.device}, {'no camera' if rig.camera is None else 'a camera'}"
+    return f"{'REAL' if rig.is_real else 'SIM'} rig file, {rig.rig.title}; {devices}", usual
 
 
 def _check_run(run: Path, as_json: bool) -> None:
     """Checks every file of a run."""
     from rfca_rig.cli.progress import progress
-    from rfca_rig.errors import BadInput
     from rfca_rig.recording.checking import check_run, describe_damage
-    from rfca_rig.suggestions import printable
 
     findings = []
     with progress(as_json) as bars:
@@ -65,7 +120,6 @@ def _check_campaign(folder: Path, as_json: bool) -> None:
     """A campaign from elsewhere: whether it can be read, and whether its values are plausible beside each other."""
     from rfca_rig.campaign.plausibility import find_slips
     from rfca_rig.campaign.reading import read_campaign
-    from rfca_rig.errors import BadInput
 
     recording = read_campaign(folder)
     slips = find_slips(recording)
@@ -85,7 +139,6 @@ def _check_experiment(folder: Path, as_json: bool) -> None:
     """Checks recordings of a mechanism, with its model."""
     from rfca_rig.cli.terminal import print_lines
     from rfca_rig.diagnosis.mechanisms.check import check_experiment
-    from rfca_rig.errors import BadInput
 
     # A refusal is raised at the end, so that the findings before it are printed, also as JSON.
     rows, refused = [], None
@@ -178,7 +231,6 @@ def recover(
 def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
     """Recovers the run; returns it without its samples."""
     from rfca_rig.bench.stage_photos import read_missing_photos
-    from rfca_rig.errors import BadInput
     from rfca_rig.recording import run_folder
     from rfca_rig.recording.checking import can_recover, check_run, describe_damage, needs_no_recovery
     from rfca_rig.recording.run_text import INTERRUPTED, Ending, read_ending, write_ending
@@ -206,7 +258,6 @@ def _recover_run(folder: Path, watcher: "ProgressCount") -> "Recording":
 def _older(path: Path) -> "Recording":
     """Recovers a run of an older version, which left a folder beside the file that it should have become."""
     from rfca_rig.bench.stage_photos import read_missing_photos
-    from rfca_rig.errors import BadInput
     from rfca_rig.recording.run_folder import partial_of, recover_partial
     from rfca_rig.recording.store import read_recording, write_recording
 
@@ -221,7 +272,6 @@ def _older(path: Path) -> "Recording":
 
 def _nothing_to_recover(path: Path) -> str:
     """The reason, for a file or the folder that it should be in, without a run's files beside it."""
-    from rfca_rig.errors import BadInput
     from rfca_rig.recording.store import summarize
     from rfca_rig.suggestions import not_there
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.exceptions import Abort
 
 from rfca_rig.cli.paths import folders_of
 from rfca_rig.errors import BadInput
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
 
 
 CAMERA_FILE = "twin-camera.toml"
+QUESTIONS = 10
 # Height over leg length of a stroke that presses the twin's leg well, and its speed: the first row of Table II.
 FIRST_HEIGHT_SHARE, FIRST_SPEED_RAD_S = 215.0 / 290.0, 2.433
 
@@ -31,6 +31,7 @@ def init(rig: RigFileToWrite = None, yes: TakeAll = False, mjcf: Model = None, d
     """Write a rig file after ten questions, or a draft of experiment.toml for recordings of any mechanism.
 
     Enter takes the suggested answer. Devices that are found on this computer are suggested; nothing that could move is touched.
+    From a pipe or a file: one answer per line, an empty line takes the suggested one.
     For a mechanism give its model and its recordings: --mjcf arm.xml --data recordings.
 
     Example: rfca-rig init --rig our-rig.toml
@@ -111,19 +112,17 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     found = _find_devices(folder)
     seen = [*(" ".join(bus) for bus in found.buses), *found.ports, *found.calibrations, *([f"Net F/T at {found.box}"] if found.box else [])]
     typer.echo(f"found on this computer: {', '.join(seen) if seen else 'no bus, serial port or force sensor'}", err=True)
-    asked = iter(range(1, 11))
+    asked = iter(range(1, QUESTIONS + 1))
+    # Python has no standard input where the shell closed it (<&-).
+    has_terminal = sys.stdin is not None and sys.stdin.isatty()
 
     def ask(question: str, suggestion: str, read: Callable[[str], Any]) -> Any:
         number = next(asked)
         if takes_all:
             return read(suggestion)
-        try:
-            return typer.prompt(f"{number}/10 {question}", default=suggestion, value_proc=read)
-        except Abort:
-            # The end of a file or of a pipe; ^C on a terminal stays what it is.
-            if sys.stdin.isatty():
-                raise
-            raise BadInput(f"init: no answer to question {number} of 10; answer on a terminal, or take all suggestions by --yes") from None
+        if has_terminal:
+            return typer.prompt(f"{number}/{QUESTIONS} {question}", default=suggestion, value_proc=read)
+        return _read_line(number, question, suggestion, read)
 
     leg = usual["leg"]
     lengths_mm = ask("lengths of the links from the shaft outwards, mm", _join(leg["link_lengths_mm"]), _read_numbers())
@@ -154,6 +153,23 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     return RigAnswers(
         lengths_mm, masses_g, below_mm, force_N, torque_Nm, drive, interface, channel, number, sensor, address, found.counts
     )  # fmt: skip
+
+
+def _read_line(number: int, question: str, suggestion: str, read: Callable[[str], Any]) -> Any:
+    """The answer in the next line of a pipe or file. Raises BadInput where there is none or it cannot be: it cannot be asked for again."""
+    try:
+        line = "" if sys.stdin is None else sys.stdin.readline()
+    except UnicodeDecodeError:
+        raise BadInput(f"init: line {number} of the answers is not UTF-8 text; save them as UTF-8") from None
+    if not line:
+        raise BadInput(
+            f"init: standard input holds {number - 1} of {QUESTIONS} answers; none for question {number}, {question}; give one answer per "
+            "line (an empty line takes the suggestion), answer on a terminal, or take all suggestions by --yes"
+        )
+    try:
+        return read(line.strip() or suggestion)
+    except typer.BadParameter as error:
+        raise BadInput(f"init: answer {number} of {QUESTIONS}, {question}: {line.strip()!r}; {error.message}") from None
 
 
 def _join(values: Any) -> str:

@@ -38,6 +38,7 @@ from rfca_rig.reports.diagnosis.tables import (
     residual_map_table,
     signals_table,
 )
+from rfca_rig.reports.page_units import convert_diagnosis
 from rfca_rig.reports.provenance import Origin, PageContext, find_pages
 from rfca_rig.reports.table import as_csv, table_files, write_all
 from rfca_rig.reports.text import count_noun, format_significant, signal_words, words_and_unit
@@ -55,7 +56,8 @@ __all__ = ["terminal_lines", "write_diagnosis"]
 
 
 def terminal_lines(diagnosis: Diagnosis) -> list[str]:
-    """Lines of at most 80 characters. Where there is too much to show, the last items are dropped."""
+    """Lines of at most 80 characters, in the units of the page. Where there is too much to show, the last items are dropped."""
+    diagnosis = convert_diagnosis(diagnosis)
     probability = diagnosis.probability
     verdict = diagnosis.grade.upper() + (f" ({format_probability(probability)})" if probability is not None else "")
     items = [(f"{verdict}: {diagnosis.sentence}", 3)]

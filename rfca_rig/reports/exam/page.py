@@ -5,7 +5,7 @@ for programs, exam.csv has a line for each case, and tables as CSV and LaTeX are
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from html import escape
 from math import isfinite
 from pathlib import Path
@@ -24,7 +24,17 @@ from rfca_rig.exam.score import LISTED, POWER_AT, ExamScores, Share
 from rfca_rig.exam.scored import ExamResult, ParameterDeviation, ScoredCase
 from rfca_rig.exam.scoring import ScoreGoal, bars
 from rfca_rig.reports.diagnosis.json_file import to_json_types
-from rfca_rig.reports.exam.tables import ablation_table, bars_table, confusion_table, follow_up_table, matrix_of
+from rfca_rig.reports.exam.tables import (
+    ARM_WORDS,
+    KIND_WORDS,
+    OUTCOME_WORDS,
+    VERDICT_WORDS,
+    ablation_table,
+    bars_table,
+    confusion_table,
+    follow_up_table,
+    matrix_of,
+)
 from rfca_rig.reports.provenance import Origin, command_line, version_text
 from rfca_rig.reports.style import ALIKE, BAD, FAINT, MEASURED, PALE, SMALL, drawing, inline_svg
 from rfca_rig.reports.table import Table, TableColumn, TableRow, table_files, write_all
@@ -83,10 +93,12 @@ def page(exam: ExamResult, files: Sequence[str] = (), version: str = __version__
         judged=len(judged),
         bars=[_bar(bar) for bar in all_bars],
         detectable=f"{DETECTABLE:g}",
-        ways=follow_up_table(exam.ways),
+        ways=follow_up_table([replace(way, arm=ARM_WORDS.get(way.arm, way.arm)) for way in exam.ways]),
         taken_out=ablation_table(exam.taken_out) if exam.taken_out else None,
         outcomes=_outcomes(marks),
-        meanings=MEANINGS,
+        meanings={OUTCOME_WORDS.get(word, word): meaning for word, meaning in MEANINGS.items()},
+        kind_words=KIND_WORDS,
+        verdict_words=VERDICT_WORDS,
         matrix=matrix_of(exam.cases),
         pictures=_pictures(exam),
         shades=[(colour, words) for _, colour, words in PARTS],
@@ -95,7 +107,7 @@ def page(exam: ExamResult, files: Sequence[str] = (), version: str = __version__
         gap=_gap(marks),
         power=_power(marks),
         detection=_detection(marks),
-        worst=[{"case": miss.case, "kind": miss.kind, "reason": miss.reason} for miss in marks.worst],
+        worst=[{"case": miss.case, "kind": KIND_WORDS.get(miss.kind, miss.kind), "reason": miss.reason} for miss in marks.worst],
         listed=LISTED,
         time=_time(exam.cases),
     )
@@ -139,8 +151,12 @@ def _plain(value: float) -> str:
 
 
 def _outcomes(marks: ExamScores) -> dict[str, Any]:
-    lines = [(kind, sum(counts.values()), [counts.get(word, 0) for word in OUTCOMES]) for kind, counts in marks.outcomes.items()]
-    return {"words": OUTCOMES, "lines": lines, "totals": [sum(counts[place] for _, _, counts in lines) for place in range(len(OUTCOMES))]}
+    lines = [
+        (KIND_WORDS.get(kind, kind), sum(counts.values()), [counts.get(word, 0) for word in OUTCOMES])
+        for kind, counts in marks.outcomes.items()
+    ]
+    words = [OUTCOME_WORDS.get(word, word) for word in OUTCOMES]
+    return {"words": words, "lines": lines, "totals": [sum(counts[place] for _, _, counts in lines) for place in range(len(OUTCOMES))]}
 
 
 def _pictures(exam: ExamResult) -> Mapping[str, str]:

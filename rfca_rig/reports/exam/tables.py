@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from math import isfinite
 
 from rfca_rig.exam import cases
-from rfca_rig.exam.answer import CLASS, EXTRA, RIGHT, VERDICTS, WRONG
+from rfca_rig.exam.answer import CAUTIOUS, CLASS, EXTRA, NAMED, RIGHT, SILENT, VERDICTS, WRONG
 from rfca_rig.exam.cases import SIZE_RANGES
-from rfca_rig.exam.follow_up import AblationResult, ArmResult
+from rfca_rig.exam.follow_up import RANDOM, AblationResult, ArmResult
+from rfca_rig.exam.pendulums.cases import PENDULUM_STRANGER
 from rfca_rig.exam.scored import ScoredCase
 from rfca_rig.exam.scoring import ScoreGoal
 from rfca_rig.reports.table import Table, TableColumn, TableRow, Value
@@ -18,6 +19,12 @@ from rfca_rig.reports.table import Table, TableColumn, TableRow, Value
 SEVERAL = "several effects"
 # Kinds of cases with one hidden effect or none. Cases with several have no single row.
 ROWS_OF = (cases.SINGLE, cases.WRONG_LAW, cases.STRANGER, cases.MISLABEL, cases.NOTHING, cases.MODEL_ERROR)
+# Words of the page for kinds of cases whose key in files and on the command line is no term of the field.
+KIND_WORDS = {cases.STRANGER: "effect outside the catalogue", PENDULUM_STRANGER: "pendulum, effect outside the catalogue"}
+# The same for outcomes.
+OUTCOME_WORDS = {CLASS: "in set", EXTRA: "extra effect", SILENT: "missed", CAUTIOUS: "inconclusive"}
+VERDICT_WORDS = {NAMED: "identified"}
+ARM_WORDS = {RANDOM: "at random"}
 SHADES = {RIGHT: "right", CLASS: "class", WRONG: "wrong", EXTRA: "wrong"}
 WORST_FIRST = ("wrong", "", "class", "right")
 
@@ -26,7 +33,7 @@ PASSED = {True: "passed", False: "failed", None: "no case"}
 
 @dataclass(frozen=True)
 class MatrixCell:
-    """Number of cases; `shade` is that of the worst answer among them, "" for one that is neither right nor a false name."""
+    """Number of cases; `shade` is that of the worst answer among them, "" for one that is neither right nor a wrong effect."""
 
     count: int
     shade: str

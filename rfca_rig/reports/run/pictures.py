@@ -21,11 +21,13 @@ from rfca_rig.reports.style import (
     BAD,
     FAINT,
     MEASURED,
+    NARROW_IN,
     PAPER,
     SIMULATED,
     Panel,
     drawing,
     envelope,
+    for_both_widths,
     hover_values,
     inline_svg,
     make_panel,
@@ -44,8 +46,12 @@ TRACE_COLUMNS = 60
 CYCLE_COLUMNS = 300
 # Sampling of simulated strokes, fine enough for a small panel.
 SAMPLE_S = 2e-3
-WIDE_IN = (8.6, 2.5)
-BOX = (0.08, 0.19, 0.91, 0.74)
+# Sizes, and margins on the left, below and above, of a figure across the page and on a narrow screen.
+WIDE_IN, LOW_IN = (8.6, 2.5), (NARROW_IN, 2.2)
+MOST_TICKS = 10
+MARGINS_IN = (0.69, 0.48, 0.18)
+# Three panels beside each other, or below each other.
+PANELS_IN, STACKED_IN = (8.6, 2.5), (NARROW_IN, 5.7)
 DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = ("-", (0, (4.0, 2.0)), (0, (1.0, 1.5)), "-.")
 FORCES = {"fy_N": "fy (N)", "fz_N": "fz (N)", "tx_Nm": "tx (N m)"}
 
@@ -114,17 +120,22 @@ def select_static_stages(stages: Sequence[StaticStage]) -> list[StaticStage]:
 
 def draw_static_forces(stages: Sequence[StaticStage]) -> str:
     """Means over the shaft angle, a line for each height; hollow markers for unloading."""
+    return for_both_widths(lambda is_narrow: _draw_static_forces(stages, is_narrow))
+
+
+def _draw_static_forces(stages: Sequence[StaticStage], is_narrow: bool) -> str:
     heights = sorted({stage.height_m for stage in stages})
     with drawing():
-        figure = Figure(figsize=WIDE_IN)
+        figure = Figure(figsize=STACKED_IN if is_narrow else PANELS_IN)
         for place, (name, words) in enumerate(FORCES.items()):
-            axes = figure.add_axes((0.075 + 0.325 * place, 0.2, 0.25, 0.68))
+            box = (0.15, 0.735 - 0.3267 * place, 0.83, 0.225) if is_narrow else (0.075 + 0.325 * place, 0.2, 0.25, 0.68)
+            axes = figure.add_axes(box)
             for height_m, dashes in zip(heights, DASHES, strict=False):
                 _static(axes, [stage for stage in stages if stage.height_m == height_m], name, dashes)
             axes.set_xlabel("shaft (degrees)")
             # Above the axis, where no tick label pushes it out of the figure.
             axes.set_title(words, loc="left", fontsize=9.2, pad=3.5)
-        return inline_svg(figure, "static forces", "fy, fz and tx over the angle of the shaft, at each height")
+        return inline_svg(figure, f"static forces {is_narrow}", "fy, fz and tx over the angle of the shaft, at each height")
 
 
 def _static(axes: Axes, stages: Sequence[StaticStage], name: str, dashes: str | tuple[int, tuple[float, ...]]) -> None:
@@ -147,30 +158,38 @@ def _sequence_starts(stages: Sequence[StaticStage]) -> list[int]:
 
 def draw_cycles(story: RunStory) -> str:
     """Largest force and smallest fz of each cycle over its number, with the force that the model predicts."""
+    return for_both_widths(lambda is_narrow: _draw_cycles(story, is_narrow))
+
+
+def _draw_cycles(story: RunStory, is_narrow: bool) -> str:
     found = cycle_table(story.recording)
     order = np.argsort(found.numbers, kind="stable")
     numbers = found.numbers[order].astype(float)
     expected = next((part.expected for part in story.parts if part.kind == "cycles" and part.expected), None)
     with drawing():
-        figure, axes = _wide_figure()
+        figure, axes = _make_figure(is_narrow)
         if expected is not None:
             axes.axhline(expected.force_N, color=SIMULATED, lw=2.2)
         for values, dashes in ((found.peak_force_N[order], "-"), (found.min_fz_N[order], (0, (3, 1.5)))):
-            axes.plot(*envelope(numbers, values, CYCLE_COLUMNS), color=MEASURED, lw=0.8, ls=dashes)
+            axes.plot(*envelope(numbers, values, CYCLE_COLUMNS // (2 if is_narrow else 1)), color=MEASURED, lw=0.8, ls=dashes)
         axes.set_xlabel("cycle")
         axes.set_ylabel("force (N)")
         axes.margins(x=0.0, y=0.08)
         _count_below(axes)
-        return inline_svg(figure, "cycles", "largest force and least fz of each cycle over its number")
+        return inline_svg(figure, f"cycles {is_narrow}", "largest force and least fz of each cycle over its number")
 
 
 def draw_checks(checks: Table) -> str:
     """Drift of the stiffness with its interval over the number of cycles before each check, between the limits."""
+    return for_both_widths(lambda is_narrow: _draw_checks(checks, is_narrow))
+
+
+def _draw_checks(checks: Table, is_narrow: bool) -> str:
     rows = [row.values for row in checks.rows]
     x, drift, half = (np.array([float(str(row[key])) for row in rows]) for key in ("cycles", "drift_pct", "half_pct"))
     limit = max(float(str(row["limit_pct"])) for row in rows)
     with drawing():
-        figure, axes = _wide_figure()
+        figure, axes = _make_figure(is_narrow)
         axes.axhline(0.0, color=FAINT, lw=0.6)
         for side in (-limit, limit):
             axes.axhline(side, color=BAD, lw=0.9, ls=(0, (5, 2)))
@@ -180,17 +199,18 @@ def draw_checks(checks: Table) -> str:
         _count_below(axes)
         axes.set_xlabel("cycles")
         axes.set_ylabel("drift (%)")
-        return inline_svg(figure, "checks", "drift of the stiffness over cycles, between its limits")
+        return inline_svg(figure, f"checks {is_narrow}", "drift of the stiffness over cycles, between its limits")
 
 
-def _wide_figure() -> tuple[Figure, Axes]:
-    figure = Figure(figsize=WIDE_IN)
-    return figure, figure.add_axes(BOX)
+def _make_figure(is_narrow: bool) -> tuple[Figure, Axes]:
+    (wide, high), (left, below, above) = LOW_IN if is_narrow else WIDE_IN, MARGINS_IN
+    figure = Figure(figsize=(wide, high))
+    return figure, figure.add_axes((left / wide, below / high, (wide - left - 0.1) / wide, (high - below - above) / high))
 
 
 def _count_below(axes: Axes) -> None:
     """Labels the x axis with whole numbers, grouped by thousands."""
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=MOST_TICKS if axes.figure.get_figwidth() > NARROW_IN else MOST_TICKS // 2))
     axes.xaxis.set_major_formatter(lambda value, _: in_thousands(f"{value:.0f}"))
 
 

@@ -19,6 +19,7 @@ from rfca_rig.reports.style import (
     BAD,
     FAINT,
     MEASURED,
+    NARROW_IN,
     OTHER,
     PAPER,
     SIMULATED,
@@ -26,6 +27,7 @@ from rfca_rig.reports.style import (
     SMALL,
     check_picture_path,
     drawing,
+    for_both_widths,
     inline_svg,
     save_picture,
 )
@@ -33,9 +35,9 @@ from rfca_rig.reports.style import (
 Floats = NDArray[np.float64]
 
 SIZE_IN = (4.9, 3.7)
-LOW_IN = (10.0, 2.3)
+LOW_IN, NARROW_LOW_IN = (10.0, 2.3), (NARROW_IN, 2.3)
 BOX = (0.125, 0.135, 0.86, 0.835)
-LOW_BOX = (0.075, 0.215, 0.916, 0.735)
+LOW_BOX, NARROW_LOW_BOX = (0.075, 0.215, 0.916, 0.735), (0.17, 0.215, 0.8, 0.735)
 DASHES: dict[str, tuple[int, tuple[float, ...]]] = {
     "other": (0, (3.2, 1.8)),
     "link": (0, (1.0, 1.6)),
@@ -110,7 +112,12 @@ def draw_residuals(result: StaticResult) -> str:
         axes.set_xlim(left=0.0)
         axes.set_ylabel("off the curve (N m)")
 
-    return _draw_figure(draw, LOW_IN, LOW_BOX, "rest", "measured torques less the curve, over rotation")
+    label = "measured torques less the curve, over rotation"
+    return for_both_widths(
+        lambda is_narrow: _draw_figure(
+            draw, NARROW_LOW_IN if is_narrow else LOW_IN, NARROW_LOW_BOX if is_narrow else LOW_BOX, f"rest {is_narrow}", label
+        )
+    )
 
 
 def _draw_figure(

@@ -295,7 +295,9 @@ def _draw_map(figure: Figure, axes: Axes, x: Axis, y: Axis, values: Floats, head
         darkest_far_from_0 = SHADES.reversed() if known.max() <= 0.0 else SHADES
         shades = axes.contourf(across, up, known, levels=levels, cmap=darkest_far_from_0)
         lines = axes.contour(across, up, known, levels=levels[1:-1], colors="#1b1b1b", linewidths=0.5, linestyles="solid")
-        axes.clabel(lines, fontsize=SMALL, fmt=lambda level: value_text(float(level)))
+        for label in axes.clabel(lines, fontsize=SMALL, fmt=lambda level: value_text(float(level))):
+            # Near the border the axes would cut it.
+            label.set_clip_on(False)
         figure.colorbar(shades, ax=axes, label=axis_label(header), aspect=30, pad=0.02)
     # Failed cases are marked: a gap in a map could be taken for a value.
     missing = np.argwhere(np.isnan(values))
