@@ -1,5 +1,7 @@
 """A whole run with an effect of a lab's own, which the recording keeps."""
 
+import json
+import runpy
 from pathlib import Path
 
 import pytest
@@ -39,3 +41,22 @@ def test_without_its_folder_the_rig_file_is_refused_in_one_line(tmp_path, monkey
     assert said.exit_code == 2
     assert "cubic_damping" in said.err
     assert said.err.count("\n") == 1
+
+
+def test_the_guide_shows_the_trial_that_is_tested():
+    assert (EXAMPLES / "own_effect_trial.py").read_text() in (ROOT / "docs" / "add-an-effect.md").read_text()
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_a_diagnosis_identifies_it_in_recordings_that_hold_it(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("xarray")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(FOLDER_VARIABLE, str(EXAMPLES / "effects"))
+    assert typed(monkeypatch, capsys, "init", "--rig", "our-rig.toml", "--yes").exit_code == 0
+    runpy.run_path(str(EXAMPLES / "own_effect_trial.py"))
+    assert typed(monkeypatch, capsys, "diagnose", "trial", "--out", "diagnosis").exit_code == 0
+    found = json.loads(Path("diagnosis", "diagnosis.json").read_text(encoding="utf-8"))
+    assert (found["grade"], [effect["id"] for effect in found["effects"]]) == ("identified", ["cubic_damping"])
+    (value,) = (one["value"] for one in found["effects"][0]["parameters"].values())
+    assert value == pytest.approx(0.08, rel=0.05)

@@ -226,6 +226,8 @@ def test_the_player_of_a_recording_fits_a_phone(show):
     for part in ("#play", "#speed", "#slider", "#clock"):
         box = page.locator(part).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= 390, part
+    # Every value stands beside the name of its panel.
+    assert page.evaluate("[...document.querySelectorAll('.panel .head')].every(each => each.scrollWidth <= each.clientWidth)")
     page.set_viewport_size(DESKTOP)
 
 

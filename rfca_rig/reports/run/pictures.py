@@ -175,7 +175,7 @@ def _draw_cycles(story: RunStory, is_narrow: bool) -> str:
         axes.set_xlabel("cycle")
         axes.set_ylabel("force (N)")
         axes.margins(x=0.0, y=0.08)
-        _count_below(axes)
+        _count_below(axes, is_narrow)
         return inline_svg(figure, f"cycles {is_narrow}", "largest force and least fz of each cycle over its number")
 
 
@@ -196,7 +196,7 @@ def _draw_checks(checks: Table, is_narrow: bool) -> str:
         axes.vlines(x, drift - half, drift + half, color=MEASURED, lw=0.9)
         axes.plot(x, drift, color=MEASURED, lw=0.6, marker="o", ms=3.5)
         axes.set_xlim(0.0, 1.04 * float(x.max()))
-        _count_below(axes)
+        _count_below(axes, is_narrow)
         axes.set_xlabel("cycles")
         axes.set_ylabel("drift (%)")
         return inline_svg(figure, f"checks {is_narrow}", "drift of the stiffness over cycles, between its limits")
@@ -208,9 +208,9 @@ def _make_figure(is_narrow: bool) -> tuple[Figure, Axes]:
     return figure, figure.add_axes((left / wide, below / high, (wide - left - 0.1) / wide, (high - below - above) / high))
 
 
-def _count_below(axes: Axes) -> None:
+def _count_below(axes: Axes, is_narrow: bool) -> None:
     """Labels the x axis with whole numbers, grouped by thousands."""
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=MOST_TICKS if axes.figure.get_figwidth() > NARROW_IN else MOST_TICKS // 2))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=MOST_TICKS // 2 if is_narrow else MOST_TICKS))
     axes.xaxis.set_major_formatter(lambda value, _: in_thousands(f"{value:.0f}"))
 
 
