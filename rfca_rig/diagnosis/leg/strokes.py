@@ -176,9 +176,12 @@ def dynamic_label(condition: str, signal: str) -> Label:
 
 def make_dynamic_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn) -> DynamicCondition | Undetermined:
     """The condition as observations; refused where none of its strokes shows a touchdown and a valley."""
-    good = [(s, p) for s in condition.strokes if not isinstance((p := _phases(s)), Undetermined)]
+    found = [(stroke, _phases(stroke)) for stroke in condition.strokes]
+    good = [(stroke, phases) for stroke, phases in found if not isinstance(phases, Undetermined)]
     if not good:
-        return Undetermined(f"{condition.label}: no stroke shows a touchdown and a valley")
+        # The reason of the first stroke: a sampling rate that is too low is the same in all.
+        reason = next((f": {phases.reason}" for _, phases in found if isinstance(phases, Undetermined)), "")
+        return Undetermined(f"{condition.label}: no stroke shows a touchdown and a valley{reason}")
     strokes = [stroke for stroke, _ in good]
     moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, p in good])
     # The median over repeats: a single badly detected moment does not shift the bins.

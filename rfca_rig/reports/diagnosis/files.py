@@ -91,7 +91,7 @@ def _body(diagnosis: Diagnosis) -> Iterable[str]:
     if diagnosis.not_seen:
         yield f"ruled out: {count_noun(ruled_out, 'effect')}; not tested by these data: {len(diagnosis.not_seen) - ruled_out}"
     if diagnosis.next_experiment:
-        yield "next: " + "; ".join(f"{name}: {text}" for name, text in entries(diagnosis.next_experiment))
+        yield "next: " + "; ".join(f"{name}: {text}" for name, text in entries(diagnosis.next_experiment) if text)
 
 
 def _effect(effect: NamedEffect) -> str:

@@ -10,6 +10,7 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.result import describe_pair
@@ -33,6 +34,8 @@ Floats = NDArray[np.float64]
 
 # Points of one series in one panel.
 MOST_POINTS = 400
+# Share of the x axis at its end where the label of a tick is wider than the margin.
+CUT_SHARE = 0.03
 POSITION, SPEED = "_position_", "_speed_"
 
 PAGE = "report.html"
@@ -140,9 +143,19 @@ def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, P
                 # Every n-th point, n rounded up: more points only blacken the panel.
                 every = max(1, -(-len(one.residual) // MOST_POINTS))
                 axes.plot(getattr(one, part)[::every], one.residual[::every], ls="", marker=".", ms=3.4, mew=0.0, color=one.color)
+            _drop_cut_tick(axes)
             svg = inline_svg(figure, f"residual {name} {part}", escape(f"residual of {words} over {part} of the joint", quote=True))
         panels.append(Panel("", svg))
     return panels[0], panels[1]
+
+
+def _drop_cut_tick(axes: Axes) -> None:
+    """Removes the tick at the right end of the axis, whose label the edge of the figure would cut."""
+    low, high = axes.get_xlim()
+    ticks = [each for each in axes.get_xticks() if low <= each <= high]
+    if ticks and ticks[-1] > high - CUT_SHARE * (high - low):
+        axes.set_xticks(ticks[:-1])
+        axes.set_xlim(low, high)
 
 
 @dataclass(frozen=True)
@@ -231,7 +244,10 @@ def write_motions(report: MotionsReport, fit: WindowFit, out: Path, origin: Orig
         Where a file cannot be written.
     """
     shown_fit = convert_fit(fit)
-    tables, shown_tables = ((_error_table(report, one), *((_shift_table(report, one),) if one.shifts else ())) for one in (fit, shown_fit))
+    tables, shown_tables = (
+        (_error_table(report, one), *((_shift_table(report, one, is_shown),) if one.shifts else ()))
+        for one, is_shown in ((fit, False), (shown_fit, True))
+    )
     overlays, recordings = list(_worst_recordings(shown_fit)), len({one.condition for one in fit.overlays})
     shown = len({one.condition for one in overlays})
     contents = {
@@ -275,13 +291,19 @@ def _error_row(error: SignalError) -> TableRow:
     return TableRow({"run": error.run, "signal": words, "unit": unit, **_errors(error)}, digits=5)
 
 
-def _shift_table(report: MotionsReport, fit: WindowFit) -> Table:
-    caption = "Shift of each nominal value that fits all recordings best, ± one standard deviation; its unit is the end of its name."
+def _shift_table(report: MotionsReport, fit: WindowFit, is_shown: bool) -> Table:
+    """Shifts by their keys, as files have them; on the page, where it `is_shown`, in words with a column for the unit."""
+    caption = "Shift of each nominal value that fits all recordings best, ± one standard deviation"
+    caption += "." if is_shown else "; its unit is the end of its name."
     strained = [abs(shift.value) > STRAINED * shift.prior_std for shift in fit.shifts]
     if any(strained):
         caption += f" Bold: more than {STRAINED:g} prior standard deviations, so that the model probably lacks an effect."
-    rows = tuple(TableRow(dict(shift.__dict__), marked=is_far) for shift, is_far in zip(fit.shifts, strained, strict=True))
-    return Table(f"{report.stem}-values", caption, SHIFTS, rows)
+    rows = []
+    for shift, is_far in zip(fit.shifts, strained, strict=True):
+        words, unit = words_and_unit(shift.name)
+        rows.append(TableRow({**shift.__dict__, **({"name": words, "unit": unit} if is_shown else {})}, marked=is_far))
+    columns = (SHIFTS[0], TableColumn("unit", "Unit"), *SHIFTS[1:]) if is_shown else SHIFTS
+    return Table(f"{report.stem}-values", caption, columns, tuple(rows))
 
 
 def _signal_table(report: MotionsReport, fit: WindowFit) -> Table:
