@@ -12,10 +12,11 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import wraps
 from html import escape
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import matplotlib as mpl
 import numpy as np
@@ -55,6 +56,7 @@ SMALL = 9.0
 FORMATS = (".svg", ".png", ".pdf")
 
 Floats = NDArray[np.float64]
+Drawn = TypeVar("Drawn")
 
 # The same on dark paper, with the contrasts of the light colours.
 DARK = {
@@ -272,13 +274,18 @@ def inline_svg(figure: Figure, salt: str, label: str, hovers: Sequence[Hover] = 
     return f'<svg {size[0] if size else ""} role="img" aria-label="{label}" {style}>{body[:end]}{pointed}{body[end:]}'.strip()
 
 
-def for_both_widths(draw: Callable[[bool], str]) -> str:
-    """A figure across the page and, for a narrow screen, the same redrawn in its width; the style sheet shows one of them.
+def for_both_widths(draw: Callable[[Drawn, bool], str]) -> Callable[[Drawn], str]:
+    """Decorator: a figure across the page and, for a narrow screen, the same redrawn in its width; the style sheet shows one of them.
 
-    `draw` returns the narrow figure where it is given True.
+    `draw` returns the narrow figure where its second argument is True.
     """
-    wide, narrow = (draw(is_narrow).replace("<svg ", f'<svg class="{name}" ', 1) for is_narrow, name in ((False, "desk"), (True, "phone")))
-    return wide + narrow
+
+    @wraps(draw)
+    def both(drawn: Drawn) -> str:
+        pair = ((False, "desk"), (True, "phone"))
+        return "".join(draw(drawn, is_narrow).replace("<svg ", f'<svg class="{name}" ', 1) for is_narrow, name in pair)
+
+    return both
 
 
 def _hover_area(hover: Hover, figure: Figure) -> str:

@@ -118,12 +118,9 @@ def select_static_stages(stages: Sequence[StaticStage]) -> list[StaticStage]:
     return [stages[place] for number in chosen for place in pieces[number]]
 
 
-def draw_static_forces(stages: Sequence[StaticStage]) -> str:
+@for_both_widths
+def draw_static_forces(stages: Sequence[StaticStage], is_narrow: bool) -> str:
     """Means over the shaft angle, a line for each height; hollow markers for unloading."""
-    return for_both_widths(lambda is_narrow: _draw_static_forces(stages, is_narrow))
-
-
-def _draw_static_forces(stages: Sequence[StaticStage], is_narrow: bool) -> str:
     heights = sorted({stage.height_m for stage in stages})
     with drawing():
         figure = Figure(figsize=STACKED_IN if is_narrow else PANELS_IN)
@@ -156,12 +153,9 @@ def _sequence_starts(stages: Sequence[StaticStage]) -> list[int]:
     return [place for place, (a, b) in pairs if b.direction == "loading" and b.shaft_angle_rad < a.shaft_angle_rad]
 
 
-def draw_cycles(story: RunStory) -> str:
+@for_both_widths
+def draw_cycles(story: RunStory, is_narrow: bool) -> str:
     """Largest force and smallest fz of each cycle over its number, with the force that the model predicts."""
-    return for_both_widths(lambda is_narrow: _draw_cycles(story, is_narrow))
-
-
-def _draw_cycles(story: RunStory, is_narrow: bool) -> str:
     found = cycle_table(story.recording)
     order = np.argsort(found.numbers, kind="stable")
     numbers = found.numbers[order].astype(float)
@@ -179,12 +173,9 @@ def _draw_cycles(story: RunStory, is_narrow: bool) -> str:
         return inline_svg(figure, f"cycles {is_narrow}", "largest force and least fz of each cycle over its number")
 
 
-def draw_checks(checks: Table) -> str:
+@for_both_widths
+def draw_checks(checks: Table, is_narrow: bool) -> str:
     """Drift of the stiffness with its interval over the number of cycles before each check, between the limits."""
-    return for_both_widths(lambda is_narrow: _draw_checks(checks, is_narrow))
-
-
-def _draw_checks(checks: Table, is_narrow: bool) -> str:
     rows = [row.values for row in checks.rows]
     x, drift, half = (np.array([float(str(row[key])) for row in rows]) for key in ("cycles", "drift_pct", "half_pct"))
     limit = max(float(str(row["limit_pct"])) for row in rows)

@@ -88,7 +88,8 @@ def draw_stiffness(result: StaticResult, elastica: Sequence[PredictedHingeCurve]
     return _draw_figure(draw, SIZE_IN, BOX, "stiffness", "equivalent stiffness of a hinge over its rotation, with band")
 
 
-def draw_residuals(result: StaticResult) -> str:
+@for_both_widths
+def draw_residuals(result: StaticResult, is_narrow: bool) -> str:
     """Residual torque of every angle in N m, with its error from angle and forces together."""
     curve, points = result.curve, result.points
 
@@ -112,12 +113,8 @@ def draw_residuals(result: StaticResult) -> str:
         axes.set_xlim(left=0.0)
         axes.set_ylabel("off the curve (N m)")
 
-    label = "measured torques less the curve, over rotation"
-    return for_both_widths(
-        lambda is_narrow: _draw_figure(
-            draw, NARROW_LOW_IN if is_narrow else LOW_IN, NARROW_LOW_BOX if is_narrow else LOW_BOX, f"rest {is_narrow}", label
-        )
-    )
+    size_in, box = (NARROW_LOW_IN, NARROW_LOW_BOX) if is_narrow else (LOW_IN, LOW_BOX)
+    return _draw_figure(draw, size_in, box, f"rest {is_narrow}", "measured torques less the curve, over rotation")
 
 
 def _draw_figure(

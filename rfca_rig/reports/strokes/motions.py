@@ -10,7 +10,6 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.result import describe_pair
@@ -143,19 +142,13 @@ def _draw(name: str, position: str, series: Sequence[_Series]) -> tuple[Panel, P
                 # Every n-th point, n rounded up: more points only blacken the panel.
                 every = max(1, -(-len(one.residual) // MOST_POINTS))
                 axes.plot(getattr(one, part)[::every], one.residual[::every], ls="", marker=".", ms=3.4, mew=0.0, color=one.color)
-            _drop_cut_tick(axes)
+            # The edge of the figure would cut the label of a tick at the right end.
+            low, high = axes.get_xlim()
+            axes.set_xticks([each for each in axes.get_xticks() if low <= each <= high - CUT_SHARE * (high - low)])
+            axes.set_xlim(low, high)
             svg = inline_svg(figure, f"residual {name} {part}", escape(f"residual of {words} over {part} of the joint", quote=True))
         panels.append(Panel("", svg))
     return panels[0], panels[1]
-
-
-def _drop_cut_tick(axes: Axes) -> None:
-    """Removes the tick at the right end of the axis, whose label the edge of the figure would cut."""
-    low, high = axes.get_xlim()
-    ticks = [each for each in axes.get_xticks() if low <= each <= high]
-    if ticks and ticks[-1] > high - CUT_SHARE * (high - low):
-        axes.set_xticks(ticks[:-1])
-        axes.set_xlim(low, high)
 
 
 @dataclass(frozen=True)
