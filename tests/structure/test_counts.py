@@ -7,11 +7,11 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 454,
-    "lines": 89_450,
-    "lines of code": 57_050,
+    "lines": 89_600,
+    "lines of code": 57_100,
     "modules with one user, in their package": 33,
-    "functions": 5_985,
-    "private functions with one use": 715,
+    "functions": 5_995,
+    "private functions with one use": 718,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,
