@@ -15,7 +15,6 @@ import numpy as np
 from rfca_rig import subprocesses
 from rfca_rig.acquisition.ring import Ring, RingReader
 from rfca_rig.clock import WallClock
-from rfca_rig.codecs.rdt import MAX_RECORDS, PORT, RECORD_BYTES
 from rfca_rig.drivers.ports import UdpDatagrams
 from rfca_rig.errors import DeviceError
 
@@ -156,13 +155,13 @@ class AcquiredDatagrams:
     Raises DeviceError if the host cannot be addressed.
     """
 
-    def __init__(self, host: str, clock: WallClock, port: int = PORT, ring_records: int = RING_RECORDS) -> None:
-        self._peer = f"{host}:{port}"
-        self._ring = Ring.create(ring_records, RECORD_BYTES)
+    def __init__(self, source: RecordSource, clock: WallClock, ring_records: int = RING_RECORDS) -> None:
+        self._source = source
+        self._peer = f"{source.host}:{source.port}"
+        self._ring = Ring.create(ring_records, source.record_bytes)
         self._reader = RingReader(self._ring)
         self._refused = 0
         self.ring_name = self._ring.name
-        source = RecordSource(host, port, RECORD_BYTES, MAX_RECORDS)
         try:
             self._process, self._child = start_acquisition(AcquisitionAssignment(source, self.ring_name, clock))
         except OSError as error:
@@ -200,7 +199,8 @@ class AcquiredDatagrams:
     def receive_all(self) -> list[bytes]:
         self._check()
         records = self._reader.read().records
-        in_one = [records[at : at + MAX_RECORDS].tobytes() for at in range(0, len(records), MAX_RECORDS)]
+        most = self._source.most_records
+        in_one = [records[at : at + most].tobytes() for at in range(0, len(records), most)]
         refused, size = self._ring.refused
         new, self._refused = refused - self._refused, refused
         # The driver's decoder refuses the zeros, and so counts the datagram as malformed.

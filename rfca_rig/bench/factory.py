@@ -1,6 +1,6 @@
 """Opens the devices that a rig file describes: the real ones, or their twins on wires of their own.
 
-The make of a motor is asked of the registry (`devices`).
+The make of a device is asked of the registry (`devices`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,11 +12,11 @@ import numpy as np
 
 from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
-from rfca_rig.bench.sensors import make_camera, make_force_sensor, make_sensor_pair, make_twin_camera
+from rfca_rig.bench.sensors import make_camera, make_force_sensor, make_sensor_pair, make_twin_camera, sensor_twin_maker
 from rfca_rig.clock import Clock, TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinDriveSection, TwinSection
 from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, load_object
-from rfca_rig.devices.motor import MotorKeys, OwnMotorSection
+from rfca_rig.devices.sections import MotorKeys, OwnMotorSection
 from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import TorqueOffFrames
 from rfca_rig.drivers.roles import ShaftMotor
@@ -25,6 +25,7 @@ from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.guardian.guarded_bus import GuardedBus
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twin_server.faults import FaultEvent
+from rfca_rig.twin_server.open_ports import TwinMaker
 from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.wires import can_wire
 from rfca_rig.twins.world import MotorTwin, SensorTwin, TwinPlant, TwinWorld
@@ -152,7 +153,7 @@ def _twin_bench(
     drivers_end, twins_end = stack.enter_context(can_wire())
     # Separate generators: a different number of sensor records then changes nothing in the friction of a touchdown.
     noise, chance = _randomness(seed)
-    pair = make_sensor_pair(rig, twin, noise, faults.on_link)
+    pair = make_sensor_pair(rig, sensor_twin_maker(rig, twin, noise), faults.panel)
     twins = _put_together(rig, twin, chance, faults.on_bus(twins_end), pair.twin)
     clock.carry(faults.with_faults(twins.world.process, twins.motor))
     # A third generator, so that photos change neither the sensor's noise nor the scatter.
@@ -170,13 +171,10 @@ class Twins:
     world: TwinWorld
 
 
-SensorMaker = Callable[[RigFile, TwinSection, np.random.Generator], SensorTwin]
-
-
-def make_twins(rig: RigFile, twin: TwinSection, seed: int, bus: can.BusABC, make_sensor: SensorMaker) -> Twins:
-    """The twins of a rig on their ends of the wires; `make_sensor` makes the sensor's. `seed` decides all their randomness."""
+def make_twins(rig: RigFile, twin: TwinSection, seed: int, bus: can.BusABC, put_on_ports: Callable[[TwinMaker], SensorTwin]) -> Twins:
+    """The twins of a rig on their ends of the wires; `put_on_ports` makes the sensor's on its wire. `seed` decides all their randomness."""
     noise, chance = _randomness(seed)
-    return _put_together(rig, twin, chance, bus, make_sensor(rig, twin, noise))
+    return _put_together(rig, twin, chance, bus, put_on_ports(sensor_twin_maker(rig, twin, noise)))
 
 
 def _randomness(seed: int) -> tuple[np.random.Generator, np.random.Generator]:

@@ -5,12 +5,9 @@ from collections.abc import Callable, Sequence
 import can
 
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.devices import find_motor, load_object
-from rfca_rig.devices.force_sensor import NetFtSection
+from rfca_rig.devices import find_motor, find_sensor, load_object
 from rfca_rig.twin_server.faults import (
-    BOX_FAULTS,
     CAN_FAULTS,
-    FORCE_FAULTS,
     DriveFaults,
     Fault,
     FaultEvent,
@@ -18,21 +15,19 @@ from rfca_rig.twin_server.faults import (
     FaultSchedule,
     TamperedBus,
 )
-from rfca_rig.twin_server.netft_ports import TamperedLink
-from rfca_rig.twins.wires import DatagramLink
 from rfca_rig.twins.world import MotorTwin
 
 
 def faults_of(rig: RigFile) -> tuple[Fault, ...]:
-    """Every fault that this rig's devices can have, except those of the sensor box's own pages."""
-    # Faults of the force stream act on UDP datagrams, which only a Net F/T sends.
-    force = FORCE_FAULTS if isinstance(rig.force_sensor, NetFtSection) else ()
-    return (*force, *CAN_FAULTS, *drive_faults_of(rig).faults)
+    """Every fault that this rig's devices can have, except those of ports for other programs."""
+    wire = find_sensor(rig.force_sensor.device).find_wire()
+    return (*(wire.faults if wire else ()), *CAN_FAULTS, *drive_faults_of(rig).faults)
 
 
 def faults_of_served_rig(rig: RigFile) -> tuple[Fault, ...]:
-    """The same for a rig whose sensor box has pages that clients read."""
-    return (*faults_of(rig), *(BOX_FAULTS if isinstance(rig.force_sensor, NetFtSection) else ()))
+    """The same for a rig whose devices are on ports for other programs."""
+    wire = find_sensor(rig.force_sensor.device).find_wire()
+    return (*faults_of(rig), *(wire.port_faults if wire else ()))
 
 
 def drive_faults_of(rig: RigFile) -> DriveFaults:
@@ -57,9 +52,10 @@ class FaultInjection:
         """The drive's end of the wire."""
         return end if self._is_idle else TamperedBus(end, self._panel, drive_faults_of(self._rig).dialect)
 
-    def on_link(self, link: DatagramLink) -> DatagramLink:
-        """The sensor's end of the network."""
-        return link if self._is_idle else TamperedLink(link, self._panel)
+    @property
+    def panel(self) -> FaultPanel | None:
+        """The switches of the sensor's faults; None where nothing is ordered."""
+        return None if self._is_idle else self._panel
 
     def with_faults(self, process: Callable[[float], None], motor: MotorTwin) -> Callable[[float], None]:
         """`process`, which advances the twins to a time, preceded by the faults that are due until then."""

@@ -11,8 +11,7 @@ import numpy as np
 from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.devices import package_of
-from rfca_rig.devices.own import texts_of
+from rfca_rig.devices.own import packages_of, texts_of
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.written_plan import PlanProgress, parse_plan
@@ -210,8 +209,8 @@ def _list_keys(keys: list[str]) -> str:
 
 def _other_drivers(begun: InterruptedRun, now: RigFile) -> dict[str, str]:
     """Files of a lab's own devices whose text has changed, and an installed package whose version has, as they are now."""
-    before, package = begun.header.provenance, package_of(now.motor.device)
-    present = {**texts_of(now.motor, now.force_sensor), **({"motor_package": package} if package else {})}
+    before = begun.header.provenance
+    present = {**texts_of(now.motor, now.force_sensor), **packages_of(now.motor, now.force_sensor)}
     return {name: text for name, text in present.items() if before.get(name, text) != text}
 
 

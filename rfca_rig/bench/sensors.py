@@ -1,4 +1,4 @@
-"""Makes drivers and twins of the force sensors and cameras that a rig file may name: the one place that knows them all."""
+"""Makes drivers and twins of the force sensor and the camera that a rig file names. The make of a sensor is asked of the registry."""
 
 import sys
 from collections.abc import Callable
@@ -8,62 +8,34 @@ from pathlib import Path
 
 import numpy as np
 
-from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.codecs.ati_calibration import TransducerCalibration, parse_calibration
-from rfca_rig.codecs.ati_serial import MAX_COUNT
 from rfca_rig.description.camera_file import CameraSection, OpenCvCameraSection, PhotoFolderSection, TwinCameraSection
 from rfca_rig.description.rig_file import RigFile, TwinSection
-from rfca_rig.devices.force_sensor import AtiDaqSection, AtiSerialSection, ForceSensorKeys, NetFtSection, OwnForceSensorSection
-from rfca_rig.devices.own import twin_of
+from rfca_rig.devices import find_sensor
 from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
-from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor
-from rfca_rig.drivers.force_sensors.daq_ft import DaqFtSensor, DaqFtSettings, NidaqmxGages
-from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtBox, NetFtSensor, NetFtSettings
-from rfca_rig.drivers.ports import UdpDatagrams, advise_receive_buffer, open_port
 from rfca_rig.drivers.roles import Camera, ForceSensor, Photo, Photographer
-from rfca_rig.errors import BadInput
-from rfca_rig.subprocesses import can_be_started
-from rfca_rig.twins.ati_sensors import AtiSerialTwin, AtiSerialTwinSettings, DaqFtTwin, DaqFtTwinSettings
+from rfca_rig.twin_server.faults import FaultPanel
+from rfca_rig.twin_server.open_ports import TwinMaker
 from rfca_rig.twins.camera import CameraTwin, StandingLeg
-from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.wires import DatagramLink, SerialLine, datagram_link, serial_line
 from rfca_rig.twins.world import SensorTwin
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 
 def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> ForceSensor:
     """The driver that [force_sensor] names, on the real device; what it opened is closed with the stack."""
-    sensor = rig.force_sensor
-    match sensor:
-        case NetFtSection():
-            # A process of its own empties the socket, so that a busy loop loses no records.
-            datagrams = AcquiredDatagrams(sensor.host, clock, sensor.port) if can_be_started() else UdpDatagrams(sensor.host, sensor.port)
-            stack.callback(datagrams.close)
-            return NetFtSensor(
-                datagrams, clock, netft_settings(sensor), netft_box(sensor), advise_receive_buffer(datagrams.receive_buffer_bytes)
-            )
-        case AtiSerialSection():
-            port = open_port(sensor.port, sensor.bits_per_s)
-            stack.callback(port.close)
-            return AtiSerialSensor(port, clock, sensor.settings())
-        case AtiDaqSection():
-            calibration = _calibration(sensor)
-            gages = NidaqmxGages(sensor.channels, sensor.rate_Hz, calibration.rails_V)
-            stack.callback(gages.stop)
-            return DaqFtSensor(gages, clock, calibration, DaqFtSettings(sensor.rate_Hz, sensor.unloaded_V))
-        case OwnForceSensorSection():
-            keys = _keys_of_loaded(sensor)
-            way = keys.open()
-            stack.callback(way.close)
-            return keys.driver(way, clock)
+    keys = rig.force_sensor
+    make = find_sensor(keys.device)
+    way = make.open_way(keys, clock)
+    stack.callback(way.close)
+    return make.make_driver(keys, way, clock)
 
 
-def _keys_of_loaded(sensor: OwnForceSensorSection) -> ForceSensorKeys:
-    if isinstance(sensor, ForceSensorKeys):
-        return sensor
-    # Own devices are loaded relative to the rig file; a section made without a file has no driver.
-    raise BadInput(f"{sensor.file} was not loaded; read the rig file from where it stands")
+def sensor_twin_maker(rig: RigFile, twin: TwinSection, random: np.random.Generator) -> TwinMaker:
+    """Makes the twin that [force_sensor] names, on its end of a wire. `random` is the sensor's noise."""
+    keys = rig.force_sensor
+    # One value for the three forces, one for the three moments.
+    noise_std = (twin.noise_N,) * 3 + (twin.noise_Nm,) * 3
+    return lambda end: find_sensor(keys.device).make_twin(end, keys, noise_std, random)
 
 
 @dataclass(frozen=True)
@@ -74,106 +46,16 @@ class SensorPair:
     driver: Callable[[Clock], ForceSensor]
 
 
-def make_sensor_pair(
-    rig: RigFile, twin: TwinSection, random: np.random.Generator, on_link: Callable[[DatagramLink], DatagramLink]
-) -> SensorPair:
-    """The twin that [force_sensor] names, on a wire of its own in this process. `random` is the sensor's noise.
-
-    `on_link` may put network faults between the twin and its link.
-    """
-    sensor = rig.force_sensor
-    match sensor:
-        case NetFtSection():
-            here, there = datagram_link()
-            twin_settings = _netft_twin(sensor, twin)
-            streaming = NetFtTwin(on_link(there), twin_settings, random)
-            box = None if sensor.configuration == "unchecked" else NetFtBoxTwin(streaming, twin_settings)
-            return SensorPair(streaming, lambda clock: NetFtSensor(here, clock, netft_settings(sensor), box))
-        case AtiSerialSection():
-            host, device = serial_line()
-            serial_twin = AtiSerialTwin(device, _serial_twin(sensor, twin), random)
-            return SensorPair(serial_twin, lambda clock: AtiSerialSensor(host, clock, sensor.settings()))
-        case AtiDaqSection():
-            calibration = _calibration(sensor)
-            gages = DaqFtTwin(calibration, DaqFtTwinSettings(sensor.rate_Hz, sensor.unloaded_V, _noise_std(twin)), random)
-            settings = DaqFtSettings(sensor.rate_Hz, sensor.unloaded_V)
-            return SensorPair(gages, lambda clock: DaqFtSensor(gages, clock, calibration, settings))
-        case OwnForceSensorSection():
-            keys, (host, device) = _keys_of_loaded(sensor), serial_line()
-            return SensorPair(make_own_twin(keys, twin, random, device), lambda clock: keys.driver(host, clock))
-
-
-def make_netft_twins(
-    sensor: NetFtSection, twin: TwinSection, random: np.random.Generator, link: DatagramLink
-) -> tuple[NetFtTwin, NetFtBoxTwin]:
-    """The twin of a Net F/T on a link from elsewhere, and what else its box answers."""
-    settings = _netft_twin(sensor, twin)
-    streaming = NetFtTwin(link, settings, random)
-    return streaming, NetFtBoxTwin(streaming, settings)
-
-
-def make_serial_twin(sensor: AtiSerialSection, twin: TwinSection, random: np.random.Generator, line: SerialLine) -> AtiSerialTwin:
-    """The twin of an F/T controller on a serial line from elsewhere."""
-    return AtiSerialTwin(line, _serial_twin(sensor, twin), random)
-
-
-def make_own_twin(sensor: ForceSensorKeys, twin: TwinSection, random: np.random.Generator, line: SerialLine) -> SensorTwin:
-    """The twin of a sensor of a lab's own on a serial line from elsewhere."""
-    made: SensorTwin = twin_of(sensor)(line, sensor, _noise_std(twin), random)
-    return made
-
-
-def netft_settings(sensor: NetFtSection) -> NetFtSettings:
-    """The settings for the driver."""
-    return NetFtSettings(
-        counts_per_N=sensor.counts_per_N,
-        counts_per_Nm=sensor.counts_per_Nm,
-        rate_Hz=sensor.rate_Hz,
-        address=f"{sensor.host}:{sensor.port}",
-        buffered=sensor.buffered,
-    )
-
-
-def netft_box(sensor: NetFtSection) -> NetFtBox | None:
-    """Where the settings of the box are read."""
-    if sensor.configuration == "http":
-        return HttpBox(sensor.host, sensor.http_port)
-    return CommandBox(sensor.host, sensor.command_port) if sensor.configuration == "commands" else None
-
-
-def _netft_twin(sensor: NetFtSection, twin: TwinSection) -> NetFtTwinSettings:
-    return NetFtTwinSettings(
-        counts_per_N=sensor.counts_per_N,
-        counts_per_Nm=sensor.counts_per_Nm,
-        decimation=netft_settings(sensor).decimation,
-        noise_std=_noise_std(twin),
-    )
-
-
-def _serial_twin(sensor: AtiSerialSection, twin: TwinSection) -> AtiSerialTwinSettings:
-    """Settings of a transducer whose full scale is the largest count of 16 bits."""
-    return AtiSerialTwinSettings(
-        counts_per_N=sensor.counts_per_N,
-        counts_per_Nm=sensor.counts_per_Nm,
-        sampling_Hz=sensor.rate_Hz,
-        bits_per_s=sensor.bits_per_s,
-        noise_std=_noise_std(twin),
-        full_scale=(MAX_COUNT / sensor.counts_per_N,) * 3 + (MAX_COUNT / sensor.counts_per_Nm,) * 3,
-    )
-
-
-def _noise_std(twin: TwinSection) -> tuple[float, ...]:
-    # One value for the three forces, one for the three moments.
-    return (twin.noise_N,) * 3 + (twin.noise_Nm,) * 3
-
-
-def _calibration(sensor: AtiDaqSection) -> TransducerCalibration:
-    """Raises BadInput where the file cannot be read, or is no calibration file."""
-    try:
-        content = Path(sensor.calibration_file).read_bytes()
-    except OSError as error:
-        raise BadInput(f"{sensor.calibration_file}: cannot be read: {error.strerror}; see calibration_file in the rig file") from None
-    return parse_calibration(content, sensor.calibration_file)
+def make_sensor_pair(rig: RigFile, make_twin: TwinMaker, panel: FaultPanel | None) -> SensorPair:
+    """The twin that [force_sensor] names, on a wire of its own in this process; `panel` switches the faults of that wire."""
+    keys = rig.force_sensor
+    make = find_sensor(keys.device)
+    wire = make.find_wire()
+    if wire is None:
+        twin = way = make_twin(None)
+    else:
+        twin, way = wire.connect(keys, make_twin, panel)
+    return SensorPair(twin, lambda clock: make.make_driver(keys, way, clock))
 
 
 # Exposure and transfer to the host.

@@ -2,24 +2,16 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Protocol
-
-import numpy as np
 
 from rfca_rig.bench.factory import make_twins
 from rfca_rig.bench.fault_injection import drive_faults_of, faults_of_served_rig
-from rfca_rig.bench.sensors import make_netft_twins, make_own_twin, make_serial_twin
 from rfca_rig.clock import Clock
-from rfca_rig.description.rig_file import RigFile, TwinSection
-from rfca_rig.devices.force_sensor import AtiSerialSection, ForceSensorKeys, NetFtSection
+from rfca_rig.description.rig_file import RigFile
+from rfca_rig.devices import find_sensor
 from rfca_rig.errors import BadInput
-from rfca_rig.twin_server.can_ports import FdcanusbPort, PseudoTerminal, SharedWire, SlcanPort, SocketcandPort
+from rfca_rig.twin_server.can_ports import FdcanusbPort, SharedWire, SlcanPort, SocketcandPort
 from rfca_rig.twin_server.faults import ControlPort, FaultEvent, FaultPanel, FaultSchedule, TamperedBus
-from rfca_rig.twin_server.netft_ports import CommandPort, HttpPort, TamperedLink, UdpLink
-from rfca_rig.twin_server.tcp import LOOPBACK
-from rfca_rig.twins.world import SensorTwin
+from rfca_rig.twin_server.open_ports import Openings, OpenPorts, Port
 
 # Period of the loop, and longest step of the twins after a delay, in s.
 PERIOD_S = 1e-3
@@ -27,22 +19,6 @@ LONGEST_LEAP_S = 0.05
 
 # The first step of the simulation, which may compile the model.
 WARM_UP_S = 2e-3
-
-
-class Port(Protocol):
-    """A port to the outside. It never waits; the server polls it before and after each step of the twins."""
-
-    def address(self) -> str:
-        """Address of the port, as shown to the user."""
-        ...
-
-    def poll(self, now_s: float) -> None:
-        """Receives what has arrived, sends what is queued. `now_s` is the server's clock."""
-        ...
-
-    def close(self) -> None:
-        """Closes the port. May be called any number of times."""
-        ...
 
 
 class RealTimeLoop:
@@ -90,77 +66,6 @@ def _poll(ports: Sequence[Port], now_s: float) -> None:
         port.poll(now_s)
 
 
-@dataclass(frozen=True)
-class Openings:
-    """Requested ports; 0 is any that is free. `control_port` is always on this machine only."""
-
-    host: str = LOOPBACK
-    rdt_port: int = 0
-    http_port: int = 0
-    command_port: int = 0
-    can_port: int = 0
-    control_port: int = 0
-    slcan: bool = False
-    height_m: float = 0.25
-
-
-class OpenPorts:
-    """The opened ones: `ports` to be polled, `addresses` for people, `names` for programs."""
-
-    def __init__(self) -> None:
-        self.ports: list[Port] = []
-        self.addresses: list[str] = []
-        self.names: dict[str, int | str] = {}
-
-    def note(self, address: str, **names: int | str) -> None:
-        """Adds an address that its twin reads and writes by itself."""
-        self.addresses.append(address)
-        self.names.update(names)
-
-    def add(self, port: Port, **names: int | str) -> None:
-        """Adds a port that must be polled."""
-        self.ports.append(port)
-        self.note(port.address(), **names)
-
-
-class ServedSensor:
-    """Opens the force sensor's ports at once, so that an occupied port is found before anything is computed."""
-
-    def __init__(self, rig: RigFile, openings: Openings, panel: FaultPanel, reached: OpenPorts, stack: ExitStack) -> None:
-        """Raises BadInput for a sensor without a wire of its own, and for ports that cannot be opened."""
-        self._openings, self._panel, self._reached, self._stack = openings, panel, reached, stack
-        sensor = rig.force_sensor
-        if isinstance(sensor, NetFtSection):
-            self._link = UdpLink(openings.host, openings.rdt_port)
-            stack.callback(self._link.close)
-            reached.note(self._link.address(), host=openings.host, rdt_port=self._link.port)
-        elif isinstance(sensor, AtiSerialSection | ForceSensorKeys):
-            self._line = PseudoTerminal()
-            stack.callback(self._line.close)
-            name = "F/T controller" if isinstance(sensor, AtiSerialSection) else Path(sensor.file).name
-            reached.note(f"{name} on serial line {self._line.path}", host=openings.host, serial=self._line.path)
-        else:
-            raise BadInput(f"{rig.rig.title}: a {sensor.device} has no wire that others could read; it works in this process only")
-
-    def twin(self, rig: RigFile, twin: TwinSection, random: np.random.Generator) -> SensorTwin:
-        """The sensor's twin on those ports."""
-        sensor = rig.force_sensor
-        if isinstance(sensor, AtiSerialSection):
-            return make_serial_twin(sensor, twin, random, self._line)
-        if isinstance(sensor, ForceSensorKeys):
-            return make_own_twin(sensor, twin, random, self._line)
-        if not isinstance(sensor, NetFtSection):
-            raise BadInput(f"{rig.rig.title}: a {sensor.device} cannot be served")
-        streaming, box = make_netft_twins(sensor, twin, random, TamperedLink(self._link, self._panel))
-        pages = HttpPort(box, self._panel, self._openings.host, self._openings.http_port)
-        self._stack.callback(pages.close)
-        self._reached.add(pages, http_port=pages.port)
-        commands = CommandPort(box, self._openings.host, self._openings.command_port)
-        self._stack.callback(commands.close)
-        self._reached.add(commands, command_port=commands.port)
-        return streaming
-
-
 class ServedRig:
     """A twin rig, open to clients while `serve` runs; `reached` has its addresses."""
 
@@ -196,25 +101,28 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
     """
     if rig.twin is None or rig.is_real:
         raise BadInput(f"{rig.rig.title}: only a rig of kind 'twin' with a [twin] section can be served")
-    panel, wire, reached = FaultPanel(faults_of_served_rig(rig)), SharedWire("twin CAN wire"), OpenPorts()
+    panel, wire = FaultPanel(faults_of_served_rig(rig)), SharedWire("twin CAN wire")
+    sensor = rig.force_sensor
+    make = find_sensor(sensor.device)
+    sensor_wire = make.find_wire()
+    if sensor_wire is None:
+        raise BadInput(f"{rig.rig.title}: a {sensor.device} has no wire that others could read; it works in this process only")
     with ExitStack() as stack:
+        reached = OpenPorts(openings, stack)
         # Ports first: an occupied one must be found before anything is computed.
-        sensor = ServedSensor(rig, openings, panel, reached, stack)
+        put_on_ports = sensor_wire.open(sensor, panel, reached)
         socketcand = SocketcandPort(wire, openings.host, openings.can_port, clock.start_time().timestamp())
-        stack.callback(socketcand.close)
         reached.add(socketcand, can_port=socketcand.port)
         if openings.slcan:
             slcan = SlcanPort(wire)
-            stack.callback(slcan.close)
             reached.add(slcan, slcan=slcan.path)
         if rig.motor.fd_bitrate is not None:
             # A port for CAN FD frames, which the other ports cannot carry.
             fdcanusb = FdcanusbPort(wire)
-            stack.callback(fdcanusb.close)
             reached.add(fdcanusb, fdcanusb=fdcanusb.path)
         bus = TamperedBus(wire.join(), panel, drive_faults_of(rig).dialect)
         stack.callback(bus.shutdown)
-        twins = make_twins(rig, rig.twin, seed, bus, sensor.twin)
+        twins = make_twins(rig, rig.twin, seed, bus, put_on_ports)
         twins.plant.set_height(openings.height_m)
         # The first step may take seconds to compile the model; clients never wait for it.
         twins.world.process(WARM_UP_S)
@@ -222,6 +130,5 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
         loop = RealTimeLoop(lambda to_s: twins.world.process(WARM_UP_S + to_s), clock)
         # On this machine only (see `Openings`): its lines switch faults.
         control = ControlPort(panel, openings.control_port, twins.plant.set_height, loop.status)
-        stack.callback(control.close)
         reached.add(control, control_port=control.port)
         yield ServedRig(drive_faults_of(rig).events(twins.motor), panel, loop, reached)

@@ -16,8 +16,7 @@ from rfca_rig.cli.progress import make_marked_say, progress
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say
 from rfca_rig.clock import Clock
-from rfca_rig.devices import package_of
-from rfca_rig.devices.own import texts_of
+from rfca_rig.devices.own import packages_of, texts_of
 from rfca_rig.engine.interfaces import Bench, StopLevel, StopRequest
 from rfca_rig.errors import DiskFull, RigError, Tripped
 from rfca_rig.model.catalogue import lab_texts
@@ -184,7 +183,7 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
     if config.faults:
         named["twin_faults"] = ", ".join(f"{fault.name} {'on' if fault.on else 'off'} at {fault.at_s:g} s" for fault in config.faults)
     # The driver of an installed package is no text of the rig: its version says what ran.
-    named |= {"motor_package": package} if (package := package_of(config.rig.motor.device)) else {}
+    named |= packages_of(config.rig.motor, config.rig.force_sensor)
     texts = {"rig_file": config.rig_text, "protocol_file": config.protocol_text}
     texts |= ({"model_file": config.model_text} if config.model else {}) | ({"camera_file": config.camera_text} if config.eye else {})
     # A lab's own drivers and effects are part of the rig: without their text the recording could not be explained.

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.drivers.roles import ShaftMotor, ShaftSamples
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
-from rfca_rig.twins.wires import CanEnd, can_wire, datagram_link
+from rfca_rig.twins.wires import NO_TIMES, CanEnd, can_wire
 from rfca_rig.twins.world import ShaftDrive, ShaftState, TwinWorld
 
 Floats = NDArray[np.float64]
@@ -63,6 +62,20 @@ class Rotor:
 
     def set_height(self, height_m: float) -> None:
         raise AssertionError(f"a rotor has no height to set to {height_m}")
+
+
+class IdleSensor:
+    """A world needs a sensor; of this one nobody wants records."""
+
+    def take_requests(self) -> None:
+        """Nothing is requested."""
+
+    def due(self, to_s: float) -> Floats:  # noqa: ARG002 (at no time)
+        """No sample times (0,)."""
+        return NO_TIMES
+
+    def take_wrench(self, wrench: Floats) -> None:
+        """No wrench (0, 6) is taken."""
 
 
 @dataclass
@@ -120,9 +133,7 @@ def motor_rig(
     # The third end lets a test observe the bus, and act as another program on it.
     with can_wire(ends=3) as (drivers_end, twins_end, observer):
         drive = twin(twins_end)
-        # A world needs a sensor; this one has no listener.
-        sensor = NetFtTwin(datagram_link()[1], NetFtTwinSettings(), np.random.default_rng(1))
-        clock.carry(TwinWorld(rotor, drive, sensor).process)
+        clock.carry(TwinWorld(rotor, drive, IdleSensor()).process)
         yield MotorRig(clock, rotor, driver(drivers_end, clock), drive, drivers_end, observer)
 
 

@@ -16,11 +16,10 @@ from rfca_rig.clock import Clock, TwinClock
 from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, NoisyPort, constant
 from rfca_rig.contracts.motor import MotorContract
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.devices import MOTORS, find_motor
-from rfca_rig.devices.force_sensor import ForceSensorKeys
-from rfca_rig.devices.motor import MotorKeys, MotorSection
+from rfca_rig.devices import FORCE_SENSORS, MOTORS, find_motor, find_sensor
 from rfca_rig.devices.own import twin_of
-from rfca_rig.drivers.force_sensors.record_stream import RecordStream
+from rfca_rig.devices.sections import ForceSensorKeys, ForceSensorSection, MotorKeys, MotorSection
+from rfca_rig.drivers.record_stream import RecordStream
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.errors import BadInput
 from rfca_rig.twins.drive_parts import LoopGains
@@ -40,10 +39,12 @@ class TestOurForceSensor(ForceSensorContract):
 
     @pytest.fixture
     def rig(self, own_rig: RigFile) -> ForceSensorRig:
-        assert isinstance(own_rig.force_sensor, ForceSensorKeys), "[force_sensor] is not of a file of its own"
-        keys, clock, (host, device) = own_rig.force_sensor, TwinClock(), serial_line()
+        assert is_plug_in_sensor(own_rig.force_sensor), "[force_sensor] is neither of a file of its own nor of an installed package"
+        keys: Any = own_rig.force_sensor
+        make, clock, (host, device) = find_sensor(keys.device), TwinClock(), serial_line()
         port = NoisyPort(host)
-        sensor, twin = keys.driver(port, clock), twin_of(keys)(device, keys, (0.0,) * 6, np.random.default_rng(1))
+        sensor = make.make_driver(keys, port, clock)
+        twin: Any = make.make_twin(device, keys, (0.0,) * 6, np.random.default_rng(1))
         # A driver that is no `RecordStream` has no fixed record length; 64 bytes stand for it.
         record_bytes = sensor.record_bytes if isinstance(sensor, RecordStream) else 64
         rig = ForceSensorRig(
@@ -110,10 +111,15 @@ def is_plug_in(keys: MotorSection) -> bool:
     return isinstance(keys, MotorKeys) or keys.device not in MOTORS
 
 
+def is_plug_in_sensor(keys: ForceSensorSection) -> bool:
+    """The same of a force sensor."""
+    return isinstance(keys, ForceSensorKeys) or keys.device not in FORCE_SENSORS
+
+
 def find_conformance_tests(rig: RigFile) -> list[str]:
     """Test classes for the plug-in devices of a rig. Raises BadInput for a rig without any, and for a device without a twin."""
     own: list[type] = [TestOurMotor] if is_plug_in(rig.motor) else []
-    own += [TestOurForceSensor] if isinstance(rig.force_sensor, ForceSensorKeys) else []
+    own += [TestOurForceSensor] if is_plug_in_sensor(rig.force_sensor) else []
     if not own:
         raise BadInput(f'{rig.rig.title}: names no device = "own"; for the others the package keeps the contracts with tests of its own')
     for keys in (rig.motor, rig.force_sensor):

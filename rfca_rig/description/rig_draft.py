@@ -8,7 +8,7 @@ from textwrap import wrap
 from typing import Any
 
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.devices import find_motor, load_object
+from rfca_rig.devices import find_motor, find_sensor, load_object
 from rfca_rig.toml import comment, degrees_key, format_value
 
 COMMENT_COLUMN, WIDTH = 44, 130
@@ -18,15 +18,6 @@ LIMITS = {"exclusiveMinimum": "> ", "minimum": ">= ", "exclusiveMaximum": "< ", 
 IN_THE_PICTURE_mm = 330.0
 # Of a floor with Coulomb friction only, these keys are absent.
 NOT_COULOMB = ("presliding_mm", "tangential_damping_N_s_per_m")
-
-# Usual values of the keys that each sensor needs, beside those that were asked for; for a drive its make has them.
-SENSORS: dict[str, dict[str, Any]] = {
-    "ati-net-ft": {},
-    "ati-serial": {"counts_per_N": 20.0, "counts_per_Nm": 333.3333, "rate_Hz": 60.0},
-    "ati-daq": {"rate_Hz": 15000.0},
-}
-# The key that says where each sensor is found.
-ADDRESS_KEYS = {"ati-net-ft": "host", "ati-serial": "port", "ati-daq": "calibration_file"}
 
 
 @dataclass(frozen=True)
@@ -44,7 +35,7 @@ class RigAnswers:
     drive, interface, channel, drive_number
         The make of the drive, one of `devices.list_motors`; its bus, as python-can names it; its number on the bus.
     sensor, address
-        The make of the force sensor, a key of `SENSORS`, and its host, port or calibration file.
+        The make of the force sensor, one of `devices.list_sensors`, and its host, port or calibration file.
     counts
         Counts per N and per N m, where the sensor itself stated them.
     """
@@ -75,14 +66,15 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     usual
         The tables of the shipped twin, from which all other values come.
     """
-    make = find_motor(answers.drive)
+    make, sensor_make = find_motor(answers.drive), find_sensor(answers.sensor)
     number_key, _ = make.number
+    address_key, *_ = sensor_make.address
     # A make that the shipped twin does not have takes nothing of it.
     motor_values, sensor_values = (
         usual[section] if usual[section]["device"] == device else values
         for section, device, values in (
             ("motor", answers.drive, make.usual),
-            ("force_sensor", answers.sensor, SENSORS[answers.sensor]),
+            ("force_sensor", answers.sensor, sensor_make.usual),
         )
     )
     asked: dict[str, dict[str, Any]] = {
@@ -103,7 +95,7 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
             "interface": answers.interface,
             "channel": answers.channel,
         },
-        "force_sensor": {"device": answers.sensor, ADDRESS_KEYS[answers.sensor]: answers.address},
+        "force_sensor": {"device": answers.sensor, address_key: answers.address},
         "twin": dict(usual["twin"]),
     }
     if answers.counts is not None and "counts_per_N" in sensor_values:
@@ -121,12 +113,13 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     else:
         asked["twin"].pop("camera", None)
     schema = RigFile.model_json_schema()
-    makes: dict[str, str] = schema["properties"]["motor"]["discriminator"]["mapping"]
-    if answers.drive not in makes:
-        # The schema of the file has the built-in kinds only.
-        section = load_object(make.section)
-        schema["$defs"][section.__name__] = section.model_json_schema()
-        makes[answers.drive] = f"#/$defs/{section.__name__}"
+    for table, kind, place in (("motor", answers.drive, make.section), ("force_sensor", answers.sensor, sensor_make.section)):
+        makes: dict[str, str] = schema["properties"][table]["discriminator"]["mapping"]
+        if kind not in makes:
+            # The schema of the file has the built-in kinds only.
+            section = load_object(place)
+            schema["$defs"][section.__name__] = section.model_json_schema()
+            makes[kind] = f"#/$defs/{section.__name__}"
     lines = [
         comment(f"Rig file of {title}. A line that ends in '{USUAL}' holds a value of the paper's leg or of a usual device."),
         comment("Replace it by what you weigh, measure or read off. Then set kind to real, and run rfca-rig doctor with this file."),

@@ -9,9 +9,8 @@ from pydantic import Field, model_validator
 from rfca_rig.description.camera_file import CameraFile, CameraSection, PhotoFolderSection, TwinCameraSection
 from rfca_rig.description.model_file import nominal_model, read_named_curve
 from rfca_rig.description.sections import DriveSection, Effects, GroundSection, KnownToSection, LegSection, SensorSection
-from rfca_rig.devices.force_sensor import AtiDaqSection, ForceSensor, OwnForceSensorSection
-from rfca_rig.devices.motor import Motor, OwnMotorSection
 from rfca_rig.devices.own import load_own
+from rfca_rig.devices.sections import ForceSensorChoice, Motor, OwnForceSensorSection, OwnMotorSection
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.protocol.experiments import RigFacts
@@ -100,7 +99,7 @@ class RigFile(Section):
     known_to: KnownToSection | None = None
     limits: LimitsSection
     motor: Motor
-    force_sensor: ForceSensor
+    force_sensor: ForceSensorChoice
     camera: CameraSection | None = None
     twin: TwinSection | None = None
 
@@ -200,8 +199,8 @@ def _with_own_devices(text: str, path: Path, rig: RigFile) -> RigFile:
 def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:
     """The rig, with its paths resolved from its own folder."""
     sensor, camera = rig.force_sensor, rig.camera
-    if isinstance(sensor, AtiDaqSection):
-        rig = rig.model_copy(update={"force_sensor": _from(folder, sensor, "calibration_file")})
+    if sensor.file_keys:
+        rig = rig.model_copy(update={"force_sensor": _from(folder, sensor, *sensor.file_keys)})
     if camera is not None:
         paths = ("calibration_file", "folder") if isinstance(camera, PhotoFolderSection) else ("calibration_file",)
         rig = rig.model_copy(update={"camera": _from(folder, camera, *paths)})

@@ -1,29 +1,32 @@
 """Devices, each kind with all that belongs to it in a folder, and the registry of their kinds.
 
-A rig file names the kind of a motor by `device` in [motor]. `find_motor` maps that word to a `MotorMake`. Built-in makes are in a table,
-those of installed packages are entry points of the group `rfca_rig.devices`. A make names its parts, which are imported when they are first
-used. So reading a rig file imports no driver, and no installed package that the file does not name.
+A rig file names the kind of a device by `device` in [motor] and [force_sensor]. `find_motor` and `find_sensor` map that word to a
+`MotorMake` or `SensorMake`. Built-in makes are in two tables, those of installed packages are entry points of the group
+`rfca_rig.devices`. A make names its parts, which are imported when they are first used. So reading a rig file imports no driver, and no
+installed package that the file does not name.
 
-1. `motor` and `force_sensor` are the sections of a rig file; `own` loads a lab's own device from the file that a section names.
+1. `sections` has the base classes of the sections; `own` loads a lab's own device from the file that a section names.
 2. A folder has the `codec`, `driver` and `twin` (with its faults) of one make, its `section`, and the doctor's `checks`.
-3. `checks` is what the checks of all makes use: findings, and a listener on the bus.
+3. `checks` is what the checks of all makes use: findings, a listener on the bus, ports.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rfca_rig.errors import BadInput
 
 if TYPE_CHECKING:
     import can
+    import numpy as np
 
     from rfca_rig.clock import Clock
-    from rfca_rig.drivers.roles import ShaftMotor
+    from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
+    from rfca_rig.twin_server.open_ports import SensorWire
     from rfca_rig.twins.drive_parts import LoopGains
-    from rfca_rig.twins.world import MotorTwin
+    from rfca_rig.twins.world import MotorTwin, SensorTwin
 
 GROUP = "rfca_rig.devices"
 OWN = "own"
@@ -33,7 +36,13 @@ MOTORS = {
     "cubemars-mit": "rfca_rig.devices.cubemars:MIT",
     "cubemars-servo": "rfca_rig.devices.cubemars:SERVO",
     "moteus": "rfca_rig.devices.moteus:DEVICE",
-    OWN: "rfca_rig.devices.own:DEVICE",
+    OWN: "rfca_rig.devices.own:MOTOR",
+}
+FORCE_SENSORS = {
+    "ati-net-ft": "rfca_rig.devices.netft:DEVICE",
+    "ati-serial": "rfca_rig.devices.ati_serial:DEVICE",
+    "ati-daq": "rfca_rig.devices.ati_daq:DEVICE",
+    OWN: "rfca_rig.devices.own:FORCE_SENSOR",
 }
 # Watchdog of a drive whose rig file does not state it.
 USUAL_WATCHDOG_S = 0.1
@@ -90,6 +99,72 @@ class MotorMake:
         return twin
 
 
+@dataclass(frozen=True)
+class SensorMake:
+    """One kind of force sensor: where its parts are, as in `MotorMake`.
+
+    The way to a sensor is what its driver reads and writes: a serial port, a socket, a card. It has a method `close`.
+
+    Parameters
+    ----------
+    section
+        The keys of [force_sensor], a subclass of `sections.ForceSensorSection`.
+    twin
+        Makes the simulated sensor on its end of the wire: (end, keys, noise_std, random) -> SensorTwin.
+    driver
+        Makes the driver: (keys, way, clock) -> ForceSensor. Without it, the section's own method `driver` does.
+    open
+        Opens the way to the real sensor: (keys, clock) -> way. Without it, the section's own method `open` does.
+    wire
+        A `SensorWire`: what is between driver and twin, with its faults. A serial line where nothing else is stated. With None the
+        driver reads the twin itself, by calls, so that no other program can.
+    check
+        The doctor's check: (keys, clock) -> iterator of findings. Without it, the doctor reads the sensor by its driver.
+    find
+        Searches for the sensor without a rig file: () -> FoundSensor.
+    address
+        For `rfca-rig init`: the key of the sensor's address, the question, and the usual answer.
+    usual
+        For `rfca-rig init`: usual values of the other keys that have no default.
+    example
+        For tests: keys of a sensor.
+    """
+
+    section: str
+    twin: str
+    driver: str | None = None
+    open: str | None = None
+    wire: str | None = "rfca_rig.twin_server.open_ports:SERIAL"
+    check: str | None = None
+    find: str | None = None
+    address: tuple[str, str, str] = ("port", "its serial port", "/dev/ttyUSB0")
+    usual: Mapping[str, Any] = field(default_factory=dict)
+    example: Mapping[str, Any] = field(default_factory=dict)
+
+    def open_way(self, keys: Any, clock: "Clock") -> Any:
+        """The way to the real sensor, to be closed by the caller. Raises DeviceError."""
+        return keys.open() if self.open is None else load_object(self.open)(keys, clock)
+
+    def make_driver(self, keys: Any, way: Any, clock: "Clock") -> "ForceSensor":
+        """The driver on that way."""
+        driver: ForceSensor
+        driver = keys.driver(way, clock) if self.driver is None else load_object(self.driver)(keys, way, clock)
+        return driver
+
+    def make_twin(self, end: Any, keys: Any, noise_std: tuple[float, ...], random: "np.random.Generator") -> "SensorTwin":
+        """The simulated sensor on its end of the wire."""
+        twin: SensorTwin = load_object(self.twin)(end, keys, noise_std, random)
+        return twin
+
+    def find_wire(self) -> "SensorWire | None":
+        """What is between driver and twin."""
+        wire: SensorWire | None = None if self.wire is None else load_object(self.wire)
+        return wire
+
+
+Make = TypeVar("Make", MotorMake, SensorMake)
+
+
 def load_object(place: str) -> Any:
     """The object at "module:name". Raises BadInput where it cannot be loaded."""
     module, _, name = place.partition(":")
@@ -101,8 +176,17 @@ def load_object(place: str) -> Any:
 
 
 def list_motors() -> tuple[str, ...]:
-    """The kinds that a rig file may name, without importing any: the built-in ones, then those of installed packages."""
-    return (*MOTORS, *sorted({point.name for point in entry_points(group=GROUP)} - {*MOTORS}))
+    """The words that [motor] may name, without importing any: the built-in kinds, then those of installed packages."""
+    return (*MOTORS, *_list_packaged())
+
+
+def list_sensors() -> tuple[str, ...]:
+    """The same for [force_sensor]. Which kind of device a package offers shows only when it is loaded, so both lists have all."""
+    return (*FORCE_SENSORS, *_list_packaged())
+
+
+def _list_packaged() -> list[str]:
+    return sorted({point.name for point in entry_points(group=GROUP)} - {*MOTORS, *FORCE_SENSORS})
 
 
 def find_motor(kind: str) -> MotorMake:
@@ -115,31 +199,44 @@ def find_motor(kind: str) -> MotorMake:
     BadInput
         The installed package that offers it cannot be used; names the package.
     """
-    if kind in MOTORS:
-        make: MotorMake = load_object(MOTORS[kind])
+    return _find(kind, MOTORS, MotorMake)
+
+
+def find_sensor(kind: str) -> SensorMake:
+    """The make of a kind of force sensor. Raises as `find_motor`."""
+    return _find(kind, FORCE_SENSORS, SensorMake)
+
+
+def _find(kind: str, built_in: Mapping[str, str], make_class: type[Make]) -> Make:
+    if kind in built_in:
+        make: Make = load_object(built_in[kind])
         return make
-    points = tuple(entry_points(group=GROUP, name=kind))
+    points = _points_of(kind)
     if not points:
         raise KeyError(kind)
     if len(points) > 1:
         raise BadInput(f"device {kind!r} is offered by several installed packages: {package_of(kind)}; remove all but one")
-    return _load(points[0])
+    return _load(points[0], make_class)
 
 
 def package_of(kind: str) -> str | None:
     """The installed package that offers the kind, with its version; None for a built-in kind."""
-    points = () if kind in MOTORS else entry_points(group=GROUP, name=kind)
-    return ", ".join(sorted(f"{point.dist.name} {point.dist.version}" for point in points if point.dist is not None)) or None
+    return ", ".join(sorted(f"{point.dist.name} {point.dist.version}" for point in _points_of(kind) if point.dist is not None)) or None
 
 
-def _load(point: EntryPoint) -> MotorMake:
+def _points_of(kind: str) -> tuple[EntryPoint, ...]:
+    # The word of a built-in kind is taken in both tables.
+    return () if kind in MOTORS or kind in FORCE_SENSORS else tuple(entry_points(group=GROUP, name=kind))
+
+
+def _load(point: EntryPoint, make_class: type[Make]) -> Make:
     """The make of an entry point, with its section. Raises BadInput where the package does not provide one."""
     what = f"device {point.name!r} of the installed package {package_of(point.name)}"
     try:
         make = load_object(point.value)
-        if isinstance(make, MotorMake):
+        if isinstance(make, make_class):
             load_object(make.section)
             return make
     except BadInput as error:
         raise BadInput(f"{what}: {error}") from error
-    raise BadInput(f"{what}: {point.value} is no MotorMake")
+    raise BadInput(f"{what}: {point.value} is no {make_class.__name__}")

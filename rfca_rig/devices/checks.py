@@ -1,21 +1,29 @@
-"""What the doctor's checks of all devices use: the result of a check, and a listener on a CAN bus.
+"""What the doctor's checks of all devices use: the result of a check, a listener on a CAN bus, serial ports, the receive buffer.
 
 A result is a colour, the observation, and the fix.
 """
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 import can
 
 from rfca_rig.clock import Clock
+from rfca_rig.drivers.ports import open_udp
 
 # Interval between two reads of the bus, and time for which it is listened to, in s.
 POLL_S = 1e-3
 LISTEN_S = 1.0
 # Error class of a SocketCAN error frame (linux/can/error.h).
 CAN_ERROR_BUS_OFF = 0x40
+
+PORT_SUBJECT = "serial port"
+RECEIVE_BUFFER_SUBJECT = "receive buffer"
+# What Linux charges for a datagram of one record: 256 of them fill the default of 212992 bytes.
+KERNEL_BYTES_PER_DATAGRAM = 832
 
 
 class Colour(StrEnum):
@@ -35,6 +43,19 @@ class Finding:
     seen: str
     fix: str = ""
     commands: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FoundSensor:
+    """Result of a search for a force sensor without a rig file; `name` is empty where there is none.
+
+    `address` is what the rig file says of it, `counts` are counts per N and per N m where the sensor states them.
+    """
+
+    findings: tuple[Finding, ...]
+    name: str = ""
+    address: str = ""
+    counts: tuple[float, float] | None = None
 
 
 def green(subject: str, seen: str) -> Finding:
@@ -134,3 +155,95 @@ def mean_period_s(frames: Sequence[ReceivedFrame]) -> float | None:
 def shorten_error(error: Exception) -> str:
     """Error message of another package, shortened to one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+@dataclass(frozen=True)
+class SerialPortSeen:
+    """Observed port. `group` is its owner group, None if the system has no groups; `others` are the other serial ports."""
+
+    path: str
+    exists: bool
+    may_open: bool = False
+    group: str | None = None
+    others: tuple[str, ...] = ()
+    product: str = ""
+
+
+def judge_serial_port(seen: SerialPortSeen, section: str) -> Finding:
+    """Finding on a port that the rig file names under `section`."""
+    if not seen.exists:
+        existing = f"there is {', '.join(seen.others)}" if seen.others else "there is no serial port at all"
+        return red(PORT_SUBJECT, f"there is no {seen.path}; {existing}", f"plug the cable in, or name the right port under {section}")
+    if not seen.may_open:
+        return red(PORT_SUBJECT, f"{seen.path} is not open to you{_owner_text(seen)}", *_permission(seen))
+    return green(PORT_SUBJECT, f"{seen.path} {seen.product}".strip())
+
+
+def judge_found_port(seen: SerialPortSeen) -> Finding:
+    """Finding on a port that was found by a scan; a missing permission may not matter."""
+    if not seen.may_open:
+        return yellow(PORT_SUBJECT, f"{seen.path} {seen.product}".strip() + f", not open to you{_owner_text(seen)}", *_permission(seen))
+    return green(PORT_SUBJECT, f"{seen.path} {seen.product}".strip())
+
+
+def _owner_text(seen: SerialPortSeen) -> str:
+    return "" if seen.group is None else f", it belongs to the group {seen.group}"
+
+
+def _permission(seen: SerialPortSeen) -> tuple[str, ...]:
+    """Fix for a missing permission. For a port of root the mode is changed: joining root's group would grant too much."""
+    if seen.group is None or seen.group == "root":
+        return "let yourself in until the next restart:", f"sudo chmod a+rw {seen.path}"
+    return "join the group, then log out and in again:", f"sudo usermod -aG {seen.group} $USER"
+
+
+def look_at_serial_port(path: str) -> SerialPortSeen:
+    """Observes one port, with the names of the others."""
+    products = _list_ports()
+    others = tuple(sorted(other for other in products if other != path))
+    return _observe(path, products.get(path, ""), others)
+
+
+def look_for_serial_ports() -> tuple[SerialPortSeen, ...]:
+    return tuple(_observe(path, product, ()) for path, product in sorted(_list_ports().items()))
+
+
+def _list_ports() -> dict[str, str]:
+    """Ports found by pyserial, with the product name. Ports of the mainboard without a connector are left out."""
+    from serial.tools import list_ports  # noqa: PLC0415 (little else needs it)
+
+    return {port.device: port.product or "" for port in list_ports.comports() if not port.device.startswith("/dev/ttyS")}
+
+
+def _observe(path: str, product: str, others: tuple[str, ...]) -> SerialPortSeen:
+    # On Windows a COM port is not a file and has no group.
+    if os.name == "nt":
+        return SerialPortSeen(path, path in _list_ports(), True, None, others, product)
+    exists = Path(path).exists()
+    return SerialPortSeen(path, exists, os.access(path, os.R_OK | os.W_OK), _group(path) if exists else None, others, product)
+
+
+def _group(path: str) -> str | None:
+    """Name of the owner group; None if it has no name."""
+    try:
+        return Path(path).group()
+    except KeyError:
+        return None
+
+
+def probe_receive_buffer() -> int:
+    """Receive buffer in bytes that the system grants to a request like the driver's; nothing is sent."""
+    # Not connected: a computer without an IPv4 loopback interface has no way even to itself.
+    opened, granted_bytes = open_udp()
+    opened.close()
+    return granted_bytes
+
+
+def judge_receive_buffer(granted_bytes: int, asked_bytes: int, rate_Hz: float) -> Finding:
+    """Finding on the receive buffer. `rate_Hz` is the record rate; in the worst case each record has its own datagram."""
+    if granted_bytes >= asked_bytes:
+        return green(RECEIVE_BUFFER_SUBJECT, f"{granted_bytes >> 10} KiB granted, {asked_bytes >> 10} asked for")
+    holds_ms = 1e3 * granted_bytes / KERNEL_BYTES_PER_DATAGRAM / rate_Hz
+    summary = f"{granted_bytes >> 10} KiB granted of {asked_bytes >> 10} asked for: {holds_ms:.0f} ms of single records at {rate_Hz:g} Hz"
+    fix = "allow more; a file in /etc/sysctl.d makes it last over a restart:"
+    return yellow(RECEIVE_BUFFER_SUBJECT, summary, fix, f"sudo sysctl -w net.core.rmem_max={asked_bytes}")

@@ -12,16 +12,18 @@ from pathlib import Path
 from types import ModuleType
 
 import can
+import numpy as np
 
-from rfca_rig.devices import MotorMake
-from rfca_rig.devices.force_sensor import ForceSensorKeys, OwnForceSensorSection
-from rfca_rig.devices.motor import MotorKeys, OwnMotorSection
+from rfca_rig.devices import MotorMake, SensorMake, package_of
+from rfca_rig.devices.sections import ForceSensorKeys, ForceSensorSection, MotorKeys, MotorSection, OwnForceSensorSection, OwnMotorSection
 from rfca_rig.errors import BadInput
 from rfca_rig.toml import read_text, section_of
 from rfca_rig.twins.drive_parts import LoopGains
-from rfca_rig.twins.world import MotorTwin
+from rfca_rig.twins.wires import SerialLine
+from rfca_rig.twins.world import MotorTwin, SensorTwin
 
-DEVICE = MotorMake(section="rfca_rig.devices.motor:OwnMotorSection", twin="rfca_rig.devices.own:make_twin")
+MOTOR = MotorMake(section="rfca_rig.devices.sections:OwnMotorSection", twin=f"{__name__}:make_motor_twin")
+FORCE_SENSOR = SensorMake(section="rfca_rig.devices.sections:OwnForceSensorSection", twin=f"{__name__}:make_sensor_twin")
 
 # By table: the name of the class in a lab's file, its base class, and the page that explains it.
 OWN_CLASSES: dict[str, tuple[str, type[MotorKeys] | type[ForceSensorKeys], str]] = {
@@ -110,9 +112,17 @@ def twin_of(keys: OwnMotorSection | OwnForceSensorSection) -> type:
     return find_class(Path(keys.twin_file), "TWIN", page)
 
 
-def make_twin(bus: can.BusABC, keys: OwnMotorSection, gains: LoopGains, watchdog_s: float | None) -> MotorTwin:
+def make_motor_twin(bus: can.BusABC, keys: OwnMotorSection, gains: LoopGains, watchdog_s: float | None) -> MotorTwin:
     """The twin of a lab's own motor, of the class TWIN in its file."""
     twin: MotorTwin = twin_of(keys)(bus, keys, gains, watchdog_s)
+    return twin
+
+
+def make_sensor_twin(
+    line: SerialLine, keys: OwnForceSensorSection, noise_std: tuple[float, ...], random: np.random.Generator
+) -> SensorTwin:
+    """The twin of a lab's own sensor, of the class TWIN in its file."""
+    twin: SensorTwin = twin_of(keys)(line, keys, noise_std, random)
     return twin
 
 
@@ -124,3 +134,9 @@ def texts_of(motor: object, force_sensor: object) -> Mapping[str, str]:
             texts[f"{table}_driver_file"] = source_of(type(keys))
             texts |= {f"{table}_twin_file": source_of(twin_of(keys))} if keys.twin_file else {}
     return texts
+
+
+def packages_of(motor: MotorSection, force_sensor: ForceSensorSection) -> Mapping[str, str]:
+    """Installed packages that offer the devices, with their versions, by name, for the recording."""
+    named = {"motor": package_of(motor.device), "force_sensor": package_of(force_sensor.device)}
+    return {f"{table}_package": package for table, package in named.items() if package is not None}

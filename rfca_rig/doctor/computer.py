@@ -1,4 +1,4 @@
-"""Checks of this computer, independent of the devices: clock, cores, disk, packages, compiled code and receive buffer.
+"""Checks of this computer, independent of the devices: clock, cores, disk, packages and compiled code.
 
 `look_at` functions probe, `judge` functions evaluate what was seen.
 """
@@ -18,7 +18,6 @@ from packaging.requirements import Requirement
 from rfca_rig import __version__
 from rfca_rig.clock import Clock
 from rfca_rig.devices.checks import Finding, green, red, yellow
-from rfca_rig.drivers.ports import open_udp
 from rfca_rig.model.kernel.compiled import CACHE_FOLDER
 
 CLOCK_SUBJECT = "clock"
@@ -57,10 +56,6 @@ FOR_TESTS = ("dev", "strangers")
 
 CORES_SUBJECT = "processor"
 ENOUGH = 2
-
-RECEIVE_BUFFER_SUBJECT = "receive buffer"
-# What Linux charges for a datagram of one record: 256 of them fill the default of 212992 bytes.
-KERNEL_BYTES_PER_DATAGRAM = 832
 
 
 @dataclass(frozen=True)
@@ -189,14 +184,6 @@ def judge_packages(seen: tuple[PackageSeen, ...], python: str, own_version: str)
     return green(PACKAGES_SUBJECT, f"python {python}, rfca-rig {own_version}, {versions}")
 
 
-def probe_receive_buffer() -> int:
-    """Receive buffer in bytes that the system grants to a request like the driver's; nothing is sent."""
-    # Not connected: a computer without an IPv4 loopback interface has no way even to itself.
-    opened, granted_bytes = open_udp()
-    opened.close()
-    return granted_bytes
-
-
 def look_at_clock(clock: Clock) -> LoopSeen:
     """Runs a 2 ms loop for one second and measures its periods."""
     ticks_s = [clock.now_s()]
@@ -292,13 +279,3 @@ def check_computer(runs: Path, clock: Clock, watchdog_s: float | None) -> Iterat
     yield judge_packages(look_at_packages(), platform.python_version(), __version__)
     yield judge_extras(look_at_extras())
     yield judge_compiled_cache(look_at_compiled_cache())
-
-
-def judge_receive_buffer(granted_bytes: int, asked_bytes: int, rate_Hz: float) -> Finding:
-    """Finding on the receive buffer. `rate_Hz` is the record rate; in the worst case each record has its own datagram."""
-    if granted_bytes >= asked_bytes:
-        return green(RECEIVE_BUFFER_SUBJECT, f"{granted_bytes >> 10} KiB granted, {asked_bytes >> 10} asked for")
-    holds_ms = 1e3 * granted_bytes / KERNEL_BYTES_PER_DATAGRAM / rate_Hz
-    summary = f"{granted_bytes >> 10} KiB granted of {asked_bytes >> 10} asked for: {holds_ms:.0f} ms of single records at {rate_Hz:g} Hz"
-    fix = "allow more; a file in /etc/sysctl.d makes it last over a restart:"
-    return yellow(RECEIVE_BUFFER_SUBJECT, summary, fix, f"sudo sysctl -w net.core.rmem_max={asked_bytes}")

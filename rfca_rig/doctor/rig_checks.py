@@ -12,30 +12,28 @@ import can
 import numpy as np
 
 from rfca_rig.bench.factory import make_motor
-from rfca_rig.bench.sensors import netft_box, netft_settings
 from rfca_rig.clock import Clock
 from rfca_rig.description.camera_file import PhotoFolderSection, read_camera_file
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, load_object
-from rfca_rig.devices.checks import CanBusObservation, Colour, Finding, Listener, green, red, shorten_error, yellow
-from rfca_rig.devices.force_sensor import AtiDaqSection, AtiSerialSection, ForceSensor, ForceSensorKeys, NetFtSection, OwnForceSensorSection
-from rfca_rig.devices.motor import MotorKeys, MotorSection
-from rfca_rig.doctor.ati_sensors import (
-    judge_calibration,
-    judge_card,
-    judge_controller,
-    look_at_calibration,
-    look_at_controller,
-    look_for_cards,
+from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, find_sensor, load_object
+from rfca_rig.devices.checks import (
+    CanBusObservation,
+    Colour,
+    Finding,
+    Listener,
+    green,
+    judge_serial_port,
+    look_at_serial_port,
+    red,
+    shorten_error,
+    yellow,
 )
+from rfca_rig.devices.sections import ForceSensorSection, MotorSection
 from rfca_rig.doctor.camera import judge_camera, judge_camera_file, judge_photo_folder, look_at_camera
-from rfca_rig.doctor.computer import check_computer, judge_receive_buffer, probe_receive_buffer
-from rfca_rig.doctor.netft import judge_box, judge_stream, look_at_box, look_at_stream
-from rfca_rig.doctor.ports import judge_can_bus, judge_can_interface, judge_serial_port, look_at_can_interface, look_at_serial_port
-from rfca_rig.drivers import roles
+from rfca_rig.doctor.computer import check_computer
+from rfca_rig.doctor.ports import judge_can_bus, judge_can_interface, look_at_can_interface
 from rfca_rig.drivers.photo_files import list_pictures
-from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, SerialPort
-from rfca_rig.drivers.roles import ShaftMotor
+from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
 from rfca_rig.errors import BadInput, RigError
 
 # Observation time and poll interval, and the silence that the driver treats as a fault, in s.
@@ -46,12 +44,12 @@ KNOWN = tuple(sorted(can.VALID_INTERFACES))
 SHAFT = "shaft"
 LISTEN_S = 0.3
 
-Way = TypeVar("Way", can.BusABC, SerialPort)
+Way = TypeVar("Way")
 
 
 def check_own_motor(keys: MotorSection, clock: Clock) -> Iterator[Finding]:
     """Yields the findings on a plug-in motor. Only listens, or requests reports if the drive sends none by itself."""
-    yield green("driver", f"{_name(keys)} is loaded, its keys in [motor] are right")
+    yield green("driver", f"{keys.title} is loaded, its keys in [motor] are right")
     bus = _open(keys.open, f"CAN bus {keys.interface} {keys.channel}", "[motor]")
     if isinstance(bus, Finding):
         yield bus
@@ -82,20 +80,22 @@ def judge_own_motor(motor: ShaftMotor, clock: Clock) -> Finding:
     return green(DRIVE, summary)
 
 
-def check_own_sensor(keys: ForceSensorKeys, clock: Clock) -> Iterator[Finding]:
+def check_own_sensor(keys: ForceSensorSection, clock: Clock) -> Iterator[Finding]:
     """Yields the findings on a plug-in force sensor. Streams for 1.5 s, then ends the stream."""
-    yield green("driver", f"{Path(keys.file).name} is loaded, its keys in [force_sensor] are right")
-    port = _open(keys.open, keys.port, "[force_sensor]")
-    if isinstance(port, Finding):
-        yield port
+    make = find_sensor(keys.device)
+    yield green("driver", f"{keys.title} is loaded, its keys in [force_sensor] are right")
+    address = getattr(keys, make.address[0], keys.title)
+    way = _open(lambda: make.open_way(keys, clock), address, "[force_sensor]")
+    if isinstance(way, Finding):
+        yield way
         return
     try:
-        yield judge_own_sensor(keys.driver(port, clock), clock)
+        yield judge_own_sensor(make.make_driver(keys, way, clock), clock)
     finally:
-        port.close()
+        way.close()
 
 
-def judge_own_sensor(sensor: roles.ForceSensor, clock: Clock) -> Finding:
+def judge_own_sensor(sensor: ForceSensor, clock: Clock) -> Finding:
     """Finding from 1.5 s of data, as decoded by the driver."""
     try:
         sensor.start()
@@ -199,38 +199,10 @@ def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:
         yield judge_camera(look_at_camera(camera, eye, clock))
 
 
-def check_sensor(sensor: ForceSensor, clock: Clock) -> Iterator[Finding]:
+def check_sensor(sensor: ForceSensorSection, clock: Clock) -> Iterator[Finding]:
     """Yields the findings on the force sensor. Streams from it for about one second."""
-    match sensor:
-        case NetFtSection():
-            return _netft(sensor, clock)
-        case AtiSerialSection():
-            return _controller(sensor, clock)
-        case AtiDaqSection():
-            calibration = judge_calibration(sensor.calibration_file, look_at_calibration(sensor.calibration_file))
-            return iter((calibration, judge_card(look_for_cards(), sensor.channels)))
-        case OwnForceSensorSection():
-            # Checked through its own driver.
-            return iter(())
-
-
-def _netft(sensor: NetFtSection, clock: Clock) -> Iterator[Finding]:
-    settings = netft_settings(sensor)
-    # Whether the box answers decides between two explanations of a missing stream.
-    box, answers = netft_box(sensor), None
-    if box is not None:
-        seen = look_at_box(sensor.host, box)
-        answers = seen.says is not None
-        yield judge_box(seen, settings)
-    yield from judge_stream(look_at_stream(sensor.host, sensor.port, sensor.buffered, clock), settings, answers)
-    yield judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, sensor.rate_Hz)
-
-
-def _controller(sensor: AtiSerialSection, clock: Clock) -> Iterator[Finding]:
-    port = judge_serial_port(look_at_serial_port(sensor.port), "[force_sensor]")
-    yield port
-    if port.colour is not Colour.RED:
-        yield from judge_controller(look_at_controller(sensor.port, sensor.settings(), clock), sensor.rate_Hz)
+    check = find_sensor(sensor.device).check
+    yield from check_own_sensor(sensor, clock) if check is None else load_object(check)(sensor, clock)
 
 
 def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
@@ -267,23 +239,19 @@ def _encoder(rig: RigFile, angle_rad: float) -> str:
 def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
     """Yields all findings as they come. Sends nothing that could move the shaft; takes over and ends a running sensor stream."""
     if not rig.is_real:
-        yield green("devices", f"{_name(rig.motor)} and {_name(rig.force_sensor)} are twins in this process: nothing to be looked for")
+        yield green("devices", f"{rig.motor.title} and {rig.force_sensor.title} are twins in this process: nothing to be looked for")
         yield from check_computer(runs, clock, None)
         return
-    motor, sensor = rig.motor, rig.force_sensor
+    motor = rig.motor
     is_red = False
     for finding in check_own_motor(motor, clock) if find_motor(motor.device).check is None else check_motor(motor, clock):
         is_red |= finding.colour is Colour.RED
         yield finding
     # Reading the shaft makes no sense on a bus or drive that does not work.
     yield from () if is_red else check_shaft(rig, clock)
-    yield from check_own_sensor(sensor, clock) if isinstance(sensor, ForceSensorKeys) else check_sensor(sensor, clock)
+    yield from check_sensor(rig.force_sensor, clock)
     yield from check_camera(rig, clock)
     yield from check_computer(runs, clock, _watchdog_s(rig))
-
-
-def _name(section: MotorSection | ForceSensor) -> str:
-    return Path(section.file).name if isinstance(section, MotorKeys | ForceSensorKeys) else section.device
 
 
 def _watchdog_s(rig: RigFile) -> float:

@@ -4,30 +4,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.netft_configuration import CalibrationInfo, NetFtConfiguration
-from rfca_rig.devices.checks import Finding, green, yellow
-from rfca_rig.doctor.computer import check_computer, judge_receive_buffer, probe_receive_buffer
-from rfca_rig.doctor.netft import BoxObservation, look_at_box
+from rfca_rig.devices import FORCE_SENSORS, find_sensor, load_object
+from rfca_rig.devices.checks import Finding, FoundSensor, green, judge_found_port, look_for_serial_ports, yellow
+from rfca_rig.doctor.computer import check_computer
 from rfca_rig.doctor.ports import (
     CanInterfaceObservation,
     can_interfaces,
-    judge_found_port,
     look_at_can_interface,
     look_for_adapters,
-    look_for_serial_ports,
     make_up_command,
 )
-from rfca_rig.drivers.force_sensors.netft import HttpBox
-from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES
 
-ADAPTERS, PORTS, SENSOR = "CAN adapters", "serial port", "Net F/T"
+ADAPTERS, PORTS = "CAN adapters", "serial port"
 # Bit rate for the proposed command if the interface has none yet, in bit/s.
 USUAL_BITRATE = 1_000_000
-
-# Factory address of a Net F/T, its record rate, and a short time limit, since usually none is there.
-NETFT_AS_DELIVERED = "192.168.1.1"
-NETFT_RATE_Hz = 7000.0
-NETFT_WITHIN_S = 0.5
 
 
 def judge_found_interfaces(seen: tuple[CanInterfaceObservation, ...]) -> list[Finding]:
@@ -57,29 +47,18 @@ def judge_no_ports() -> Finding:
     return green(PORTS, "none")
 
 
-def judge_found_sensor(seen: BoxObservation) -> Finding:
-    if seen.says is None:
-        fix = "a sensor as delivered needs this computer in its network; with the right network port for eth0:"
-        return yellow(SENSOR, f"none at {seen.host}, where it is as delivered", fix, "sudo ip address add 192.168.1.100/24 dev eth0")
-    return green(SENSOR, _describe(seen.host, seen.says))
-
-
-def _describe(host: str, says: NetFtConfiguration | CalibrationInfo) -> str:
-    name = f"{says.product} {says.serial_number}" if isinstance(says, NetFtConfiguration) else "a sensor"
-    return f"{name} at {host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = {says.counts_per_Nm:.10g}"
-
-
-def look_for_box() -> BoxObservation:
-    """Asks for the configuration page of a Net F/T at its default address."""
-    return look_at_box(NETFT_AS_DELIVERED, HttpBox(NETFT_AS_DELIVERED, timeout_s=NETFT_WITHIN_S))
+def find_sensors() -> dict[str, FoundSensor]:
+    """Results of the search for each built-in force sensor that can be found without a rig file, by its kind."""
+    places = {kind: find_sensor(kind).find for kind in FORCE_SENSORS}
+    return {kind: load_object(place)() for kind, place in places.items() if place is not None}
 
 
 def scan(runs: Path, clock: Clock) -> Iterator[Finding]:
-    """Yields all findings as they come. Sends only a request for the configuration page of a Net F/T at its default address."""
+    """Yields all findings as they come. Sends only what the search for each force sensor sends."""
     yield from judge_found_interfaces(tuple(look_at_can_interface(name) for name in can_interfaces()))
     yield from judge_found_adapters(look_for_adapters())
     ports = look_for_serial_ports()
     yield from [judge_found_port(port) for port in ports] or [judge_no_ports()]
-    yield judge_found_sensor(look_for_box())
-    yield judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, NETFT_RATE_Hz)
+    for found in find_sensors().values():
+        yield from found.findings
     yield from check_computer(runs, clock, None)

@@ -3,7 +3,6 @@
 import socket
 from typing import Protocol
 
-from rfca_rig.codecs.rdt import PORT
 from rfca_rig.errors import DeviceError
 
 # The usual default holds only 17 ms of single records at 15 kHz.
@@ -40,7 +39,7 @@ class UdpDatagrams:
     and caps it at net.core.rmem_max). Raises DeviceError if the host cannot be addressed.
     """
 
-    def __init__(self, host: str, port: int = PORT) -> None:
+    def __init__(self, host: str, port: int) -> None:
         self._peer = f"{host}:{port}"
         self._socket, self.receive_buffer_bytes = open_udp()
         try:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.rdt import Records
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 Floats = NDArray[np.float64]
 
@@ -198,7 +199,8 @@ class Rack(Protocol):
         ...
 
 
-Block = TypeVar("Block", ShaftSamples, ForceSamples, Records)
+# Any dataclass of columns.
+Block = TypeVar("Block", bound="DataclassInstance")
 
 
 def concatenate_blocks(blocks: Sequence[Block]) -> Block:

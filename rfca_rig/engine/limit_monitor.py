@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.rdt import status_text
+from rfca_rig.codecs.force_sensors import status_text
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, SensorScale, ShaftSamples
 from rfca_rig.errors import Trip, Tripped
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Limits
 
-# Status word of the NetBox, see `codecs.rdt`. Drivers of other sensors set the same bits 31 and 17. Bit 31:
+# Status word of a force sensor, see `codecs.force_sensors`. All drivers set its bits 31 and 17. Bit 31:
 # summary of all errors.
 SENSOR_FAULT = np.uint32(0x80000000)
 # Bit 17: transducer saturation or A/D error.

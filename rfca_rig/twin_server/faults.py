@@ -35,22 +35,6 @@ class Fault:
 
 
 # Names are used on the command line and in docs/fault-table.md.
-FORCE_FAULTS = (
-    Fault("force-lost", "every tenth datagram is lost"),
-    Fault("force-twice", "every tenth datagram comes twice"),
-    Fault("force-swapped", "every tenth datagram is overtaken by the next"),
-    Fault("force-short", "every tenth datagram lacks its last 9 bytes"),
-    Fault("force-long", "every tenth datagram has one byte too many"),
-    Fault("force-silent", "no datagram leaves the box"),
-    Fault("force-stuck", "every record has the values of the first, though all counters run on, as with a transducer that was unplugged"),
-    Fault("force-frozen", "records keep coming, but the sensor's own sample counter and values stand still"),
-    Fault("force-saturated", "every record carries status 0x80020000"),
-    Fault("force-scale", "twice the counts per newton and newton metre, as after a change on the box's web page, which says so"),
-    Fault("bias-stops-stream", "a bias request ends the stream"),
-    Fault("box-restart", "the stream ends and the sensor's sample counter begins at 0", once=True),
-    Fault("stream-stolen", "another client took the stream, until it is started again", once=True),
-)
-BOX_FAULTS = (Fault("http-busy", "the box's web server turns every request away"),)
 CAN_FAULTS = (
     Fault("can-silent", "the drive hears but says nothing"),
     Fault("bus-off", "the drive neither hears nor says anything"),

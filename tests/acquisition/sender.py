@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
-from rfca_rig.codecs.rdt import RdtCommand, Records, decode_request, encode_records
+from rfca_rig.devices.netft.codec import RdtCommand, Records, decode_request, encode_records
 
 BURST_S = 1e-3
 

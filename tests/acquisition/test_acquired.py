@@ -12,8 +12,9 @@ import pytest
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.acquisition.ring import Ring, RingReader
 from rfca_rig.clock import WallClock
-from rfca_rig.codecs.rdt import RdtCommand, decode_request
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.devices.netft.codec import RdtCommand, decode_request
+from rfca_rig.devices.netft.driver import NetFtSensor, record_source
+from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.errors import DeviceError
 from tests.acquisition.sender import datagram, sending
 
@@ -32,7 +33,7 @@ def box():
 
 @pytest.fixture
 def acquired(box):
-    datagrams = AcquiredDatagrams("127.0.0.1", WallClock(), box.getsockname()[1], ring_records=4096)
+    datagrams = AcquiredDatagrams(record_source("127.0.0.1", box.getsockname()[1]), WallClock(), ring_records=4096)
     yield datagrams
     datagrams.close()
 
@@ -56,7 +57,7 @@ def test_every_record_arrives_while_this_process_computes(in_one):
     """Pure Python that never pauses is what starves a reading thread."""
     clock = WallClock()
     with sending(14_000.0, in_one, 1.0) as (port, pipe):
-        datagrams = AcquiredDatagrams("127.0.0.1", clock, port)
+        datagrams = AcquiredDatagrams(record_source("127.0.0.1", port), clock)
         sensor = NetFtSensor(datagrams, clock, NetFtSettings(rate_Hz=7000.0))
         sensor.start()
         numbers = []
@@ -105,7 +106,7 @@ def test_the_receive_buffer_is_asked_for_and_read_back(acquired):
 
 def test_a_view_attached_by_name_sees_the_same_records_on_the_same_clock(box):
     clock = WallClock()
-    acquired = AcquiredDatagrams("127.0.0.1", clock, box.getsockname()[1])
+    acquired = AcquiredDatagrams(record_source("127.0.0.1", box.getsockname()[1]), clock)
     view = Ring.attach(acquired.ring_name)
     client, reader, blocks = told(acquired, box), RingReader(view), []
     before_s = clock.now_s()
@@ -120,7 +121,7 @@ def test_a_view_attached_by_name_sees_the_same_records_on_the_same_clock(box):
 
 def test_a_box_that_is_not_there_is_said_so(box):
     port = box.getsockname()[1]
-    acquired = AcquiredDatagrams("127.0.0.1", WallClock(), port)
+    acquired = AcquiredDatagrams(record_source("127.0.0.1", port), WallClock())
     box.close()
 
     def refused() -> bool:
@@ -136,13 +137,13 @@ def test_a_box_that_is_not_there_is_said_so(box):
 
 def test_a_host_that_cannot_be_is_refused_and_nothing_is_left_running():
     with pytest.raises(DeviceError, match=r"no way to no\.such\.host\.invalid"):
-        AcquiredDatagrams("no.such.host.invalid", WallClock())
+        AcquiredDatagrams(record_source("no.such.host.invalid", 49152), WallClock())
     children = subprocess.run(["ps", "--ppid", str(os.getpid()), "-o", "args="], capture_output=True, text=True, check=False).stdout
     assert "acquisition" not in children
 
 
 def test_closing_ends_the_process_and_takes_the_ring_away(box):
-    acquired = AcquiredDatagrams("127.0.0.1", WallClock(), box.getsockname()[1])
+    acquired = AcquiredDatagrams(record_source("127.0.0.1", box.getsockname()[1]), WallClock())
     process_id, name = acquired.process_id, acquired.ring_name
     acquired.close()
     acquired.close()
@@ -172,9 +173,9 @@ def test_an_interrupt_from_the_keyboard_is_left_to_the_parent(acquired, box):
 
 ORPHAN = """
 import os, time
-from rfca_rig.acquisition.acquired import AcquiredDatagrams
+from rfca_rig.acquisition.acquired import AcquiredDatagrams, RecordSource
 from rfca_rig.clock import WallClock
-acquired = AcquiredDatagrams("127.0.0.1", WallClock(), 9)
+acquired = AcquiredDatagrams(RecordSource("127.0.0.1", 9, 36, 40), WallClock())
 print(acquired.process_id, flush=True)
 time.sleep(60)
 """

@@ -10,10 +10,12 @@ from can.interfaces.virtual import VirtualBus
 
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.devices.force_sensor import AtiDaqSection, AtiSerialSection, NetFtSection
-from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor
-from rfca_rig.drivers.force_sensors.daq_ft import DaqFtSensor
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor
+from rfca_rig.devices.ati_daq.driver import DaqFtSensor
+from rfca_rig.devices.ati_daq.section import AtiDaqSection
+from rfca_rig.devices.ati_serial.driver import AtiSerialSensor
+from rfca_rig.devices.ati_serial.section import AtiSerialSection
+from rfca_rig.devices.netft.driver import NetFtSensor
+from rfca_rig.devices.netft.section import NetFtSection
 from rfca_rig.errors import BadInput, DeviceError
 from tests.cli.typed import typed
 from tests.engine.rigs import ROOT

@@ -19,8 +19,9 @@ import numpy as np
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import WallClock
 from rfca_rig.codecs import classic_can
+from rfca_rig.devices.netft.driver import NetFtSensor, record_source
+from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from tests.acquisition.sender import sending
 
 TICK_S = 2e-3
@@ -59,7 +60,7 @@ def one(rate_Hz: float, in_one: int, seconds: float) -> str:
     bus = can.Bus(interface="socketcand", channel="can0", host="127.0.0.1", port=here.recv(), tcp_tune=True)
     motor = OdriveMotor(bus, clock, OdriveSettings(node_id=0))
     with sending(rate_Hz, in_one, seconds) as (port, pipe):
-        datagrams = AcquiredDatagrams("127.0.0.1", clock, port)
+        datagrams = AcquiredDatagrams(record_source("127.0.0.1", port), clock)
         sensor = NetFtSensor(datagrams, clock, NetFtSettings(rate_Hz=rate_Hz, internal_rate_Hz=rate_Hz))
         sensor.start()
         reader_s, loop_s, began_s = processor_s(datagrams.process_id), time.process_time(), clock.now_s()

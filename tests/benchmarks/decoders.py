@@ -12,12 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rfca_rig.codecs import ati_serial, classic_can, fdcanusb, netft_configuration, rdt
-from rfca_rig.codecs.ati_serial import AsciiStream, BinaryStream
+from rfca_rig.codecs import classic_can, fdcanusb
+from rfca_rig.devices.ati_serial import codec as ati_serial
+from rfca_rig.devices.ati_serial.codec import AsciiStream, BinaryStream
 from rfca_rig.devices.cubemars.codec import mit as cubemars_mit
 from rfca_rig.devices.cubemars.codec import mit_ranges
 from rfca_rig.devices.cubemars.codec import servo as cubemars_servo
 from rfca_rig.devices.moteus import codec as moteus
+from rfca_rig.devices.netft import codec as netft
 from rfca_rig.devices.odrive import codec as cansimple
 from rfca_rig.errors import MalformedFrame
 
@@ -151,24 +153,24 @@ DECODERS = (
     ),
     Decoder("CubeMars servo", _servo, tuple(bytes([p]) + bytes(8) for p in range(50)), _servo_allowed, 12),
     Decoder("moteus", moteus.decode, (bytes.fromhex("240400110f5050"), bytes.fromhex("27040a00aabb2f01")), lambda data: len(data) in FD),
-    Decoder("RDT records", rdt.decode_records, (bytes(36), bytes(1440)), lambda d: len(d) % 36 == 0 < len(d) <= 1440, 1500),
-    Decoder("RDT request", rdt.decode_request, (rdt.encode_request(2, 7),), lambda d: len(d) == 8 and d[:2] == b"\x12\x34", 12),
-    Decoder("Net F/T command", netft_configuration.decode_command, (bytes(20), b"\x01" + bytes(19)), _length(20), 32),
+    Decoder("RDT records", netft.decode_records, (bytes(36), bytes(1440)), lambda d: len(d) % 36 == 0 < len(d) <= 1440, 1500),
+    Decoder("RDT request", netft.decode_request, (netft.encode_request(2, 7),), lambda d: len(d) == 8 and d[:2] == b"\x12\x34", 12),
+    Decoder("Net F/T command", netft.decode_command, (bytes(20), b"\x01" + bytes(19)), _length(20), 32),
     Decoder(
         "Net F/T reading",
-        netft_configuration.decode_reading,
+        netft.decode_reading,
         (b"\x12\x34" + bytes(14),),
         lambda d: len(d) == 16 and d[:2] == b"\x12\x34",
         32,
     ),
     Decoder(
         "Net F/T calibration",
-        netft_configuration.decode_calibration,
+        netft.decode_calibration,
         (b"\x12\x34\x02\x03" + b"\x00\x0f\x42\x40" * 2 + b"\x00\x01" * 6,),
         lambda d: len(d) == 24 and d[:2] == b"\x12\x34",
         32,
     ),
-    Decoder("Net F/T configuration", netft_configuration.decode_configuration, (PAGE,), lambda d: b"cfgcpf" in d, 220),
+    Decoder("Net F/T configuration", netft.decode_configuration, (PAGE,), lambda d: b"cfgcpf" in d, 220),
     *(_serial(form) for form in ati_serial.RecordForm),
     _stream("F/T stream of lines", AsciiStream, ati_serial.RecordForm.ASCII),
     _stream("F/T stream of records", lambda: BinaryStream(ati_serial.RecordForm.BINARY_CHECKSUM), ati_serial.RecordForm.BINARY_CHECKSUM),

@@ -30,7 +30,8 @@ from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.devices.netft.driver import NetFtSensor, record_source
+from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.engine.interfaces import NULL_OBSERVER, RunObserver, StopRequest, Tick
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.errors import RigError
@@ -137,7 +138,7 @@ def cpu_s(process_id: int | str) -> float:
 
 @contextmanager
 def restless_sensor(clock: Clock) -> Iterator[NetFtSensor]:
-    with sending(RATE_HZ, 40, 1e6, restless) as (port, _), closing(AcquiredDatagrams("127.0.0.1", clock, port)) as datagrams:
+    with sending(RATE_HZ, 40, 1e6, restless) as (port, _), closing(AcquiredDatagrams(record_source("127.0.0.1", port), clock)) as datagrams:
         yield NetFtSensor(datagrams, clock, NetFtSettings(rate_Hz=RATE_HZ, internal_rate_Hz=RATE_HZ))
 
 

@@ -27,7 +27,8 @@ from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.clock import Clock
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.devices.netft.driver import NetFtSensor, record_source
+from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import RigError
 from rfca_rig.protocol.plan import Flap, Plan
@@ -102,7 +103,7 @@ def plan_of(rig: RigFile, lenient: bool, rate_Hz: float) -> Plan:
 @contextmanager
 def fast_sensor(clock: Clock, rate_Hz: float) -> Iterator[NetFtSensor]:
     """Forty records to a datagram, as the box sends them at such rates."""
-    with sending(rate_Hz, 40, 1e6) as (port, _), closing(AcquiredDatagrams("127.0.0.1", clock, port)) as datagrams:
+    with sending(rate_Hz, 40, 1e6) as (port, _), closing(AcquiredDatagrams(record_source("127.0.0.1", port), clock)) as datagrams:
         yield NetFtSensor(datagrams, clock, NetFtSettings(rate_Hz=rate_Hz, internal_rate_Hz=rate_Hz))
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.campaign import table
-from rfca_rig.doctor.computer import probe_receive_buffer
+from rfca_rig.devices.checks import probe_receive_buffer
 from rfca_rig.executors.cores import ONE_THREAD, use_one_thread_if_processes_are_few
 from rfca_rig.model.kernel import compiled
 from tests.cli.malformed_inputs import CART, EXPERIMENT, MECHANISM

@@ -5,12 +5,13 @@ import sys
 
 import pytest
 
-from rfca_rig.codecs.netft_configuration import CalibrationInfo
-from rfca_rig.description.rig_draft import SENSORS, USUAL
+from rfca_rig.description.rig_draft import USUAL
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.devices import MOTORS, OWN
-from rfca_rig.doctor import ports, scan
-from rfca_rig.doctor.netft import BoxObservation
+from rfca_rig.devices import FORCE_SENSORS, MOTORS, OWN, checks
+from rfca_rig.devices.netft import checks as netft_checks
+from rfca_rig.devices.netft.checks import BoxObservation
+from rfca_rig.devices.netft.codec import CalibrationInfo
+from rfca_rig.doctor import ports
 from tests.cli.typed import typed
 
 
@@ -30,8 +31,8 @@ class Computer:
         replaced = {
             "buses": (ports, "can_interfaces"),
             "adapters": (ports, "look_for_adapters"),
-            "ports": (ports, "look_for_serial_ports"),
-            "box": (scan, "look_for_box"),
+            "ports": (checks, "look_for_serial_ports"),
+            "box": (netft_checks, "look_for_box"),
         }
         for name, found in devices.items():
             self.monkeypatch.setattr(*replaced[name], lambda found=found: found)
@@ -77,7 +78,7 @@ def test_answers_stand_in_the_file_and_what_was_not_asked_is_marked(computer, tm
 
 
 @pytest.mark.parametrize("drive", [kind for kind in MOTORS if kind != OWN])
-@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("sensor", [kind for kind in FORCE_SENSORS if kind != OWN])
 def test_every_pair_of_devices_makes_a_file_that_is_read(computer, tmp_path, drive, sensor):
     assert computer.init("--rig", "our-rig.toml", answers=f"\n\n\n\n\n{drive}\n\n\n{sensor}\n\n").exit_code == 0
     rig = read_rig(tmp_path / "our-rig.toml")

@@ -8,17 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.ati_calibration import (
-    GAGES,
-    TransducerCalibration,
-    force_code,
-    force_unit,
-    newton_metres_per,
-    newtons_per,
-    parse_calibration,
-    torque_code,
-    torque_unit,
-)
+from rfca_rig.codecs.force_sensors import force_code, force_unit, newton_metres_per, newtons_per, torque_code, torque_unit
+from rfca_rig.devices.ati_daq.codec import GAGES, TransducerCalibration, parse_calibration
 from rfca_rig.errors import BadInput, MalformedFrame
 
 MADE_UP = (Path(__file__).parents[2] / "calibration" / "made-up-gamma.cal").read_text()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.ati_serial import (
+from rfca_rig.devices.ati_serial.codec import (
     ASCII_BYTES,
     AsciiStream,
     AtiCommand,

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs import netft_configuration as nc
-from rfca_rig.codecs.netft_configuration import MAX_PAGE_BYTES, NetFtConfiguration, decode_configuration, encode_configuration
+from rfca_rig.devices.netft import codec as nc
+from rfca_rig.devices.netft.codec import MAX_PAGE_BYTES, NetFtConfiguration, decode_configuration, encode_configuration
 from rfca_rig.errors import MalformedFrame, NotEncodable
 
 # Bytes worked out by hand from the field tables of the manual: big-endian.

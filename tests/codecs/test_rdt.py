@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.rdt import (
+from rfca_rig.codecs.force_sensors import SATURATED, status_text
+from rfca_rig.devices.netft.codec import (
     RECORD_BYTES,
-    SATURATED,
     RdtCommand,
     Records,
     Request,
@@ -17,7 +17,6 @@ from rfca_rig.codecs.rdt import (
     decode_request,
     encode_records,
     encode_request,
-    status_text,
 )
 from rfca_rig.errors import MalformedFrame, NotEncodable
 

@@ -9,11 +9,12 @@ import numpy as np
 
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.devices.netft.driver import NetFtSensor
+from rfca_rig.devices.netft.section import NetFtSettings
+from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
 from rfca_rig.devices.odrive.twin import OdriveTwin, OdriveTwinSettings
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.roles import ForceSamples, ShaftSamples
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import LinkEnd, can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 

@@ -9,15 +9,28 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.ati_serial import RecordForm
 from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, NoisyPort, constant
-from rfca_rig.drivers.force_sensors.ati_serial import AtiSerialSensor, AtiSerialSettings
+from rfca_rig.devices.ati_serial.codec import RecordForm
+from rfca_rig.devices.ati_serial.driver import AtiSerialSensor
+from rfca_rig.devices.ati_serial.section import AtiSerialSection
+from rfca_rig.devices.ati_serial.twin import AtiSerialTwin, AtiSerialTwinSettings
 from rfca_rig.drivers.ports import open_port
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.ati_sensors import AtiSerialTwin, AtiSerialTwinSettings
+from rfca_rig.toml import validate
 from rfca_rig.twins.wires import serial_line
 
 RATES_HZ = {RecordForm.ASCII: 80.0, RecordForm.BINARY: 250.0, RecordForm.BINARY_CHECKSUM: 250.0}
+
+
+def keys(
+    counts_per_N: float = 20.0,
+    counts_per_Nm: float = 1000.0 / 3.0,
+    rate_Hz: float = 80.0,
+    form: RecordForm = RecordForm.ASCII,
+    **others: object,
+) -> AtiSerialSection:
+    values = {"counts_per_N": counts_per_N, "counts_per_Nm": counts_per_Nm, "rate_Hz": rate_Hz, "record": form.value, "port": "COM3"}
+    return validate({"device": "ati-serial", **values, **others}, AtiSerialSection, "ati-serial")
 
 
 def made(form: RecordForm, rate_Hz: float | None = None, twin: AtiSerialTwinSettings | None = None) -> tuple[ForceSensorRig, NoisyPort]:
@@ -25,8 +38,7 @@ def made(form: RecordForm, rate_Hz: float | None = None, twin: AtiSerialTwinSett
     twin_settings = twin or AtiSerialTwinSettings(sampling_Hz=rate_Hz)
     clock, (host, device) = TwinClock(), serial_line()
     port = NoisyPort(host)
-    settings = AtiSerialSettings(twin_settings.counts_per_N, twin_settings.counts_per_Nm, rate_Hz, form, address="COM3")
-    sensor = AtiSerialSensor(port, clock, settings)
+    sensor = AtiSerialSensor(port, clock, keys(twin_settings.counts_per_N, twin_settings.counts_per_Nm, rate_Hz, form))
     rig = ForceSensorRig(
         clock=clock,
         sensor=sensor,
@@ -103,15 +115,15 @@ def test_another_rate_than_configured_is_refused_with_both(sampling_Hz: float) -
 
 def test_a_line_too_slow_for_the_rate_is_refused_with_what_it_carries() -> None:
     with pytest.raises(BadInput, match=r"at 38400 bit/s the line carries 85\.3 records/s in the form 'ascii'"):
-        AtiSerialSettings(20.0, 333.0, 250.0)
-    AtiSerialSettings(20.0, 333.0, 250.0, RecordForm.BINARY_CHECKSUM)
+        keys(rate_Hz=250.0)
+    keys(rate_Hz=250.0, form=RecordForm.BINARY_CHECKSUM)
 
 
 @pytest.mark.parametrize("name", ["counts_per_N", "counts_per_Nm", "rate_Hz", "bits_per_s"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
 def test_settings_that_cannot_be_are_refused_by_name(name: str, value: float) -> None:
-    with pytest.raises(BadInput, match=f"force sensor: {name} is"):
-        AtiSerialSettings(**{"counts_per_N": 20.0, "counts_per_Nm": 333.0, "rate_Hz": 80.0, name: value})
+    with pytest.raises(BadInput, match=f"{name}: should be"):
+        keys(**{name: value})
 
 
 @pytest.mark.parametrize("form", list(RecordForm))
@@ -242,7 +254,7 @@ def test_driver_and_twin_also_work_over_a_pseudo_terminal_and_pyserial() -> None
 
     clock = Unhurried()
     port = open_port(os.ttyname(client_side), 38_400)
-    settings = AtiSerialSettings(20.0, 1000.0 / 3.0, 250.0, RecordForm.BINARY_CHECKSUM)
+    settings = keys(rate_Hz=250.0, form=RecordForm.BINARY_CHECKSUM)
     twin = AtiSerialTwin(Terminal(), AtiSerialTwinSettings(), np.random.default_rng(1))
     rig = ForceSensorRig(clock, AtiSerialSensor(port, clock, settings), twin, 250.0, 0.0, np.zeros(6), (), *[lambda: None] * 4)
     try:

@@ -16,9 +16,9 @@ from rfca_rig.devices.cubemars.codec import MIT_RANGES
 from rfca_rig.devices.cubemars.codec.mit import MitCommand, Special, decode_command, decode_reply, encode_command, encode_special
 from rfca_rig.devices.cubemars.driver.mit import CubemarsMitMotor, MitSettings
 from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, MitTwinSettings
+from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.drivers.roles import ShaftSamples
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 

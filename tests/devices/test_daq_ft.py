@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.ati_calibration import GageBlock, TemperatureCompensation, TransducerCalibration, parse_calibration
 from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig, constant
-from rfca_rig.drivers.force_sensors.daq_ft import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings, NidaqmxGages
-from rfca_rig.drivers.force_sensors.records import FrozenRecordCounter
+from rfca_rig.devices.ati_daq.codec import GageBlock, TemperatureCompensation, TransducerCalibration, parse_calibration
+from rfca_rig.devices.ati_daq.driver import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings, NidaqmxGages
+from rfca_rig.devices.ati_daq.twin import DaqFtTwin, DaqFtTwinSettings
+from rfca_rig.drivers.force_records import FrozenRecordCounter
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.ati_sensors import DaqFtTwin, DaqFtTwinSettings
 
 ROOT = Path(__file__).parents[2]
 CAL = ROOT / "calibration" / "made-up-gamma.cal"

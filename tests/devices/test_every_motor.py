@@ -9,7 +9,7 @@ import pytest
 import rfca_rig
 from rfca_rig.contracts.own_devices import MotorOfAMake
 from rfca_rig.devices import MOTORS, OWN, find_motor, load_object
-from rfca_rig.devices.motor import MotorSection
+from rfca_rig.devices.sections import MotorSection
 from rfca_rig.toml import validate
 
 KINDS = [kind for kind in MOTORS if kind != OWN]

@@ -15,7 +15,7 @@ from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.devices.moteus import codec
 from rfca_rig.devices.moteus.codec import Mode, Read, Register, Reply, Width, Write
 from rfca_rig.devices.moteus.twin import MoteusTwin, MoteusTwinSettings
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 

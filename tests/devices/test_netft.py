@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.rdt import RECORD_BYTES, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
 from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.devices.netft.codec import RECORD_BYTES, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
+from rfca_rig.devices.netft.driver import NetFtSensor
+from rfca_rig.devices.netft.section import NetFtSettings
+from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, UdpDatagrams
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import LinkEnd, datagram_link
 from tests.devices.rig import Tampered, twin_rig
 
@@ -394,7 +395,7 @@ def test_udp_tells_when_nobody_is_there() -> None:
 
 def test_udp_to_a_host_that_cannot_be_is_an_error() -> None:
     with pytest.raises(DeviceError, match=r"no way to 300\.1\.1\.1:49152"):
-        UdpDatagrams("300.1.1.1")
+        UdpDatagrams("300.1.1.1", 49152)
 
 
 @pytest.mark.parametrize("order", [lambda n: n, lambda n: n[::-1], lambda n: n * 2, lambda n: n[1::2]])

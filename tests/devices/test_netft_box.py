@@ -11,19 +11,27 @@ import numpy as np
 import pytest
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.netft_configuration import COMMAND_BYTES, CalibrationInfo, ReadForce, decode_reading, encode_command
-from rfca_rig.codecs.rdt import RdtCommand, decode_request
-from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox, NetFtSensor, NetFtSettings
+from rfca_rig.devices.netft.codec import (
+    COMMAND_BYTES,
+    CalibrationInfo,
+    RdtCommand,
+    ReadForce,
+    decode_reading,
+    decode_request,
+    encode_command,
+)
+from rfca_rig.devices.netft.driver import CommandBox, HttpBox, NetFtSensor
+from rfca_rig.devices.netft.section import NetFtSettings
+from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, advise_receive_buffer
 from rfca_rig.errors import BadInput, DeviceError, RigError
-from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import datagram_link
 
 
 def made(settings: NetFtTwinSettings | None = None) -> tuple[NetFtBoxTwin, NetFtTwin]:
     settings = settings or NetFtTwinSettings(decimation=7, counts_per_N=1e6, counts_per_Nm=2e6)
     twin = NetFtTwin(datagram_link()[1], settings, np.random.default_rng(1))
-    return NetFtBoxTwin(twin, settings), twin
+    return NetFtBoxTwin(twin), twin
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from can.interfaces.virtual import VirtualBus
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor import UnpluggedBus
 from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.odrive import codec as cansimple
 from rfca_rig.devices.odrive import messages as odrive
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
@@ -18,7 +19,6 @@ from rfca_rig.devices.odrive.messages import ControlMode
 from rfca_rig.devices.odrive.twin import OdriveTwin, OdriveTwinSettings
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.twins.drive_parts import LoopGains
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.devices.rig import twin_rig

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.devices.netft.twin import NetFtTwinSettings
 from rfca_rig.drivers.device_time import FrameCount
-from rfca_rig.drivers.force_sensors.records import RecordSequence
-from rfca_rig.twins.netft import NetFtTwinSettings
+from rfca_rig.drivers.force_records import RecordSequence
 from rfca_rig.twins.wires import SampleGrid
 from tests.devices.rig import twin_rig
 

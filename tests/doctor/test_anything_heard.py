@@ -12,10 +12,10 @@ from rfca_rig.devices.checks import ReceivedFrame, red
 from rfca_rig.devices.cubemars.checks import judge_mit, judge_servo, observe_mit, observe_servo
 from rfca_rig.devices.cubemars.codec import mit_ranges
 from rfca_rig.devices.moteus.checks import judge_moteus, observe_moteus
+from rfca_rig.devices.netft.checks import judge_stream, observe_stream
+from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.devices.odrive.checks import OdriveWanted, judge_odrive, observe_odrive
 from rfca_rig.devices.odrive.messages import OdriveFirmware
-from rfca_rig.doctor.netft import judge_stream, observe_stream
-from rfca_rig.drivers.force_sensors.netft import NetFtSettings
 from tests.doctor.said import whole
 
 IDS = st.one_of(st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF), st.integers(0x2900, 0x2902), st.integers(0x20, 0x3F))

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from rfca_rig.clock import WallClock
+from rfca_rig.devices.checks import judge_receive_buffer, look_at_serial_port, probe_receive_buffer
 from rfca_rig.doctor.computer import (
     CacheSeen,
     DiskSeen,
@@ -18,15 +19,13 @@ from rfca_rig.doctor.computer import (
     judge_disk,
     judge_extras,
     judge_packages,
-    judge_receive_buffer,
     look_at_clock,
     look_at_compiled_cache,
     look_at_disk,
     look_at_extras,
     look_at_packages,
-    probe_receive_buffer,
 )
-from rfca_rig.doctor.ports import look_at_can_interface, look_at_serial_port
+from rfca_rig.doctor.ports import look_at_can_interface
 from rfca_rig.twin_server.can_ports import PseudoTerminal
 from tests.doctor.said import whole
 

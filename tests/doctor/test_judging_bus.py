@@ -4,15 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from rfca_rig.devices.checks import CanBusObservation, Colour
-from rfca_rig.doctor.ports import (
-    CanInterfaceObservation,
-    SerialPortSeen,
-    judge_can_bus,
-    judge_can_interface,
-    judge_found_port,
-    judge_serial_port,
-)
+from rfca_rig.devices.checks import CanBusObservation, Colour, SerialPortSeen, judge_found_port, judge_serial_port
+from rfca_rig.doctor.ports import CanInterfaceObservation, judge_can_bus, judge_can_interface
 from rfca_rig.doctor.scan import judge_found_adapters, judge_found_interfaces
 from tests.doctor.said import whole
 

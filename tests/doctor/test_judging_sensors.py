@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from rfca_rig.codecs.netft_configuration import NetFtConfiguration
-from rfca_rig.doctor.ati_sensors import CardsSeen, ControllerSeen, judge_calibration, judge_card, judge_controller
-from rfca_rig.doctor.netft import BoxObservation, StreamObservation, judge_box, judge_stream
-from rfca_rig.doctor.scan import judge_found_sensor
-from rfca_rig.drivers.force_sensors.netft import NetFtSettings
+from rfca_rig.devices.ati_daq.checks import CardsSeen, judge_calibration, judge_card
+from rfca_rig.devices.ati_serial.checks import ControllerSeen, judge_controller
+from rfca_rig.devices.netft.checks import BoxObservation, StreamObservation, judge_box, judge_found_sensor, judge_stream
+from rfca_rig.devices.netft.codec import NetFtConfiguration
+from rfca_rig.devices.netft.section import NetFtSettings
 from tests.doctor.said import colours, whole
 
 SETTINGS = NetFtSettings()

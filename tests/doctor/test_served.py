@@ -168,7 +168,7 @@ def test_a_rig_file_that_is_not_there_is_bad_input(monkeypatch, capsys):
 
 
 def test_without_a_rig_file_nothing_missing_is_red(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr("rfca_rig.doctor.scan.NETFT_AS_DELIVERED", "127.0.0.1")
+    monkeypatch.setattr("rfca_rig.devices.netft.checks.AS_DELIVERED", "127.0.0.1")
     said = typed(monkeypatch, capsys, "doctor", "--runs", tmp_path)
     for subject in ("CAN interface", "CAN adapters", "serial port", "Net F/T", "receive buffer", "clock", "python packages"):
         assert re.search(rf"^(green|yellow) +{subject} ", said.out, re.MULTILINE), subject

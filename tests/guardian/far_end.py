@@ -13,8 +13,8 @@ from rfca_rig.bench.served import RealTimeLoop
 from rfca_rig.clock import WallClock
 from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, CubemarsServoTwin, MitTwinSettings, ServoTwinSettings
+from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.guardian.rigs import MIT, SERVO

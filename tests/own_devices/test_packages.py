@@ -1,4 +1,4 @@
-"""A drive of an installed package: offered by an entry point, named in a rig file, and used as any other."""
+"""Drive and sensor of an installed package: offered by an entry point, named in a rig file, and used as any other."""
 
 import os
 import re
@@ -11,12 +11,13 @@ import pytest
 
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.clock import TwinClock
-from rfca_rig.contracts.own_devices import MotorOfAMake, find_conformance_tests
+from rfca_rig.contracts.own_devices import MotorOfAMake, find_conformance_tests, run_conformance_tests
 from rfca_rig.description.rig_draft import RigAnswers, draft_rig
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.devices import MOTORS, MotorMake, find_motor, list_motors, package_of
 from rfca_rig.devices.checks import Colour
-from rfca_rig.doctor.rig_checks import check_own_motor, judge_own_motor
+from rfca_rig.devices.own import packages_of
+from rfca_rig.doctor.rig_checks import check_own_motor, check_sensor, judge_own_motor, judge_own_sensor
 from rfca_rig.engine.run import prove_stop
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.store import read_recording
@@ -94,7 +95,7 @@ def site(tmp_path, monkeypatch):
     folder.mkdir()
     monkeypatch.syspath_prepend(folder)
     yield folder
-    for name in [name for name in sys.modules if name.partition(".")[0] in {"our_drive", "broken_drive"}]:
+    for name in [name for name in sys.modules if name.partition(".")[0] in {"our_drive", "our_sensor", "broken_drive"}]:
         del sys.modules[name]
 
 
@@ -217,6 +218,62 @@ def test_a_package_does_not_replace_a_built_in_kind(installed):
     state_package(installed, "their-odrive", "odrive = our_drive:DEVICE")
     assert find_motor("odrive").section.startswith("rfca_rig.devices.")
     assert list_motors() == (*MOTORS, "our-drive")
+
+
+SENSOR_PAGE = (ROOT / "docs" / "add-a-force-sensor.md").read_text().partition("## For several rigs: a package")[2].partition("\n## ")[0]
+(SENSOR_INIT,) = re.findall(r"(?s)```python\n(.*?)```", SENSOR_PAGE)
+SENSOR_SECTION = '[force_sensor]\ndevice = "our-sensor"\ncounts_per_N = 1e6\ncounts_per_Nm = 1e6\nrate_Hz = 800.0\n'
+
+
+@pytest.fixture
+def sensor_rig(site, tmp_path):
+    """The shipped twin's file with the sensor of the package of docs/add-a-force-sensor.md."""
+    sensor = (EXAMPLES / "our_sensor.py").read_text()
+    for old, new in (
+        ("ForceSensorKeys", "SerialSensorKeys"),
+        ("    filter_length:", '    device: Literal["our-sensor"]\n    filter_length:'),
+        ("\n\nFORCE_SENSOR = OurKeys\n", ""),
+    ):
+        assert old in sensor
+        sensor = sensor.replace(old, new)
+    inside = site / "our_sensor"
+    inside.mkdir()
+    (inside / "__init__.py").write_text(SENSOR_INIT)
+    (inside / "sensor.py").write_text(sensor)
+    (inside / "twin.py").write_text((EXAMPLES / "our_sensor_twin.py").read_text().replace("\n\nTWIN = OurTwin\n", ""))
+    state_package(site, "our-sensor", "our-sensor = our_sensor:DEVICE")
+    text = (ROOT / "calibration" / "twin.toml").read_text()
+    rig = tmp_path / "sensor-rig.toml"
+    rig.write_text(re.sub(r"(?ms)^\[force_sensor\]\n.*?(?=^\[)", lambda _: f"{SENSOR_SECTION}\n", text.partition("[twin.camera]")[0]))
+    return rig
+
+
+def test_a_sensor_of_a_package_streams_from_its_twin(sensor_rig):
+    read = read_rig(sensor_rig)
+    assert type(read.force_sensor).__module__ == "our_sensor.sensor"
+    with open_bench(read, 1) as bench:
+        assert judge_own_sensor(bench.sensor, bench.clock).colour is Colour.GREEN
+    assert find_conformance_tests(read)[0].endswith("::TestOurForceSensor")
+    assert packages_of(read.motor, read.force_sensor) == {"force_sensor_package": "our-sensor 1.0"}
+
+
+@pytest.mark.slow
+def test_a_sensor_of_a_package_keeps_the_contract(sensor_rig):
+    assert run_conformance_tests(read_rig(sensor_rig), sensor_rig)
+
+
+def test_the_doctor_names_the_kind_of_a_sensor(sensor_rig):
+    keys = read_rig(sensor_rig).force_sensor.model_copy(update={"port": "/dev/not-there"})
+    first, second = check_sensor(keys, TwinClock())
+    assert first.seen == "our-sensor is loaded, its keys in [force_sensor] are right"
+    assert second.seen.startswith("/dev/not-there cannot be opened")
+
+
+def test_a_sensor_in_the_place_of_a_motor_is_refused(sensor_rig):
+    text = sensor_rig.read_text()
+    sensor_rig.write_text(re.sub(r"(?ms)^\[motor\]\n.*?(?=^\[)", '[motor]\ndevice = "our-sensor"\n\n', text))
+    with pytest.raises(BadInput, match=r"motor: device 'our-sensor' of the installed package our-sensor 1\.0: .* is no MotorMake"):
+        read_rig(sensor_rig)
 
 
 @pytest.mark.slow

@@ -9,19 +9,20 @@ import numpy as np
 import pytest
 
 from rfca_rig.bench.factory import make_motor, open_bench
-from rfca_rig.bench.served import Openings, open_served
+from rfca_rig.bench.served import open_served
 from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.devices.checks import Colour
+from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.own import twin_of
 from rfca_rig.doctor.rig_checks import check_own_motor, check_own_sensor, judge_own_motor, judge_own_sensor
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import prove_stop
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.recording.store import read_recording
+from rfca_rig.twin_server.open_ports import Openings
 from rfca_rig.twins.drive_parts import LoopGains
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.cli.typed import typed

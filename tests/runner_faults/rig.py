@@ -13,9 +13,12 @@ from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.run_experiment import SignalHandler
 from rfca_rig.clock import TwinClock
+from rfca_rig.devices.netft.driver import NetFtSensor
+from rfca_rig.devices.netft.ports import FORCE_FAULTS, TamperedLink
+from rfca_rig.devices.netft.section import NetFtSettings
+from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
 from rfca_rig.devices.odrive.twin import FAULTS, OdriveDialect, OdriveTwin, OdriveTwinSettings, odrive_events
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.engine.interfaces import Bench, StopRequest
 from rfca_rig.protocol.check import Load
@@ -23,9 +26,7 @@ from rfca_rig.protocol.plan import Flap, Hold, HoldTiming, Limits, MoveShaft, Pl
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.backend import InProcessRecorder
 from rfca_rig.recording.model import Recording
-from rfca_rig.twin_server.faults import CAN_FAULTS, FORCE_FAULTS, FaultPanel, TamperedBus
-from rfca_rig.twin_server.netft_ports import TamperedLink
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
+from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel, TamperedBus
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinPlant, TwinWorld
 from tests.engine import rigs

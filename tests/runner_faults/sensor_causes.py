@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rfca_rig.codecs.rdt import decode_records, encode_records
+from rfca_rig.devices.netft.codec import decode_records, encode_records
 from rfca_rig.errors import DeviceError
 from tests.runner_faults.cause import GOES_ON, Cause, catalogued
 from tests.runner_faults.rig import FaultyRig

@@ -16,13 +16,14 @@ from rfca_rig.devices.cubemars.twin import CubemarsMitTwin, CubemarsServoTwin, M
 from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
 from rfca_rig.devices.moteus.twin import FAULTS as MOTEUS_FAULTS
 from rfca_rig.devices.moteus.twin import MoteusTwin, MoteusTwinSettings
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
+from rfca_rig.devices.netft.driver import NetFtSensor
+from rfca_rig.devices.netft.section import NetFtSettings
+from rfca_rig.devices.netft.twin import NetFtTwin
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.run import run_plan
 from rfca_rig.engine.stopping import Sink
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.plan import Hold
-from rfca_rig.twins.netft import NetFtTwin
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.runner_faults.pendulum import Pendulum

@@ -6,12 +6,12 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 454,
-    "lines": 89_600,
+    "modules": 461,
+    "lines": 89_700,
     "lines of code": 57_100,
-    "modules with one user, in their package": 33,
-    "functions": 5_995,
-    "private functions with one use": 718,
+    "modules with one user, in their package": 35,
+    "functions": 6_015,
+    "private functions with one use": 710,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,

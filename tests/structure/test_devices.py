@@ -5,19 +5,20 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.devices import MOTORS, OWN
+from rfca_rig.devices import FORCE_SENSORS, MOTORS, OWN
 from tests.structure.counts import find_imports, read_modules
 
 PACKAGE = Path(__file__).parents[2] / "rfca_rig"
 DEVICES = PACKAGE / "devices"
 FOLDERS = sorted(folder.name for folder in DEVICES.iterdir() if (folder / "__init__.py").exists())
 PARTS = {"section", "codec", "driver", "twin", "checks"}
-# The table of the built-in kinds.
+# The tables of the built-in kinds.
 REGISTRY = DEVICES / "__init__.py"
+PLACES = [place for table in (MOTORS, FORCE_SENSORS) for kind, place in table.items() if kind != OWN]
 
 
 def test_every_folder_is_in_the_registry():
-    assert {place.split(".")[2].partition(":")[0] for kind, place in MOTORS.items() if kind != OWN} == {*FOLDERS}
+    assert {place.split(".")[2].partition(":")[0] for place in PLACES} == {*FOLDERS}
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
@@ -40,12 +41,15 @@ def test_a_make_is_named_in_its_folder_and_in_the_registry_only(folder):
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_the_registry_names_a_make_in_one_line_for_each_kind(folder):
     lines = [line for line in REGISTRY.read_text().splitlines() if re.search(folder, line, re.IGNORECASE)]
-    assert len(lines) == sum(place.startswith(f"rfca_rig.devices.{folder}:") for place in MOTORS.values())
+    assert len(lines) == sum(place.startswith(f"rfca_rig.devices.{folder}:") for place in PLACES)
 
 
-@pytest.mark.parametrize("kind", MOTORS)
-def test_every_kind_stands_on_the_page_of_motors(kind):
-    assert re.search(rf'[`"]{kind}[`"]', (PACKAGE.parent / "docs" / "add-a-motor.md").read_text())
+@pytest.mark.parametrize(
+    ("page", "kind"),
+    [*(("add-a-motor.md", kind) for kind in MOTORS), *(("force-sensors.md", kind) for kind in FORCE_SENSORS if kind != OWN)],
+)
+def test_every_kind_stands_on_its_page(page, kind):
+    assert re.search(rf'[`"]{kind}[`"]', (PACKAGE.parent / "docs" / page).read_text())
 
 
 def test_no_folder_uses_another():

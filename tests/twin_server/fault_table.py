@@ -10,15 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfca_rig.clock import TwinClock
-from rfca_rig.codecs.rdt import RdtCommand, encode_request
 from rfca_rig.contracts.motor_rig import Rotor
+from rfca_rig.devices.netft.codec import RdtCommand, encode_request
+from rfca_rig.devices.netft.driver import HttpBox, NetFtSensor
+from rfca_rig.devices.netft.ports import BOX_FAULTS, FORCE_FAULTS, HttpPort, TamperedLink
+from rfca_rig.devices.netft.section import NetFtSettings
+from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
 from rfca_rig.devices.odrive.twin import FAULTS, OdriveDialect, OdriveTwin, OdriveTwinSettings, odrive_events
-from rfca_rig.drivers.force_sensors.netft import HttpBox, NetFtSensor, NetFtSettings
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.twin_server.faults import BOX_FAULTS, CAN_FAULTS, FORCE_FAULTS, FaultPanel, TamperedBus
-from rfca_rig.twin_server.netft_ports import HttpPort, TamperedLink
-from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
+from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel, TamperedBus
 from rfca_rig.twins.wires import LinkEnd, can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 from tests.twin_server.polling import polled
@@ -87,7 +88,7 @@ def noticed_at_start(name: str) -> str:
     """What the driver says where it asks the box's pages for their scale before it starts."""
     here, there = datagram_link()
     panel, settings = FaultPanel(CATALOGUE), NetFtTwinSettings()
-    box = NetFtBoxTwin(NetFtTwin(there, settings, np.random.default_rng(1)), settings)
+    box = NetFtBoxTwin(NetFtTwin(there, settings, np.random.default_rng(1)))
     pages = HttpPort(box, panel, "127.0.0.1", 0)
     sensor = NetFtSensor(here, TwinClock(), NetFtSettings(), HttpBox("127.0.0.1", pages.port))
     with polled(pages):

@@ -6,11 +6,11 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from rfca_rig.codecs.netft_configuration import ReadCalibrationInfo, encode_calibration, encode_command
-from rfca_rig.drivers.force_sensors.netft import CommandBox, HttpBox
-from rfca_rig.twin_server.faults import FORCE_FAULTS, FaultPanel
-from rfca_rig.twin_server.netft_ports import CommandPort, HttpPort
-from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
+from rfca_rig.devices.netft.codec import ReadCalibrationInfo, encode_calibration, encode_command
+from rfca_rig.devices.netft.driver import CommandBox, HttpBox
+from rfca_rig.devices.netft.ports import FORCE_FAULTS, CommandPort, HttpPort
+from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
+from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twins.wires import datagram_link
 from tests.twin_server.polling import polled, quick_clock
 
@@ -21,7 +21,7 @@ HOST = "127.0.0.1"
 def box():
     link, _ = datagram_link()
     settings = NetFtTwinSettings(counts_per_N=1e6, counts_per_Nm=2e6)
-    return NetFtBoxTwin(NetFtTwin(link, settings, np.random.default_rng(1)), settings)
+    return NetFtBoxTwin(NetFtTwin(link, settings, np.random.default_rng(1)))
 
 
 def test_the_box_s_page_is_read_by_our_own_driver_and_by_hand(box):

@@ -12,13 +12,13 @@ from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
 from rfca_rig.devices.moteus.twin import FAULTS as MOTEUS_FAULTS
 from rfca_rig.devices.moteus.twin import MoteusDialect, MoteusTwin, MoteusTwinSettings, moteus_events
+from rfca_rig.devices.netft.twin import NetFtTwin, NetFtTwinSettings
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
 from rfca_rig.devices.odrive.messages import OdriveFirmware
 from rfca_rig.devices.odrive.twin import FAULTS as ODRIVE_FAULTS
 from rfca_rig.devices.odrive.twin import OdriveDialect, OdriveTwin, OdriveTwinSettings, odrive_events
 from rfca_rig.errors import DeviceError
 from rfca_rig.twin_server.faults import CAN_FAULTS, FaultPanel, TamperedBus
-from rfca_rig.twins.netft import NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import can_wire, datagram_link
 from rfca_rig.twins.world import TwinWorld
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from rfca_rig.bench.served import LONGEST_LEAP_S, RealTimeLoop
-from rfca_rig.codecs.rdt import RdtCommand, encode_request
+from rfca_rig.devices.netft.codec import RdtCommand, encode_request
+from rfca_rig.devices.netft.ports import CommandPort, UdpLink
+from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.can_ports import SharedWire, SlcanPort, SocketcandPort
 from rfca_rig.twin_server.faults import CAN_FAULTS, ControlPort, FaultPanel
-from rfca_rig.twin_server.netft_ports import CommandPort, UdpLink
 from rfca_rig.twin_server.tcp import IDLE_S, MAX_CLIENTS, MAX_QUEUED_BYTES, is_loopback, listening_tcp
-from rfca_rig.twins.netft import NetFtBoxTwin, NetFtTwin, NetFtTwinSettings
 from rfca_rig.twins.wires import datagram_link
 from tests.twin_server.polling import polled, quick_clock
 
@@ -302,7 +302,7 @@ def test_a_port_serves_so_many_clients_and_no_more(wire):
 
 def box() -> NetFtBoxTwin:
     settings = NetFtTwinSettings(counts_per_N=1e6, counts_per_Nm=2e6)
-    return NetFtBoxTwin(NetFtTwin(datagram_link()[0], settings, np.random.default_rng(1)), settings)
+    return NetFtBoxTwin(NetFtTwin(datagram_link()[0], settings, np.random.default_rng(1)))
 
 
 @pytest.mark.parametrize("kind", ["control", "socketcand", "command"])

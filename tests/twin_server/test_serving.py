@@ -11,8 +11,9 @@ import pytest
 
 from rfca_rig.acquisition.acquired import AcquiredDatagrams
 from rfca_rig.clock import WallClock
+from rfca_rig.devices.netft.driver import NetFtSensor, record_source
+from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.devices.odrive.driver import OdriveMotor, OdriveSettings
-from rfca_rig.drivers.force_sensors.netft import NetFtSensor, NetFtSettings
 from tests.cli.typed import typed
 from tests.twin_server.server import ANY_FREE, serving
 
@@ -49,7 +50,7 @@ class Drivers:
 @pytest.fixture
 def drivers(served):
     clock, bus = WallClock(), can.Bus(**served.can)
-    datagrams = AcquiredDatagrams(served.host, clock, served.rdt[1])
+    datagrams = AcquiredDatagrams(record_source(served.host, served.rdt[1]), clock)
     motor = OdriveMotor(bus, clock, OdriveSettings(node_id=0, gear_ratio=9.0, encoder_period_s=2e-3, heartbeat_timeout_s=1.0))
     yield Drivers(clock, motor, NetFtSensor(datagrams, clock, NetFtSettings()))
     datagrams.close()

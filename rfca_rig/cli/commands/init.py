@@ -3,6 +3,7 @@
 import re
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +15,8 @@ from rfca_rig.errors import BadInput
 
 if TYPE_CHECKING:
     from rfca_rig.description.rig_draft import RigAnswers
+    from rfca_rig.devices import SensorMake
+    from rfca_rig.devices.checks import FoundSensor
 
 
 CAMERA_FILE = "twin-camera.toml"
@@ -79,39 +82,63 @@ def _write_rig_file(path: Path, takes_all: bool) -> None:
 
 @dataclass(frozen=True)
 class _Found:
-    """Devices of this computer: buses as (interface, channel), serial ports, calibration files, and a Net F/T with its counts."""
+    """Devices of this computer: buses as (interface, channel), serial ports, files beside the rig file, and sensors that answered.
+
+    Files and sensors are by the kind of force sensor.
+    """
 
     buses: Sequence[tuple[str, str]]
     ports: Sequence[str]
-    calibrations: Sequence[str]
-    box: str | None
-    counts: tuple[float, float] | None
+    files: dict[str, list[str]]
+    sensors: "dict[str, FoundSensor]"
 
-    def list_addresses(self, sensor: str) -> list[str]:
-        """Where a sensor of that make can be, most probable first."""
-        boxes = [] if self.box is None else [self.box]
-        return {"ati-net-ft": boxes, "ati-serial": [*self.ports], "ati-daq": [*self.calibrations]}[sensor]
+    def list_addresses(self, kind: str, key: str) -> list[str]:
+        """Where a sensor of that kind can be, most probable first; `key` is that of its address."""
+        answered = [self.sensors[kind].address] if kind in self.sensors else []
+        return [*answered, *self.files[kind], *(self.ports if key == "port" else ())]
+
+    def describe(self) -> str:
+        """All of it in one line."""
+        files = [name for names in self.files.values() for name in names]
+        return ", ".join((*(" ".join(bus) for bus in self.buses), *self.ports, *files, *(one.name for one in self.sensors.values())))
 
 
-def _find_devices(folder: Path) -> _Found:
-    from rfca_rig.doctor.ports import can_interfaces, look_for_adapters, look_for_serial_ports
-    from rfca_rig.doctor.scan import look_for_box
+def _find_devices(folder: Path, makes: "dict[str, SensorMake]") -> _Found:
+    from rfca_rig.devices import load_object
+    from rfca_rig.devices.checks import look_for_serial_ports
+    from rfca_rig.doctor.ports import can_interfaces, look_for_adapters
+    from rfca_rig.doctor.scan import find_sensors
 
-    box = look_for_box()
-    counts = None if box.says is None else (box.says.counts_per_N, box.says.counts_per_Nm)
+    sensors = {kind: found for kind, found in find_sensors().items() if found.name}
     buses = [*(("socketcan", name) for name in can_interfaces()), *look_for_adapters()]
     ports = [port.path for port in look_for_serial_ports()]
-    return _Found(buses, ports, sorted(file.name for file in folder.glob("*.cal")), None if box.says is None else box.host, counts)
+    files: dict[str, list[str]] = {}
+    for kind, make in makes.items():
+        key, _, usual = make.address
+        is_file = key in load_object(make.section).file_keys
+        files[kind] = sorted(file.name for file in folder.glob(f"*{Path(usual).suffix}")) if is_file else []
+    return _Found(buses, ports, files, sensors)
+
+
+def _find_sensor_makes() -> "dict[str, SensorMake]":
+    """The force sensors that may be asked for; a package may offer a motor, or may not be usable."""
+    from rfca_rig.devices import OWN, find_sensor, list_sensors
+
+    makes: dict[str, SensorMake] = {}
+    for kind in list_sensors():
+        with suppress(BadInput):
+            makes |= {kind: find_sensor(kind)} if kind != OWN else {}
+    return makes
 
 
 def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     """Asks the ten questions; each has a suggestion."""
-    from rfca_rig.description.rig_draft import SENSORS, RigAnswers
+    from rfca_rig.description.rig_draft import RigAnswers
     from rfca_rig.devices import OWN, find_motor, list_motors
 
-    found = _find_devices(folder)
-    seen = [*(" ".join(bus) for bus in found.buses), *found.ports, *found.calibrations, *([f"Net F/T at {found.box}"] if found.box else [])]
-    typer.echo(f"found on this computer: {', '.join(seen) if seen else 'no bus, serial port or force sensor'}", err=True)
+    makes = _find_sensor_makes()
+    found = _find_devices(folder, makes)
+    typer.echo(f"found on this computer: {found.describe() or 'no bus, serial port or force sensor'}", err=True)
     asked = iter(range(1, QUESTIONS + 1))
     # Python has no standard input where the shell closed it (<&-).
     has_terminal = sys.stdin is not None and sys.stdin.isatty()
@@ -140,18 +167,14 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     buses = [" ".join(bus) for bus in found.buses] or ["socketcan can0"]
     interface, channel = ask("its bus: interface and channel of python-can", buses[0], _read_bus)
     number = ask("its number on that bus", str(find_motor(drive).number[1]), _read_count)
-    # A box that answered is certain; a calibration file beside the rig file speaks for a sampling card.
-    probable = "ati-daq" if found.calibrations and found.box is None else "ati-net-ft"
-    sensor = ask(f"force sensor: {', '.join(SENSORS)}", probable, _read_word([*SENSORS]))
-    question = {
-        "ati-net-ft": "its address",
-        "ati-serial": "its serial port",
-        "ati-daq": "its calibration file, .cal, in the folder of the rig file",
-    }
-    usual_address = {"ati-net-ft": "192.168.1.1", "ati-serial": "/dev/ttyUSB0", "ati-daq": "transducer.cal"}[sensor]
-    address = ask(question[sensor], [*found.list_addresses(sensor), usual_address][0], str.strip)
+    # A sensor that answered is certain; a calibration file beside the rig file speaks for its sensor.
+    probable = [*found.sensors, *(kind for kind, names in found.files.items() if names), *makes][0]
+    sensor = ask(f"force sensor: {', '.join(makes)}", probable, _read_word([*makes]))
+    key, question, usual_address = makes[sensor].address
+    address = ask(question, [*found.list_addresses(sensor, key), usual_address][0], str.strip)
+    counts = found.sensors[sensor].counts if sensor in found.sensors else None
     return RigAnswers(
-        lengths_mm, masses_g, below_mm, force_N, torque_Nm, drive, interface, channel, number, sensor, address, found.counts
+        lengths_mm, masses_g, below_mm, force_N, torque_Nm, drive, interface, channel, number, sensor, address, counts
     )  # fmt: skip
 
 

@@ -59,13 +59,14 @@ def serve(
     Example: rfca-rig twin serve --fault force-lost@2-4
     """
     from rfca_rig.bench.fault_injection import faults_of_served_rig
-    from rfca_rig.bench.served import Openings, open_served
+    from rfca_rig.bench.served import open_served
     from rfca_rig.cli.paths import find_rig
     from rfca_rig.cli.progress import COMPILE_NOTICE, make_marked_say
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.model.kernel.compiled import is_warm
     from rfca_rig.twin_server.faults import parse_fault_events
+    from rfca_rig.twin_server.open_ports import Openings
     from rfca_rig.twin_server.tcp import is_loopback
 
     say = make_marked_say("SIM", quiet)

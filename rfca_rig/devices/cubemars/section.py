@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator
 
 from rfca_rig.devices.cubemars.codec import MIT_RANGES
-from rfca_rig.devices.motor import MotorSection
+from rfca_rig.devices.sections import MotorSection
 from rfca_rig.toml import Positive
 
 

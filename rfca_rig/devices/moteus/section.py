@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from rfca_rig.devices.motor import MotorSection
+from rfca_rig.devices.sections import MotorSection
 from rfca_rig.toml import Positive
 
 

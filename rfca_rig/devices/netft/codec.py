@@ -1,25 +1,35 @@
-"""The configuration page of an ATI Net F/T, `netftapi2.xml`; pure.
+"""ATI Net F/T: requests and records by UDP (RDT), its configuration page, and its command interface on TCP; pure.
 
-Element names: ATI manual 9620-05-net ft, the chapter on the CGI interface. Of about seventy elements these are the ones that are needed to
-interpret a stream.
+RDT: ATI manual 9620-05-net ft, section 10. Big-endian, no padding. A record is 36 bytes; a datagram holds 1..40 of them.
+Names of the page's elements: the chapter on the CGI interface. Of about seventy these are the ones that are needed to interpret a stream.
 """
 
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from math import isfinite
 from xml.etree import ElementTree as Xml
 
-from rfca_rig.codecs.ati_calibration import force_code, force_unit, newton_metres_per, newtons_per, torque_code, torque_unit
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.codecs.force_sensors import force_code, force_unit, newton_metres_per, newtons_per, torque_code, torque_unit
 from rfca_rig.errors import MalformedFrame, NotEncodable
+
+PORT = 49152
+RECORD_BYTES = 36
+MAX_RECORDS = 40
+HEADER = 0x1234
+
+_REQUEST = struct.Struct(">HHI")
 
 PATH = "/netftapi2.xml"
 # A larger page is not parsed.
 MAX_PAGE_BYTES = 1 << 16
 
-PORT = 49151
+COMMAND_PORT = 49151
 COMMAND_BYTES = 20
-HEADER = 0x1234
 
 _READ_FORCE, _READ_CALIBRATION = 0, 1
 _BIAS, _CLEAR_LATCH = 1, 2
@@ -29,6 +39,75 @@ _CALIBRATION = struct.Struct(">HBBII6H")
 
 READING_BYTES = _READING.size
 CALIBRATION_BYTES = _CALIBRATION.size
+
+
+class RdtCommand(IntEnum):
+    """Commands of a request. None of them is acknowledged."""
+
+    STOP = 0x0000
+    START_SINGLE = 0x0002
+    START_BUFFERED = 0x0003
+    RESET_LATCH = 0x0041
+    SET_BIAS = 0x0042
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A request of `sample_count` records; 0 is without end. `command` may be one that `RdtCommand` does not know."""
+
+    command: int
+    sample_count: int = 0
+
+
+@dataclass(frozen=True)
+class Records:
+    """m records: both sequence counters and the status word (m,), and `counts` (m, 6) = fx fy fz tx ty tz."""
+
+    rdt_sequence: NDArray[np.uint32]
+    ft_sequence: NDArray[np.uint32]
+    status: NDArray[np.uint32]
+    counts: NDArray[np.int32]
+
+
+def encode_request(command: int, sample_count: int = 0) -> bytes:
+    """Encode a request. Raises NotEncodable where a number does not fit its field."""
+    try:
+        return _REQUEST.pack(HEADER, command, sample_count)
+    except struct.error as error:
+        raise NotEncodable(f"RDT request cannot carry command {command:#x} with {sample_count} records: {error}") from error
+
+
+def decode_request(datagram: bytes) -> Request:
+    """Decode a request. Raises MalformedFrame for a wrong length or header."""
+    if len(datagram) != _REQUEST.size:
+        raise MalformedFrame(f"RDT request of {len(datagram)} bytes, expected {_REQUEST.size}")
+    header, command, sample_count = _REQUEST.unpack(datagram)
+    if header != HEADER:
+        raise MalformedFrame(f"RDT request begins with 0x{header:04x}, expected 0x{HEADER:04x}")
+    return Request(command, sample_count)
+
+
+def decode_records(datagram: bytes) -> Records:
+    """All records of one datagram. Raises MalformedFrame unless it holds 1..40 whole ones."""
+    count, rest = divmod(len(datagram), RECORD_BYTES)
+    if rest or not 1 <= count <= MAX_RECORDS:
+        raise MalformedFrame(f"RDT datagram of {len(datagram)} bytes, expected 1..{MAX_RECORDS} records of {RECORD_BYTES} bytes")
+    # Read as unsigned words; the last six are signed, and the view keeps their bits.
+    words = np.frombuffer(datagram, ">u4").reshape(count, 9).astype(np.uint32)
+    return Records(words[:, 0], words[:, 1], words[:, 2], words[:, 3:].view(np.int32))
+
+
+def encode_records(records: Records) -> bytes:
+    """One datagram. Raises NotEncodable unless there are 1..40 records."""
+    count = len(records.rdt_sequence)
+    if not 1 <= count <= MAX_RECORDS:
+        raise NotEncodable(f"{count} records do not fit one RDT datagram, limit 1..{MAX_RECORDS}")
+    words = np.empty((count, 9), ">u4")
+    words[:, 0] = records.rdt_sequence
+    words[:, 1] = records.ft_sequence
+    words[:, 2] = records.status
+    words[:, 3:] = records.counts.view(np.uint32)
+    return words.tobytes()
 
 
 @dataclass(frozen=True)

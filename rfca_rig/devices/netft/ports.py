@@ -1,21 +1,34 @@
-"""Ports of the Net F/T box: commands over TCP, its web page, and its records over UDP.
+"""Ports of the twin of the box: commands over TCP, its web page, and its records over UDP.
 
-Between the sensor twin and the network is a datagram link with injected faults.
+Between the twin and the network is a datagram link with injected faults.
 """
 
 import socket
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rfca_rig.codecs.netft_configuration import COMMAND_BYTES
-from rfca_rig.codecs.rdt import RECORD_BYTES, SATURATED, RdtCommand, Records, decode_records, decode_request, encode_records, encode_request
+from rfca_rig.codecs.force_sensors import SATURATED
+from rfca_rig.devices.netft.codec import (
+    COMMAND_BYTES,
+    RECORD_BYTES,
+    RdtCommand,
+    Records,
+    decode_records,
+    decode_request,
+    encode_records,
+    encode_request,
+)
+from rfca_rig.devices.netft.section import NetFtConnection, NetFtSection
+from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, Page
 from rfca_rig.errors import MalformedFrame
-from rfca_rig.twin_server.faults import FaultPanel
+from rfca_rig.twin_server.faults import Fault, FaultPanel
+from rfca_rig.twin_server.open_ports import OpenPorts
 from rfca_rig.twin_server.tcp import TcpClient, accept_all, bound_udp, listening_tcp
-from rfca_rig.twins.netft import NetFtBoxTwin, Page
-from rfca_rig.twins.wires import DatagramLink
+from rfca_rig.twins.wires import DatagramLink, datagram_link
+from rfca_rig.twins.world import SensorTwin
 
 LONGEST_REQUEST = 8192
 # Of one connection: a page takes milliseconds.
@@ -30,6 +43,24 @@ SEND_BUFFER_BYTES = 1 << 20
 
 # Faults of single datagrams hit every tenth one.
 FAULT_INTERVAL = 10
+
+# Names are used on the command line and in docs/fault-table.md.
+FORCE_FAULTS = (
+    Fault("force-lost", "every tenth datagram is lost"),
+    Fault("force-twice", "every tenth datagram comes twice"),
+    Fault("force-swapped", "every tenth datagram is overtaken by the next"),
+    Fault("force-short", "every tenth datagram lacks its last 9 bytes"),
+    Fault("force-long", "every tenth datagram has one byte too many"),
+    Fault("force-silent", "no datagram leaves the box"),
+    Fault("force-stuck", "every record has the values of the first, though all counters run on, as with a transducer that was unplugged"),
+    Fault("force-frozen", "records keep coming, but the sensor's own sample counter and values stand still"),
+    Fault("force-saturated", "every record carries status 0x80020000"),
+    Fault("force-scale", "twice the counts per newton and newton metre, as after a change on the box's web page, which says so"),
+    Fault("bias-stops-stream", "a bias request ends the stream"),
+    Fault("box-restart", "the stream ends and the sensor's sample counter begins at 0", once=True),
+    Fault("stream-stolen", "another client took the stream, until it is started again", once=True),
+)
+BOX_FAULTS = (Fault("http-busy", "the box's web server turns every request away"),)
 
 
 @dataclass
@@ -283,3 +314,43 @@ def _repeat_sample(records: Records, frozen: Records) -> Records:
         ft_sequence=np.full_like(records.ft_sequence, frozen.ft_sequence[0]),
         counts=np.broadcast_to(frozen.counts[0], records.counts.shape).copy(),
     )
+
+
+class NetFtWire:
+    """A `SensorWire` of datagrams: records by UDP, and the box's own answers beside them."""
+
+    faults = FORCE_FAULTS
+    port_faults = BOX_FAULTS
+
+    def connect(
+        self, keys: NetFtSection, make_twin: Callable[[DatagramLink], NetFtTwin], panel: FaultPanel | None
+    ) -> tuple[SensorTwin, NetFtConnection]:
+        """The twin at one end of a link, and what the driver talks to at the other."""
+        here, there = datagram_link()
+        twin = make_twin(there if panel is None else TamperedLink(there, panel))
+        return twin, NetFtConnection(here, None if keys.configuration == "unchecked" else NetFtBoxTwin(twin))
+
+    def open(
+        self,
+        keys: NetFtSection,  # noqa: ARG002 (the port that it names is that of the real box)
+        panel: FaultPanel,
+        ports: OpenPorts,
+    ) -> Callable[[Callable[[DatagramLink], NetFtTwin]], SensorTwin]:
+        """Opens the port of the records; those of the box open with its twin."""
+        openings = ports.openings
+        link = UdpLink(openings.host, openings.rdt_port)
+        ports.note(link.address(), link.close, host=openings.host, rdt_port=link.port)
+
+        def put_on_ports(make_twin: Callable[[DatagramLink], NetFtTwin]) -> SensorTwin:
+            twin = make_twin(TamperedLink(link, panel))
+            box = NetFtBoxTwin(twin)
+            pages = HttpPort(box, panel, openings.host, openings.http_port)
+            ports.add(pages, http_port=pages.port)
+            commands = CommandPort(box, openings.host, openings.command_port)
+            ports.add(commands, command_port=commands.port)
+            return twin
+
+        return put_on_ports
+
+
+WIRE = NetFtWire()

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.rdt import ERROR, SATURATED
+from rfca_rig.codecs.force_sensors import ERROR, SATURATED
 from rfca_rig.drivers.device_time import FrameCount
-from rfca_rig.drivers.force_sensors.records import FrozenRecordCounter, RecordSequence, StatusCounter
+from rfca_rig.drivers.force_records import FrozenRecordCounter, RecordSequence, StatusCounter
 from rfca_rig.drivers.ports import SerialPort
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
 from rfca_rig.errors import DeviceError

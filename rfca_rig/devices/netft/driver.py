@@ -3,7 +3,6 @@
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from http.client import HTTPException
 from typing import Protocol
 from urllib.request import ProxyHandler, build_opener
@@ -11,29 +10,38 @@ from urllib.request import ProxyHandler, build_opener
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.clock import Clock
-from rfca_rig.codecs.netft_configuration import (
+from rfca_rig.acquisition.acquired import AcquiredDatagrams, RecordSource
+from rfca_rig.clock import Clock, WallClock
+from rfca_rig.codecs.force_sensors import status_text
+from rfca_rig.devices.netft.codec import (
     CALIBRATION_BYTES,
+    COMMAND_PORT,
     MAX_PAGE_BYTES,
+    MAX_RECORDS,
     PATH,
-    PORT,
     READING_BYTES,
+    RECORD_BYTES,
     CalibrationInfo,
     NetFtConfiguration,
     NetFtReading,
+    RdtCommand,
     ReadCalibrationInfo,
     ReadForce,
+    Records,
     decode_calibration,
     decode_configuration,
     decode_reading,
+    decode_records,
     encode_command,
+    encode_request,
 )
-from rfca_rig.codecs.rdt import RdtCommand, Records, decode_records, encode_request, status_text
+from rfca_rig.devices.netft.section import NetFtBox, NetFtConnection, NetFtSection, NetFtSettings
 from rfca_rig.drivers.device_time import wrap_to_signed
-from rfca_rig.drivers.force_sensors.records import RecordSequence, StatusCounter
-from rfca_rig.drivers.ports import Datagrams
+from rfca_rig.drivers.force_records import RecordSequence, StatusCounter
+from rfca_rig.drivers.ports import Datagrams, UdpDatagrams, advise_receive_buffer
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth, concatenate_blocks
 from rfca_rig.errors import BadInput, DeviceError, MalformedFrame
+from rfca_rig.subprocesses import can_be_started
 
 TIMEOUT_S = 2.0
 # Relative tolerance: counts per unit are converted between units, which leaves rounding errors.
@@ -41,14 +49,6 @@ RELATIVE_TOLERANCE = 1e-6
 
 # Time in s in which records of an earlier stream may still arrive after a stop.
 QUIET_S = 0.02
-
-
-class NetFtBox(Protocol):
-    """Source of the box's configuration. It is read before a stream starts and may wait for the network."""
-
-    def says(self) -> NetFtConfiguration | CalibrationInfo:
-        """Reads the configuration. Raises DeviceError if the box does not answer, or its answer cannot be decoded."""
-        ...
 
 
 class NetFtExpectation(Protocol):
@@ -91,7 +91,7 @@ class HttpBox:
 class CommandBox:
     """The box's command interface on TCP. It reports units and counts, but no rate."""
 
-    def __init__(self, host: str, port: int = PORT, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(self, host: str, port: int = COMMAND_PORT, timeout_s: float = TIMEOUT_S) -> None:
         self._host, self._port = host, port
         self._timeout_s = timeout_s
 
@@ -164,42 +164,6 @@ def _refuse_rate(says: NetFtConfiguration, expected: NetFtExpectation, where: st
             f"force sensor: rate_Hz is {expected_Hz:.6g}, {where} is set to {box_Hz:.6g} records/s (comrdtrate {says.rdt_rate_Hz:g}); "
             "correct the one that is wrong"
         )
-
-
-@dataclass(frozen=True)
-class NetFtSettings:
-    """Scale and rate as configured in the box (cfgcpf, cfgcpt, comrdtrate); `address` and `serial_number` are for the recording.
-
-    With `buffered` the box puts as many records into a datagram as its RDT buffer size says: fewer datagrams, each late by up to
-    one buffer.
-    Raises BadInput for a rate that is not `internal_rate_Hz` divided by an integer: the box rounds to such a rate.
-    """
-
-    counts_per_N: float = 1e6
-    counts_per_Nm: float = 1e6
-    rate_Hz: float = 7000.0
-    internal_rate_Hz: float = 7000.0
-    address: str = ""
-    serial_number: str = ""
-    buffered: bool = True
-
-    def __post_init__(self) -> None:
-        for name in ("counts_per_N", "counts_per_Nm", "rate_Hz", "internal_rate_Hz"):
-            if not 0.0 < getattr(self, name) < float("inf"):
-                raise BadInput(f"force sensor: {name} is {getattr(self, name)}, must be above 0")
-        # The tolerance allows for a rate that is written with a few digits, such as 2333.3.
-        if abs(self.rate_Hz * self.decimation / self.internal_rate_Hz - 1.0) > 1e-3:
-            nearest_Hz = self.internal_rate_Hz / self.decimation
-            raise BadInput(f"force sensor: rate_Hz is {self.rate_Hz:g}, must be {self.internal_rate_Hz:g}/n; nearest {nearest_Hz:.2f}")
-
-    @property
-    def decimation(self) -> int:
-        """Internal samples per record."""
-        return max(1, round(self.internal_rate_Hz / self.rate_Hz))
-
-    @property
-    def record_period_s(self) -> float:
-        return self.decimation / self.internal_rate_Hz
 
 
 class NetFtSensor:
@@ -368,3 +332,28 @@ def _select(records: Records, rows: NDArray[np.int64]) -> Records:
 
 def _samples(records: Records, numbers: NDArray[np.int64], host_s: float, period_s: float) -> ForceSamples:
     return ForceSamples(np.full(len(numbers), host_s), (numbers - 1).astype(np.float64) * period_s, numbers, records.status, records.counts)
+
+
+def record_source(host: str, port: int) -> RecordSource:
+    """The stream of a box, for the process that receives it."""
+    return RecordSource(host, port, RECORD_BYTES, MAX_RECORDS)
+
+
+def open_connection(keys: NetFtSection, clock: WallClock) -> NetFtConnection:
+    """The connection to the box that [force_sensor] names. Raises DeviceError if the host cannot be addressed."""
+    # A process of its own empties the socket, so that a busy loop loses no records.
+    source = record_source(keys.host, keys.port)
+    datagrams = AcquiredDatagrams(source, clock) if can_be_started() else UdpDatagrams(keys.host, keys.port)
+    return NetFtConnection(datagrams, make_box(keys), advise_receive_buffer(datagrams.receive_buffer_bytes))
+
+
+def make_box(keys: NetFtSection) -> NetFtBox | None:
+    """Where the settings of the box are read."""
+    if keys.configuration == "http":
+        return HttpBox(keys.host, keys.http_port)
+    return CommandBox(keys.host, keys.command_port) if keys.configuration == "commands" else None
+
+
+def make_driver(keys: NetFtSection, connection: NetFtConnection, clock: Clock) -> NetFtSensor:
+    """The driver of the box that [force_sensor] names."""
+    return NetFtSensor(connection.datagrams, clock, keys.settings(), connection.box, connection.advice)

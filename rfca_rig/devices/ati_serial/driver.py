@@ -1,17 +1,16 @@
 """Driver for an ATI F/T Controller (CTL, CON) on a serial port."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.ati_serial import PROMPT, SETUP, AtiCommand, FoundRecord, RecordForm, encode_command, record_stream, without_echo
-from rfca_rig.codecs.rdt import SATURATED
+from rfca_rig.codecs.force_sensors import SATURATED
+from rfca_rig.devices.ati_serial.codec import PROMPT, SETUP, AtiCommand, FoundRecord, encode_command, record_stream, without_echo
+from rfca_rig.devices.ati_serial.section import AtiSerialSection
 from rfca_rig.drivers.device_time import FrameCount
-from rfca_rig.drivers.force_sensors.records import FrozenRecordCounter, StatusCounter
+from rfca_rig.drivers.force_records import FrozenRecordCounter, StatusCounter
 from rfca_rig.drivers.ports import SerialPort
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
-from rfca_rig.errors import BadInput, DeviceError
+from rfca_rig.errors import DeviceError
 
 # Time for the prompt after a command, and the interval between two polls for it, in s.
 ANSWER_S = 0.5
@@ -23,35 +22,6 @@ RATE_TOLERANCE = 0.03
 LONGEST_ECHO = 64
 
 
-@dataclass(frozen=True)
-class AtiSerialSettings:
-    """Counts per unit are in the controller's calibration certificate; the serial line does not report them.
-
-    `rate_Hz` is the record rate in `form`. It depends on averaging and line speed; `read` measures it in the first second.
-    Raises BadInput for a rate that the line cannot carry.
-    """
-
-    counts_per_N: float
-    counts_per_Nm: float
-    rate_Hz: float
-    form: RecordForm = RecordForm.ASCII
-    bits_per_s: int = 38_400
-    address: str = ""
-    serial_number: str = ""
-
-    def __post_init__(self) -> None:
-        for name in ("counts_per_N", "counts_per_Nm", "rate_Hz", "bits_per_s"):
-            if not 0.0 < getattr(self, name) < float("inf"):
-                raise BadInput(f"force sensor: {name} is {getattr(self, name)}, must be above 0")
-        # Ten bits per byte: start bit, eight data bits, stop bit.
-        most_Hz = self.bits_per_s / (10.0 * self.form.record_bytes)
-        if self.rate_Hz > most_Hz * (1.0 + 1e-9):
-            raise BadInput(
-                f"force sensor: rate_Hz is {self.rate_Hz:g}, at {self.bits_per_s} bit/s the line carries {most_Hz:.1f} records/s "
-                f"in the form {self.form.value!r}; lower rate_Hz or take the form 'binary-checksum'"
-            )
-
-
 class AtiSerialSensor:
     """A `ForceSensor` over a serial port. Sends a bias only in `bias`: taring belongs to the experiment.
 
@@ -59,16 +29,16 @@ class AtiSerialSensor:
     the sample counter. Records cannot be duplicated or reordered on a serial line.
     """
 
-    def __init__(self, port: SerialPort, clock: Clock, settings: AtiSerialSettings) -> None:
+    def __init__(self, port: SerialPort, clock: Clock, keys: AtiSerialSection) -> None:
         self._port = port
         self._clock = clock
-        self._settings = settings
+        self._keys = keys
         self._running = False
         self._reset()
 
     def _reset(self) -> None:
-        self._stream = record_stream(self._settings.form)
-        self._count = FrameCount(1.0 / self._settings.rate_Hz)
+        self._stream = record_stream(self._keys.form)
+        self._count = FrameCount(1.0 / self._keys.rate_Hz)
         self._status, self._frozen = StatusCounter(), FrozenRecordCounter()
         self._head: bytes | None = b""
         self._received = self._garbled = 0
@@ -80,7 +50,7 @@ class AtiSerialSensor:
     def start(self) -> None:
         """Sets up the controller and starts its stream. Raises DeviceError, with the command, if it does not answer."""
         # A bare carriage return first: it ends a stream that an earlier program left running.
-        for command in (AtiCommand.NOTHING, *SETUP[self._settings.form]):
+        for command in (AtiCommand.NOTHING, *SETUP[self._keys.form]):
             self._ask(command)
         self._reset()
         self._send(AtiCommand.QUERY_STREAM)
@@ -95,9 +65,9 @@ class AtiSerialSensor:
                 request = f"to {bytes(command).decode()!r}" if command else "to a carriage return"
                 reply = f"but sent {answer[-40:]!r}" if answer else "and sent nothing"
                 raise DeviceError(
-                    f"F/T controller on {self._settings.address or 'its serial port'} gives no prompt {request} "
+                    f"F/T controller on {self._keys.port} gives no prompt {request} "
                     f"within {ANSWER_S:g} s, {reply}; "
-                    f"check its power, the cable, and that it is set to {self._settings.bits_per_s} bit/s"
+                    f"check its power, the cable, and that it is set to {self._keys.bits_per_s} bit/s"
                 )
             self._clock.wait_until(self._clock.now_s() + POLL_S)
             answer += self._receive()
@@ -119,14 +89,14 @@ class AtiSerialSensor:
         try:
             self._port.write(encode_command(command))
         except OSError as error:
-            raise DeviceError(f"nothing to be sent on {self._settings.address}: {error}; check the cable") from error
+            raise DeviceError(f"nothing to be sent on {self._keys.port}: {error}; check the cable") from error
 
     def _receive(self) -> bytes:
         try:
             waiting = self._port.in_waiting
             return self._port.read(waiting) if waiting else b""
         except OSError as error:
-            raise DeviceError(f"nothing to be received on {self._settings.address}: {error}; check the cable") from error
+            raise DeviceError(f"nothing to be received on {self._keys.port}: {error}; check the cable") from error
 
     def read(self) -> ForceSamples:
         """Records (m, 6) since the last call. Raises DeviceError if their rate differs from the settings."""
@@ -156,7 +126,7 @@ class AtiSerialSensor:
         if found:
             self._inspect(counts, status, int(places[-1]) + 1)
         # The record number follows from the device time, so that losses leave gaps in it.
-        numbers = np.rint(stamps_s * self._settings.rate_Hz).astype(np.int64) + 1
+        numbers = np.rint(stamps_s * self._keys.rate_Hz).astype(np.int64) + 1
         return ForceSamples(np.full(len(found), self._read_s), stamps_s, numbers, status, counts)
 
     def _inspect(self, counts: np.ndarray, status: np.ndarray, sent: int) -> None:
@@ -175,10 +145,10 @@ class AtiSerialSensor:
         elif not self._rate_checked and self._read_s - self._first_s >= RATE_CHECK_S:
             self._rate_checked = True
             rate_Hz = (self._received + self._garbled + sent - self._first_batch) / (self._read_s - self._first_s)
-            slack_Hz = RATE_TOLERANCE * self._settings.rate_Hz + 1.0 / RATE_CHECK_S
-            if abs(rate_Hz - self._settings.rate_Hz) > slack_Hz:
+            slack_Hz = RATE_TOLERANCE * self._keys.rate_Hz + 1.0 / RATE_CHECK_S
+            if abs(rate_Hz - self._keys.rate_Hz) > slack_Hz:
                 raise DeviceError(
-                    f"force sensor sends {rate_Hz:.1f} records/s, the settings say {self._settings.rate_Hz:g}; "
+                    f"force sensor sends {rate_Hz:.1f} records/s, the settings say {self._keys.rate_Hz:g}; "
                     "put that into rate_Hz, or change the controller's averaging (SA) and sampling (SF)"
                 )
 
@@ -187,7 +157,7 @@ class AtiSerialSensor:
         return self._read_s - self._heard_s
 
     def scale(self) -> SensorScale:
-        return SensorScale(self._settings.counts_per_N, self._settings.counts_per_Nm, self._settings.rate_Hz)
+        return SensorScale(self._keys.counts_per_N, self._keys.counts_per_Nm, self._keys.rate_Hz)
 
     def health(self) -> StreamHealth:
         """Counters since `start`."""
@@ -203,7 +173,7 @@ class AtiSerialSensor:
 
     def _notes(self) -> list[str]:
         notes = []
-        if self._running and self.silent_s() > 0.1 + 2.0 / self._settings.rate_Hz:
+        if self._running and self.silent_s() > 0.1 + 2.0 / self._keys.rate_Hz:
             why = "check the controller's power and the cable"
             if self._stream.malformed and not self._received:
                 why = "bytes come, but none are records; try another form, and without checksum"
@@ -218,10 +188,15 @@ class AtiSerialSensor:
 
     def identity(self) -> dict[str, str]:
         return {
-            "make": f"ATI F/T Controller, serial, {self._settings.form.value}",
-            "address": self._settings.address,
-            "serial_number": self._settings.serial_number,
-            "counts_per_N": repr(self._settings.counts_per_N),
-            "counts_per_Nm": repr(self._settings.counts_per_Nm),
-            "rate_Hz": f"{self._settings.rate_Hz:.6g}",
+            "make": f"ATI F/T Controller, serial, {self._keys.form.value}",
+            "address": self._keys.port,
+            "serial_number": "",
+            "counts_per_N": repr(self._keys.counts_per_N),
+            "counts_per_Nm": repr(self._keys.counts_per_Nm),
+            "rate_Hz": f"{self._keys.rate_Hz:.6g}",
         }
+
+
+def make_driver(keys: AtiSerialSection, port: SerialPort, clock: Clock) -> AtiSerialSensor:
+    """The driver of the controller that [force_sensor] names."""
+    return AtiSerialSensor(port, clock, keys)

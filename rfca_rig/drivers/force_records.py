@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.rdt import SATURATED, WARNINGS
+from rfca_rig.codecs.force_sensors import SATURATED, WARNINGS
 
 Ints = NDArray[np.int64]
 

@@ -1,33 +1,37 @@
-"""An ATI Net F/T: its configuration, and half a second of its stream; never sends a bias."""
+"""An ATI Net F/T: its configuration, and half a second of its stream; never sends a bias. Also the search for one without a rig file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.netft_configuration import CalibrationInfo, NetFtConfiguration
-from rfca_rig.codecs.rdt import (
-    ERROR,
-    MONITOR_LATCHED,
-    SATURATED,
-    WARNINGS,
+from rfca_rig.codecs.force_sensors import ERROR, MONITOR_LATCHED, SATURATED, WARNINGS, status_text
+from rfca_rig.devices.checks import Finding, FoundSensor, green, judge_receive_buffer, probe_receive_buffer, red, yellow
+from rfca_rig.devices.netft.codec import (
+    CalibrationInfo,
+    NetFtConfiguration,
     RdtCommand,
     Records,
     decode_records,
     encode_request,
-    status_text,
 )
-from rfca_rig.devices.checks import Finding, green, red, yellow
-from rfca_rig.drivers.force_sensors.netft import NetFtBox, NetFtSettings, refuse_difference
-from rfca_rig.drivers.force_sensors.records import RecordSequence
-from rfca_rig.drivers.ports import Datagrams, UdpDatagrams
+from rfca_rig.devices.netft.driver import HttpBox, make_box, refuse_difference
+from rfca_rig.devices.netft.section import NetFtBox, NetFtSection, NetFtSettings
+from rfca_rig.drivers.force_records import RecordSequence
+from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, Datagrams, UdpDatagrams
 from rfca_rig.drivers.roles import concatenate_blocks
 from rfca_rig.errors import DeviceError, MalformedFrame, RigError
 
 BOX, STREAM, RATE, STATUS = "sensor's box", "sensor's records", "sensor's rate", "sensor's status"
 # Without bit 31, the summary error, which every error sets.
 SATURATED_BIT = SATURATED & ~ERROR
+
+SENSOR = "Net F/T"
+# Factory address of a box, its record rate, and a short time limit, since usually none is there.
+AS_DELIVERED = "192.168.1.1"
+USUAL_RATE_Hz = 7000.0
+SEARCH_S = 0.5
 
 POLL_S = 2e-3
 QUIET_S = 0.02
@@ -202,3 +206,42 @@ def observe_stream(address: str, seconds: float, datagrams: Sequence[bytes]) -> 
         step=int(np.median(steps)) if len(steps) else None,
         words=tuple(np.unique(records.status).tolist()),
     )
+
+
+def check_sensor(keys: NetFtSection, clock: Clock) -> Iterator[Finding]:
+    """Yields the findings on box, stream and receive buffer. Streams for half a second."""
+    settings = keys.settings()
+    # Whether the box answers decides between two explanations of a missing stream.
+    box, answers = make_box(keys), None
+    if box is not None:
+        seen = look_at_box(keys.host, box)
+        answers = seen.says is not None
+        yield judge_box(seen, settings)
+    yield from judge_stream(look_at_stream(keys.host, keys.port, keys.buffered, clock), settings, answers)
+    yield judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, keys.rate_Hz)
+
+
+def judge_found_sensor(seen: BoxObservation) -> Finding:
+    if seen.says is None:
+        fix = "a sensor as delivered needs this computer in its network; with the right network port for eth0:"
+        return yellow(SENSOR, f"none at {seen.host}, where it is as delivered", fix, "sudo ip address add 192.168.1.100/24 dev eth0")
+    return green(SENSOR, _describe(seen.host, seen.says))
+
+
+def _describe(host: str, says: NetFtConfiguration | CalibrationInfo) -> str:
+    name = f"{says.product} {says.serial_number}" if isinstance(says, NetFtConfiguration) else "a sensor"
+    return f"{name} at {host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = {says.counts_per_Nm:.10g}"
+
+
+def look_for_box() -> BoxObservation:
+    """Asks for the configuration page of a Net F/T at its default address."""
+    return look_at_box(AS_DELIVERED, HttpBox(AS_DELIVERED, timeout_s=SEARCH_S))
+
+
+def find_sensor() -> FoundSensor:
+    """Asks for a box at its default address."""
+    seen = look_for_box()
+    findings = judge_found_sensor(seen), judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, USUAL_RATE_Hz)
+    if seen.says is None:
+        return FoundSensor(findings)
+    return FoundSensor(findings, f"Net F/T at {seen.host}", seen.host, (seen.says.counts_per_N, seen.says.counts_per_Nm))

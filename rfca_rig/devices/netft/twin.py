@@ -5,18 +5,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.codecs.netft_configuration import (
+from rfca_rig.codecs.force_sensors import SATURATED
+from rfca_rig.devices.netft.codec import (
+    MAX_RECORDS,
     PATH,
+    RECORD_BYTES,
     CalibrationInfo,
     NetFtConfiguration,
     NetFtReading,
+    RdtCommand,
     ReadCalibrationInfo,
+    Records,
+    Request,
     decode_command,
+    decode_request,
     encode_calibration,
     encode_configuration,
     encode_reading,
+    encode_records,
 )
-from rfca_rig.codecs.rdt import MAX_RECORDS, RECORD_BYTES, SATURATED, RdtCommand, Records, Request, decode_request, encode_records
+from rfca_rig.devices.netft.section import NetFtSection
 from rfca_rig.errors import MalformedFrame
 from rfca_rig.twins.wires import DatagramLink, SampleGrid
 
@@ -64,7 +72,7 @@ class NetFtTwin:
 
     def __init__(self, link: DatagramLink, settings: NetFtTwinSettings, random: np.random.Generator) -> None:
         self._link = link
-        self._settings = settings
+        self.settings = settings
         self._random = random
         self._ticks = SampleGrid(settings.decimation / settings.internal_rate_Hz)
         self._stream: _Stream | None = None
@@ -88,13 +96,13 @@ class NetFtTwin:
 
     def _obey(self, request: Request) -> None:
         if request.command in {RdtCommand.START_SINGLE, RdtCommand.START_BUFFERED}:
-            size = 1 if request.command == RdtCommand.START_SINGLE else self._settings.buffer_records
+            size = 1 if request.command == RdtCommand.START_SINGLE else self.settings.buffer_records
             self._begin(_Stream(size, request.sample_count or None))
         elif request.command == RdtCommand.STOP:
             self._begin(None)
         elif request.command == RdtCommand.SET_BIAS:
             self.bias()
-            self._begin(None if self._settings.bias_stops_stream else self._stream)
+            self._begin(None if self.settings.bias_stops_stream else self._stream)
 
     def bias(self) -> None:
         """Takes the load at the next sample as zero."""
@@ -161,7 +169,7 @@ class NetFtTwin:
         records = Records(
             rdt_sequence=((stream.sequence + order) & 0xFFFFFFFF).astype(np.uint32),
             # The internal sample counter runs on from power-up, by `decimation` per record.
-            ft_sequence=((first + order) * self._settings.decimation & 0xFFFFFFFF).astype(np.uint32),
+            ft_sequence=((first + order) * self.settings.decimation & 0xFFFFFFFF).astype(np.uint32),
             status=status,
             counts=counts,
         )
@@ -199,7 +207,8 @@ class NetFtBoxTwin:
     With `busy` every page is refused with 503, as the box does when it is queried too often. `configuration` may be changed at run time.
     """
 
-    def __init__(self, streaming: NetFtTwin, settings: NetFtTwinSettings) -> None:
+    def __init__(self, streaming: NetFtTwin) -> None:
+        settings = streaming.settings
         self._streaming = streaming
         self.busy = False
         self.configuration = NetFtConfiguration(
@@ -254,3 +263,11 @@ class NetFtBoxTwin:
         per_unit = (self.configuration.counts_per_N,) * 3 + (self.configuration.counts_per_Nm,) * 3
         largest = [limit * counts / LARGEST_READING for limit, counts in zip(self._full_scale, per_unit, strict=True)]
         return tuple(max(1, int(np.ceil(factor))) for factor in largest)
+
+
+def make_twin(link: DatagramLink, keys: NetFtSection, noise_std: tuple[float, ...], random: np.random.Generator) -> NetFtTwin:
+    """The twin of the box that [force_sensor] names, on its end of the link."""
+    settings = NetFtTwinSettings(
+        counts_per_N=keys.counts_per_N, counts_per_Nm=keys.counts_per_Nm, decimation=keys.settings().decimation, noise_std=noise_std
+    )
+    return NetFtTwin(link, settings, random)

@@ -1,6 +1,8 @@
-"""[motor] in a rig file: the base classes of its sections, and the section that `device` selects from the registry."""
+"""[motor] and [force_sensor] in a rig file: base classes of their sections, and the section that `device` selects from the registry."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import can
@@ -8,9 +10,10 @@ from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandl
 from pydantic_core import CoreSchema, PydanticCustomError, PydanticKnownError, core_schema
 
 from rfca_rig.clock import Clock
-from rfca_rig.devices import MOTORS, find_motor, list_motors, load_object
+from rfca_rig.devices import FORCE_SENSORS, MOTORS, MotorMake, SensorMake, find_motor, find_sensor, list_motors, list_sensors, load_object
 from rfca_rig.drivers.can_frames import CanBusSettings
-from rfca_rig.drivers.roles import ShaftMotor
+from rfca_rig.drivers.ports import SerialPort, open_port
+from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
 from rfca_rig.errors import BadInput
 from rfca_rig.toml import Positive, Section, SelectedByData
 
@@ -47,6 +50,11 @@ class MotorSection(Section):
         if guardian and not cls.needs_guardian:
             raise ValueError("is for drives without a watchdog; this one has its own, which is proven before a run: leave the key out")
         return guardian
+
+    @property
+    def title(self) -> str:
+        """The drive in messages."""
+        return self.device
 
     @property
     def is_guarded(self) -> bool:
@@ -86,6 +94,10 @@ class OwnMotorSection(MotorSection):
     file: Annotated[str, Field(min_length=1)]
     twin_file: Annotated[str, Field(min_length=1)] | None = None
 
+    @property
+    def title(self) -> str:
+        return Path(self.file).name
+
 
 class SpeedDriveKeys(MotorSection):
     """Base class of the keys of a drive with speed commands (`SpeedDrive`), and of the driver that is made from them.
@@ -111,40 +123,132 @@ class MotorKeys(SpeedDriveKeys, OwnMotorSection):
     model_config = ConfigDict(extra="forbid")
 
 
+class ForceSensorSection(Section):
+    """Keys of every force sensor. `file_keys` are those that name a file beside the rig file."""
+
+    file_keys: ClassVar[tuple[str, ...]] = ()
+
+    if TYPE_CHECKING:
+        # Each section states its own word, and its own limits.
+        device: str
+        rate_Hz: float
+
+    @property
+    def title(self) -> str:
+        """The sensor in messages."""
+        return self.device
+
+    def driver(self, port: Any, clock: Clock) -> ForceSensor:
+        """The driver on that port. The make of a built-in sensor makes it instead."""
+        raise NotImplementedError(f"{type(self).__name__} defines no driver(port, clock)")
+
+
+class SerialSensorKeys(ForceSensorSection):
+    """Base class of the keys of a sensor on a serial port, which sends counts."""
+
+    device: str
+    counts_per_N: Positive
+    counts_per_Nm: Positive
+    rate_Hz: Positive
+    port: str = "/dev/ttyUSB0"
+    bits_per_s: Annotated[int, Field(gt=0)] = 115_200
+
+    def open(self) -> SerialPort:
+        """Open the connection to the sensor, to be closed by the caller. Override it for a sensor that is not on a serial port.
+
+        Raises DeviceError.
+        """
+        return open_port(self.port, self.bits_per_s)
+
+
+class OwnForceSensorSection(ForceSensorSection):
+    """A lab's own sensor, read by the class FORCE_SENSOR in `file`; `twin_file` defines its TWIN. Both are relative to the rig file's
+    folder. Other keys are only passed on here. FORCE_SENSOR validates them when the rig file is read.
+    """
+
+    # A lab's class defines keys that are unknown here.
+    model_config = ConfigDict(extra="allow")
+
+    device: Literal["own"]
+    file: Annotated[str, Field(min_length=1)]
+    twin_file: Annotated[str, Field(min_length=1)] | None = None
+    rate_Hz: Positive
+
+    @property
+    def title(self) -> str:
+        return Path(self.file).name
+
+    def open(self) -> SerialPort:
+        # Own devices are loaded relative to the rig file; a section made without a file has no driver.
+        raise BadInput(f"{self.file} was not loaded; read the rig file from where it stands")
+
+
+class ForceSensorKeys(SerialSensorKeys, OwnForceSensorSection):
+    """Base class of a lab's FORCE_SENSOR: the keys of [force_sensor], and the driver that is made from them."""
+
+    # A wrong key is refused again, now that the lab's class states all of them.
+    model_config = ConfigDict(extra="forbid")
+
+    device: Literal["own"]
+
+    def driver(self, port: SerialPort, clock: Clock) -> ForceSensor:
+        """The driver on that port."""
+        raise NotImplementedError("FORCE_SENSOR defines no driver(port, clock)")
+
+
+@dataclass(frozen=True)
 class SelectedByDevice(SelectedByData):
-    """Annotation of a section that `device` selects from the registry. Only the section of that kind is imported."""
+    """Annotation of a section that `device` selects from the registry. Only the section of that kind is imported.
+
+    Parameters
+    ----------
+    base
+        The base class of all sections.
+    find, list_kinds
+        The make of a kind, and all kinds.
+    built_in
+        The table of the built-in kinds.
+    """
+
+    base: type[Section]
+    find: Callable[[str], MotorMake | SensorMake]
+    list_kinds: Callable[[], tuple[str, ...]]
+    built_in: Mapping[str, str]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(self.validate)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """The schema of all built-in kinds."""
-        sections = {kind: load_object(find_motor(kind).section).__pydantic_core_schema__ for kind in MOTORS}
+        sections = {kind: load_object(self.find(kind).section).__pydantic_core_schema__ for kind in self.built_in}
         return handler(core_schema.tagged_union_schema(sections, "device"))
 
-    def validate(self, data: Any) -> MotorSection:
+    def validate(self, data: Any) -> Section:
         """The section of the kind that `data` names. Faults have the types that pydantic gives a union of sections."""
-        if isinstance(data, MotorSection):
+        if isinstance(data, self.base):
             return data
         if not isinstance(data, Mapping):
             raise PydanticKnownError("model_attributes_type")
         section = self.section_of(data)
         if section is None:
-            words = {"discriminator": "'device'", "tag": str(data.get("device")), "expected_tags": ", ".join(map(repr, list_motors()))}
+            words = {"discriminator": "'device'", "tag": str(data.get("device")), "expected_tags": ", ".join(map(repr, self.list_kinds()))}
             raise PydanticKnownError("union_tag_invalid" if "device" in data else "union_tag_not_found", words)
         return section.model_validate(data)
 
-    def section_of(self, data: Mapping[str, Any]) -> type[MotorSection] | None:
+    def section_of(self, data: Mapping[str, Any]) -> type[Section] | None:
         """The class of the section that `data` names, None for a kind that is not known."""
         try:
-            section = load_object(find_motor(str(data.get("device"))).section)
+            section = load_object(self.find(str(data.get("device"))).section)
         except KeyError:
             return None
         except BadInput as error:
             raise PydanticCustomError("device_not_loaded", "{reason}", {"reason": str(error)}) from None
-        if not (isinstance(section, type) and issubclass(section, MotorSection)):
-            raise PydanticCustomError("device_not_loaded", f"the section of device {data['device']!r} does not inherit MotorSection")
+        if not (isinstance(section, type) and issubclass(section, self.base)):
+            raise PydanticCustomError(
+                "device_not_loaded", f"the section of device {data['device']!r} does not inherit {self.base.__name__}"
+            )
         return section
 
 
-Motor = Annotated[MotorSection, SelectedByDevice()]
+Motor = Annotated[MotorSection, SelectedByDevice(MotorSection, find_motor, list_motors, MOTORS)]
+ForceSensorChoice = Annotated[ForceSensorSection, SelectedByDevice(ForceSensorSection, find_sensor, list_sensors, FORCE_SENSORS)]

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.ati_calibration import GAGES, GageBlock, TransducerCalibration
-from rfca_rig.codecs.rdt import SATURATED
-from rfca_rig.drivers.force_sensors.records import FrozenRecordCounter, RecordSequence, StatusCounter
+from rfca_rig.codecs.force_sensors import SATURATED
+from rfca_rig.devices.ati_daq.codec import GAGES, GageBlock, TransducerCalibration
+from rfca_rig.devices.ati_daq.section import AtiDaqSection
+from rfca_rig.drivers.force_records import FrozenRecordCounter, RecordSequence, StatusCounter
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
 from rfca_rig.errors import BadInput, DeviceError
 
@@ -282,6 +283,8 @@ class NidaqmxGages:
             self._task.close()
             self._task = None
 
+    close = stop
+
     def identity(self) -> dict[str, str]:
         return {"card": f"NI, {self._channels}", "card_range_V": f"{self._rails_V[0]:g} to {self._rails_V[1]:g}"}
 
@@ -300,3 +303,13 @@ def _nidaqmx() -> Any:
 
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:200]
+
+
+def open_card(keys: AtiDaqSection, clock: Clock) -> NidaqmxGages:  # noqa: ARG001 (the card has its own clock)
+    """The card that [force_sensor] names. Raises BadInput without NI's package, and for an unusable calibration file."""
+    return NidaqmxGages(keys.channels, keys.rate_Hz, keys.calibration().rails_V)
+
+
+def make_driver(keys: AtiDaqSection, gages: GageVoltages, clock: Clock) -> DaqFtSensor:
+    """The driver of the transducer that [force_sensor] names."""
+    return DaqFtSensor(gages, clock, keys.calibration(), DaqFtSettings(keys.rate_Hz, keys.unloaded_V))
