@@ -25,11 +25,11 @@ from rfca_rig.campaign.layout import CampaignFile, ExperimentFile
 from rfca_rig.campaign.pendulum import PendulumFile, PendulumModelFile
 from rfca_rig.cli.main import app as command_line
 from rfca_rig.description.camera_file import CameraFile
-from rfca_rig.description.cluster_file import ClusterFile
 from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.protocol_file import DynamicFile, FatigueFile, StaticFile
 from rfca_rig.description.rig_draft import list_limits
 from rfca_rig.description.rig_file import RigFile
+from rfca_rig.executors.slurm import ClusterFile
 from rfca_rig.model.catalogue import catalogue, families_of
 from rfca_rig.model.effect import Effect, Parameter
 from rfca_rig.reports.text import words_and_unit

@@ -193,8 +193,7 @@ def open_executor(
         with process_executor(workers or machine_cores()) as here:
             yield here
     elif cluster.startswith(SLURM):
-        from rfca_rig.description.cluster_file import read_cluster_file
-        from rfca_rig.executors.slurm import slurm_workers
+        from rfca_rig.executors.slurm import read_cluster_file, slurm_workers
 
         shared = _find_shared_folder(results)
         with slurm_workers(

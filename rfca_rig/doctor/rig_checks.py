@@ -1,9 +1,12 @@
-"""Checks of all devices that a rig file names, in turn. Those of the motor stop at the first red finding.
+"""Checks of all devices that a rig file names, in turn, and `scan` for devices without one.
 
-Plug-in devices are checked through their own drivers: are they present, and can their messages be decoded.
+Those of the motor stop at the first red finding. Plug-in devices are checked through their own drivers: are they present, and can their
+messages be decoded. Of the camera one photo is taken: its marks are looked for, and nothing moves.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
 from math import tau
 from pathlib import Path
 from typing import TypeVar
@@ -12,29 +15,41 @@ import can
 import numpy as np
 
 from rfca_rig.bench.factory import make_motor
+from rfca_rig.bench.sensors import make_camera
 from rfca_rig.clock import Clock
-from rfca_rig.description.camera_file import PhotoFolderSection, read_camera_file
+from rfca_rig.description.camera_file import OpenCvCameraSection, PhotoFolderSection, read_camera_file
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, find_sensor, load_object
+from rfca_rig.devices import FORCE_SENSORS, USUAL_WATCHDOG_S, find_motor, find_sensor, load_object
 from rfca_rig.devices.checks import (
     CanBusObservation,
     Colour,
     Finding,
+    FoundSensor,
     Listener,
     green,
+    judge_found_port,
     judge_serial_port,
     look_at_serial_port,
+    look_for_serial_ports,
     red,
     shorten_error,
     yellow,
 )
 from rfca_rig.devices.sections import ForceSensorSection, MotorSection
-from rfca_rig.doctor.camera import judge_camera, judge_camera_file, judge_photo_folder, look_at_camera
 from rfca_rig.doctor.computer import check_computer
-from rfca_rig.doctor.ports import judge_can_bus, judge_can_interface, look_at_can_interface
+from rfca_rig.doctor.ports import (
+    CanInterfaceObservation,
+    can_interfaces,
+    judge_can_bus,
+    judge_can_interface,
+    look_at_can_interface,
+    look_for_adapters,
+    make_up_command,
+)
 from rfca_rig.drivers.photo_files import list_pictures
-from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
-from rfca_rig.errors import BadInput, RigError
+from rfca_rig.drivers.roles import ForceSensor, Photo, Photographer, ShaftMotor
+from rfca_rig.errors import BadInput, DeviceError, RigError
+from rfca_rig.vision.leg_photo import PhotoSetup, read_leg_photo
 
 # Observation time and poll interval, and the silence that the driver treats as a fault, in s.
 OWN_LISTEN_S, POLL_S, SILENT_S = 1.5, 5e-3, 0.5
@@ -45,6 +60,16 @@ SHAFT = "shaft"
 LISTEN_S = 0.3
 
 Way = TypeVar("Way")
+
+CAMERA, CALIBRATION = "camera", "camera file"
+# Reprojection error from which a new calibration is advised.
+MAX_REPROJECTION_ERROR_PX = 1.0
+
+LOOK_EVERY_S = 0.02
+
+ADAPTERS, PORTS = "CAN adapters", "serial port"
+# Bit rate for the proposed command if the interface has none yet, in bit/s.
+USUAL_BITRATE = 1_000_000
 
 
 def check_own_motor(keys: MotorSection, clock: Clock) -> Iterator[Finding]:
@@ -257,3 +282,105 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
 def _watchdog_s(rig: RigFile) -> float:
     key = "guardian_silence_ms" if rig.motor.is_guarded else find_motor(rig.motor.device).watchdog_key
     return USUAL_WATCHDOG_S if key is None else float(getattr(rig.motor, key)) / 1e3
+
+
+@dataclass(frozen=True)
+class CameraObservation:
+    """Observed photo. `fault` is why there was none, else None. It showed `stated` of `planned` marks, with these doubts."""
+
+    fault: str | None
+    stated: int = 0
+    planned: int = 0
+    doubts: tuple[str, ...] = ()
+
+
+def judge_camera_file(path: str, fault: str | None, error_px: float) -> Finding:
+    """Finding on the calibration. `fault` is why it cannot be used, None if it can; `error_px` is its reprojection error."""
+    calibrate = "rfca-rig calibrate camera --help"
+    if fault is not None:
+        return red(CALIBRATION, fault, "calibrate the camera, and name the file in calibration_file; docs/camera.md says how:", calibrate)
+    if error_px > MAX_REPROJECTION_ERROR_PX:
+        return yellow(CALIBRATION, f"{path}: reprojection error {error_px:.2f} px", "calibrate again with a flat board:", calibrate)
+    return green(CALIBRATION, f"{path}: reprojection error {error_px:.2f} px")
+
+
+def judge_camera(seen: CameraObservation) -> Finding:
+    if seen.fault is not None:
+        return red(CAMERA, seen.fault, "put the camera right before the next static run; without [camera] forces are measured all the same")
+    shown = f"{seen.stated} of {seen.planned} marks found"
+    if seen.stated == seen.planned:
+        return green(CAMERA, shown)
+    message = f"{shown}: {'; '.join(seen.doubts)}"
+    return yellow(CAMERA, message, "bring the leg into the picture, light it evenly, take red things away")
+
+
+def judge_photo_folder(folder: str, fault: str | None) -> Finding:
+    """Finding on the photo folder. `fault` is why it cannot be read, None if it can."""
+    if fault is not None:
+        return red(CAMERA, fault, "make the folder, and tell the camera's program to put its photos there:", f"mkdir -p {folder}")
+    return green(CAMERA, f"photos are to come into {folder}")
+
+
+def look_at_camera(section: OpenCvCameraSection, eye: PhotoSetup, clock: Clock) -> CameraObservation:
+    try:
+        with ExitStack() as stack:
+            photo = _one_photo(make_camera(section, eye, clock, stack), clock, section.photo_limit_s)
+        identified = read_leg_photo(photo.image, eye).identified
+    except RigError as error:
+        return CameraObservation(shorten_error(error))
+    count = sum(mark is not None for mark in identified.marks)
+    return CameraObservation(None, count, len(identified.marks), tuple(doubt.words for doubt in identified.doubts))
+
+
+def _one_photo(camera: Photographer, clock: Clock, limit_s: float) -> Photo:
+    camera.begin()
+    until_s = clock.now_s() + limit_s
+    while clock.now_s() < until_s:
+        if photo := camera.fetch_photo():
+            return photo
+        clock.wait_until(clock.now_s() + LOOK_EVERY_S)
+    raise DeviceError(f"the camera gave no photo within {limit_s:g} s; check its cable and power")
+
+
+def judge_found_interfaces(seen: tuple[CanInterfaceObservation, ...]) -> list[Finding]:
+    if not seen:
+        fix = "plug the adapter in; where it is not seen, load its driver, or make a serial adapter an interface:"
+        commands = ("sudo modprobe can_raw gs_usb", "sudo slcand -o -c -s8 /dev/ttyACM0 can0")
+        return [yellow("CAN interface", "none in the kernel", fix, *commands)]
+    return [_interface(one) for one in seen]
+
+
+def _interface(seen: CanInterfaceObservation) -> Finding:
+    rate = "" if seen.bitrate is None else f", {seen.bitrate} bit/s"
+    if not seen.is_up:
+        fix = "bring it up, with the bit rate of the drive:"
+        return yellow("CAN interface", f"{seen.channel} is down", fix, make_up_command(seen.channel, seen.bitrate or USUAL_BITRATE))
+    return green("CAN interface", f'{seen.channel} is up{rate}: interface = "socketcan", channel = "{seen.channel}"')
+
+
+def judge_found_adapters(seen: tuple[tuple[str, str], ...]) -> list[Finding]:
+    """Findings on adapters other than the kernel's, as (interface, channel) of python-can."""
+    if not seen:
+        return [green(ADAPTERS, "none beside the kernel's")]
+    return [green(ADAPTERS, f'interface = "{interface}", channel = "{channel}"') for interface, channel in seen]
+
+
+def judge_no_ports() -> Finding:
+    return green(PORTS, "none")
+
+
+def find_sensors() -> dict[str, FoundSensor]:
+    """Results of the search for each built-in force sensor that can be found without a rig file, by its kind."""
+    places = {kind: find_sensor(kind).find for kind in FORCE_SENSORS}
+    return {kind: load_object(place)() for kind, place in places.items() if place is not None}
+
+
+def scan(runs: Path, clock: Clock) -> Iterator[Finding]:
+    """Yields all findings as they come. Sends only what the search for each force sensor sends."""
+    yield from judge_found_interfaces(tuple(look_at_can_interface(name) for name in can_interfaces()))
+    yield from judge_found_adapters(look_for_adapters())
+    ports = look_for_serial_ports()
+    yield from [judge_found_port(port) for port in ports] or [judge_no_ports()]
+    for found in find_sensors().values():
+        yield from found.findings
+    yield from check_computer(runs, clock, None)

@@ -17,18 +17,25 @@ from pathlib import Path
 from shutil import rmtree, which
 from tempfile import mkdtemp
 from threading import current_thread, main_thread
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
 
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.executors.cluster import DaskExecutor, WorkerStartup, connect_workers, import_distributed
 from rfca_rig.executors.cores import ONE_THREAD
 from rfca_rig.executors.environment import Facts
 from rfca_rig.progress import ProgressReport
+from rfca_rig.toml import Section, read_toml
 
 DEATH_TIMEOUT_S = 60
 # Memory of the process that supervises the workers of a job.
 SUPERVISOR_MEMORY_MB = 500
 SCRIPT, KEYS = "workers.sbatch", "keys.pem"
+
+# These values go into a batch script: no blanks, separators or line breaks may change its meaning.
+Word = Annotated[str, Field(pattern=r"^[^\s,;]+$")]
+Line = Annotated[str, Field(pattern=r"^[^\n]+$")]
 
 
 @dataclass(frozen=True)
@@ -198,3 +205,38 @@ def _run_command(*words: str) -> "subprocess.CompletedProcess[str]":
 def _environment() -> dict[str, str]:
     """Environment without the SLURM variables of a job that this process may run in: the workers are separate jobs."""
     return {name: value for name, value in os.environ.items() if not name.startswith("SLURM_") or name == "SLURM_CONF"}
+
+
+class ClusterFile(Section):
+    """`jobs` jobs of `workers_per_job` workers each. A worker is a process of one thread with its own core and this much memory."""
+
+    scheduler: Literal["slurm"]
+    jobs: Annotated[int, Field(ge=1, le=100_000)]
+    workers_per_job: Annotated[int, Field(ge=1, le=1024)] = 1
+    memory_per_worker_MB: Annotated[int, Field(ge=500, le=1_000_000)] = 2000
+    # The forms of time that sbatch takes: minutes, MM:SS, HH:MM:SS, D-HH, D-HH:MM, D-HH:MM:SS.
+    time: Annotated[str, Field(pattern=r"^(\d+|\d+:\d\d|\d+:\d\d:\d\d|\d+-\d+(:\d\d){0,2})$")]
+    partition: Word | None = None
+    account: Word | None = None
+    setup: Annotated[tuple[Line, ...], Field(strict=False)] = ()
+    options: Annotated[tuple[Annotated[str, Field(pattern=r"^--[^\n]+$")], ...], Field(strict=False)] = ()
+    # Workers run in this environment unless the file names another one.
+    python: Line = sys.executable
+    interface: Word | None = None
+
+
+def read_cluster_file(path: Path) -> JobArray:
+    """Read a cluster file. Raises BadInput with file, line and key."""
+    file = read_toml(path, ClusterFile)
+    return JobArray(
+        jobs=file.jobs,
+        workers_per_job=file.workers_per_job,
+        memory_per_worker_MB=file.memory_per_worker_MB,
+        time=file.time,
+        partition=file.partition,
+        account=file.account,
+        setup=file.setup,
+        options=file.options,
+        python=file.python,
+        interface=file.interface,
+    )

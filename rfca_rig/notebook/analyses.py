@@ -24,7 +24,7 @@ from rfca_rig.notebook.recordings import OpenedRecordings, Row, html_table, make
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.diagnosis.files import write_diagnosis
 from rfca_rig.reports.diagnosis.tables import all_misfits
-from rfca_rig.reports.strokes.writing import write_report
+from rfca_rig.reports.strokes.page import write_report
 
 if TYPE_CHECKING:
     import pandas

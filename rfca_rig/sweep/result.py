@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.hdf5_file import new_hdf5_file, open_plain, run_to_completion
-from rfca_rig.sweep.computed import CaseResults, OutputMissing
+from rfca_rig.sweep.outputs import CaseResults, OutputMissing
 from rfca_rig.sweep.plan import FORMAT, SweepPlan, as_text, digest
 from rfca_rig.sweep.quantities import find_quantity
 

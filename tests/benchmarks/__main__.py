@@ -20,7 +20,7 @@ from rfca_rig.campaign.opening import open_recordings
 from rfca_rig.engine.run import run_plan
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
-from rfca_rig.reports.strokes.writing import write_report
+from rfca_rig.reports.strokes.page import write_report
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
 from tests.model.legs import PAPER
 from tests.model.lsoda import ICE, fz_by_lsoda

@@ -16,7 +16,7 @@ from rfca_rig.contracts.force_sensor import ForceSensorContract, ForceSensorRig,
 from rfca_rig.devices.ati_daq.codec import GageBlock, TemperatureCompensation, TransducerCalibration, parse_calibration
 from rfca_rig.devices.ati_daq.driver import COUNTS_PER_UNIT, DaqFtSensor, DaqFtSettings, NidaqmxGages
 from rfca_rig.devices.ati_daq.twin import DaqFtTwin, DaqFtTwinSettings
-from rfca_rig.drivers.force_records import FrozenRecordCounter
+from rfca_rig.drivers.record_stream import FrozenRecordCounter
 from rfca_rig.errors import BadInput, DeviceError
 
 ROOT = Path(__file__).parents[2]

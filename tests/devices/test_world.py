@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rfca_rig.contracts.motor_rig import Rotor
 from rfca_rig.devices.netft.twin import NetFtTwinSettings
 from rfca_rig.drivers.device_time import FrameCount
-from rfca_rig.drivers.force_records import RecordSequence
+from rfca_rig.drivers.record_stream import RecordSequence
 from rfca_rig.twins.wires import SampleGrid
 from tests.devices.rig import twin_rig
 

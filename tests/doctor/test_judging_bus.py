@@ -6,7 +6,7 @@ import pytest
 
 from rfca_rig.devices.checks import CanBusObservation, Colour, SerialPortSeen, judge_found_port, judge_serial_port
 from rfca_rig.doctor.ports import CanInterfaceObservation, judge_can_bus, judge_can_interface
-from rfca_rig.doctor.scan import judge_found_adapters, judge_found_interfaces
+from rfca_rig.doctor.rig_checks import judge_found_adapters, judge_found_interfaces
 from tests.doctor.said import whole
 
 UP = CanInterfaceObservation("can0", True, is_up=True, state="ERROR-ACTIVE", bitrate=1_000_000)

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.description.cluster_file import read_cluster_file
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.slurm import JobArray
+from rfca_rig.executors.slurm import JobArray, read_cluster_file
 from tests.cli.typed import typed
 
 FILE = 'scheduler = "slurm"\njobs = 3\ntime = "02:00:00"\n'

@@ -17,7 +17,7 @@ from rfca_rig.reports.provenance import Origin, PageContext
 from rfca_rig.reports.run.page import page as run_page
 from rfca_rig.reports.run.page import tables_of
 from rfca_rig.reports.run.parts import story_of
-from rfca_rig.reports.strokes.writing import write_report
+from rfca_rig.reports.strokes.page import write_report
 from rfca_rig.reports.sweep.page import page as sweep_page
 from rfca_rig.reports.sweep.pictures import compute_sensitivities
 from tests.analysis.torque_rotation.tables import plain

@@ -9,7 +9,7 @@ import pytest
 
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.reports.pdf import NAMES, VARIABLE, find_browser, print_pdfs
-from rfca_rig.reports.strokes.writing import write_report
+from rfca_rig.reports.strokes.page import write_report
 from tests.cli.typed import typed
 from tests.report.recordings import recording, stages
 

@@ -9,8 +9,7 @@ from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import RigError
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.reports.provenance import Origin, RecordingSource
-from rfca_rig.reports.strokes.page import GivenModel
-from rfca_rig.reports.strokes.writing import write_report
+from rfca_rig.reports.strokes.page import GivenModel, write_report
 from tests.analysis import traces
 from tests.report.outline import Outline
 from tests.report.recordings import BELIEVED, recording, stages, strokes

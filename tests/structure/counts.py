@@ -98,6 +98,19 @@ def find_imports(modules: dict[str, Module]) -> dict[str, set[str]]:
     return found
 
 
+def find_parts(modules: dict[str, Module]) -> dict[str, set[str]]:
+    """Modules that the make of a device names as text, `f"{__name__}.driver:make_driver"`: it imports them when they are first used."""
+    return {
+        name: {
+            f"{name}{part}"
+            for node in module.nodes
+            if isinstance(node, ast.JoinedStr) and ast.unparse(node).startswith(('f"{__name__}.', "f'{__name__}."))
+            for part in [str(getattr(node.values[1], "value", "")).partition(":")[0]]
+        }
+        for name, module in modules.items()
+    }
+
+
 def find_circles(modules: dict[str, Module]) -> list[list[str]]:
     """Groups of modules that import each other, Tarjan's strongly connected components of more than one."""
     imports = find_imports(modules)
@@ -130,9 +143,10 @@ def find_circles(modules: dict[str, Module]) -> list[list[str]]:
 def find_single_users(modules: dict[str, Module]) -> list[tuple[str, str]]:
     """Modules with exactly one user, which stands in the same package, with that user."""
     users: dict[str, set[str]] = defaultdict(set)
-    for name, imported in find_imports(modules).items():
-        for other in imported:
-            users[other].add(name)
+    for used in (find_imports(modules), find_parts(modules)):
+        for name, others in used.items():
+            for other in others:
+                users[other].add(name)
     return [
         (name, user)
         for name in modules

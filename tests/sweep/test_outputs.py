@@ -9,8 +9,7 @@ from rfca_rig.analysis.prediction import predict_stroke
 from rfca_rig.analysis.strips import compare_strips
 from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import GRAVITY_M_S2, PresentEffect
-from rfca_rig.sweep.computed import CaseResults, OutputMissing
-from rfca_rig.sweep.outputs import OUTPUTS, parse_output
+from rfca_rig.sweep.outputs import OUTPUTS, CaseResults, OutputMissing, parse_output
 from rfca_rig.sweep.quantities import SweepCase
 from tests.model.legs import PAPER
 

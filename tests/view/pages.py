@@ -11,7 +11,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from rfca_rig.view.admission import PROTOCOL
+from rfca_rig.view.server import PROTOCOL
 
 
 def stream_of(url: str, **more: object) -> ClientConnection:

@@ -18,7 +18,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 import rfca_rig.view
-from rfca_rig.view.admission import PROTOCOL
+from rfca_rig.view.server import PROTOCOL
 
 STATIC = Path(rfca_rig.view.__file__).parent / "static"
 TOKEN = "scripted"

@@ -4,8 +4,8 @@ import asyncio
 
 import pytest
 
-from rfca_rig.view.admission import Admission
 from rfca_rig.view.run_facts import new_token
+from rfca_rig.view.server import Admission
 
 TOKEN = "Vr5UP1U5KcYRKtLTgvuAyMsX2-D6plbd"  # the names of tests must be the same in every process
 HERE = {"host": "127.0.0.1:8650"}

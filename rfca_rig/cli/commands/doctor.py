@@ -40,8 +40,7 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
     from rfca_rig.clock import WallClock
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.devices.checks import Colour
-    from rfca_rig.doctor.rig_checks import check_rig
-    from rfca_rig.doctor.scan import scan
+    from rfca_rig.doctor.rig_checks import check_rig, scan
 
     described = None if rig is None else read_rig(find_rig(rig))
     clock = WallClock()

@@ -107,7 +107,7 @@ def _find_devices(folder: Path, makes: "dict[str, SensorMake]") -> _Found:
     from rfca_rig.devices import load_object
     from rfca_rig.devices.checks import look_for_serial_ports
     from rfca_rig.doctor.ports import can_interfaces, look_for_adapters
-    from rfca_rig.doctor.scan import find_sensors
+    from rfca_rig.doctor.rig_checks import find_sensors
 
     sensors = {kind: found for kind, found in find_sensors().items() if found.name}
     buses = [*(("socketcan", name) for name in can_interfaces()), *look_for_adapters()]

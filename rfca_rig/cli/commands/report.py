@@ -165,8 +165,7 @@ def write(
     from rfca_rig.cli.progress import progress
     from rfca_rig.description.model_file import read_model_file
     from rfca_rig.reports.provenance import command_line, origin_of
-    from rfca_rig.reports.strokes.page import GivenModel
-    from rfca_rig.reports.strokes.writing import write_report
+    from rfca_rig.reports.strokes.page import GivenModel, write_report
 
     # First: a missing browser must be reported before the work, not after it.
     printing = Printing(pdf)

@@ -10,7 +10,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.codecs.force_sensors import SATURATED
 from rfca_rig.devices.ati_daq.codec import GAGES, GageBlock, TransducerCalibration
 from rfca_rig.devices.ati_daq.section import AtiDaqSection
-from rfca_rig.drivers.force_records import FrozenRecordCounter, RecordSequence, StatusCounter
+from rfca_rig.drivers.record_stream import FrozenRecordCounter, RecordSequence, StatusCounter
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
 from rfca_rig.errors import BadInput, DeviceError
 

@@ -7,8 +7,8 @@ from rfca_rig.codecs.force_sensors import SATURATED
 from rfca_rig.devices.ati_serial.codec import PROMPT, SETUP, AtiCommand, FoundRecord, encode_command, record_stream, without_echo
 from rfca_rig.devices.ati_serial.section import AtiSerialSection
 from rfca_rig.drivers.device_time import FrameCount
-from rfca_rig.drivers.force_records import FrozenRecordCounter, StatusCounter
 from rfca_rig.drivers.ports import SerialPort
+from rfca_rig.drivers.record_stream import FrozenRecordCounter, StatusCounter
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth
 from rfca_rig.errors import DeviceError
 

@@ -18,8 +18,8 @@ from rfca_rig.devices.netft.codec import (
 )
 from rfca_rig.devices.netft.driver import HttpBox, make_box, refuse_difference
 from rfca_rig.devices.netft.section import NetFtBox, NetFtSection, NetFtSettings
-from rfca_rig.drivers.force_records import RecordSequence
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, Datagrams, UdpDatagrams
+from rfca_rig.drivers.record_stream import RecordSequence
 from rfca_rig.drivers.roles import concatenate_blocks
 from rfca_rig.errors import DeviceError, MalformedFrame, RigError
 

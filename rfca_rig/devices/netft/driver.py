@@ -37,8 +37,8 @@ from rfca_rig.devices.netft.codec import (
 )
 from rfca_rig.devices.netft.section import NetFtBox, NetFtConnection, NetFtSection, NetFtSettings
 from rfca_rig.drivers.device_time import wrap_to_signed
-from rfca_rig.drivers.force_records import RecordSequence, StatusCounter
 from rfca_rig.drivers.ports import Datagrams, UdpDatagrams, advise_receive_buffer
+from rfca_rig.drivers.record_stream import RecordSequence, StatusCounter
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, StreamHealth, concatenate_blocks
 from rfca_rig.errors import BadInput, DeviceError, MalformedFrame
 from rfca_rig.subprocesses import can_be_started

@@ -4,5 +4,5 @@
 priors. The effects are those of `rfca_rig.mechanism.effects`.
 
 `check.check_experiment`, `fit.fit_mechanism` and `fit.compare_mechanism` are behind the commands `check`, `fit` and `report`.
-`column_checks` and `readings` find signs and units that are probably wrong.
+`check` and `readings` find signs and units that are probably wrong.
 """
