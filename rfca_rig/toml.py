@@ -9,15 +9,19 @@ import re
 import tomllib
 import typing
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, field_validator, model_validator
 from pydantic_core import CoreSchema, ErrorDetails
 
 from rfca_rig.errors import BadInput
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 Key = tuple[str | int, ...]
 
@@ -26,6 +30,7 @@ _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]")
 _ASSIGNMENT = re.compile(r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
 
 Model = TypeVar("Model", bound=BaseModel)
+Dataclass = TypeVar("Dataclass", bound="DataclassInstance")
 
 # Of a file that people write. The largest one in use, a laboratory's own effect with tables, has some 100 kB.
 MOST_BYTES = 16_000_000
@@ -133,6 +138,11 @@ class Section(BaseModel):
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             converted[key] = math.radians(value) if is_number else value
         return converted
+
+    def to_dataclass(self, kind: type[Dataclass], **others: Any) -> Dataclass:
+        """An object of `kind`: `others`, and the values of the fields that the table has under the same names."""
+        same = {one.name: getattr(self, one.name) for one in fields(kind) if one.name in type(self).model_fields}
+        return kind(**(same | others))
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:

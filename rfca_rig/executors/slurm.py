@@ -228,15 +228,4 @@ class ClusterFile(Section):
 def read_cluster_file(path: Path) -> JobArray:
     """Read a cluster file. Raises BadInput with file, line and key."""
     file = read_toml(path, ClusterFile)
-    return JobArray(
-        jobs=file.jobs,
-        workers_per_job=file.workers_per_job,
-        memory_per_worker_MB=file.memory_per_worker_MB,
-        time=file.time,
-        partition=file.partition,
-        account=file.account,
-        setup=file.setup,
-        options=file.options,
-        python=file.python,
-        interface=file.interface,
-    )
+    return file.to_dataclass(JobArray)

@@ -312,4 +312,4 @@ def open_card(keys: AtiDaqSection, clock: Clock) -> NidaqmxGages:  # noqa: ARG00
 
 def make_driver(keys: AtiDaqSection, gages: GageVoltages, clock: Clock) -> DaqFtSensor:
     """The driver of the transducer that [force_sensor] names."""
-    return DaqFtSensor(gages, clock, keys.calibration(), DaqFtSettings(keys.rate_Hz, keys.unloaded_V))
+    return DaqFtSensor(gages, clock, keys.calibration(), keys.to_dataclass(DaqFtSettings))

@@ -143,11 +143,9 @@ class AtiSerialTwin:
 
 def make_twin(line: SerialLine, keys: AtiSerialSection, noise_std: tuple[float, ...], random: np.random.Generator) -> AtiSerialTwin:
     """The twin of the controller that [force_sensor] names, with a transducer whose full scale is the largest count of 16 bits."""
-    settings = AtiSerialTwinSettings(
-        counts_per_N=keys.counts_per_N,
-        counts_per_Nm=keys.counts_per_Nm,
+    settings = keys.to_dataclass(
+        AtiSerialTwinSettings,
         sampling_Hz=keys.rate_Hz,
-        bits_per_s=keys.bits_per_s,
         noise_std=noise_std,
         full_scale=(MAX_COUNT / keys.counts_per_N,) * 3 + (MAX_COUNT / keys.counts_per_Nm,) * 3,
     )

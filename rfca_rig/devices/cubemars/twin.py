@@ -420,28 +420,11 @@ FAULTS = DriveFaults(
 
 def make_mit_twin(bus: can.BusABC, keys: CubemarsMitSection, gains: LoopGains, watchdog_s: float | None) -> CubemarsMitTwin:
     """The twin of a drive in MIT mode that [motor] names. Its gains come over the wire; of `gains` it only uses the torque limit."""
-    settings = MitTwinSettings(
-        drive_id=keys.drive_id,
-        model=keys.model,
-        direction=keys.direction,
-        zero_rad=keys.zero_rad,
-        torque_limit_Nm=gains.torque_limit_Nm,
-        watchdog_s=watchdog_s,
-    )
+    settings = keys.to_dataclass(MitTwinSettings, torque_limit_Nm=gains.torque_limit_Nm, watchdog_s=watchdog_s)
     return CubemarsMitTwin(bus, settings)
 
 
 def make_servo_twin(bus: can.BusABC, keys: CubemarsServoSection, gains: LoopGains, watchdog_s: float | None) -> CubemarsServoTwin:
     """The twin of a drive in servo mode that [motor] names."""
-    settings = ServoTwinSettings(
-        drive_id=keys.drive_id,
-        gear_ratio=keys.gear_ratio,
-        pole_pairs=keys.pole_pairs,
-        torque_constant_Nm_per_A=keys.torque_constant_Nm_per_A,
-        direction=keys.direction,
-        zero_deg=keys.zero_deg,
-        gains=gains,
-        status_period_s=keys.status_period_ms / 1e3,
-        watchdog_s=watchdog_s,
-    )
+    settings = keys.to_dataclass(ServoTwinSettings, gains=gains, status_period_s=keys.status_period_ms / 1e3, watchdog_s=watchdog_s)
     return CubemarsServoTwin(bus, settings)

@@ -508,15 +508,5 @@ def _version(value: float | None) -> str:
 
 def make_driver(keys: MoteusSection, bus: can.BusABC, clock: Clock, silent_s: float) -> MoteusMotor:
     """The driver of the drive that [motor] names."""
-    settings = MoteusSettings(
-        drive_id=keys.drive_id,
-        can_prefix=keys.can_prefix,
-        gear_ratio=keys.gear_ratio,
-        direction=keys.direction,
-        zero_turns=keys.zero_turns,
-        watchdog_s=keys.watchdog_ms / 1e3,
-        torque_limit_Nm=keys.torque_limit_Nm,
-        reply_timeout_s=silent_s,
-        bitrate_switch=keys.bitrate_switch,
-    )
+    settings = keys.to_dataclass(MoteusSettings, watchdog_s=keys.watchdog_ms / 1e3, reply_timeout_s=silent_s)
     return MoteusMotor(bus, clock, settings)

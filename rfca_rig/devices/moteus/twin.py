@@ -418,12 +418,8 @@ def make_twin(bus: can.BusABC, keys: MoteusSection, gains: LoopGains, watchdog_s
         kd_Nm_s_per_rad=gains.speed_gain_Nm_s_per_rad,
         torque_limit_Nm=gains.torque_limit_Nm,
     )
-    settings = MoteusTwinSettings(
-        drive_id=keys.drive_id,
-        can_prefix=keys.can_prefix,
-        gear_ratio=keys.gear_ratio,
-        direction=keys.direction,
-        zero_turns=keys.zero_turns,
+    settings = keys.to_dataclass(
+        MoteusTwinSettings,
         gains=own_gains,
         # How long it waits comes with every command.
         keeps_timeouts=watchdog_s is not None,

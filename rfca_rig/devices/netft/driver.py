@@ -4,7 +4,6 @@ import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http.client import HTTPException
-from typing import Protocol
 from urllib.request import ProxyHandler, build_opener
 
 import numpy as np
@@ -49,22 +48,6 @@ RELATIVE_TOLERANCE = 1e-6
 
 # Time in s in which records of an earlier stream may still arrive after a stop.
 QUIET_S = 0.02
-
-
-class NetFtExpectation(Protocol):
-    """The settings of a driver that must agree with the box."""
-
-    @property
-    def counts_per_N(self) -> float: ...
-
-    @property
-    def counts_per_Nm(self) -> float: ...
-
-    @property
-    def internal_rate_Hz(self) -> float: ...
-
-    @property
-    def decimation(self) -> int: ...
 
 
 class HttpBox:
@@ -132,7 +115,7 @@ def _receive(connection: socket.socket, length: int) -> bytes:
     return data
 
 
-def refuse_difference(says: NetFtConfiguration | CalibrationInfo, expected: NetFtExpectation, where: str) -> None:
+def refuse_difference(says: NetFtConfiguration | CalibrationInfo, expected: NetFtSettings, where: str) -> None:
     """Compares the box's configuration with the settings.
 
     Raises BadInput if counts or rate differ, DeviceError if the box will not stream. `where` names the box in the message.
@@ -151,7 +134,7 @@ def _refuse_counts(name: str, configured: float, expected: float, how: str, wher
         )
 
 
-def _refuse_rate(says: NetFtConfiguration, expected: NetFtExpectation, where: str) -> None:
+def _refuse_rate(says: NetFtConfiguration, expected: NetFtSettings, where: str) -> None:
     if says.rdt_enabled is False:
         raise DeviceError(f"RDT is disabled on {where}; enable it (comrdte) on its communications page")
     internal_Hz = says.internal_rate_Hz or expected.internal_rate_Hz

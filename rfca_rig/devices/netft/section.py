@@ -96,10 +96,4 @@ class NetFtSection(ForceSensorSection):
 
     def settings(self) -> NetFtSettings:
         """The settings for the driver. Raises BadInput for a rate that the box cannot have."""
-        return NetFtSettings(
-            counts_per_N=self.counts_per_N,
-            counts_per_Nm=self.counts_per_Nm,
-            rate_Hz=self.rate_Hz,
-            address=f"{self.host}:{self.port}",
-            buffered=self.buffered,
-        )
+        return self.to_dataclass(NetFtSettings, address=f"{self.host}:{self.port}")

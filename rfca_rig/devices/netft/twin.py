@@ -267,7 +267,5 @@ class NetFtBoxTwin:
 
 def make_twin(link: DatagramLink, keys: NetFtSection, noise_std: tuple[float, ...], random: np.random.Generator) -> NetFtTwin:
     """The twin of the box that [force_sensor] names, on its end of the link."""
-    settings = NetFtTwinSettings(
-        counts_per_N=keys.counts_per_N, counts_per_Nm=keys.counts_per_Nm, decimation=keys.settings().decimation, noise_std=noise_std
-    )
+    settings = keys.to_dataclass(NetFtTwinSettings, decimation=keys.settings().decimation, noise_std=noise_std)
     return NetFtTwin(link, settings, random)

@@ -475,14 +475,10 @@ def _is_faulty(beat: Heartbeat) -> bool:
 
 def make_driver(keys: OdriveSection, bus: can.BusABC, clock: Clock, silent_s: float) -> OdriveMotor:
     """The driver of the drive that [motor] names."""
-    settings = OdriveSettings(
-        node_id=keys.node_id,
-        gear_ratio=keys.gear_ratio,
-        direction=keys.direction,
-        zero_turns=keys.zero_turns,
+    settings = keys.to_dataclass(
+        OdriveSettings,
         encoder_period_s=keys.encoder_period_ms / 1e3,
         heartbeat_timeout_s=silent_s,
         dialect=OdriveFirmware(keys.dialect),
-        torque_constant_Nm_per_A=keys.torque_constant_Nm_per_A,
     )
     return OdriveMotor(bus, clock, settings)

@@ -297,11 +297,8 @@ FAULTS = DriveFaults(
 
 def make_twin(bus: can.BusABC, keys: OdriveSection, gains: LoopGains, watchdog_s: float | None) -> OdriveTwin:
     """The twin of the drive that [motor] names."""
-    settings = OdriveTwinSettings(
-        node_id=keys.node_id,
-        gear_ratio=keys.gear_ratio,
-        direction=keys.direction,
-        zero_turns=keys.zero_turns,
+    settings = keys.to_dataclass(
+        OdriveTwinSettings,
         gains=gains,
         watchdog_s=watchdog_s,
         encoder_period_s=keys.encoder_period_ms / 1e3,

@@ -476,12 +476,4 @@ def make_torque_off(keys: CubemarsMitSection, silent_s: float) -> MitTorqueOffFr
 
 
 def _settings(keys: CubemarsMitSection, silent_s: float) -> MitSettings:
-    return MitSettings(
-        drive_id=keys.drive_id,
-        model=keys.model,
-        direction=keys.direction,
-        zero_rad=keys.zero_rad,
-        speed_gain_Nm_s_per_rad=keys.speed_gain_Nm_s_per_rad,
-        angle_gain_per_s=keys.angle_gain_per_s,
-        reply_timeout_s=silent_s,
-    )
+    return keys.to_dataclass(MitSettings, reply_timeout_s=silent_s)

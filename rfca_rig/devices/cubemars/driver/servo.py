@@ -377,13 +377,4 @@ def make_torque_off(keys: CubemarsServoSection, silent_s: float) -> ServoTorqueO
 
 
 def _settings(keys: CubemarsServoSection, silent_s: float) -> ServoSettings:
-    return ServoSettings(
-        drive_id=keys.drive_id,
-        gear_ratio=keys.gear_ratio,
-        pole_pairs=keys.pole_pairs,
-        torque_constant_Nm_per_A=keys.torque_constant_Nm_per_A,
-        direction=keys.direction,
-        zero_deg=keys.zero_deg,
-        status_period_s=keys.status_period_ms / 1e3,
-        status_timeout_s=silent_s,
-    )
+    return keys.to_dataclass(ServoSettings, status_period_s=keys.status_period_ms / 1e3, status_timeout_s=silent_s)
