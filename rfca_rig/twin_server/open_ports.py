@@ -10,8 +10,8 @@ from rfca_rig.twin_server.tcp import LOOPBACK
 from rfca_rig.twins.wires import serial_line
 from rfca_rig.twins.world import SensorTwin
 
-# Makes the twin on its end of the wire.
-TwinMaker = Callable[[Any], SensorTwin]
+# Makes the `SensorTwin` of the make on its end of the wire; the wire of a make may need more of it.
+TwinMaker = Callable[[Any], Any]
 
 
 class Port(Protocol):
@@ -66,43 +66,30 @@ class OpenPorts:
         self.note(port.address(), port.close, **names)
 
 
-class SensorWire(Protocol):
+class SensorWire:
     """What is between the driver of a force sensor and its twin, in this process or on ports for other programs.
 
-    `faults` can happen to any twin on it, `port_faults` only to one on ports.
+    This one is a serial line. Override both methods for another wire. `faults` can happen to any twin on it, `port_faults` only to one on
+    ports.
     """
-
-    faults: tuple[Fault, ...]
-    port_faults: tuple[Fault, ...]
-
-    def connect(self, keys: Any, make_twin: TwinMaker, panel: FaultPanel | None) -> tuple[SensorTwin, Any]:
-        """The twin in this process, and the way to it for the driver. `panel` switches faults; None for a wire without any."""
-        ...
-
-    def open(self, keys: Any, panel: FaultPanel, ports: OpenPorts) -> Callable[[TwinMaker], SensorTwin]:
-        """Opens the requested ports, so that an occupied one is found before anything is computed.
-
-        Returns a function that puts the twin on them. Raises BadInput for ports that cannot be opened.
-        """
-        ...
-
-
-class SerialWire:
-    """A serial line; to other programs a pseudo terminal. `name` is the sensor's in their addresses; without it the section has it."""
 
     faults: tuple[Fault, ...] = ()
     port_faults: tuple[Fault, ...] = ()
 
     def __init__(self, name: str | None = None) -> None:
+        """`name` is the sensor's in the addresses of its ports; without it the section has it."""
         self._name = name
 
     def connect(self, keys: Any, make_twin: TwinMaker, panel: FaultPanel | None) -> tuple[SensorTwin, Any]:  # noqa: ARG002 (no faults)
-        """The twin at one end of a line, and the other end."""
+        """The twin in this process, and the way to it for the driver. `panel` switches faults; None for a wire without any."""
         host, device = serial_line()
         return make_twin(device), host
 
     def open(self, keys: Any, panel: FaultPanel, ports: OpenPorts) -> Callable[[TwinMaker], SensorTwin]:  # noqa: ARG002 (no faults)
-        """Opens a pseudo terminal."""
+        """Opens the requested ports, so that an occupied one is found before anything is computed; here a pseudo terminal.
+
+        Returns a function that puts the twin on them. Raises BadInput for ports that cannot be opened.
+        """
         # Windows has none.
         from rfca_rig.twin_server.can_ports import PseudoTerminal  # noqa: PLC0415
 
@@ -111,4 +98,4 @@ class SerialWire:
         return lambda make_twin: make_twin(line)
 
 
-SERIAL = SerialWire()
+SERIAL = SensorWire()

@@ -7,10 +7,10 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 450,
-    "lines": 89_550,
-    "lines of code": 57_000,
+    "lines": 89_450,
+    "lines of code": 56_950,
     "modules with one user, in their package": 28,
-    "functions": 6_015,
+    "functions": 6_010,
     "private functions with one use": 710,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.devices.ati_serial.codec import END, LINE_END, MAX_COUNT, PROMPT, AtiCommand, AtiRecord, RecordForm, encode_record
 from rfca_rig.devices.ati_serial.section import AtiSerialSection
-from rfca_rig.twin_server.open_ports import SerialWire
+from rfca_rig.twin_server.open_ports import SensorWire
 from rfca_rig.twins.wires import SampleGrid, SerialLine
 
 Floats = NDArray[np.float64]
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 BITS_PER_BYTE = 10
 LONGEST_COMMAND = 80
 
-WIRE = SerialWire("F/T controller")
+WIRE = SensorWire("F/T controller")
 
 
 @dataclass(frozen=True)

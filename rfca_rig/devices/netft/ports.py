@@ -25,7 +25,7 @@ from rfca_rig.devices.netft.section import NetFtConnection, NetFtSection
 from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, Page
 from rfca_rig.errors import MalformedFrame
 from rfca_rig.twin_server.faults import Fault, FaultPanel
-from rfca_rig.twin_server.open_ports import OpenPorts
+from rfca_rig.twin_server.open_ports import OpenPorts, SensorWire, TwinMaker
 from rfca_rig.twin_server.tcp import TcpClient, accept_all, bound_udp, listening_tcp
 from rfca_rig.twins.wires import DatagramLink, datagram_link
 from rfca_rig.twins.world import SensorTwin
@@ -316,15 +316,13 @@ def _repeat_sample(records: Records, frozen: Records) -> Records:
     )
 
 
-class NetFtWire:
-    """A `SensorWire` of datagrams: records by UDP, and the box's own answers beside them."""
+class NetFtWire(SensorWire):
+    """Datagrams: records by UDP, and the box's own answers beside them."""
 
     faults = FORCE_FAULTS
     port_faults = BOX_FAULTS
 
-    def connect(
-        self, keys: NetFtSection, make_twin: Callable[[DatagramLink], NetFtTwin], panel: FaultPanel | None
-    ) -> tuple[SensorTwin, NetFtConnection]:
+    def connect(self, keys: NetFtSection, make_twin: TwinMaker, panel: FaultPanel | None) -> tuple[SensorTwin, NetFtConnection]:
         """The twin at one end of a link, and what the driver talks to at the other."""
         here, there = datagram_link()
         twin = make_twin(there if panel is None else TamperedLink(there, panel))
@@ -335,14 +333,14 @@ class NetFtWire:
         keys: NetFtSection,  # noqa: ARG002 (the port that it names is that of the real box)
         panel: FaultPanel,
         ports: OpenPorts,
-    ) -> Callable[[Callable[[DatagramLink], NetFtTwin]], SensorTwin]:
+    ) -> Callable[[TwinMaker], SensorTwin]:
         """Opens the port of the records; those of the box open with its twin."""
         openings = ports.openings
         link = UdpLink(openings.host, openings.rdt_port)
         ports.note(link.address(), link.close, host=openings.host, rdt_port=link.port)
 
-        def put_on_ports(make_twin: Callable[[DatagramLink], NetFtTwin]) -> SensorTwin:
-            twin = make_twin(TamperedLink(link, panel))
+        def put_on_ports(make_twin: TwinMaker) -> SensorTwin:
+            twin: NetFtTwin = make_twin(TamperedLink(link, panel))
             box = NetFtBoxTwin(twin)
             pages = HttpPort(box, panel, openings.host, openings.http_port)
             ports.add(pages, http_port=pages.port)
