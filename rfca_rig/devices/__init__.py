@@ -216,7 +216,16 @@ def _find(kind: str, built_in: Mapping[str, str], make_class: type[Make]) -> Mak
         raise KeyError(kind)
     if len(points) > 1:
         raise BadInput(f"device {kind!r} is offered by several installed packages: {package_of(kind)}; remove all but one")
-    return _load(points[0], make_class)
+    what = f"device {kind!r} of the installed package {package_of(kind)}"
+    try:
+        offered = load_object(points[0].value)
+        if isinstance(offered, make_class):
+            # A make without its section is of no use to a rig file.
+            load_object(offered.section)
+            return offered
+    except BadInput as error:
+        raise BadInput(f"{what}: {error}") from error
+    raise BadInput(f"{what}: {points[0].value} is no {make_class.__name__}")
 
 
 def package_of(kind: str) -> str | None:
@@ -227,16 +236,3 @@ def package_of(kind: str) -> str | None:
 def _points_of(kind: str) -> tuple[EntryPoint, ...]:
     # The word of a built-in kind is taken in both tables.
     return () if kind in MOTORS or kind in FORCE_SENSORS else tuple(entry_points(group=GROUP, name=kind))
-
-
-def _load(point: EntryPoint, make_class: type[Make]) -> Make:
-    """The make of an entry point, with its section. Raises BadInput where the package does not provide one."""
-    what = f"device {point.name!r} of the installed package {package_of(point.name)}"
-    try:
-        make = load_object(point.value)
-        if isinstance(make, make_class):
-            load_object(make.section)
-            return make
-    except BadInput as error:
-        raise BadInput(f"{what}: {error}") from error
-    raise BadInput(f"{what}: {point.value} is no {make_class.__name__}")

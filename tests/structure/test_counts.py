@@ -7,9 +7,9 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 450,
-    "lines": 89_450,
-    "lines of code": 56_950,
-    "modules with one user, in their package": 28,
+    "lines": 89_500,
+    "lines of code": 56_960,
+    "modules with one user, in their package": 27,
     "functions": 6_010,
     "private functions with one use": 710,
     "public class names defined more than once": 0,

@@ -84,11 +84,12 @@ def _write_rig_file(path: Path, takes_all: bool) -> None:
 class _Found:
     """Devices of this computer: buses as (interface, channel), serial ports, files beside the rig file, and sensors that answered.
 
-    Files and sensors are by the kind of force sensor.
+    By kind of force sensor: the makes that may be asked for, files, and what answered.
     """
 
     buses: Sequence[tuple[str, str]]
     ports: Sequence[str]
+    makes: "dict[str, SensorMake]"
     files: dict[str, list[str]]
     sensors: "dict[str, FoundSensor]"
 
@@ -103,8 +104,8 @@ class _Found:
         return ", ".join((*(" ".join(bus) for bus in self.buses), *self.ports, *files, *(one.name for one in self.sensors.values())))
 
 
-def _find_devices(folder: Path, makes: "dict[str, SensorMake]") -> _Found:
-    from rfca_rig.devices import load_object
+def _find_devices(folder: Path) -> _Found:
+    from rfca_rig.devices import OWN, find_sensor, list_sensors, load_object
     from rfca_rig.devices.checks import look_for_serial_ports
     from rfca_rig.doctor.ports import can_interfaces, look_for_adapters
     from rfca_rig.doctor.rig_checks import find_sensors
@@ -112,23 +113,17 @@ def _find_devices(folder: Path, makes: "dict[str, SensorMake]") -> _Found:
     sensors = {kind: found for kind, found in find_sensors().items() if found.name}
     buses = [*(("socketcan", name) for name in can_interfaces()), *look_for_adapters()]
     ports = [port.path for port in look_for_serial_ports()]
+    makes: dict[str, SensorMake] = {}
     files: dict[str, list[str]] = {}
+    for kind in list_sensors():
+        # A package may offer a motor, or may not be usable.
+        with suppress(BadInput):
+            makes |= {kind: find_sensor(kind)} if kind != OWN else {}
     for kind, make in makes.items():
         key, _, usual = make.address
         is_file = key in load_object(make.section).file_keys
         files[kind] = sorted(file.name for file in folder.glob(f"*{Path(usual).suffix}")) if is_file else []
-    return _Found(buses, ports, files, sensors)
-
-
-def _find_sensor_makes() -> "dict[str, SensorMake]":
-    """The force sensors that may be asked for; a package may offer a motor, or may not be usable."""
-    from rfca_rig.devices import OWN, find_sensor, list_sensors
-
-    makes: dict[str, SensorMake] = {}
-    for kind in list_sensors():
-        with suppress(BadInput):
-            makes |= {kind: find_sensor(kind)} if kind != OWN else {}
-    return makes
+    return _Found(buses, ports, makes, files, sensors)
 
 
 def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
@@ -136,8 +131,8 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
     from rfca_rig.description.rig_draft import RigAnswers
     from rfca_rig.devices import OWN, find_motor, list_motors
 
-    makes = _find_sensor_makes()
-    found = _find_devices(folder, makes)
+    found = _find_devices(folder)
+    makes = found.makes
     typer.echo(f"found on this computer: {found.describe() or 'no bus, serial port or force sensor'}", err=True)
     asked = iter(range(1, QUESTIONS + 1))
     # Python has no standard input where the shell closed it (<&-).

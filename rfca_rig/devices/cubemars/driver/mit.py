@@ -467,13 +467,11 @@ class CubemarsMitMotor:
 
 def make_driver(keys: CubemarsMitSection, bus: can.BusABC, clock: Clock, silent_s: float) -> CubemarsMitMotor:
     """The driver of the drive that [motor] names."""
-    return CubemarsMitMotor(bus, clock, _settings(keys, silent_s), bus if isinstance(bus, GuardedBus) else None)
+    return CubemarsMitMotor(
+        bus, clock, keys.to_dataclass(MitSettings, reply_timeout_s=silent_s), bus if isinstance(bus, GuardedBus) else None
+    )
 
 
 def make_torque_off(keys: CubemarsMitSection, silent_s: float) -> MitTorqueOffFrames:
     """What a guardian sends to that drive."""
-    return MitTorqueOffFrames(_settings(keys, silent_s))
-
-
-def _settings(keys: CubemarsMitSection, silent_s: float) -> MitSettings:
-    return keys.to_dataclass(MitSettings, reply_timeout_s=silent_s)
+    return MitTorqueOffFrames(keys.to_dataclass(MitSettings, reply_timeout_s=silent_s))

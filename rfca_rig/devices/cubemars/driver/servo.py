@@ -368,13 +368,14 @@ def _message(frame: servo.Frame) -> can.Message:
 
 def make_driver(keys: CubemarsServoSection, bus: can.BusABC, clock: Clock, silent_s: float) -> CubemarsServoMotor:
     """The driver of the drive that [motor] names."""
-    return CubemarsServoMotor(bus, clock, _settings(keys, silent_s), bus if isinstance(bus, GuardedBus) else None)
+    return CubemarsServoMotor(
+        bus,
+        clock,
+        keys.to_dataclass(ServoSettings, status_period_s=keys.status_period_ms / 1e3, status_timeout_s=silent_s),
+        bus if isinstance(bus, GuardedBus) else None,
+    )
 
 
 def make_torque_off(keys: CubemarsServoSection, silent_s: float) -> ServoTorqueOffFrames:
     """What a guardian sends to that drive."""
-    return ServoTorqueOffFrames(_settings(keys, silent_s))
-
-
-def _settings(keys: CubemarsServoSection, silent_s: float) -> ServoSettings:
-    return keys.to_dataclass(ServoSettings, status_period_s=keys.status_period_ms / 1e3, status_timeout_s=silent_s)
+    return ServoTorqueOffFrames(keys.to_dataclass(ServoSettings, status_period_s=keys.status_period_ms / 1e3, status_timeout_s=silent_s))
