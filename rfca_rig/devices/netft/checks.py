@@ -225,12 +225,9 @@ def judge_found_sensor(seen: BoxObservation) -> Finding:
     if seen.says is None:
         fix = "a sensor as delivered needs this computer in its network; with the right network port for eth0:"
         return yellow(SENSOR, f"none at {seen.host}, where it is as delivered", fix, "sudo ip address add 192.168.1.100/24 dev eth0")
-    return green(SENSOR, _describe(seen.host, seen.says))
-
-
-def _describe(host: str, says: NetFtConfiguration | CalibrationInfo) -> str:
+    says = seen.says
     name = f"{says.product} {says.serial_number}" if isinstance(says, NetFtConfiguration) else "a sensor"
-    return f"{name} at {host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = {says.counts_per_Nm:.10g}"
+    return green(SENSOR, f"{name} at {seen.host}: counts_per_N = {says.counts_per_N:.10g}, counts_per_Nm = {says.counts_per_Nm:.10g}")
 
 
 def look_for_box() -> BoxObservation:
