@@ -4,9 +4,10 @@ Every mark is measured twice: first alone, then with the shape that the whole ma
 hidden marks a correct centre. Pixel (0, 0) is the centre of the first pixel.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -20,14 +21,16 @@ from rfca_rig.vision.rim import (
     MarkOutline,
     Rays,
     Shape,
+    Whiteness,
     cast_rays,
     color_bleed_share,
-    fit_outline,
+    fit_outlines,
     follow_rim,
     is_oblique,
     likely_circle,
     measure_glare,
     measure_levels,
+    measure_whiteness,
     rim_points,
     slopes_of,
 )
@@ -65,8 +68,8 @@ class Patch:
 
 def redness(image_bgr: Pixels | NDArray[np.float32]) -> NDArray[np.float32]:
     """Red minus the larger of green and blue, in counts (height, width). White glints and grey things have none."""
-    blue, green, red = cv2.split(image_bgr.astype(np.float32))
-    return np.asarray(red - cv2.max(green, blue), np.float32)
+    blue, green, red = cv2.split(image_bgr)
+    return np.asarray(cv2.subtract(red, cv2.max(green, blue), dtype=cv2.CV_32F), np.float32)
 
 
 def whiteness(image_bgr: Pixels) -> NDArray[np.float32]:
@@ -93,19 +96,29 @@ def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, 
     shrink = max(1, int(expected_diameter_px / SEARCH_DIAMETER_PX))
     small = _shrink(image_bgr, shrink)
     diameter = expected_diameter_px / shrink
-    red = cv2.GaussianBlur(redness(small), (0, 0), max(0.6, diameter / 14.0))
+    red = np.asarray(cv2.GaussianBlur(redness(small), (0, 0), max(0.6, diameter / 14.0)), np.float32)
     brightest = float(np.percentile(red, BRIGHTEST_PERCENTILE))
+    thresholds = sorted({max(MIN_COUNTS, share * brightest) for share in SHARES}, reverse=True)
+    sizes = [max(3, round(gap * diameter) | 1) for gap in GAP_SHARES]
+    # Only the part of the photo with red things, and room to close gaps at its edges: components cost as much for black pixels.
+    corner, part = _red_part(red, thresholds[-1], max(sizes))
     patches: list[Patch] = []
-    for threshold in sorted({max(MIN_COUNTS, share * brightest) for share in SHARES}, reverse=True):
-        found = (red > threshold).astype(np.uint8)
-        for gap in GAP_SHARES:
-            size = max(3, round(gap * diameter) | 1)
+    for threshold in thresholds:
+        found = (part > threshold).astype(np.uint8)
+        for size in sizes:
             closed = cv2.morphologyEx(found, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
             _, _, boxes, middles = cv2.connectedComponentsWithStats(np.asarray(closed, np.uint8), connectivity=8)
             # Component 0 is the background.
-            own = (_patch(box, middle, shrink) for box, middle in zip(boxes[1:], middles[1:], strict=True))
+            own = (_patch(box, middle + corner, shrink) for box, middle in zip(boxes[1:], middles[1:], strict=True))
             patches += [patch for patch in own if _has_size_of_mark(patch, expected_diameter_px)]
     return _without_repeats(patches, expected_diameter_px)
+
+
+def _red_part(red: NDArray[np.float32], threshold: float, room: int) -> tuple[Floats, NDArray[np.float32]]:
+    """First place (x, y) and the part of a picture (height, width) with all that is above the threshold and `room` pixels around."""
+    x, y, width, height = cv2.boundingRect((red > threshold).astype(np.uint8))
+    left, top = max(0, x - room), max(0, y - room)
+    return np.array([left, top], np.float64), red[top : y + height + room, left : x + width + room]
 
 
 def _without_repeats(patches: list[Patch], diameter_px: float) -> tuple[Patch, ...]:
@@ -286,12 +299,12 @@ def find_marks_and_rejected(image_bgr_uint8: Pixels, expected_diameter_px: float
         raise BadInput(f"photo: marks of {expected_diameter_px:.1f} px are too small to measure, at least 6 px; move the camera closer")
     patches = red_patches(image_bgr_uint8, expected_diameter_px)
     cutouts = [_cutout(image_bgr_uint8, patch, expected_diameter_px) for patch in patches]
-    alone = [_fit_alone(cutout, patch, expected_diameter_px / 2) for cutout, patch in zip(cutouts, patches, strict=True)]
+    alone = _fit_alone(cutouts, patches, expected_diameter_px / 2)
     # A blurred disc's radius depends on the assumption, so each of them has its own shape.
     shapes = [_estimate_shape([found[k] for found in alone if found], expected_diameter_px / 2) for k in range(len(ASSUMPTIONS))]
     waves = [found[0].waves_px for found in alone if found and found[0] and np.isfinite(found[0].waves_px)]
     typical_waves_px = float(np.median(waves)) if waves else 0.0
-    results = [_mark(cutout, found, shapes, typical_waves_px) for cutout, found in zip(cutouts, alone, strict=True)]
+    results = _measure_marks(cutouts, alone, shapes, typical_waves_px)
     marks = _without_duplicates([mark for mark in results if isinstance(mark, Mark)])
     rejected = [
         RejectedPatch(np.array(patch.middle_px), reason)
@@ -321,63 +334,96 @@ def _cutout(image: Pixels, patch: Patch, diameter_px: float) -> _Cutout:
     return _Cutout(rims, linear_rims, red, white, corner, np.stack([BORDER_PX - corner, last - BORDER_PX - corner]))
 
 
-def _fit_alone(cutout: _Cutout, patch: Patch, radius_px: float) -> list[MarkOutline | None] | None:
-    """First outlines of a patch, one for each assumption, with a free shape; their centres are in cutout coordinates."""
-    rim = _rim(cutout, _look(cutout, np.array(patch.middle_px) - cutout.corner_px, radius_px))
-    # A fixed seed: the same photo always gives the same marks.
-    circle = likely_circle(rim.px, radius_px, SIZE_SPREAD, np.random.default_rng(0))
-    if circle is None:
-        return None
-    return [outline for outline, _ in _measure(cutout, circle[:2], [Shape(float(circle[2]))] * len(ASSUMPTIONS))]
+def _fit_alone(cutouts: Sequence[_Cutout], patches: Sequence[Patch], radius_px: float) -> list[list[MarkOutline | None] | None]:
+    """First outlines of each patch, one for each assumption, with a free shape; their centres are in cutout coordinates."""
+    if not patches:
+        return []
+    middles = np.array([patch.middle_px - cutout.corner_px for patch, cutout in zip(patches, cutouts, strict=True)])
+    rims = _rims(_look(cutouts, middles, radius_px, [False] * len(cutouts)), range(len(cutouts)), ASSUMPTIONS[:1] * len(cutouts))
+    circles = [likely_circle(rim.px, radius_px, SIZE_SPREAD) for rim in rims]
+    found = [number for number, circle in enumerate(circles) if circle is not None]
+    starts = np.array([circle[:2] for circle in circles if circle is not None]).reshape(-1, 2)
+    shapes = [Shape(float(circle[2])) for circle in circles if circle is not None]
+    linear = [assumption.linear for assumption in ASSUMPTIONS]
+    # Of each patch two views, which its assumptions share: sampling takes most of the time.
+    measured = [
+        _rims(
+            _look([cutouts[number]] * 2, starts[[place, place]], shapes[place].radius_px, [False, True]), linear, ASSUMPTIONS, square=True
+        )
+        for place, number in enumerate(found)
+    ]
+    outlines = _fit(measured, starts, [[shape] * len(ASSUMPTIONS) for shape in shapes])
+    alone: list[list[MarkOutline | None] | None] = [None] * len(cutouts)
+    for number, own in zip(found, outlines, strict=True):
+        alone[number] = own
+    return alone
 
 
-def _measure(cutout: _Cutout, middle: Floats, shapes: Sequence[Shape]) -> list[tuple[MarkOutline | None, _Rim]]:
-    """The outline from a first centre (2,) under each of ASSUMPTIONS, with the prior shape for it."""
-    seen: dict[tuple[bool, float], _View] = {}
-    measured = []
-    for shape, assumption in zip(shapes, ASSUMPTIONS, strict=True):
-        key = assumption.linear, shape.radius_px
-        # Assumptions share what is sampled, which takes most of the time.
-        if key not in seen:
-            seen[key] = _look(cutout, middle, shape.radius_px, assumption.linear)
-        rim = _rim(cutout, seen[key], assumption, square=True)
-        measured.append((fit_outline(rim.px, middle, shape, rim.rays) if len(rim.px) else None, rim))
-    return measured
+def _fit(rims: Sequence[Sequence[_Rim]], starts: Floats, shapes: Sequence[Sequence[Shape]]) -> list[list[MarkOutline | None]]:
+    """The outlines of patches from first centres (patches, 2): of each patch one for each rim and its prior shape."""
+    flat = [rim for own in rims for rim in own]
+    each = len(ASSUMPTIONS)
+    found = fit_outlines(
+        [rim.px for rim in flat], np.repeat(starts, each, axis=0), [shape for own in shapes for shape in own], [rim.rays for rim in flat]
+    )
+    return [found[first : first + each] for first in range(0, len(found), each)]
 
 
 @dataclass(frozen=True)
 class _View:
-    """A patch as sampled from a centre: rays in the picture of rims and in whiteness, and the levels of the disc."""
+    """Patches as sampled from a centre each: rays in the pictures of rims and in whiteness, and the levels of the discs."""
 
+    cutouts: Sequence[_Cutout]
+    is_linear: Sequence[bool]
     rays: Rays
-    white: Rays
+    white: Whiteness
     level: Levels
     radius_px: float
 
 
-def _look(cutout: _Cutout, middle: Floats, radius_px: float, linear: bool = False) -> _View:
-    rays, white = (cast_rays(one, middle, radius_px) for one in (cutout.linear_rims if linear else cutout.rims, cutout.white))
-    return _View(rays, white, measure_levels(rays, white, radius_px), radius_px)
+def _look(cutouts: Sequence[_Cutout], middles: Floats, radius_px: float, is_linear: Sequence[bool]) -> _View:
+    """Views of patches from centres (views, 2), for discs of one radius."""
+    rays = cast_rays(
+        [cutout.linear_rims if linear else cutout.rims for cutout, linear in zip(cutouts, is_linear, strict=True)], middles, radius_px
+    )
+    white = measure_whiteness(cast_rays([cutout.white for cutout in cutouts], middles, radius_px), radius_px)
+    return _View(cutouts, is_linear, rays, white, measure_levels(rays, white, radius_px), radius_px)
 
 
-def _rim(cutout: _Cutout, view: _View, assumption: _Assumption = ASSUMPTIONS[0], square: bool = False) -> _Rim:
-    """Rim points as seen from a centre; points beside a glare, at the border or askew are rejected.
+def _rims(seen: _View, views: Iterable[int], assumptions: Sequence[_Assumption], square: bool = False) -> list[_Rim]:
+    """Rim points in views, each under an assumption; points beside a glare, at the border or askew are rejected.
 
     Where glare, such as the sheen of a glossy mark, leaves too little of the rim, its mildest parts are used as well.
     """
-    rays, level, radius_px = view.rays, view.level, view.radius_px
-    points = rim_points(rays, (follow_rim(level, rays, radius_px) if assumption.local else level).between(assumption.share))
-    spoilt = ((points.px < cutout.inside_px[0]) | (points.px > cutout.inside_px[1])).any(axis=1)
+    view = np.array(list(views), np.int64)
+    level, rays = seen.level, len(seen.rays.directions)
+    inside = follow_rim(level, seen.rays, seen.radius_px).inside if any(one.local for one in assumptions) else level.inside
+    is_local, share = np.array([one.local for one in assumptions]), np.array([one.share for one in assumptions])
+    # The level at this share of the way from outside to inside; NaN where no disc is.
+    outside = level.outside[view]
+    at = outside + share[:, None] * (np.where(is_local[:, None], inside[view], level.inside[view]) - outside)
+    points = rim_points(seen.rays, view, at)
+    of_view = view[points.rim]
+    limits = np.array([cutout.inside_px for cutout in seen.cutouts])[of_view]
+    spoilt = np.asarray(((points.px < limits[:, 0]) | (points.px > limits[:, 1])).any(axis=1))
     if square:
-        spoilt |= is_oblique(points, rays.middle_px, cutout.linear_slopes if assumption.linear else cutout.slopes)
-    glare, noise = measure_glare(points, view.white, radius_px)
-    limit = max(GLARE * max(MIN_CONTRAST_COUNTS, level.contrast), GLARE_SIGMAS * noise)
-    kept = ~spoilt & (glare <= limit)
-    for factor in MORE_GLARE:
-        if kept.sum() >= ENOUGH_RIM * len(rays.directions):
-            break
-        kept = ~spoilt & (glare <= factor * limit)
-    return _Rim(points.px[kept], len(rays.directions), float((glare[kept] > limit).mean()) if kept.any() else 0.0)
+        for number in np.unique(of_view):
+            cutout, own = seen.cutouts[number], of_view == number
+            slopes = cutout.linear_slopes if seen.is_linear[number] else cutout.slopes
+            spoilt[own] |= is_oblique(points.px[own], seen.rays.middle_px[number], slopes)
+    glare = measure_glare(points, view, seen.white, seen.radius_px)
+    limit = np.maximum(GLARE * np.maximum(MIN_CONTRAST_COUNTS, level.contrast), GLARE_SIGMAS * seen.white.noise)[of_view]
+    ends = np.searchsorted(points.rim, np.arange(len(view) + 1))
+    rims = []
+    for first, last in pairwise(ends.tolist()):
+        px, plain, light, most = points.px[first:last], ~spoilt[first:last], glare[first:last], limit[first:last]
+        kept = plain & (light <= most)
+        for factor in MORE_GLARE:
+            if kept.sum() >= ENOUGH_RIM * rays:
+                break
+            kept = plain & (light <= factor * most)
+        rims.append(_Rim(px[kept], rays, float((light > most)[kept].mean()) if kept.any() else 0.0))
+    return rims
 
 
 def _estimate_shape(found: Sequence[MarkOutline | None], radius_px: float) -> Shape:
@@ -389,17 +435,34 @@ def _estimate_shape(found: Sequence[MarkOutline | None], radius_px: float) -> Sh
     return Shape(float(np.median([outline.radius_px for outline in whole])), (float(bend[0]), float(bend[1])), 0.04, 0.006)
 
 
-def _mark(cutout: _Cutout, found: list[MarkOutline | None] | None, shapes: Sequence[Shape], typical_waves_px: float) -> Mark | str:
+def _measure_marks(
+    cutouts: Sequence[_Cutout], alone: Sequence[list[MarkOutline | None] | None], shapes: Sequence[Shape], typical_waves_px: float
+) -> list[Mark | str]:
+    """The measured mark of each patch, or why it is none."""
+    firsts = [found[0] if found else None for found in alone]
+    chosen = [cutout for cutout, first in zip(cutouts, firsts, strict=True) if first is not None]
+    if not chosen:
+        return ["no round rim"] * len(cutouts)
+    starts = np.array([first.middle_px for first in firsts if first is not None])
+    seen: dict[tuple[bool, float], _View] = {}
+    by_assumption = []
+    for shape, assumption in zip(shapes, ASSUMPTIONS, strict=True):
+        key = assumption.linear, shape.radius_px
+        if key not in seen:
+            seen[key] = _look(chosen, starts, shape.radius_px, [assumption.linear] * len(chosen))
+        by_assumption.append(_rims(seen[key], range(len(chosen)), [assumption] * len(chosen), square=True))
+    rims = list(zip(*by_assumption, strict=True))
+    measured = iter(zip(chosen, rims, _fit(rims, starts, [shapes] * len(chosen)), strict=True))
+    return ["no round rim" if first is None else _mark(*next(measured), typical_waves_px) for first in firsts]
+
+
+def _mark(cutout: _Cutout, rims: Sequence[_Rim], measured: Sequence[MarkOutline | None], typical_waves_px: float) -> Mark | str:
     """The measured mark, or why it is none."""
-    first = found[0] if found else None
-    if first is None:
-        return "no round rim"
-    measured = _measure(cutout, first.middle_px, shapes)
-    outline, rim = measured[0]
+    outline, rim = measured[0], rims[0]
     if outline is None:
         return "hardly any of its rim is seen"
     contrast = _contrast(cutout, outline)
-    outlines = [one for one, _ in measured if one is not None]
+    outlines = [one for one in measured if one is not None]
     middles = np.array([one.middle_px for one in outlines])
     middle = middles.mean(axis=0)
     spread = float(np.sqrt(((middles - middle) ** 2).sum(axis=1).mean())) if len(outlines) == len(measured) else np.inf
@@ -414,12 +477,12 @@ def _mark(cutout: _Cutout, found: list[MarkOutline | None] | None, shapes: Seque
 
 
 def _contrast(cutout: _Cutout, outline: MarkOutline) -> float:
-    return _look(cutout, outline.middle_px, outline.radius_px).level.contrast
+    return float(_look([cutout], outline.middle_px[None], outline.radius_px, [False]).level.contrast[0])
 
 
 def _find_reason(cutout: _Cutout, outline: MarkOutline, contrast: float, spread_px: float) -> str:
     """Why an outline is no mark that can be measured; "" where it is one. The spread is infinite where an assumption gives no outline."""
-    if color_bleed_share(cast_rays(cutout.red, outline.middle_px, outline.radius_px), outline.radius_px) > MAX_SPILL:
+    if color_bleed_share(cast_rays([cutout.red], outline.middle_px[None], outline.radius_px), outline.radius_px) > MAX_SPILL:
         return "it touches another red thing, or a shadow leaves only a part of it bright"
     if outline.seen < MIN_ROUNDNESS:
         return f"only {outline.seen:.0%} of its rim is seen, at least {MIN_ROUNDNESS:.0%}"

@@ -4,7 +4,9 @@ A mark's centre is computed from its rim, never from its centre of mass. A glint
 mass, but not the rim that is still visible. The fit is robust against hidden and glaring parts.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 STEP_PX = 0.25
 SMOOTHING_PX = 0.7
@@ -61,78 +64,146 @@ WAVE_ORDERS, WAVES_SEEN = (3, 4, 5, 6), 0.8
 
 @dataclass(frozen=True)
 class Rays:
-    """A picture sampled along rays from a centre (2,): directions (rays, 2), radii_px (steps,), counts (rays, steps)."""
+    """Pictures sampled along rays from a centre each, `middle_px` (views, 2).
+
+    All views have the same directions (rays, 2) and radii_px (steps,); counts are (views, rays, steps).
+    """
 
     middle_px: Floats
     directions: Floats
     radii_px: Floats
     counts: Floats
 
+    def steps_between(self, low_px: float, high_px: float) -> slice:
+        """The steps at these distances from the centre."""
+        return slice(int(np.searchsorted(self.radii_px, low_px, "left")), int(np.searchsorted(self.radii_px, high_px, "right")))
+
+    def between(self, low_px: float, high_px: float) -> Floats:
+        """Counts (views, rays, some steps) at these distances from the centre."""
+        return self.counts[:, :, self.steps_between(low_px, high_px)]
+
 
 @dataclass(frozen=True)
 class Levels:
-    """Redness just inside the rim along each ray, `inside` (rays,), and just outside it, `outside` (rays,)."""
+    """Redness just inside the rim along each ray, `inside` (views, rays), and just outside it, `outside` (views, rays)."""
 
     inside: Floats
     outside: Floats
 
     @property
-    def contrast(self) -> float:
-        """The step at the rim, in counts."""
-        return float(np.median(self.inside - self.outside))
+    def contrast(self) -> Floats:
+        """The step at the rim (views,), in counts."""
+        return median(self.inside - self.outside)
 
-    def between(self, share: float) -> Floats:
-        """Level along each ray (rays,) at this share of the way from outside to inside; NaN where no disc is."""
-        return self.outside + share * (self.inside - self.outside)
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Rays in a picture of the whiteness, and from them, by view: that of the disc, of its surroundings, and the noise of the latter.
+
+    `lightest` (views, rays, steps) is the largest value of a ray and the two beside it: a glint between two rays is not missed.
+    """
+
+    core: Floats
+    lightest: Floats
+    disc: Floats
+    around: Floats
+    noise: Floats
 
 
 @dataclass(frozen=True)
 class RimPoints:
-    """Rim points `px` (n, 2), with the index of the ray (n,) and of the step along it (n,) of each."""
+    """Rim points `px` (n, 2) of several rims: the rim of each (n,), in ascending order, the index of its ray (n,) and of the step (n,)."""
 
     px: Floats
-    ray: NDArray[np.int64]
-    step: NDArray[np.int64]
+    rim: Indices
+    ray: Indices
+    step: Indices
 
 
-def cast_rays(picture: NDArray[np.float32], middle_px: Floats, radius_px: float) -> Rays:
-    """Sample a picture (height, width) along rays from `middle_px` (2,), long enough for a disc of this radius.
+def median(values: Floats) -> Floats:
+    """Median (...) over the last axis of (..., n). For small arrays, `np.median` takes several times as long."""
+    half = values.shape[-1] // 2
+    if values.shape[-1] % 2:
+        return np.asarray(np.partition(values, half)[..., half])
+    ordered = np.partition(values, (half - 1, half))
+    return np.asarray(0.5 * (ordered[..., half - 1] + ordered[..., half]))
 
-    The picture continues black beyond its border.
+
+def percentile(values: Floats, percent: float) -> Floats:
+    """Percentile (...) over the last axis of (..., n), by linear interpolation as in `np.percentile`."""
+    at = (values.shape[-1] - 1) * (percent / 100.0)
+    low = int(at)
+    high, share = min(low + 1, values.shape[-1] - 1), at - low
+    ordered = np.partition(values, (low, high))
+    return np.asarray(ordered[..., low] + share * (ordered[..., high] - ordered[..., low]))
+
+
+def cast_rays(pictures: Sequence[NDArray[np.float32]], middles_px: Floats, radius_px: float) -> Rays:
+    """Sample pictures (height, width) along rays from a centre each (views, 2), long enough for a disc of this radius.
+
+    The pictures continue black beyond their border.
     """
+    directions, radii, steps_px = _ray_grid(radius_px)
+    places = (middles_px[:, None, None, :] + steps_px).astype(np.float32)
+    x, y = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
+    counts = np.empty(x.shape)
+    for view, picture in enumerate(pictures):
+        counts[view] = cv2.remap(picture, x[view], y[view], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0)
+    return Rays(middles_px, directions, radii, counts)
+
+
+@lru_cache(maxsize=64)
+def _ray_grid(radius_px: float) -> tuple[Floats, Floats, Floats]:
+    """Directions (rays, 2), radii (steps,) and offsets from the centre (rays, steps, 2) of the rays for a disc of this radius."""
     count = int(np.clip(2 * np.pi * radius_px / RAY_EVERY_PX, MIN_RAYS, MAX_RAYS))
     turn = np.arange(count) * (2 * np.pi / count)
     directions = np.column_stack([np.cos(turn), np.sin(turn)])
     radii = np.arange(0.0, REACH * radius_px + 3.0, STEP_PX)
-    places = (middle_px + directions[:, None, :] * radii[None, :, None]).astype(np.float32)
-    sampled = cv2.remap(picture, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0)
-    return Rays(middle_px, directions, radii, sampled.astype(np.float64))
+    return directions, radii, directions[:, None, :] * radii[None, :, None]
 
 
-def measure_levels(rays: Rays, white: Rays, radius_px: float) -> Levels:
+def measure_whiteness(white: Rays, radius_px: float) -> Whiteness:
+    """Of rays in pictures of the whiteness. They must be smoothed so much that noise is not taken for a glint."""
+    core = white.between(*(share * radius_px for share in CORE))
+    beyond = white.between(SPILL_FROM * radius_px, SPILL_TO * radius_px)
+    flat = (len(core), -1)
+    # 1.4826 makes the median of absolute values a standard deviation of normal noise.
+    noise = 1.4826 * median(np.abs(beyond - _median_of_neighbours(median(beyond))[..., None]).reshape(flat))
+    # The neighbouring rays count too.
+    lightest = np.maximum(white.counts, np.maximum(np.roll(white.counts, 1, axis=1), np.roll(white.counts, -1, axis=1)))
+    return Whiteness(core, lightest, percentile(core.reshape(flat), OWN_WHITE_PERCENTILE), median(beyond.reshape(flat)), noise)
+
+
+def measure_levels(rays: Rays, white: Whiteness, radius_px: float) -> Levels:
     """Red levels inside and outside, without glints; inside, a plane follows uneven light across the mark.
 
     Outside, the level follows the surroundings: sheen on a shell, or the edge of the shell, changes them along the rim. `white` are the
-    same rays in the picture's whiteness.
+    same rays in the pictures' whiteness; where it has one view, it serves all views of `rays`.
     """
-    beyond = rays.counts[:, _between(rays, SPILL_FROM * radius_px, SPILL_TO * radius_px)]
-    outside = float(np.median(beyond))
-    ring = _between(rays, *(share * radius_px for share in CORE))
-    core, lightness = rays.counts[:, ring], white.counts[:, ring]
+    beyond = rays.between(SPILL_FROM * radius_px, SPILL_TO * radius_px)
+    core = rays.between(*(share * radius_px for share in CORE))
+    flat = (len(core), -1)
+    outside = median(beyond.reshape(flat))
     # A high percentile: covered parts of the core do not lower it.
-    contrast = float(np.percentile(core, 85.0)) - outside
-    around = _median_of_neighbours(np.median(beyond, axis=1))
+    contrast = percentile(core.reshape(flat), 85.0) - outside
+    around = _median_of_neighbours(median(beyond))
     # Where the surroundings are nearly as red as the disc, another red thing is there: no level of the surroundings.
-    around = np.where(around > outside + 0.5 * contrast, outside, around)
-    plain = (core > outside + 0.5 * contrast) & (lightness < disc_whiteness(white, radius_px) + GLARE * contrast)
-    if not plain.any():
-        return Levels(np.full(len(core), outside), around)
-    typical = float(np.median(core[plain]))
-    # Too little of the core is free of glints for a plane: one level for all rays.
-    if plain.mean() < EVEN_SHARE:
-        return Levels(np.full(len(core), typical), around)
-    at = rays.directions[:, None, :] * rays.radii_px[ring][None, :, None]
-    return Levels(typical + rays.directions @ _slope(at[plain], core[plain] - typical) * radius_px, around)
+    half = outside + 0.5 * contrast
+    around = np.where(around > half[:, None], outside[:, None], around)
+    plain = (core > half[:, None, None]) & (white.core < (white.disc + GLARE * contrast)[:, None, None])
+    ring = rays.steps_between(*(share * radius_px for share in CORE))
+    at = (rays.directions[:, None, :] * rays.radii_px[None, ring, None]).reshape(-1, 2)
+    inside = np.empty_like(around)
+    for view, (one, counts) in enumerate(zip(plain.reshape(flat), core.reshape(flat), strict=True)):
+        kept = counts[one]
+        if not len(kept):
+            inside[view] = outside[view]
+            continue
+        inside[view] = typical = float(median(kept))
+        # Where too little of the core is free of glints for a plane: one level for all rays.
+        if len(kept) >= EVEN_SHARE * len(counts):
+            inside[view] += rays.directions @ _slope(at[one], kept - typical) * radius_px
+    return Levels(inside, around)
 
 
 def follow_rim(level: Levels, rays: Rays, radius_px: float) -> Levels:
@@ -140,57 +211,71 @@ def follow_rim(level: Levels, rays: Rays, radius_px: float) -> Levels:
 
     NaN inside where hardly anything red is.
     """
-    near = _median_of_neighbours(np.median(rays.counts[:, _between(rays, *(share * radius_px for share in NEAR_RIM))], axis=1))
-    return Levels(np.where(near - level.outside < FAINTEST_PART * level.contrast, np.nan, near), level.outside)
+    near = _median_of_neighbours(median(rays.between(*(share * radius_px for share in NEAR_RIM))))
+    return Levels(np.where(near - level.outside < FAINTEST_PART * level.contrast[:, None], np.nan, near), level.outside)
 
 
 def _median_of_neighbours(values: Floats) -> Floats:
-    """Median (rays,) over the rays on either side of each."""
-    reach = max(1, round(NEIGHBOUR_SHARE * len(values)))
-    neighbours = (np.arange(len(values))[:, None] + np.arange(-reach, reach + 1)) % len(values)
-    return np.asarray(np.median(values[neighbours], axis=1))
+    """Median (views, rays) over the rays on either side of each."""
+    return median(values[:, _neighbours(values.shape[1])])
 
 
-def disc_whiteness(white: Rays, radius_px: float) -> float:
-    """Whiteness of a disc without glints."""
-    return float(np.percentile(white.counts[:, _between(white, *(share * radius_px for share in CORE))], OWN_WHITE_PERCENTILE))
-
-
-def _between(rays: Rays, low_px: float, high_px: float) -> Flags:
-    return np.asarray((rays.radii_px >= low_px) & (rays.radii_px <= high_px))
+@lru_cache(maxsize=64)
+def _neighbours(rays: int) -> Indices:
+    """Indices (rays, n) of each ray and those on either side of it."""
+    reach = max(1, round(NEIGHBOUR_SHARE * rays))
+    return np.asarray((np.arange(rays)[:, None] + np.arange(-reach, reach + 1)) % rays)
 
 
 def _slope(at_px: Floats, above: Floats) -> Floats:
     """Gradient (2,) of the counts per px, without outliers."""
     # 1.4826 makes the median of absolute values a standard deviation of normal noise.
-    plain = np.abs(above) < 3.0 * 1.4826 * np.median(np.abs(above)) + 1e-6
-    slope, *_ = np.linalg.lstsq(at_px[plain], above[plain], rcond=None)
-    return np.asarray(slope)
+    plain = np.abs(above) < 3.0 * 1.4826 * median(np.abs(above)) + 1e-6
+    at = at_px * plain[:, None]
+    # Two unknowns on rays all around: the normal equations are well conditioned. A single ray leaves one direction open.
+    gram: Floats = at.T @ at_px
+    (xx, xy), (_, yy) = gram.tolist()
+    determinant = xx * yy - xy * xy
+    if determinant > 1e-9 * xx * yy:
+        x, y = (at.T @ above).tolist()
+        return np.array([(yy * x - xy * y) / determinant, (xx * y - xy * x) / determinant])
+    return np.asarray(np.linalg.pinv(gram, hermitian=True) @ (at.T @ above))
 
 
-def rim_points(rays: Rays, at: Floats) -> RimPoints:
-    """All points where the red falls through the level `at` (rays,), going outwards, interpolated linearly; none where it is NaN."""
-    above = rays.counts >= at[:, None]
-    ray, step = np.nonzero(above[:, :-1] & ~above[:, 1:])
-    before, after = rays.counts[ray, step], rays.counts[ray, step + 1]
-    radius = rays.radii_px[step] + STEP_PX * (before - at[ray]) / (before - after)
-    return RimPoints(rays.middle_px + rays.directions[ray] * radius[:, None], ray, step)
+def rim_points(rays: Rays, views: Indices, at: Floats) -> RimPoints:
+    """All points where the red falls through a level, going outwards, interpolated linearly.
 
+    Parameters
+    ----------
+    rays : Rays
+        The pictures.
+    views : (rims,) array
+        The view of each rim.
+    at : (rims, rays) array
+        The level of each rim along each ray; there are no points where it is NaN.
 
-def measure_glare(points: RimPoints, white: Rays, radius_px: float) -> tuple[Floats, float]:
-    """By how many counts the lightest thing near each rim point is lighter than disc and surroundings (n,), and the noise of that.
-
-    Something light distorts the rim, or is mistaken for it. `white` must be smoothed so much that noise is not taken for a glint.
+    Returns
+    -------
+    RimPoints
+        The points of all rims.
     """
-    beyond = white.counts[:, _between(white, SPILL_FROM * radius_px, SPILL_TO * radius_px)]
-    around = float(np.median(beyond))
-    # 1.4826 makes the median of absolute values a standard deviation of normal noise.
-    noise = 1.4826 * float(np.median(np.abs(beyond - _median_of_neighbours(np.median(beyond, axis=1))[:, None])))
+    above = rays.counts[views] >= at[:, :, None]
+    rim, ray, step = np.nonzero(above[:, :, :-1] & ~above[:, :, 1:])
+    view = views[rim]
+    before, after = rays.counts[view, ray, step], rays.counts[view, ray, step + 1]
+    radius = rays.radii_px[step] + STEP_PX * (before - at[rim, ray]) / (before - after)
+    return RimPoints(rays.middle_px[view] + rays.directions[ray] * radius[:, None], rim, ray, step)
+
+
+def measure_glare(points: RimPoints, views: Indices, white: Whiteness, radius_px: float) -> Floats:
+    """By how many counts the lightest thing near each rim point is lighter than disc and surroundings (n,).
+
+    Something light distorts the rim, or is mistaken for it. `views` (rims,) are those of the rims in `white`.
+    """
     reach = round(max(GLARE_REACH_PX, GLARE_REACH * radius_px) / STEP_PX)
-    near = np.clip(points.step[:, None] + np.arange(-reach, reach), 0, white.counts.shape[1] - 1)
-    # The neighbouring rays count too: a glint between two rays is not missed.
-    lightest = [white.counts[(points.ray[:, None] + turn) % len(white.counts), near].max(axis=1) for turn in (-1, 0, 1)]
-    return np.max(lightest, axis=0) - max(around, disc_whiteness(white, radius_px)), noise
+    near = np.clip(points.step[:, None] + np.arange(-reach, reach), 0, white.lightest.shape[2] - 1)
+    view = views[points.rim]
+    return np.asarray(white.lightest[view[:, None], points.ray[:, None], near].max(axis=1) - np.maximum(white.around, white.disc)[view])
 
 
 def slopes_of(red: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -199,25 +284,29 @@ def slopes_of(red: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np
     return np.asarray(cv2.Sobel(soft, cv2.CV_32F, 1, 0)), np.asarray(cv2.Sobel(soft, cv2.CV_32F, 0, 1))
 
 
-def is_oblique(points: RimPoints, middle_px: Floats, slopes: tuple[NDArray[np.float32], NDArray[np.float32]]) -> Flags:
-    """Flags (n,) of rim points whose gradient is oblique to their radius: the edge of a cover, or one that is blurred into the rim.
+def is_oblique(points_px: Floats, middle_px: Floats, slopes: tuple[NDArray[np.float32], NDArray[np.float32]]) -> Flags:
+    """Flags (n,) of rim points (n, 2) whose gradient is oblique to their radius: the edge of a cover, or one that is blurred into the rim.
 
     `middle_px` is (2,), `slopes` (height, width) each are those of the picture.
     """
-    if not len(points.px):
+    if not len(points_px):
         return np.zeros(0, np.bool_)
-    x, y = (points.px[:, i].astype(np.float32) for i in (0, 1))
-    fall = -np.column_stack([cv2.remap(slope, x, y, cv2.INTER_LINEAR).ravel() for slope in slopes]).astype(np.float64)
-    outwards = points.px - middle_px
-    cosine = (fall * outwards).sum(axis=1) / np.maximum(np.linalg.norm(fall, axis=1) * np.linalg.norm(outwards, axis=1), 1e-9)
-    return np.asarray(cosine < np.cos(SQUARE_WITHIN_RAD))
+    # One by one: OpenCV rounds places in pictures of several channels to a 32nd of a pixel.
+    x, y = points_px.T.astype(np.float32)
+    fall_x, fall_y = (-cv2.remap(slope, x, y, cv2.INTER_LINEAR).ravel().astype(np.float64) for slope in slopes)
+    out_x, out_y = (points_px - middle_px).T
+    sizes = np.sqrt(fall_x * fall_x + fall_y * fall_y) * np.sqrt(out_x * out_x + out_y * out_y)
+    return np.asarray((fall_x * out_x + fall_y * out_y) / np.maximum(sizes, 1e-9) < np.cos(SQUARE_WITHIN_RAD))
 
 
 def color_bleed_share(redness: Rays, radius_px: float) -> float:
-    """Share of the rays that stay red from the rim to well outside; more than a few mean that the disc touches another red thing."""
-    own = float(np.median(redness.counts[:, _between(redness, *(share * radius_px for share in CORE))]))
+    """Share of the rays, of the first view, that stay red from the rim to well outside.
+
+    More than a few mean that the disc touches another red thing.
+    """
+    own = float(median(redness.between(*(share * radius_px for share in CORE))[0].ravel()))
     # The lowest value on the way: behind a dark gap, another red thing leaves the rim alone.
-    beyond = redness.counts[:, _between(redness, radius_px, SPILL_FROM * radius_px)].min(axis=1)
+    beyond = redness.between(radius_px, SPILL_FROM * radius_px)[0].min(axis=1)
     return float((beyond > TOUCHING_SHARE * own).mean())
 
 
@@ -250,21 +339,29 @@ class MarkOutline:
     waves_px: float
 
 
-def likely_circle(points: Floats, radius_px: float, spread: float, random: np.random.Generator) -> Floats | None:
+def likely_circle(points: Floats, radius_px: float, spread: float) -> Floats | None:
     """Centre and radius (3,) px of the circle, of about `radius_px`, through most of the points (n, 2); None where there is none.
 
     RANSAC with ATTEMPTS triples; `spread` is the allowed relative deviation of the radius.
     """
     if len(points) < 6:
         return None
-    triples = points[np.array([random.choice(len(points), 3, replace=False) for _ in range(ATTEMPTS)])]
-    circles = _circles_through(triples)
+    circles = _circles_through(points[_triples(len(points))])
     size = circles[:, 2]
     circles = circles[np.isfinite(size) & (size > radius_px / (1 + spread)) & (size < radius_px * (1 + spread))]
     if not len(circles):
         return None
-    miss = np.abs(np.linalg.norm(points[None] - circles[:, None, :2], axis=-1) - circles[:, 2:])
+    away = points[None] - circles[:, None, :2]
+    miss = np.abs(np.hypot(away[..., 0], away[..., 1]) - circles[:, 2:])
     return np.asarray(circles[np.argmax((miss < CIRCLE_BAND * radius_px).sum(axis=1))])
+
+
+@lru_cache(maxsize=256)
+def _triples(count: int) -> Indices:
+    """ATTEMPTS random triples (ATTEMPTS, 3) of so many points."""
+    # A fixed seed: the same photo always gives the same marks.
+    random = np.random.default_rng(0)
+    return np.array([random.choice(count, 3, replace=False) for _ in range(ATTEMPTS)])
 
 
 def _circles_through(triples: Floats) -> Floats:
@@ -279,57 +376,121 @@ def _circles_through(triples: Floats) -> Floats:
     return np.column_stack([first[:, 0] + x, first[:, 1] + y, np.hypot(x, y)])
 
 
-def fit_outline(points: Floats, start_px: Floats, shape: Shape, rays: int) -> MarkOutline | None:
-    """Fit an outline to rim points by reweighted least squares with Tukey's biweight.
+def fit_outlines(points: Sequence[Floats], starts_px: Floats, shapes: Sequence[Shape], rays: Sequence[int]) -> list[MarkOutline | None]:
+    """Fit outlines to rims by reweighted least squares with Tukey's biweight, all side by side.
 
     Parameters
     ----------
-    points : (n, 2) array
-        Rim points in px; those that are off the outline lose their weight.
-    start_px : (2,) array
-        First centre.
-    shape : Shape
+    points : sequence of (n, 2) arrays
+        Points of each rim in px; those that are off the outline lose their weight.
+    starts_px : (rims, 2) array
+        First centres.
+    shapes : sequence of Shape
         Prior of radius and bend, so that half a rim still gives a centre.
-    rays : int
-        Number of rays, for the visible share of the rim.
+    rays : sequence of int
+        Number of rays, for the visible share of each rim.
 
     Returns
     -------
-    MarkOutline or None
-        None where fewer than six points lie on the outline.
+    list of MarkOutline or None
+        For each rim; None where fewer than six points lie on the outline.
     """
-    values = np.array([*start_px, shape.radius_px, *shape.bend])
-    nominal = values.copy()
-    known = np.array([0.0, 0.0, 1 / (shape.radius_std * shape.radius_px) ** 2, 1 / shape.bend_std**2, 1 / shape.bend_std**2])
-    scatter = CIRCLE_BAND * shape.radius_px
+    outlines: list[MarkOutline | None] = [None] * len(points)
+    open_ones = np.flatnonzero([len(rim) >= 6 for rim in points])
+    if not len(open_ones):
+        return outlines
+    # Rims have different numbers of points: the arrays are filled up with points without weight.
+    padded = np.zeros((len(points), max(map(len, points)), 2))
+    is_point = np.zeros(padded.shape[:2], np.bool_)
+    for number, rim in enumerate(points):
+        padded[number, : len(rim)], is_point[number, : len(rim)] = rim, True
+    radius = np.array([shape.radius_px for shape in shapes])
+    stds = np.array([[shape.radius_std * shape.radius_px, shape.bend_std, shape.bend_std] for shape in shapes])
+    known = np.column_stack([np.zeros((len(points), 2)), 1 / stds**2])
+    nominal = np.column_stack([starts_px, radius, [shape.bend for shape in shapes]])
+    fit = _Fits(padded, is_point, known, nominal, nominal.copy(), CIRCLE_BAND * radius).select(open_ones)
+    numbers = open_ones
     for _ in range(ROUNDS):
-        residual, jacobian = _residuals(points, values)
-        weights = np.clip(1.0 - (residual / (TUKEY * scatter)) ** 2, 0.0, None) ** 2
-        if (weights > 0.2).sum() < 6:
-            return None
+        residual, jacobian = _residuals(fit.points, fit.values)
+        weights = np.clip(1.0 - (residual / (TUKEY * fit.scatter[:, None])) ** 2, 0.0, None) ** 2 * fit.is_point
+        is_on = weights > 0.2
+        has_enough = is_on.sum(axis=1) >= 6
+        if not has_enough.all():
+            numbers, fit = numbers[has_enough], fit.select(has_enough)
+            residual, jacobian, weights, is_on = (one[has_enough] for one in (residual, jacobian, weights, is_on))
+            if not len(numbers):
+                return outlines
         # 1.4826 makes the median of absolute values a standard deviation of normal noise.
-        scatter = max(MIN_SCATTER_PX, 1.4826 * float(np.median(np.abs(residual[weights > 0.2]))))
-        information = (jacobian.T * weights) @ jacobian / scatter**2 / NEIGHBOURS_SHARE_NOISE + np.diag(known)
-        pull = (jacobian.T * weights) @ residual / scatter**2 / NEIGHBOURS_SHARE_NOISE + known * (nominal - values)
-        values = values + np.linalg.solve(information, pull)
-    seen = min(1.0, float((weights > 0.2).sum()) / rays)
-    covariance = np.asarray(np.linalg.inv(information)[:2, :2], np.float64)
-    # An error of the centre is the Fourier term of order 1 of the rim, which the fit hides; what disturbs a rim has higher orders as well.
-    residual, _ = _residuals(points, values)
-    on_rim = np.abs(residual) < TUKEY * scatter
-    turn = np.arctan2(points[on_rim, 1] - values[1], points[on_rim, 0] - values[0])
-    terms = np.column_stack([wave(order * turn) for order in WAVE_ORDERS for wave in (np.cos, np.sin)])
-    waves = float(np.sqrt(np.mean(np.linalg.lstsq(terms, residual[on_rim], rcond=None)[0] ** 2))) if seen > WAVES_SEEN else np.nan
-    return MarkOutline(values[:2], covariance, float(values[2]), (float(values[3]), float(values[4])), seen, waves)
+        scatter = np.maximum(MIN_SCATTER_PX, 1.4826 * _median_where(np.abs(residual), is_on))
+        weighted = jacobian.swapaxes(1, 2) * (weights / (scatter**2 * NEIGHBOURS_SHARE_NOISE)[:, None])[:, None, :]
+        information = weighted @ jacobian
+        information[:, np.arange(5), np.arange(5)] += fit.known
+        pull = (weighted @ residual[..., None])[..., 0] + fit.known * (fit.nominal - fit.values)
+        values = fit.values + np.linalg.solve(information, pull[..., None])[..., 0]
+        fit = replace(fit, values=values, scatter=scatter)
+    seen = np.minimum(1.0, is_on.sum(axis=1) / np.array(rays)[numbers])
+    covariance = np.linalg.inv(information)[:, :2, :2]
+    waves = np.where(seen > WAVES_SEEN, _wave_amplitudes(fit), np.nan)
+    for place, number in enumerate(numbers.tolist()):
+        x, y, size, *bend = fit.values[place].tolist()
+        outlines[number] = MarkOutline(
+            np.array([x, y]), covariance[place], size, (bend[0], bend[1]), float(seen[place]), float(waves[place])
+        )
+    return outlines
+
+
+@dataclass(frozen=True)
+class _Fits:
+    """Outlines that are fitted side by side: points (rims, n, 2), some of which only fill up, and five values (rims, 5) each.
+
+    `known` are the reciprocal variances of the `nominal` values, `scatter` (rims,) is that of the points in px.
+    """
+
+    points: Floats
+    is_point: Flags
+    known: Floats
+    nominal: Floats
+    values: Floats
+    scatter: Floats
+
+    def select(self, which: Indices | Flags) -> "_Fits":
+        """Only these rims."""
+        return _Fits(
+            self.points[which], self.is_point[which], self.known[which], self.nominal[which], self.values[which], self.scatter[which]
+        )
+
+
+def _median_where(values: Floats, chosen: Flags) -> Floats:
+    """Median (rims,) of the chosen values (rims, n) of each rim; every rim has some."""
+    ordered, count = np.sort(np.where(chosen, values, np.inf), axis=1), chosen.sum(axis=1)
+    rows = np.arange(len(values))
+    return np.asarray(0.5 * (ordered[rows, (count - 1) // 2] + ordered[rows, count // 2]))
+
+
+def _wave_amplitudes(fit: _Fits) -> Floats:
+    """Root mean square amplitude (rims,) in px of the Fourier terms of WAVE_ORDERS of the points' distances from the outlines.
+
+    An error of the centre is the Fourier term of order 1 of the rim, which the fit hides; what disturbs a rim has higher orders as well.
+    """
+    residual, jacobian = _residuals(fit.points, fit.values)
+    on_rim = (np.abs(residual) < TUKEY * fit.scatter[:, None]) & fit.is_point
+    # The first two columns are cosine and sine of the direction; its powers have those of the multiples.
+    turn = jacobian[..., 0] + 1j * jacobian[..., 1]
+    powers = np.cumprod(np.repeat(turn[..., None], max(WAVE_ORDERS), axis=-1), axis=-1)[..., np.array(WAVE_ORDERS) - 1]
+    terms = np.concatenate([powers.real, powers.imag], axis=-1)
+    masked = (terms * on_rim[..., None]).swapaxes(1, 2)
+    gram = np.linalg.pinv(masked @ terms, hermitian=True)
+    return np.asarray(np.sqrt(np.mean((gram @ (masked @ residual[..., None]))[..., 0] ** 2, axis=1)))
 
 
 def _residuals(points: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Distances (n,) px of the points outside the outline, and the outline's Jacobian (n, 5) by its five values."""
-    from_middle = points - values[:2]
-    distance = np.maximum(np.hypot(from_middle[:, 0], from_middle[:, 1]), 1e-9)
-    cos, sin = from_middle[:, 0] / distance, from_middle[:, 1] / distance
+    """Distances (rims, n) px of the points outside their outline, and the outline's Jacobian (rims, n, 5) by its five values."""
+    from_middle = points - values[:, None, :2]
+    radius, bend_cos, bend_sin = (values[:, None, column] for column in (2, 3, 4))
+    distance = np.maximum(np.hypot(from_middle[..., 0], from_middle[..., 1]), 1e-9)
+    cos, sin = from_middle[..., 0] / distance, from_middle[..., 1] / distance
     double_cos, double_sin = cos * cos - sin * sin, 2 * cos * sin
-    relative = 1.0 + values[3] * double_cos + values[4] * double_sin
+    relative = 1.0 + bend_cos * double_cos + bend_sin * double_sin
     # The bend's small change of the direction is neglected, as the outline is nearly round.
-    jacobian = np.column_stack([cos, sin, relative, values[2] * double_cos, values[2] * double_sin])
-    return distance - values[2] * relative, jacobian
+    jacobian = np.stack([cos, sin, relative, radius * double_cos, radius * double_sin], axis=-1)
+    return distance - radius * relative, jacobian
