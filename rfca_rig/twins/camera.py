@@ -111,7 +111,7 @@ def _cloth(camera: CameraModel, random: np.random.Generator) -> Light:
     width, height = camera.image_size_px
     folds = cv2.resize(random.standard_normal((7, 9)).astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
     grey = np.clip(np.float32(CLOTH) + np.float32(FOLDS) * folds, 0.002, 1.0)
-    return np.asarray(np.repeat(grey[..., None], 3, axis=2))
+    return np.asarray(cv2.merge([grey, grey, grey]), np.float32)
 
 
 def _toward_camera(camera: CameraModel) -> float:
@@ -202,7 +202,7 @@ def _paint_plate(
         _paint_shells(mirrored, below_m, shades, camera)
         _paint_marks(mirrored, below_m, plan, camera)
         rows, columns, share = covered
-        scene[rows, columns] += reflection * share[..., None] * (mirrored - scene)[rows, columns]
+        scene[rows, columns] += reflection * share[..., None] * (mirrored[rows, columns] - scene[rows, columns])
     paint(scene, edge_px, (0.12, 0.12, 0.11))
 
 

@@ -4,6 +4,7 @@ These are uneven light, defocus, sensor noise, sRGB encoding and JPEG.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -19,6 +20,11 @@ LARGE_PX = 400_000
 SHIFT = 6
 # Coordinates are clipped here, so that they fit OpenCV's 32 bit fixed-point numbers.
 MAX_COORDINATE_PX = 30_000.0
+
+# So many rows of a picture stay in the processor's cache with what is computed from them.
+ROWS_AT_ONCE = 16
+# Bits of a light's 32 bit floating point number that do not choose its interval in the table of counts.
+TABLE_SHIFT = np.uint32(15)
 
 # Linear light at which `noise_counts` applies.
 MID_GREY = 0.2
@@ -118,9 +124,12 @@ def render_sensor_image(light: Light, disturbance: ImageDisturbance, random: np.
     """
     if disturbance.defocus_px > 0.0:
         light = np.asarray(cv2.filter2D(light, -1, _disc(disturbance.defocus_px), borderType=cv2.BORDER_REPLICATE), np.float32)
-    if disturbance.noise_counts > 0.0:
-        light = light + _noise(light, disturbance.noise_counts, random)
-    counts = np.round(255.0 * _srgb(np.clip(light, 0.0, 1.0))).astype(np.uint8)
+    counts = np.empty(light.shape, np.uint8)
+    for first in range(0, len(light), ROWS_AT_ONCE):
+        rows = light[first : first + ROWS_AT_ONCE]
+        if disturbance.noise_counts > 0.0:
+            rows = rows + _noise(rows, disturbance.noise_counts, random)
+        counts[first : first + ROWS_AT_ONCE] = _encode(rows)
     if disturbance.jpeg_quality is None:
         return counts
     stored = cv2.imencode(".jpg", counts, [cv2.IMWRITE_JPEG_QUALITY, disturbance.jpeg_quality])[1]
@@ -148,3 +157,33 @@ def _noise(light: Light, counts: float, random: np.random.Generator) -> Light:
 
 def _srgb(light: Light) -> Light:
     return np.asarray(np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055), np.float32)
+
+
+def _count(light: Light) -> NDArray[np.uint8]:
+    """Light, from 0 to 1, in 256 steps of the sRGB curve."""
+    return np.asarray(np.round(255.0 * _srgb(light)), np.float32).astype(np.uint8)
+
+
+def _encode(light: Light) -> NDArray[np.uint8]:
+    """The same from a table, in less than half of the time; light is clipped to 0 to 1."""
+    least, next_from = _count_table()
+    # Contiguous, so that its bits can be looked at.
+    clipped = np.ascontiguousarray(np.clip(light, 0.0, 1.0))
+    interval = clipped.view(np.uint32) >> TABLE_SHIFT
+    return np.asarray(least.take(interval) + (clipped >= next_from.take(interval)), np.uint8)
+
+
+@cache
+def _count_table() -> tuple[NDArray[np.uint8], Light]:
+    """The count at the lower end of each interval of light, and the light from which on it is one more.
+
+    An interval has all numbers with the same leading bits. It is 0.4 % of the light wide, so no interval has a third count.
+    """
+    ends = np.arange(1, (int(np.float32(1.0).view(np.uint32)) >> TABLE_SHIFT) + 2, dtype=np.uint32) << TABLE_SHIFT
+    # Bisection of the bits, whose order is that of the numbers they stand for.
+    low, high = ends - (1 << TABLE_SHIFT), ends
+    least = _count(low.view(np.float32))
+    while (middle := low + (high - low) // 2)[0] > low[0]:
+        is_more = _count(middle.view(np.float32)) > least
+        low, high = np.where(is_more, low, middle), np.where(is_more, middle, high)
+    return least, high.view(np.float32)
