@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.identify import LENGTH_STD_M, SHAFT_STD_M, IdentifiedMarks
-from rfca_rig.vision.leg_marks import MarkPlan, PlannedMark, mark_positions
+from rfca_rig.vision.leg_marks import MarkPlan, mark_positions
 
 Floats = NDArray[np.float64]
 
@@ -231,64 +231,133 @@ class _Solution:
 
 def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solution:
     """Least squares with the priors as further rows. Offsets of zero deviation are fixed."""
-    links, free = len(problem.lengths_m), problem.free
+    links = len(problem.lengths_m)
     starts = [_start(seen, problem.plan, problem.lengths_m) for seen in problem.photos]
     _bend_hidden_hinges(starts, problem)
     nominal = np.concatenate([*starts, np.zeros(2), np.ones(links), np.zeros(len(problem.plan.marks))])
     precise = (
         [1 / problem.shaft_std_m] * 2 + list(problem.lengths_m / length_std_m) + [1 / max(offset_std_m, 1e-7)] * len(problem.plan.marks)
     )
-    known = np.zeros((len(nominal), len(nominal)))
     # The prior of the angles is on those between neighbouring links: the start angles are the most probable ones.
-    known[:free, :free] = np.kron(np.eye(len(problem.photos)), _bends(links) / ANGLE_PRIOR_STD_RAD)
-    known[free:, free:] = np.diag(precise)
-    values, there, is_converged = _descend(problem, nominal, known, is_damped=False)
+    prior = _Prior(nominal, _bends(links) / ANGLE_PRIOR_STD_RAD, np.array(precise))
+    values, there, is_converged = _descend(problem, prior, is_damped=False)
     if not is_converged:
-        values, there, _ = _descend(problem, nominal, known, is_damped=True)
-    residual, jacobian, misses = there
-    information = jacobian.T @ jacobian + known.T @ known
-    prior = known @ (values - nominal)
-    size = np.sqrt(np.diag(information))
-    scaled = information / size / size[:, None]
-    covariance = np.linalg.inv(scaled) / size / size[:, None]
-    log_size = float(np.linalg.slogdet(scaled)[1] + 2.0 * np.log(size).sum())
-    evidence = -0.5 * float(residual @ residual + prior @ prior) - 0.5 * log_size + float(np.log(precise).sum())
-    scale, at = [], 0
-    for seen in problem.photos:
-        rows = 2 * len(seen.planned)
-        scale.append(max(1.0, float(residual[at : at + rows] @ residual[at : at + rows]) / max(1, rows - links)))
-        at += rows
-    return _Solution(values, covariance, evidence, float(residual @ residual), misses, scale)
+        values, there, _ = _descend(problem, prior, is_damped=True)
+    covariance, log_size = _normal_equations(values, there, prior).invert()
+    squares = [float(residual @ residual) for residual in there.residuals]
+    evidence = -0.5 * _cost(values, there, prior) - 0.5 * log_size + float(np.log(precise).sum())
+    scale = [max(1.0, square / max(1, 2 * len(seen.planned) - links)) for square, seen in zip(squares, problem.photos, strict=True)]
+    return _Solution(values, covariance, evidence, sum(squares), there.misses_m, scale)
 
 
-def _descend(
-    problem: _Problem, nominal: Floats, known: Floats, *, is_damped: bool
-) -> tuple[Floats, tuple[Floats, Floats, list[Floats]], bool]:
-    """Values of least squares, from the nominal ones on; residuals, Jacobian and misses there; whether the steps have converged.
+@dataclass(frozen=True)
+class _Prior:
+    """Nominal values; precision matrices in units of deviations: of each photo's angles (links, links), and of what photos share (n,)."""
+
+    nominal: Floats
+    of_angles: Floats
+    of_shared: Floats
+
+    def split(self, values: Floats) -> tuple[Floats, Floats]:
+        """The angles (photos, links), and what the photos share (n,)."""
+        return values[: -len(self.of_shared)].reshape(-1, len(self.of_angles)), values[-len(self.of_shared) :]
+
+
+@dataclass(frozen=True)
+class _Linearization:
+    """For each photo the whitened residuals (rows,), their Jacobian (rows, links + shared) and the misses (rows,) in m."""
+
+    residuals: list[Floats]
+    jacobians: list[Floats]
+    misses_m: list[Floats]
+
+
+@dataclass(frozen=True)
+class _NormalEquations:
+    """Information and pull of least squares, scaled to a diagonal of ones: angles, metres and ratios differ by orders of magnitude.
+
+    The angles of different photos have no common entries. So only blocks are kept: `own` (photos, links, links), `cross`
+    (photos, links, shared), `shared` (shared, shared). The sizes are the square roots of the diagonal before.
+    """
+
+    own: Floats
+    cross: Floats
+    shared: Floats
+    pull_own: Floats
+    pull_shared: Floats
+    size_own: Floats
+    size_shared: Floats
+
+    def step(self, damping: float) -> Floats:
+        """The step of all values, by the Schur complement of the angles."""
+        own, shared = (one + damping * np.eye(one.shape[-1]) for one in (self.own, self.shared))
+        reduced = np.linalg.solve(own, np.concatenate([self.cross, self.pull_own[..., None]], axis=-1))
+        by_shared, alone = reduced[..., :-1], reduced[..., -1]
+        transposed = self.cross.swapaxes(1, 2)
+        complement = shared - (transposed @ by_shared).sum(axis=0)
+        step = np.linalg.solve(complement, self.pull_shared - (transposed @ alone[..., None])[..., 0].sum(axis=0))
+        return np.concatenate([((alone - by_shared @ step) / self.size_own).ravel(), step / self.size_shared])
+
+    def invert(self) -> tuple[Floats, float]:
+        """The covariance of all values, and the logarithm of the determinant of the information."""
+        _, links, shared = self.cross.shape
+        by_shared = np.linalg.solve(self.own, self.cross)
+        complement = self.shared - (self.cross.swapaxes(1, 2) @ by_shared).sum(axis=0)
+        mapping = np.concatenate([-by_shared.reshape(-1, shared), np.eye(shared)])
+        covariance = mapping @ np.linalg.inv(complement) @ mapping.T
+        for photo, own in enumerate(np.linalg.inv(self.own)):
+            here = slice(photo * links, (photo + 1) * links)
+            covariance[here, here] += own
+        size = np.concatenate([self.size_own.ravel(), self.size_shared])
+        log_size = np.linalg.slogdet(self.own)[1].sum() + np.linalg.slogdet(complement)[1] + 2.0 * np.log(size).sum()
+        return covariance / size / size[:, None], float(log_size)
+
+
+def _normal_equations(values: Floats, here: _Linearization, prior: _Prior) -> _NormalEquations:
+    links = len(prior.of_angles)
+    gram = np.array([jacobian.T @ jacobian for jacobian in here.jacobians])
+    pull = np.array([jacobian.T @ residual for jacobian, residual in zip(here.jacobians, here.residuals, strict=True)])
+    angles, shared = prior.split(prior.nominal - values)
+    precise = prior.of_angles.T @ prior.of_angles
+    own, of_shared = gram[:, :links, :links] + precise, gram[:, links:, links:].sum(axis=0) + np.diag(prior.of_shared**2)
+    size_own, size_shared = np.sqrt(np.diagonal(own, axis1=1, axis2=2)), np.sqrt(np.diag(of_shared))
+    return _NormalEquations(
+        own / size_own[:, :, None] / size_own[:, None, :],
+        gram[:, :links, links:] / size_own[:, :, None] / size_shared,
+        of_shared / size_shared / size_shared[:, None],
+        (pull[:, :links] + angles @ precise) / size_own,
+        (pull[:, links:].sum(axis=0) + prior.of_shared**2 * shared) / size_shared,
+        size_own,
+        size_shared,
+    )
+
+
+def _descend(problem: _Problem, prior: _Prior, *, is_damped: bool) -> tuple[Floats, _Linearization, bool]:
+    """Values of least squares, from the nominal ones on; residuals, Jacobians and misses there; whether the steps have converged.
 
     Full steps (Gauss-Newton) follow the curved valley of hidden hinges quickly. Where these leave two solutions, full steps may jump
     between them and end at neither; damped ones (Levenberg-Marquardt) only go down.
     """
-    values, damping, here = nominal.copy(), 0.0, _residuals(nominal, problem)
+    values, damping, here = prior.nominal.copy(), 0.0, _linearize(prior.nominal, problem)
+    equations = _normal_equations(values, here, prior)
     for _ in range(DAMPED_STEPS if is_damped else FULL_STEPS):
-        residual, jacobian, _ = here
-        information = jacobian.T @ jacobian + known.T @ known
-        # Scaled to a diagonal of ones: angles, metres and ratios differ by orders of magnitude.
-        size = np.sqrt(np.diag(information))
-        pull = jacobian.T @ residual + known.T @ (known @ (nominal - values))
-        step = np.linalg.solve(information / size / size[:, None] + damping * np.eye(len(size)), pull / size) / size
-        there = _residuals(values + step, problem)
-        if is_damped and _cost(there[0], known @ (values + step - nominal)) > _cost(residual, known @ (values - nominal)):
+        step = equations.step(damping)
+        there = _linearize(values + step, problem)
+        if is_damped and _cost(values + step, there, prior) > _cost(values, here, prior):
             damping = max(FIRST_DAMPING, 10.0 * damping)
         else:
             values, here, damping = values + step, there, 0.1 * damping if damping > FIRST_DAMPING else 0.0
+            equations = _normal_equations(values, here, prior)
         if np.abs(step).max() < CONVERGED:
             return values, here, True
     return values, here, False
 
 
-def _cost(residual: Floats, prior: Floats) -> float:
-    return float(residual @ residual + prior @ prior)
+def _cost(values: Floats, here: _Linearization, prior: _Prior) -> float:
+    """Sum of squares, in deviations, of the residuals and of the differences from the nominal values."""
+    angles, shared = prior.split(values - prior.nominal)
+    rows = [*here.residuals, (angles @ prior.of_angles.T).ravel(), shared * prior.of_shared]
+    return float(sum(row @ row for row in rows))
 
 
 def _mix(solutions: Sequence[_Solution]) -> _Solution:
@@ -332,41 +401,45 @@ def _bend_hidden_hinges(starts: list[Floats], problem: _Problem) -> None:
                 start[hinge] += change
 
 
-def _residuals(values: Floats, problem: _Problem) -> tuple[Floats, Floats, list[Floats]]:
-    """Whitened residuals (rows,) of the seen marks of all photos, their Jacobian (rows, values), and for each photo the misses (2 n,) m."""
+def _linearize(values: Floats, problem: _Problem) -> _Linearization:
     links, free, plan = len(problem.lengths_m), problem.free, problem.plan
     shaft, stretch, offsets = values[free : free + 2], values[free + 2 : free + 2 + links], values[free + 2 + links :]
     stretched = replace(plan, marks=tuple(replace(mark, along_m=mark.along_m * stretch[mark.link - 1]) for mark in plan.marks))
     away, foot = abs(float(problem.camera_m[0])), problem.camera_m[1:]
-    rows, blocks, misses = [], [], []
-    for place, seen in enumerate(problem.photos):
-        angles = values[links * place : links * (place + 1)]
-        there = shaft + mark_positions(angles, problem.lengths_m * stretch, stretched)[seen.planned]
-        near = offsets[seen.planned]
+    along, across = _lever_arms(plan, problem.lengths_m)
+    poses = values[:free].reshape(-1, links)
+    positions = shaft + mark_positions(poses, problem.lengths_m * stretch, stretched)
+    residuals, jacobians, misses = [], [], []
+    for seen, angles, marks in zip(problem.photos, poses, positions, strict=True):
+        planned = seen.planned
+        there, near = marks[planned], offsets[planned]
         # A mark nearer to the camera is seen farther from the foot of the camera's normal on the plane.
         wider = (1.0 + near / (away - near))[:, None]
         miss = seen.places_m - foot - (there - foot) * wider
-        own = np.array([_mark_jacobian(plan.marks[index], angles, stretch, problem.lengths_m) for index in seen.planned])
-        block = np.zeros((len(near), 2, len(values)))
-        block[:, :, links * place : links * (place + 1)] = own[:, :, :links]
-        block[:, :, free : free + 2 + links] = own[:, :, links:]
+        cos, sin = np.cos(angles), np.sin(angles)
+        block = np.zeros((len(near), 2, 2 * links + 2 + len(offsets)))
+        # By the angles, the shaft's position, the stretches, and the marks' offsets.
+        block[:, 0, :links] = -along[planned] * stretch * sin - across[planned] * cos
+        block[:, 1, :links] = -along[planned] * stretch * cos + across[planned] * sin
+        block[:, 0, links] = block[:, 1, links + 1] = 1.0
+        block[:, 0, links + 2 : 2 * links + 2] = along[planned] * cos
+        block[:, 1, links + 2 : 2 * links + 2] = -along[planned] * sin
         block *= wider[:, None]
-        for row, index in enumerate(seen.planned):
-            block[row, :, free + 2 + links + index] = (there[row] - foot) * away / (away - near[row]) ** 2
-        rows.append((seen.whitening @ miss[..., None]).ravel())
-        blocks.append((seen.whitening @ block).reshape(-1, len(values)))
+        block[np.arange(len(near)), :, 2 * links + 2 + np.array(planned)] = (there - foot) * (away / (away - near) ** 2)[:, None]
+        residuals.append((seen.whitening @ miss[..., None]).ravel())
+        jacobians.append((seen.whitening @ block).reshape(2 * len(near), -1))
         misses.append(miss.ravel())
-    return np.concatenate(rows), np.concatenate(blocks), misses
+    return _Linearization(residuals, jacobians, misses)
 
 
-def _mark_jacobian(mark: PlannedMark, angles: Floats, stretch: Floats, lengths_m: Floats) -> Floats:
-    """Jacobian (2, values) of a mark's position by angles, shaft position and stretches."""
-    along = np.where(np.arange(len(lengths_m)) < mark.link - 1, lengths_m, 0.0)
-    across = np.zeros_like(along)
-    along[mark.link - 1], across[mark.link - 1] = mark.along_m, mark.across_m
-    cos, sin = np.cos(angles), np.sin(angles)
-    by_angle = np.stack([-along * stretch * sin - across * cos, -along * stretch * cos + across * sin])
-    return np.concatenate([by_angle, np.eye(2), np.stack([along * cos, -along * sin])], axis=1)
+def _lever_arms(plan: MarkPlan, lengths_m: Floats) -> tuple[Floats, Floats]:
+    """Distances (marks, links) along and across each link by which its turn moves each mark."""
+    links = np.arange(1, len(lengths_m) + 1)
+    own = np.array([[mark.link] for mark in plan.marks]) == links
+    along = np.where(
+        np.array([[mark.link] for mark in plan.marks]) > links, lengths_m, own * np.array([[mark.along_m] for mark in plan.marks])
+    )
+    return along, own * np.array([[mark.across_m] for mark in plan.marks])
 
 
 def _start(seen: _Seen, plan: MarkPlan, lengths_m: Floats) -> Floats:
