@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.bench.photo_reader import PhotoReader
 from rfca_rig.bench.stage_photos import read_stage_photos
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
@@ -80,8 +81,10 @@ class Recorder:
     many of the `samples` the keeper did not take, `ended` how many stages were handed over to their end.
     """
 
-    def __init__(self, keeper: RunBackend, scale: SensorScale, clock: Clock) -> None:
+    def __init__(self, keeper: RunBackend, scale: SensorScale, clock: Clock, reader: PhotoReader | None = None) -> None:
+        """`reader` reads the photos while the run goes on; without it they are read afterwards."""
         self._keeper = keeper
+        self._reader = reader
         self._scale = scale
         self._clock = clock
         self._forms = (SHAFT_FORM, force_form(scale))
@@ -120,6 +123,8 @@ class Recorder:
     def hold(self, stage: Hold, recorded: RecordedSamples) -> None:
         # The photo before the end of its stage, which names it.
         photo = self._keeper.keep_photo(recorded.photo.image) if recorded.photo else ""
+        if photo and self._reader is not None:
+            self._reader.expect(photo)
         static_stage = replace(static_stage_of(stage, recorded, self._scale), photo=photo)
         self._end(End(static=static_stage))
         self.stages.append(static_stage)
@@ -173,7 +178,8 @@ class Recorder:
 
     def read_photos(self, run_folder: Path, eye: PhotoSetup, report_progress: ProgressCount = ignore_progress) -> None:
         """Adds the angles from the photos to `stages`. To be called when nothing moves and the keeper has finished."""
-        self.stages = list(read_stage_photos(self.stages, run_folder, eye, report_progress))
+        known = self._reader.collect() if self._reader is not None else {}
+        self.stages = list(read_stage_photos(self.stages, run_folder, eye, report_progress, known))
 
 
 def stroke_of(stage: Flap, recorded: RecordedSamples, scale: SensorScale) -> Stroke:

@@ -1,9 +1,10 @@
 """Reads the photos of static stages: those of a run once the rig stands still, and those taken by hand."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from rfca_rig.description.camera_file import CameraFile, MarksSection
 from rfca_rig.description.rig_file import RigFile
 from rfca_rig.drivers.photo_files import read_picture
 from rfca_rig.errors import BadInput
+from rfca_rig.executors.parallel import map_in_threads
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import OVERLAYS, PHOTOS, sum_line
@@ -30,21 +32,29 @@ REPORTED_OFFSET_M, OFFSET_SIGMAS = 0.3e-3, 4.0
 
 
 def read_stage_photos(
-    stages: Sequence[StaticStage], run_folder: Path, eye: PhotoSetup, report_progress: ProgressCount = ignore_progress
+    stages: Sequence[StaticStage],
+    run_folder: Path,
+    eye: PhotoSetup,
+    report_progress: ProgressCount = ignore_progress,
+    known: Mapping[str, IdentifiedMarks] = MappingProxyType({}),
 ) -> tuple[StaticStage, ...]:
     """The stages with the angles from their photos; `report_progress` is called with the progress.
 
     All photos are of one leg, so they are fitted together: what one pose leaves open about the marks, others determine. A photo that
-    cannot be read leaves its stage without angles, with the reason. Stages without a photo stay unchanged.
+    cannot be read leaves its stage without angles, with the reason. Stages without a photo stay unchanged. `known` are the marks of
+    photos that are read already, by their path in the run's folder.
     """
-    marks = [_read_marks(stage, run_folder, eye) if stage.photo else stage for stage in iterate_with_progress(stages, report_progress)]
+    marks = [
+        known.get(stage.photo) or _read_marks(stage, run_folder, eye) if stage.photo else stage
+        for stage in iterate_with_progress(stages, report_progress)
+    ]
     found = [one for one in marks if isinstance(one, IdentifiedMarks)]
     fit = fit_leg(found, eye.camera, eye.plan, eye.link_lengths_m)
     angles = iter(fit.angles)
-    return tuple(
-        _with_angles(stage, run_folder, eye, one, next(angles), fit) if isinstance(one, IdentifiedMarks) else one
-        for stage, one in zip(stages, marks, strict=True)
-    )
+    read = [(stage, one, next(angles)) for stage, one in zip(stages, marks, strict=True) if isinstance(one, IdentifiedMarks)]
+    # In threads: decoding, drawing and encoding are OpenCV's, which releases the interpreter.
+    with_angles = iter(map_in_threads(lambda each: _with_angles(each[0], run_folder, eye, each[1], each[2], fit), read))
+    return tuple(next(with_angles) if isinstance(one, IdentifiedMarks) else one for one in marks)
 
 
 def _read_marks(stage: StaticStage, run_folder: Path, eye: PhotoSetup) -> IdentifiedMarks | StaticStage:

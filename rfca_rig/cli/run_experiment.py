@@ -14,6 +14,7 @@ import typer
 
 from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.bench.factory import open_bench
+from rfca_rig.bench.photo_reader import PhotoReader, can_read_beside
 from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
 from rfca_rig.cli.attach_view import attach_view, twin_clock
@@ -245,11 +246,12 @@ def _record(
         open_bench(config.rig, config.twin_seed, config.eye, twin_clock(config), config.faults) as bench,
         attach_view(config, bench, supervision.stop_request) as view,
         ExitStack() as signals,
+        ExitStack() as helpers,
     ):
         # Before the folder is made: a drive that is refused leaves no empty run behind.
         armed = prove_drive(config, bench) if bench.is_real else {}
         folder, keeper = _begin_recording(config, bench, started)
-        recorder = Recorder(keeper, bench.sensor.scale(), bench.clock)
+        recorder = Recorder(keeper, bench.sensor.scale(), bench.clock, _photo_reader(config, folder, helpers))
         with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_in_terminal):
             say = view.begin(keeper, say_in_terminal)
 
@@ -286,6 +288,13 @@ def _record(
                 raise
         finish(config, run(Outcome.of(None)))
     return folder, recorder
+
+
+def _photo_reader(config: RunConfig, folder: Path, helpers: ExitStack) -> PhotoReader | None:
+    """On a twin, a process that reads the photos during the run; a real rig leaves its cores to the control loop."""
+    if config.eye is None or config.rig.is_real or not config.plan.photos or not can_read_beside():
+        return None
+    return helpers.enter_context(PhotoReader(folder, config.eye))
 
 
 def _begin_recording(config: RunConfig, bench: Bench, started: Helper | None) -> tuple[Path, RunBackend]:

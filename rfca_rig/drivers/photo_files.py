@@ -2,10 +2,12 @@
 
 import re
 import struct
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
+from types import TracebackType
 
 import cv2
 import numpy as np
@@ -149,15 +151,37 @@ def read_picture(path: Path) -> Image:
     return image
 
 
+class _QuietOpenCv:
+    """Suppresses OpenCV's messages on the terminal while any thread decodes an image. Their level is one for the whole process."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._users = 0
+        self._level_before = 0
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._users:
+                self._level_before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+            self._users += 1
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        with self._lock:
+            self._users -= 1
+            if not self._users:
+                cv2.utils.logging.setLogLevel(self._level_before)
+
+
+_QUIET = _QuietOpenCv()
+
+
 def _decode(content: bytes) -> Image | None:
     """Decodes an image; None if OpenCV fails, by returning None or by raising. Its messages on the terminal are suppressed."""
-    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        with _QUIET:
+            image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         return None
-    finally:
-        cv2.utils.logging.setLogLevel(before)
     return None if image is None else np.asarray(image, np.uint8)
 
 
