@@ -251,7 +251,7 @@ def _record(
         # Before the folder is made: a drive that is refused leaves no empty run behind.
         armed = prove_drive(config, bench) if bench.is_real else {}
         folder, keeper = _begin_recording(config, bench, started)
-        recorder = Recorder(keeper, bench.sensor.scale(), bench.clock, _photo_reader(config, folder, helpers))
+        recorder = Recorder(keeper, bench.sensor.scale(), bench.clock, _start_photo_reader(config, folder, helpers))
         with progress_bar(config.mark, config.plan.duration_s, config.quiet) as (advance, say_in_terminal):
             say = view.begin(keeper, say_in_terminal)
 
@@ -290,7 +290,7 @@ def _record(
     return folder, recorder
 
 
-def _photo_reader(config: RunConfig, folder: Path, helpers: ExitStack) -> PhotoReader | None:
+def _start_photo_reader(config: RunConfig, folder: Path, helpers: ExitStack) -> PhotoReader | None:
     """On a twin, a process that reads the photos during the run; a real rig leaves its cores to the control loop."""
     if config.eye is None or config.rig.is_real or not config.plan.photos or not can_read_beside():
         return None

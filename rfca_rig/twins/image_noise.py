@@ -159,14 +159,14 @@ def _srgb(light: Light) -> Light:
     return np.asarray(np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055), np.float32)
 
 
-def _count(light: Light) -> NDArray[np.uint8]:
+def _round_to_count(light: Light) -> NDArray[np.uint8]:
     """Light, from 0 to 1, in 256 steps of the sRGB curve."""
     return np.asarray(np.round(255.0 * _srgb(light)), np.float32).astype(np.uint8)
 
 
 def _encode(light: Light) -> NDArray[np.uint8]:
     """The same from a table, in less than half of the time; light is clipped to 0 to 1."""
-    least, next_from = _count_table()
+    least, next_from = _make_count_table()
     # Contiguous, so that its bits can be looked at.
     clipped = np.ascontiguousarray(np.clip(light, 0.0, 1.0))
     interval = clipped.view(np.uint32) >> TABLE_SHIFT
@@ -174,7 +174,7 @@ def _encode(light: Light) -> NDArray[np.uint8]:
 
 
 @cache
-def _count_table() -> tuple[NDArray[np.uint8], Light]:
+def _make_count_table() -> tuple[NDArray[np.uint8], Light]:
     """The count at the lower end of each interval of light, and the light from which on it is one more.
 
     An interval has all numbers with the same leading bits. It is 0.4 % of the light wide, so no interval has a third count.
@@ -182,8 +182,8 @@ def _count_table() -> tuple[NDArray[np.uint8], Light]:
     ends = np.arange(1, (int(np.float32(1.0).view(np.uint32)) >> TABLE_SHIFT) + 2, dtype=np.uint32) << TABLE_SHIFT
     # Bisection of the bits, whose order is that of the numbers they stand for.
     low, high = ends - (1 << TABLE_SHIFT), ends
-    least = _count(low.view(np.float32))
+    least = _round_to_count(low.view(np.float32))
     while (middle := low + (high - low) // 2)[0] > low[0]:
-        is_more = _count(middle.view(np.float32)) > least
+        is_more = _round_to_count(middle.view(np.float32)) > least
         low, high = np.where(is_more, low, middle), np.where(is_more, middle, high)
     return least, high.view(np.float32)

@@ -243,7 +243,7 @@ def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solu
     values, there, is_converged = _descend(problem, prior, is_damped=False)
     if not is_converged:
         values, there, _ = _descend(problem, prior, is_damped=True)
-    covariance, log_size = _normal_equations(values, there, prior).invert()
+    covariance, log_size = _form_normal_equations(values, there, prior).invert()
     squares = [float(residual @ residual) for residual in there.residuals]
     evidence = -0.5 * _cost(values, there, prior) - 0.5 * log_size + float(np.log(precise).sum())
     scale = [max(1.0, square / max(1, 2 * len(seen.planned) - links)) for square, seen in zip(squares, problem.photos, strict=True)]
@@ -313,7 +313,7 @@ class _NormalEquations:
         return covariance / size / size[:, None], float(log_size)
 
 
-def _normal_equations(values: Floats, here: _Linearization, prior: _Prior) -> _NormalEquations:
+def _form_normal_equations(values: Floats, here: _Linearization, prior: _Prior) -> _NormalEquations:
     links = len(prior.of_angles)
     gram = np.array([jacobian.T @ jacobian for jacobian in here.jacobians])
     pull = np.array([jacobian.T @ residual for jacobian, residual in zip(here.jacobians, here.residuals, strict=True)])
@@ -339,7 +339,7 @@ def _descend(problem: _Problem, prior: _Prior, *, is_damped: bool) -> tuple[Floa
     between them and end at neither; damped ones (Levenberg-Marquardt) only go down.
     """
     values, damping, here = prior.nominal.copy(), 0.0, _linearize(prior.nominal, problem)
-    equations = _normal_equations(values, here, prior)
+    equations = _form_normal_equations(values, here, prior)
     for _ in range(DAMPED_STEPS if is_damped else FULL_STEPS):
         step = equations.step(damping)
         there = _linearize(values + step, problem)
@@ -347,7 +347,7 @@ def _descend(problem: _Problem, prior: _Prior, *, is_damped: bool) -> tuple[Floa
             damping = max(FIRST_DAMPING, 10.0 * damping)
         else:
             values, here, damping = values + step, there, 0.1 * damping if damping > FIRST_DAMPING else 0.0
-            equations = _normal_equations(values, here, prior)
+            equations = _form_normal_equations(values, here, prior)
         if np.abs(step).max() < CONVERGED:
             return values, here, True
     return values, here, False
@@ -406,7 +406,7 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
     shaft, stretch, offsets = values[free : free + 2], values[free + 2 : free + 2 + links], values[free + 2 + links :]
     stretched = replace(plan, marks=tuple(replace(mark, along_m=mark.along_m * stretch[mark.link - 1]) for mark in plan.marks))
     away, foot = abs(float(problem.camera_m[0])), problem.camera_m[1:]
-    along, across = _lever_arms(plan, problem.lengths_m)
+    along, across = _compute_lever_arms(plan, problem.lengths_m)
     poses = values[:free].reshape(-1, links)
     positions = shaft + mark_positions(poses, problem.lengths_m * stretch, stretched)
     residuals, jacobians, misses = [], [], []
@@ -432,7 +432,7 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
     return _Linearization(residuals, jacobians, misses)
 
 
-def _lever_arms(plan: MarkPlan, lengths_m: Floats) -> tuple[Floats, Floats]:
+def _compute_lever_arms(plan: MarkPlan, lengths_m: Floats) -> tuple[Floats, Floats]:
     """Distances (marks, links) along and across each link by which its turn moves each mark."""
     links = np.arange(1, len(lengths_m) + 1)
     own = np.array([[mark.link] for mark in plan.marks]) == links

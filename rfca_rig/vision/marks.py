@@ -101,7 +101,7 @@ def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, 
     thresholds = sorted({max(MIN_COUNTS, share * brightest) for share in SHARES}, reverse=True)
     sizes = [max(3, round(gap * diameter) | 1) for gap in GAP_SHARES]
     # Only the part of the photo with red things, and room to close gaps at its edges: components cost as much for black pixels.
-    corner, part = _red_part(red, thresholds[-1], max(sizes))
+    corner, part = _crop_to_red(red, thresholds[-1], max(sizes))
     patches: list[Patch] = []
     for threshold in thresholds:
         found = (part > threshold).astype(np.uint8)
@@ -114,7 +114,7 @@ def red_patches(image_bgr: Pixels, expected_diameter_px: float) -> tuple[Patch, 
     return _without_repeats(patches, expected_diameter_px)
 
 
-def _red_part(red: NDArray[np.float32], threshold: float, room: int) -> tuple[Floats, NDArray[np.float32]]:
+def _crop_to_red(red: NDArray[np.float32], threshold: float, room: int) -> tuple[Floats, NDArray[np.float32]]:
     """First place (x, y) and the part of a picture (height, width) with all that is above the threshold and `room` pixels around."""
     x, y, width, height = cv2.boundingRect((red > threshold).astype(np.uint8))
     left, top = max(0, x - room), max(0, y - room)
@@ -339,7 +339,7 @@ def _fit_alone(cutouts: Sequence[_Cutout], patches: Sequence[Patch], radius_px: 
     if not patches:
         return []
     middles = np.array([patch.middle_px - cutout.corner_px for patch, cutout in zip(patches, cutouts, strict=True)])
-    rims = _rims(_look(cutouts, middles, radius_px, [False] * len(cutouts)), range(len(cutouts)), ASSUMPTIONS[:1] * len(cutouts))
+    rims = _find_rims(_look(cutouts, middles, radius_px, [False] * len(cutouts)), range(len(cutouts)), ASSUMPTIONS[:1] * len(cutouts))
     circles = [likely_circle(rim.px, radius_px, SIZE_SPREAD) for rim in rims]
     found = [number for number, circle in enumerate(circles) if circle is not None]
     starts = np.array([circle[:2] for circle in circles if circle is not None]).reshape(-1, 2)
@@ -347,7 +347,7 @@ def _fit_alone(cutouts: Sequence[_Cutout], patches: Sequence[Patch], radius_px: 
     linear = [assumption.linear for assumption in ASSUMPTIONS]
     # Of each patch two views, which its assumptions share: sampling takes most of the time.
     measured = [
-        _rims(
+        _find_rims(
             _look([cutouts[number]] * 2, starts[[place, place]], shapes[place].radius_px, [False, True]), linear, ASSUMPTIONS, square=True
         )
         for place, number in enumerate(found)
@@ -390,7 +390,7 @@ def _look(cutouts: Sequence[_Cutout], middles: Floats, radius_px: float, is_line
     return _View(cutouts, is_linear, rays, white, measure_levels(rays, white, radius_px), radius_px)
 
 
-def _rims(seen: _View, views: Iterable[int], assumptions: Sequence[_Assumption], square: bool = False) -> list[_Rim]:
+def _find_rims(seen: _View, views: Iterable[int], assumptions: Sequence[_Assumption], square: bool = False) -> list[_Rim]:
     """Rim points in views, each under an assumption; points beside a glare, at the border or askew are rejected.
 
     Where glare, such as the sheen of a glossy mark, leaves too little of the rim, its mildest parts are used as well.
@@ -450,7 +450,7 @@ def _measure_marks(
         key = assumption.linear, shape.radius_px
         if key not in seen:
             seen[key] = _look(chosen, starts, shape.radius_px, [assumption.linear] * len(chosen))
-        by_assumption.append(_rims(seen[key], range(len(chosen)), [assumption] * len(chosen), square=True))
+        by_assumption.append(_find_rims(seen[key], range(len(chosen)), [assumption] * len(chosen), square=True))
     rims = list(zip(*by_assumption, strict=True))
     measured = iter(zip(chosen, rims, _fit(rims, starts, [shapes] * len(chosen)), strict=True))
     return ["no round rim" if first is None else _mark(*next(measured), typical_waves_px) for first in firsts]

@@ -143,7 +143,7 @@ def cast_rays(pictures: Sequence[NDArray[np.float32]], middles_px: Floats, radiu
 
     The pictures continue black beyond their border.
     """
-    directions, radii, steps_px = _ray_grid(radius_px)
+    directions, radii, steps_px = _make_ray_grid(radius_px)
     places = (middles_px[:, None, None, :] + steps_px).astype(np.float32)
     x, y = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
     counts = np.empty(x.shape)
@@ -153,7 +153,7 @@ def cast_rays(pictures: Sequence[NDArray[np.float32]], middles_px: Floats, radiu
 
 
 @lru_cache(maxsize=64)
-def _ray_grid(radius_px: float) -> tuple[Floats, Floats, Floats]:
+def _make_ray_grid(radius_px: float) -> tuple[Floats, Floats, Floats]:
     """Directions (rays, 2), radii (steps,) and offsets from the centre (rays, steps, 2) of the rays for a disc of this radius."""
     count = int(np.clip(2 * np.pi * radius_px / RAY_EVERY_PX, MIN_RAYS, MAX_RAYS))
     turn = np.arange(count) * (2 * np.pi / count)
@@ -217,11 +217,11 @@ def follow_rim(level: Levels, rays: Rays, radius_px: float) -> Levels:
 
 def _median_of_neighbours(values: Floats) -> Floats:
     """Median (views, rays) over the rays on either side of each."""
-    return median(values[:, _neighbours(values.shape[1])])
+    return median(values[:, _list_neighbours(values.shape[1])])
 
 
 @lru_cache(maxsize=64)
-def _neighbours(rays: int) -> Indices:
+def _list_neighbours(rays: int) -> Indices:
     """Indices (rays, n) of each ray and those on either side of it."""
     reach = max(1, round(NEIGHBOUR_SHARE * rays))
     return np.asarray((np.arange(rays)[:, None] + np.arange(-reach, reach + 1)) % rays)
@@ -346,7 +346,7 @@ def likely_circle(points: Floats, radius_px: float, spread: float) -> Floats | N
     """
     if len(points) < 6:
         return None
-    circles = _circles_through(points[_triples(len(points))])
+    circles = _circles_through(points[_draw_triples(len(points))])
     size = circles[:, 2]
     circles = circles[np.isfinite(size) & (size > radius_px / (1 + spread)) & (size < radius_px * (1 + spread))]
     if not len(circles):
@@ -357,7 +357,7 @@ def likely_circle(points: Floats, radius_px: float, spread: float) -> Floats | N
 
 
 @lru_cache(maxsize=256)
-def _triples(count: int) -> Indices:
+def _draw_triples(count: int) -> Indices:
     """ATTEMPTS random triples (ATTEMPTS, 3) of so many points."""
     # A fixed seed: the same photo always gives the same marks.
     random = np.random.default_rng(0)
@@ -430,7 +430,7 @@ def fit_outlines(points: Sequence[Floats], starts_px: Floats, shapes: Sequence[S
         fit = replace(fit, values=values, scatter=scatter)
     seen = np.minimum(1.0, is_on.sum(axis=1) / np.array(rays)[numbers])
     covariance = np.linalg.inv(information)[:, :2, :2]
-    waves = np.where(seen > WAVES_SEEN, _wave_amplitudes(fit), np.nan)
+    waves = np.where(seen > WAVES_SEEN, _measure_waves(fit), np.nan)
     for place, number in enumerate(numbers.tolist()):
         x, y, size, *bend = fit.values[place].tolist()
         outlines[number] = MarkOutline(
@@ -467,7 +467,7 @@ def _median_where(values: Floats, chosen: Flags) -> Floats:
     return np.asarray(0.5 * (ordered[rows, (count - 1) // 2] + ordered[rows, count // 2]))
 
 
-def _wave_amplitudes(fit: _Fits) -> Floats:
+def _measure_waves(fit: _Fits) -> Floats:
     """Root mean square amplitude (rims,) in px of the Fourier terms of WAVE_ORDERS of the points' distances from the outlines.
 
     An error of the centre is the Fourier term of order 1 of the rim, which the fit hides; what disturbs a rim has higher orders as well.

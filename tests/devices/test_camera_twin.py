@@ -120,6 +120,16 @@ def test_out_of_focus_keeps_the_light_and_the_place():
     assert np.abs(np.diff(soft[..., 2].astype(int), axis=1)).max() < 0.5 * np.abs(np.diff(sharp[..., 2].astype(int), axis=1)).max()
 
 
+def test_light_is_encoded_by_the_curve_of_srgb_and_rounded():
+    """Formula of IEC 61966-2-1, here in double precision: the nearest numbers beside a step may fall on either side of it."""
+    light = np.linspace(-0.1, 1.1, 3 * 500_001).astype(np.float32).reshape(-1, 3, 3)
+    exact = np.clip(light.astype(float), 0.0, 1.0)
+    counts = 255.0 * np.where(exact <= 0.0031308, 12.92 * exact, 1.055 * exact ** (1 / 2.4) - 0.055)
+    image = render_sensor_image(light, ImageDisturbance(), np.random.default_rng(1))
+    assert np.abs(image - counts).max() < 0.5 + 1e-3
+    assert (image != np.round(counts)).mean() < 1e-4
+
+
 def test_noise_is_as_strong_as_it_says_at_mid_grey_and_grows_with_the_light():
     random = np.random.default_rng(3)
     grey, bright = (np.full((200, 200, 3), light, np.float32) for light in (0.2, 0.6))
