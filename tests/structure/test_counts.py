@@ -6,12 +6,12 @@ from tests.structure.counts import count_all
 
 # At most, and at least.
 AT_MOST = {
-    "modules": 450,
-    "lines": 89_500,
-    "lines of code": 56_960,
+    "modules": 451,
+    "lines": 90_200,
+    "lines of code": 57_450,
     "modules with one user, in their package": 27,
-    "functions": 6_010,
-    "private functions with one use": 711,
+    "functions": 6_050,
+    "private functions with one use": 724,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,
