@@ -90,14 +90,14 @@ def test_a_worn_leg_shows_its_cycles_and_its_checks():
     assert (by_kind["cycles"]["done"], by_kind["cycles"]["planned"], by_kind["static stage"]["done"]) == ("40", "40", "6")
     assert float(by_kind["cycles"]["largest_peak_force_N"]) == pytest.approx(51.0)
     assert float(by_kind["cycles"]["expected_force_N"]) > 30.0
-    # Each of three figures is drawn for two widths.
-    assert html.count('role="img"') == 6 and "40 cycles, each measured once" in text
+    # The static forces are three panels; cycles and checks are drawn for two widths.
+    assert html.count('role="img"') == 7 and "40 cycles, each measured once" in text
 
 
 def test_a_campaign_from_elsewhere_tells_what_it_holds():
     html, text, story = shown(recording(strokes(), stages()))
     assert "imported" in text and "Planned" not in text and "Limits in force" not in text
-    assert "No limits are recorded" in text and html.count('role="img"') == len(story.recording.strokes) + 2
+    assert "No limits are recorded" in text and html.count('role="img"') == len(story.recording.strokes) + 3
     assert all(float(row["expected_force_N"]) > 30.0 for row in rows(tables_of(story)[0])[:4])
 
 

@@ -159,7 +159,7 @@ def page(story: RunStory, tables: Sequence[Table], context: PageContext, files: 
         left_out=max(len(stages.rows) - MOST_ROWS, 0),
         traces=pictures.draw_traces(shown, story.rig),
         traced=f"{strokes}, each measured once, on one scale. Expected: the nominal model, with the shaft as commanded.",
-        static=pictures.draw_static_forces(stages_shown) if stages_shown else "",
+        static=pictures.draw_static_forces(stages_shown) if stages_shown else [],
         static_count=_of(len(stages_shown), len(recording.static), "stage"),
         cycles=pictures.draw_cycles(story) if pictures.has_cycles(recording) else "",
         cycle_count=count_noun(sum(part.count for part in story.parts if part.label.startswith("cycles ")), "cycle"),

@@ -50,8 +50,6 @@ SAMPLE_S = 2e-3
 WIDE_IN, LOW_IN = (8.6, 2.5), (NARROW_IN, 2.2)
 MOST_TICKS = 10
 MARGINS_IN = (0.69, 0.48, 0.18)
-# Three panels beside each other, or below each other.
-PANELS_IN, STACKED_IN = (8.6, 2.5), (NARROW_IN, 5.7)
 DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = ("-", (0, (4.0, 2.0)), (0, (1.0, 1.5)), "-.")
 FORCES = {"fy_N": "fy (N)", "fz_N": "fz (N)", "tx_Nm": "tx (N m)"}
 
@@ -118,21 +116,17 @@ def select_static_stages(stages: Sequence[StaticStage]) -> list[StaticStage]:
     return [stages[place] for number in chosen for place in pieces[number]]
 
 
-@for_both_widths
-def draw_static_forces(stages: Sequence[StaticStage], is_narrow: bool) -> str:
-    """Means over the shaft angle, a line for each height; hollow markers for unloading."""
+def draw_static_forces(stages: Sequence[StaticStage]) -> list[Panel]:
+    """Means over the shaft angle, a panel for each force and a line for each height; hollow markers for unloading."""
     heights = sorted({stage.height_m for stage in stages})
+    panels: list[Panel] = []
     with drawing():
-        figure = Figure(figsize=STACKED_IN if is_narrow else PANELS_IN)
-        for place, (name, words) in enumerate(FORCES.items()):
-            box = (0.15, 0.735 - 0.3267 * place, 0.83, 0.225) if is_narrow else (0.075 + 0.325 * place, 0.2, 0.25, 0.68)
-            axes = figure.add_axes(box)
+        for name, words in FORCES.items():
+            figure, axes = make_panel(words, "shaft (degrees)", TRACE_IN)
             for height_m, dashes in zip(heights, DASHES, strict=False):
                 _static(axes, [stage for stage in stages if stage.height_m == height_m], name, dashes)
-            axes.set_xlabel("shaft (degrees)")
-            # Above the axis, where no tick label pushes it out of the figure.
-            axes.set_title(words, loc="left", fontsize=9.2, pad=3.5)
-        return inline_svg(figure, f"static forces {is_narrow}", "fy, fz and tx over the angle of the shaft, at each height")
+            panels.append(Panel("", inline_svg(figure, f"static {name}", f"{words} over the angle of the shaft, at each height")))
+    return panels
 
 
 def _static(axes: Axes, stages: Sequence[StaticStage], name: str, dashes: str | tuple[int, tuple[float, ...]]) -> None:
