@@ -6,7 +6,7 @@
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -82,6 +82,20 @@ class RecordSequence:
         self.received += len(fresh)
         self._next += int(fresh[-1]) + 1 if len(fresh) else 0
         return picked, unwrapped
+
+    def health(self, status: "StatusCounter", stalled: int, malformed: int, notes: list[str]) -> StreamHealth:
+        """The health of the stream, from these counters and those that are given."""
+        return StreamHealth(
+            received=self.received,
+            lost=self.lost,
+            duplicate=self.duplicate,
+            out_of_order=self.out_of_order,
+            malformed=malformed,
+            faulty_status=status.faulty,
+            stalled=stalled,
+            saturated=status.saturated,
+            notes=notes,
+        )
 
     def _sort_out(self, ahead: Ints) -> tuple[Ints, Ints]:
         for old in ahead[ahead < 0]:
@@ -374,17 +388,8 @@ class RecordStream(ABC, Generic[Keys]):
 
     def health(self) -> StreamHealth:
         """Counters since `start`."""
-        return StreamHealth(
-            received=self._received,
-            lost=self._lost,
-            duplicate=self._sequence.duplicate,
-            out_of_order=self._sequence.out_of_order,
-            malformed=self._malformed,
-            faulty_status=self._status.faulty,
-            stalled=self._frozen.frozen,
-            saturated=self._status.saturated,
-            notes=self._notes(),
-        )
+        counted = self._sequence.health(self._status, self._frozen.frozen, self._malformed, self._notes())
+        return replace(counted, received=self._received, lost=self._lost)
 
     def _notes(self) -> list[str]:
         notes, silent_s = [], self._read_s - self._heard_s

@@ -19,7 +19,7 @@ from tests.cli.test_eighty_columns import ROOT, every_command
 from tests.cli.typed import typed
 
 PROGRAM = typer.main.get_command(app)
-# Once: it makes all commands anew, and every worker imports this file.
+# Once: it makes all commands again, and every worker imports this file.
 PATHS = list(every_command())
 LEAVES = [path for path in PATHS if path and not any(other[: len(path)] == path for other in PATHS if other != path)]
 # Types of Python, in brackets, and units in words: a unit stands in capitals behind the option's name.

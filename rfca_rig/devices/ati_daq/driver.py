@@ -179,18 +179,7 @@ class DaqFtSensor:
 
     def health(self) -> StreamHealth:
         """Counters since `start`."""
-        count = self._sequence
-        return StreamHealth(
-            received=count.received,
-            lost=count.lost,
-            duplicate=count.duplicate,
-            out_of_order=count.out_of_order,
-            malformed=self._malformed,
-            faulty_status=self._status.faulty,
-            stalled=self._frozen.frozen,
-            saturated=self._status.saturated,
-            notes=self._notes(),
-        )
+        return self._sequence.health(self._status, self._frozen.frozen, self._malformed, self._notes())
 
     def _notes(self) -> list[str]:
         notes = []

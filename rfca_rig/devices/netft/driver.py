@@ -268,18 +268,7 @@ class NetFtSensor:
 
     def health(self) -> StreamHealth:
         """Counters since `start`. `received` + `lost` is the number of records sent until the newest one."""
-        count = self._sequence
-        return StreamHealth(
-            received=count.received,
-            lost=count.lost,
-            duplicate=count.duplicate,
-            out_of_order=count.out_of_order,
-            malformed=self._malformed,
-            faulty_status=self._status.faulty,
-            stalled=self._stalled,
-            saturated=self._status.saturated,
-            notes=self._notes(),
-        )
+        return self._sequence.health(self._status, self._stalled, self._malformed, self._notes())
 
     def _notes(self) -> list[str]:
         notes = []

@@ -358,9 +358,9 @@ def _run(name: str, source: ComparedSource, origin: Origin, place: int, found: t
     story = story_of(source.recording)
     tables = tables_of(story)
     written = [*tables, *stage_tables(source.name, source.recording.static)]
-    # Empty tables are left out: static stages, strokes and cycles have different ones.
     # The page's stem stands before the names of its tables, as in run-2-stages.
     stem = name.removesuffix(".html")
+    # Empty tables are left out: static stages, strokes and cycles have different ones.
     files = table_files(replace(table, name=f"{stem}-{table.name}") for table in written if table.rows)
     own = replace(origin, recordings=origin.recordings[place : place + 1])
     links = (PageLink("report.html", "Compared with the model"), *found)
