@@ -14,7 +14,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, Valley, find_valley
+from rfca_rig.analysis.phases import TOUCHDOWN_LASTS_S, Undetermined, Valley, find_valley
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.catalogue import set_up
 from rfca_rig.model.hinge_springs import bending_stiffness_Nm_per_rad, bending_torque_Nm
@@ -92,19 +92,23 @@ class CaseResults:
         """Normal force of the ground, (m,) in N, summed over the link ends."""
         return np.asarray(self.stroke.normal_N.sum(axis=1))
 
-    @cached_property
+    @property
     def valley(self) -> Valley:
-        """The valley of fz. Raises Missing where there is none."""
+        """The valley of fz. Raises OutputMissing where there is none."""
+        if isinstance(self._valley, Undetermined):
+            raise OutputMissing(self._valley.reason)
+        return self._valley
+
+    @cached_property
+    def _valley(self) -> Valley | Undetermined:
         if self.normal_N[0] > 0.0:
-            raise OutputMissing("the leg lies on the ground before it starts")
+            return Undetermined("the leg lies on the ground before it starts")
         found = find_valley(self.stroke.t_s[::VALLEY_EVERY], self.stroke.fz_N[::VALLEY_EVERY])
-        if not isinstance(found, Valley):
-            raise OutputMissing(f"no valley: {found.reason}")
-        return found
+        return found if isinstance(found, Valley) else Undetermined(f"no valley: {found.reason}")
 
     @cached_property
     def touchdown(self) -> int:
-        """The first sample in contact. Raises Missing where the leg never touches."""
+        """The first sample in contact. Raises OutputMissing where the leg never touches."""
         if not self.normal_N.any():
             raise OutputMissing("the leg does not touch the ground")
         return int((self.normal_N > 0.0).argmax())
@@ -364,7 +368,7 @@ class RequestedOutput:
         return self.output.words if self.at_deg is None else f"{self.output.words} at {self.at_deg:g} degrees of {self.output.at}"
 
     def of(self, case: CaseResults) -> float:
-        """The value. Raises Missing, SimulationFailed, BadInput."""
+        """The value. Raises OutputMissing, SimulationFailed, BadInput."""
         value = self.output.value
         return value(case) if self.at_deg is None else value(case, self.at_deg)
 
