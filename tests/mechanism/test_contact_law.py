@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from rfca_rig.errors import BadInput
-from rfca_rig.mechanism.contact_law import SphereOnPlane, check_contacts
+from rfca_rig.mechanism.contact_law import ContactArrays, SphereOnPlane, apply_contact_forces, check_contacts
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.mechanism.nuisances import NUISANCES
 from rfca_rig.mechanism.plant import (
@@ -124,6 +125,49 @@ def test_with_another_power_a_ball_lies_otherwise_only_where_more_than_its_weigh
         plant.model.opt.gravity[2] = -gravity
         found = simulate_plant(plant, pushed(0.0), None, None, T_S)
         assert RADIUS_M - found.position[:, 1] == pytest.approx(expected, rel=1e-4)
+
+
+@numba.njit
+def give_back(contact, along, depth, h):
+    """The most energy that friction has given at any time along a path (k,) of the ball, and what passed [J]."""
+    F = total = most = passed = 0.0
+    for k in range(1, along.size):
+        moved = along[k] - along[k - 1]
+        contact.geom_xpos[1, 0], contact.geom_xpos[1, 2] = along[k], contact.radius[0] - depth[k]
+        contact.cvel[1, 3] = moved / h
+        apply_contact_forces(contact, h)
+        after = contact.xfrc_applied[1, 0]
+        work = 0.5 * (F + after) * moved
+        F, total, passed = after, total + work, passed + abs(work)
+        most = max(most, total)
+    return most, passed
+
+
+def one_contact():
+    """A ball over a level floor: geoms and bodies 0 and 1 are the floor and the ball."""
+    law = replace(LAW, damping_s_per_m=0.0, drag_N_s_per_m=0.0)
+    at = np.ones(1, dtype=np.intp)
+    levelled = np.tile(np.eye(3).ravel(), (2, 1))
+    vectors = [np.zeros((2, 3)) for _ in range(3)]
+    return ContactArrays(
+        np.array([law.list_numbers(9.81 * KG)]), np.array([RADIUS_M]), at, 0 * at, at, 0 * at, np.zeros(2, dtype=np.intp), np.zeros((1, 3)),
+        np.zeros(1), np.zeros(1), np.array([np.inf]), np.zeros((3, 3)), vectors[0], levelled, vectors[1], vectors[2], np.zeros((2, 6)),
+        np.zeros((2, 6)),
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_friction_gives_back_no_energy_on_random_closed_paths():
+    """The load changes while the ball sticks, and it lifts off in some: sums of sines, gone through three times."""
+    random, t = np.random.default_rng(1), np.linspace(0.0, 3.0, 1801)
+    for _ in range(300):
+        waves = np.sin(2.0 * np.pi * np.arange(1, 5)[:, None] * t + random.uniform(0.0, 2.0 * np.pi, (2, 4, 1)))
+        along, load = (random.normal(size=(2, 4, 1)) / np.arange(1, 5)[:, None] * waves).sum(axis=1)
+        along *= LAW.presliding_m * random.uniform(0.1, 3.0)
+        load_N = np.maximum(0.0, 20.0 * (random.uniform(0.0, 2.0) + load))
+        most, passed = give_back(one_contact(), along, (load_N / LAW.stiffness_N_per_m1p5) ** (2.0 / 3.0), 1e-4)
+        assert passed > 0.0
+        assert most < 1e-9 * passed
 
 
 @pytest.mark.parametrize(
