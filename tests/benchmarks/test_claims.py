@@ -38,6 +38,23 @@ def test_a_rougher_plate_fits_table_2_as_well_and_turning_back_on_it_gives_both_
     assert (peak.fy_N, peak.fz_N) == pytest.approx((188.0, -232.0), rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("leg", "friction", "errors_pct"),
+    [
+        ({}, 0.41, (2.86, 6.17)),
+        (
+            {"k0_Nm_per_rad": 5.2964, "k2_per_rad2": 9.2678, "hinge_damping_Nm_s_per_rad": 0.9273, "start_angle_rad": 0.2195},
+            0.0938,
+            (2.90, 0.53),
+        ),
+    ],
+    ids=["nothing fitted", "at best"],
+)
+def test_with_coulomb_friction_alone_table_2_is_met_as_stated(leg, friction, errors_pct):
+    rig = changed(leg, {"drag_N_s_per_m": 0.0, "friction_coefficient": friction})
+    assert np.abs(table_2_errors_pct(rig)).mean(axis=0) == pytest.approx(errors_pct, abs=0.03)
+
+
 def test_the_speed_of_the_stroke_hardly_matters_to_the_loading():
     slow = peaks(passes(PAPER, speed_rad_s=2.4, count=1), 0)["loading"].size_N
     assert slow == pytest.approx(115.0, abs=2.0)
