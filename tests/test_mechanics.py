@@ -1,6 +1,8 @@
 """The examples of docs/mechanics.md, and what they do not show: limits, and equations against each other."""
 
 import doctest
+import inspect
+import re
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,21 @@ def test_the_examples_of_the_page_run():
     found = doctest.testfile(str(PAGE), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert found.attempted > 40
     assert found.failed == 0
+
+
+@pytest.mark.parametrize("number", range(1, 20))
+def test_every_equation_has_a_function_and_an_example(number):
+    assert any(number in equations_of(inspect.getdoc(getattr(mechanics, name)) or "") for name in mechanics.__all__)
+    # Beside the headings, which name ranges
+    assert f"({number})" in "\n".join(line for line in PAGE.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
+
+
+def equations_of(docstring):
+    """Numbers of equations that a docstring refers to, ranges as `(14) to (16)` filled in."""
+    numbers = {int(number) for number in re.findall(r"\((\d+)\)", docstring)}
+    for first, last in re.findall(r"\((\d+)\) to \((\d+)\)", docstring):
+        numbers.update(range(int(first), int(last) + 1))
+    return numbers
 
 
 def test_the_small_slope_error_is_that_of_the_curvature():
