@@ -1,5 +1,9 @@
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from rfca_rig.model.parameters import TorqueSpline
 from rfca_rig.reports.page_units import page_name, text_in_degrees
 from rfca_rig.reports.strokes.page import parameter_lines
 from rfca_rig.reports.text import count_noun, in_thousands, keep_units_together, number, spread
@@ -28,7 +32,20 @@ def test_parameters_are_shown_in_a_labs_units_and_none_is_left_out():
     assert shown["ground", "friction coefficient"] == ("0.41", "")
     assert shown["drive", "ramp"] == ("0.05", "s")
     assert shown["leg", "link lengths"][0].startswith("54, 39.333, ")
+    assert shown["ground", "tangential damping"] == ("2", "N s/m")
     assert len(shown) == 7 + 7 + 1 + 1
+
+
+@pytest.mark.parametrize("curves", [1, 6])
+def test_a_measured_curve_is_shown_by_its_points(curves):
+    splines = (TorqueSpline((0.0, np.radians(10.0), np.radians(20.0)), (0.0, 0.2, 0.5)),) * curves
+    leg = replace(PAPER.leg, k0_Nm_per_rad=10.0, k2_per_rad2=0.0, torque_splines=splines)
+    lines = parameter_lines(replace(PAPER, leg=leg))
+    assert [line.section for line in lines].index("ground") == 6 + curves
+    torques = {line.name: (line.value, line.unit) for line in lines if line.name.startswith("torque")}
+    assert torques["torque" if curves == 1 else "torque of hinge 7"] == ("2 at 10, 5 at 20", "N m at deg")
+    assert len(torques) == curves
+    assert "k2" not in {line.name for line in lines}
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, make_peak_row
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.model_file import nominal_model
-from rfca_rig.model.parameters import LawTable, RigModel
+from rfca_rig.model.parameters import LawTable, RigModel, TorqueSpline
 from rfca_rig.model.tabulated_law import kind_of
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.model import Recording
@@ -53,6 +53,12 @@ UNITS = {
 }
 
 SECTIONS = ("leg", "ground", "sensor", "drive")
+UNLISTED = (
+    "what is not listed counts as exact. A diagnosis also varies what is rarely measured of the floor, the swing of the leg at the start "
+    "and the delay of the drive: the nuisance parameters of its page."
+)
+# Where a rig file says it in other words than the model does.
+FILE_NAMES = {("ground", "drag_N_s_per_m"): "tangential_damping_N_s_per_m"}
 
 COLUMNS = (
     TableColumn("part", role="group"),
@@ -152,15 +158,33 @@ def parameter_lines(rig: RigModel) -> list[ParameterLine]:
 
     It goes through the fields of the dataclasses, so that new parameters appear without a change here.
     """
-    sections = [
-        _quantity(section, parameter.name, value)
-        for section in SECTIONS
-        for parameter in fields(getattr(rig, section))
-        if (value := getattr(getattr(rig, section), parameter.name)) is not None and value is not False and value != ()
-    ]
+    sections = [line for section in SECTIONS for line in _lines_of(section, getattr(rig, section))]
     effects = [_quantity("effect", f"{present.id} {name}", value) for present in rig.effects for name, value in present.values]
     tables = [_of_table(present.table) for present in rig.effects if present.table is not None]
     return sections + effects + tables
+
+
+def _lines_of(section: str, part: Any) -> list[ParameterLine]:
+    values = {parameter.name: getattr(part, parameter.name) for parameter in fields(part)}
+    curves = values.pop("torque_splines", ())
+    if curves:
+        # Unused beside measured curves.
+        del values["k2_per_rad2"]
+    lines = [
+        _quantity(section, FILE_NAMES.get((section, name), name), value)
+        for name, value in values.items()
+        if value is not None and value is not False and value != ()
+    ]
+    return lines + [
+        _of_curve(f" of hinge {n}" if len(curves) > 1 else "", part.k0_Nm_per_rad, each) for n, each in enumerate(curves, start=2)
+    ]
+
+
+def _of_curve(whose: str, k0_Nm_per_rad: float, curve: TorqueSpline) -> ParameterLine:
+    """The points of a measured curve, without (0, 0), which belongs to all."""
+    points = zip(curve.angles_rad, curve.torques_rad, strict=True)
+    text = ", ".join(f"{k0_Nm_per_rad * torque:.4g} at {degrees(angle):.3g}" for angle, torque in points if angle != 0.0)
+    return ParameterLine("leg", f"torque{whose}", text, "N m at deg")
 
 
 def _of_table(table: LawTable) -> ParameterLine:
@@ -283,7 +307,7 @@ def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, sever
     if model_file or not known_to:
         return f"{what}{of_whom}."
     stated = ", ".join(f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float))
-    return f"{what}{of_whom}. One standard deviation of each nominal value: {stated}; what is not listed counts as exact."
+    return f"{what}{of_whom}. One standard deviation of each nominal value: {stated}; {UNLISTED}"
 
 
 @dataclass(frozen=True)
