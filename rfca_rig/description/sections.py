@@ -247,9 +247,9 @@ class DriveSection(Section):
 class KnownToSection(Section):
     """[known_to]: one standard deviation of each nominal value. A fit may change these values; values without a key count as exact.
 
-    `_relative` is a share of the nominal value, 0.03 for 3 %. `k0_relative` is that of a factor on the curve where the leg has one. The
-    keys from `presliding_relative` on are rarely measured. A diagnosis varies them in any case, with a usual standard deviation where none
-    is given here; 0 makes them exact.
+    `_relative` is a share of the nominal value, 0.03 for 3 %. `k0_relative` is that of a factor on the curve where the leg has one.
+    `rest_angle_deg` is used by static reports only. The keys from `presliding_relative` on are rarely measured. A diagnosis varies them in
+    any case, with a usual standard deviation where none is given here; 0 makes them exact.
     """
 
     height_mm: Positive | None = Field(default=None, description="height of the shaft above the ground")

@@ -214,6 +214,8 @@ class Diagnosis:
         The nuisance parameters after and before the fit, with standard deviations.
     nuisance_units
         Their units, where their names do not carry them; "" for a ratio.
+    nuisance_keys
+        The keys of [known_to] that state their priors, of a leg.
     settings
         What the answer rests on: model error, scatter, priors.
     """
@@ -250,6 +252,7 @@ class Diagnosis:
     stated_law: StatedLaw | None = None
     priors: Mapping[str, Value] = field(default_factory=dict)
     nuisance_units: Mapping[str, str] = field(default_factory=dict)
+    nuisance_keys: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_of_stretches(self) -> bool:

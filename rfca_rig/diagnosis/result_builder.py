@@ -102,7 +102,8 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         next_experiment=None,
         believed_values=nuisance_values(explanation),
         priors=nuisance_priors(explanation),
-        nuisance_units={one.name: one.unit for one in explanation.fitted.coordinates.space.parameters},
+        nuisance_units=nuisance_units(explanation),
+        nuisance_keys=nuisance_keys(explanation),
         overlays=make_overlays(found, explanation, experiment),
         settings=_settings(found, effects),
         found_effects=present_effects(used),
@@ -161,6 +162,16 @@ def nuisance_priors(hypothesis: Hypothesis) -> Mapping[str, Value]:
     """Prior means and standard deviations of the nuisance parameters, in their units."""
     space = hypothesis.fitted.coordinates.space
     return {name: Value(float(v), float(s)) for name, v, s in zip(space.names, space.centres, space.prior_std, strict=True)}
+
+
+def nuisance_units(hypothesis: Hypothesis) -> Mapping[str, str]:
+    """Units of the nuisance parameters."""
+    return {one.name: one.unit for one in hypothesis.fitted.coordinates.space.parameters}
+
+
+def nuisance_keys(hypothesis: Hypothesis) -> Mapping[str, str]:
+    """Keys of [known_to] that state the priors of the nuisance parameters."""
+    return {one.name: one.known_to for one in hypothesis.fitted.coordinates.space.parameters if one.known_to}
 
 
 def _possible_mean(hypothesis: Hypothesis) -> Floats:

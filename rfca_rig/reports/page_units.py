@@ -111,6 +111,7 @@ def convert_diagnosis(found: Diagnosis) -> Diagnosis:
         believed_values=_values(found.believed_values, units),
         priors=_values(found.priors, units),
         nuisance_units={page_name(name)[0]: SHOWN.get(unit, (unit, 1.0))[0] for name, unit in units.items()},
+        nuisance_keys={page_name(name)[0]: key for name, key in found.nuisance_keys.items()},
         moved_priors=tuple(map(_prior, found.moved_priors)),
         overlays=tuple(map(convert_overlay, found.overlays)),
     )

@@ -10,10 +10,11 @@ from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.decision.decide import decide, join_decisions
 from rfca_rig.diagnosis.diagnose import SEEN_ON_THE_SHAFT, search_drive
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.leg.result import _describe_delay
+from rfca_rig.diagnosis.leg.result import _describe_delay, _with_delay
 from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, make_shaft_condition, tracks_command, turns_as_commanded
 from rfca_rig.diagnosis.leg.strokes import make_turn
 from rfca_rig.diagnosis.result import Criterion
+from rfca_rig.diagnosis.result_builder import build_result
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
@@ -70,6 +71,13 @@ def test_a_drive_that_is_late_lacks_nothing_and_is_told_to_be_late():
     body = replace(body_of(drive.dataset.parts, leg, drive.dataset.parts), as_commanded=False)
     (said,) = _describe_delay(body, verdicts_of(leg, nothing_missing(leg), drive, decision))
     assert said.startswith("the drive follows its commands 3.0 ms late")
+    forces = build_result("late", leg, nothing_missing(leg), (), "dynamic")
+    both = _with_delay(forces, decision.explanation)
+    assert set(both.priors) - set(forces.priors) == {"command_delay"} == set(both.believed_values) - set(forces.believed_values)
+    assert (both.priors["command_delay"].value, both.priors["command_delay"].std) == (0.0, 2.0)
+    assert (both.nuisance_units["command_delay"], both.nuisance_keys["command_delay"]) == ("ms", "command_delay_ms")
+    assert both.believed_values["command_delay"].value == pytest.approx(3.0, abs=0.1)
+    assert {**both.priors, **forces.priors} == both.priors
 
 
 def test_a_shaft_that_is_only_late_is_no_case_for_the_drive():

@@ -1,3 +1,4 @@
+import csv
 import json
 import re
 from dataclasses import replace
@@ -297,6 +298,16 @@ def test_json_has_the_keys_that_other_programs_read(tmp_path):
     assert document["fit"]["valley_time_error_pct"] == {"before": 3.1, "after": 0.4}
     assert document["next_experiment"]["heights_mm"] == [195, 205]
     assert document["rivals"][2]["ids"] == ["unknown"] and document["rivals"][4]["ids"] == []
+
+
+def test_a_nuisance_parameter_has_its_prior_its_unit_and_the_key_that_states_it(tmp_path, drawn):
+    mass = {"priors": {"mass": Value(320.0, 3.0)}, "nuisance_units": {"mass": "g"}, "nuisance_keys": {"mass": "mass_relative"}}
+    stated = replace(NAMED, **mass)
+    assert written_json(tmp_path, stated)["priors"] == {"mass": {"value": 320.0, "std": 3.0, "unit": "g", "known_to": "mass_relative"}}
+    rows = {row["parameter"]: row for row in csv.DictReader((tmp_path / "believed.csv").open())}
+    assert [rows["mass"][name] for name in ("unit", "prior_value", "prior_std")] == ["g", "320.0", "3.0"]
+    assert "<code>mass_relative</code>" in (tmp_path / "diagnosis.html").read_text()
+    assert "Key of the prior" not in page(replace(stated, nuisance_keys={}), PageContext(Origin()))
 
 
 def test_what_is_not_known_is_null_and_never_nan(tmp_path):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,17 +12,30 @@ from rfca_rig.analysis.phases import Undetermined, Valley, find_valley
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
 from rfca_rig.diagnosis.experiment_design.leg_experiment import propose_experiment
-from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
+from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.leg.findings import Findings, PreparedData
 from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, turns_as_commanded
+from rfca_rig.diagnosis.leg.simulator import COMMAND_DELAY
 from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition
 from rfca_rig.diagnosis.residual_force.free_form import estimate_free_force, state_place
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, StatedPlace
-from rfca_rig.diagnosis.result_builder import build_result, make_overlays, not_enough_data, nuisance_values, present_effects
+from rfca_rig.diagnosis.result_builder import (
+    build_result,
+    list_moved_priors,
+    make_overlays,
+    not_enough_data,
+    nuisance_keys,
+    nuisance_priors,
+    nuisance_units,
+    nuisance_values,
+    present_effects,
+)
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.stroke import simulate_stroke
 from rfca_rig.protocol.plan import Limits
+
+T = TypeVar("T")
 
 SHOWS = 3.0  # standard deviations
 DYNAMIC = "dynamic"
@@ -71,13 +85,32 @@ def _with_drive(result: Diagnosis, decision: Decision, verdicts: Findings) -> Di
         rig = replace(rig, drive=drive.nominal.coordinates.space.centre.rig.drive, effects=(*rig.effects, *found))
     is_left = any(one.grade == "unexplained" for one in (verdicts.leg_decision, of_drive)) and decision.grade != "unexplained"
     return replace(
-        result,
+        _with_delay(result, of_drive.explanation),
         sentence=result.sentence + (" Something else remains unexplained." if is_left else ""),
         cells=(*result.cells, *cells),
         located=(*places, *result.located),
         overlays=(*result.overlays, *make_overlays(drive, of_drive.explanation, DYNAMIC)),
         found_effects=(*result.found_effects, *found),
         found_rig=rig,
+    )
+
+
+def _with_delay(result: Diagnosis, explanation: Hypothesis) -> Diagnosis:
+    """The answer with the delay of the drive among its nuisance parameters.
+
+    The search for the drive also varies ground and height, but within what the forces have left of them.
+    """
+
+    def add(own: Mapping[str, T], of_drive: Mapping[str, T]) -> Mapping[str, T]:
+        return {**own, **{name: each for name, each in of_drive.items() if name == COMMAND_DELAY}}
+
+    return replace(
+        result,
+        believed_values=add(result.believed_values, nuisance_values(explanation)),
+        priors=add(result.priors, nuisance_priors(explanation)),
+        nuisance_units=add(result.nuisance_units, nuisance_units(explanation)),
+        nuisance_keys=add(result.nuisance_keys, nuisance_keys(explanation)),
+        moved_priors=(*result.moved_priors, *(one for one in list_moved_priors(explanation) if one.name == COMMAND_DELAY)),
     )
 
 
@@ -108,7 +141,7 @@ def _describe_delay(body: PreparedData, verdicts: Findings) -> tuple[str, ...]:
             return ()
         late_ms = 1e3 * float(np.mean([estimate_delay_s(shaft, body.rig.drive.ramp_s) for shaft in body.shafts]))
         return (f"but for being {late_ms:.1f} ms late the drive follows its commands",)
-    fitted_ms = nuisance_values(verdicts.drive_decision.explanation).get("command_delay")
+    fitted_ms = nuisance_values(verdicts.drive_decision.explanation).get(COMMAND_DELAY)
     if fitted_ms is None:
         return ()
     message = f"the drive follows its commands {fitted_ms.value:.1f} ms late (standard deviation {fitted_ms.std:.1f} ms)"

@@ -100,8 +100,9 @@ _SWING = (
     FitParameter("swing_rate", "sags/s", False, SAGS_PER_S, lambda at: _swing(at).rate_per_s, _with_rate, "swing_sags_per_s"),
 )
 
+COMMAND_DELAY = "command_delay"
 _DELAY: FitParameter[ModelPoint] = FitParameter(
-    "command_delay", "ms", False, LATE_MS, lambda at: 1e3 * at.command_delay_s, lambda at, ms: replace(at, command_delay_s=1e-3 * ms),
+    COMMAND_DELAY, "ms", False, LATE_MS, lambda at: 1e3 * at.command_delay_s, lambda at, ms: replace(at, command_delay_s=1e-3 * ms),
     "command_delay_ms",
 )  # fmt: skip
 

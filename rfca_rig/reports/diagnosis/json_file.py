@@ -52,7 +52,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
             for r in diagnosis.rivals
         ],
         "believed_values": {name: _value(value) for name, value in diagnosis.believed_values.items()},
-        "priors": {name: _value(value) for name, value in diagnosis.priors.items()},
+        "priors": {name: _prior(name, diagnosis) for name in diagnosis.priors},
         "remaining": [_place_record(place) for place in diagnosis.remaining],
         "moved_priors": [asdict(one) for one in diagnosis.moved_priors],
         "remarks": diagnosis.remarks,
@@ -119,6 +119,12 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "wording": effect.wording,
         "shape": {name: _value(value) for name, value in effect.shape.items()},
     }
+
+
+def _prior(name: str, diagnosis: Diagnosis) -> dict[str, Any]:
+    """The prior of a nuisance parameter, with its unit and the key of [known_to] that states it; the name may carry both."""
+    facts = {"unit": diagnosis.nuisance_units.get(name), "known_to": diagnosis.nuisance_keys.get(name)}
+    return _value(diagnosis.priors[name]) | {key: each for key, each in facts.items() if each}
 
 
 def _value(value: Value) -> dict[str, float]:

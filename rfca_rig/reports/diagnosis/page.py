@@ -351,7 +351,8 @@ def _nuisances(diagnosis: Diagnosis) -> list[dict[str, str]]:
         words, unit = words_and_unit(name)
         unit = (diagnosis.nuisance_units.get(name) or unit).replace("m1.5", "m^1.5")
         prior = diagnosis.priors.get(name)
-        texts = {"name": words, "unit": unit, "value": format_with_interval_90(value), "prior": "", "forest": ""}
+        key = diagnosis.nuisance_keys.get(name, "")
+        texts = {"name": words, "unit": unit, "value": format_with_interval_90(value), "prior": "", "key": key, "forest": ""}
         if prior is not None and prior.std > 0.0 and isfinite(value.value):
             z, half = (value.value - prior.value) / prior.std, STDS_90 * value.std / prior.std
             half = half if isfinite(half) else 0.0

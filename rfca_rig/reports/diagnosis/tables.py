@@ -180,8 +180,15 @@ def nominal_values_table(diagnosis: Diagnosis) -> Table:
         TableColumn("prior_value", "Before", over=PRIOR),
         TableColumn("prior_std", "Std.", over=PRIOR),
     )
-    rows = tuple(TableRow({**_value_cells(name, value), **priors.get(name, {})}) for name, value in diagnosis.believed_values.items())
+    rows = tuple(
+        TableRow({**_value_cells(name, value, _nuisance_unit(diagnosis, name)), **priors.get(name, {})})
+        for name, value in diagnosis.believed_values.items()
+    )
     return Table("believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows)
+
+
+def _nuisance_unit(diagnosis: Diagnosis, name: str) -> str:
+    return diagnosis.nuisance_units.get(name, "").replace("m1.5", "m^1.5")
 
 
 def acceptance_table(diagnosis: Diagnosis) -> Table:
@@ -234,10 +241,11 @@ def signals_table(diagnosis: Diagnosis) -> Table:
     return Table("signals", "", tuple(TableColumn(key) for key in SIGNALS), rows)
 
 
-def _value_cells(name: str, value: Value) -> dict[str, Shown]:
-    words, unit = words_and_unit(name)
+def _value_cells(name: str, value: Value, unit: str = "") -> dict[str, Shown]:
+    """Cells of a value; `unit` where its name does not carry it."""
+    words, carried = words_and_unit(name)
     half = STDS_90 * value.std
-    cells: dict[str, Shown] = {"parameter": words, "value": value.value, "unit": unit}
+    cells: dict[str, Shown] = {"parameter": words, "value": value.value, "unit": unit or carried}
     # A parameter without a finite uncertainty has no interval.
     if not (isfinite(half) and half > 0.0):
         return cells
