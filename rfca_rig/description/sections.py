@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from datetime import date
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, GetJsonSchemaHandler, field_validator, model_validator
 from pydantic_core import CoreSchema
 
@@ -22,6 +23,8 @@ _TABLE_KEYS = ("place", "argument", "knots", "values")
 HINGE_LAW = "k0*phi + k0*k2*phi**3"
 # Keys of [leg] that a measured curve replaces.
 LAW_KEYS = ("hinge_torque_Nm", "k0_Nm_per_rad", "k2_per_rad2")
+# Share of a covariance that may be lost by rounding to the digits of a file.
+ROUNDED = 1e-4
 # The torque's slope 1 + 3 k2 phi^2 is 0 at 90 degrees.
 MIN_K2_PER_RAD2 = -4.0 / (3.0 * math.pi**2)
 
@@ -76,6 +79,12 @@ class TorqueRotationSection(Section):
                 raise ValueError(f"covariance_Nm2 must have {angles} rows of {angles} numbers, one for each angle")
             if min(row[i] for i, row in enumerate(covariance)) < 0.0:
                 raise ValueError("covariance_Nm2 has a negative number on its diagonal, which holds the variances")
+            matrix = np.array(covariance)
+            # Rounding may leave a singular matrix with slightly negative eigenvalues.
+            if np.abs(matrix - matrix.T).max() > ROUNDED * np.abs(matrix).max():
+                raise ValueError("covariance_Nm2 is not symmetric: number j of row i must be number i of row j")
+            if np.linalg.eigvalsh(matrix).min() < -ROUNDED * np.trace(matrix):
+                raise ValueError("covariance_Nm2 belongs to no torques: a correlation is beyond -1 to 1, or several contradict each other")
         return self
 
     def knots(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:

@@ -28,6 +28,22 @@ BAND = float(np.sqrt(0.005 / (0.58**2 + 1.67**2 + 3.37**2 + 5.80**2)))
 CSV = "angle_deg, torque_Nm, torque_std_Nm\n3.0, 0.58, 0.01\n8.0, 1.67, 0.02\n14.0, 3.37, 0.03\n20.0, 5.80, 0.06\n"
 
 
+STD = "standard_deviations_Nm = [0.01, 0.02, 0.03, 0.06]"
+
+
+def covariance_line(others):
+    """The variances of CURVE with other numbers at these places."""
+    matrix = np.diag([0.01**2, 0.02**2, 0.03**2, 0.06**2])
+    for place, value in others.items():
+        matrix[place] = value
+    return f"covariance_Nm2 = {matrix.tolist()}"
+
+
+def test_a_covariance_says_how_far_a_fit_may_scale(tmp_path):
+    file = read(tmp_path, CURVE.replace(STD, covariance_line({(0, 3): 5e-4, (3, 0): 5e-4})))
+    assert file.known_to.k0_relative == pytest.approx(BAND)
+
+
 def read(tmp_path, curve=CURVE, rig=PLAIN):
     path = tmp_path / "model.toml"
     path.write_text(rig + curve, encoding="utf-8")
@@ -134,6 +150,8 @@ def test_k2_of_a_curve_can_be_neither_fitted_nor_swept(tmp_path):
         (", 20.0]", "]", "leg.torque_rotation: this curve: 3 angles, but 4 torques; give one torque per angle"),
         (", 0.06]", "]", "4 angles, but 3 standard_deviations_Nm; give one per angle"),
         ("standard_deviations_Nm = [0.01, 0.02, 0.03, 0.06]", "covariance_Nm2 = [[1.0, 0.0], [0.0, 1.0]]", "4 rows of 4 numbers"),
+        (STD, covariance_line({(0, 3): 5e-4}), "covariance_Nm2 is not symmetric: number j of row i must be number i of row j"),
+        (STD, covariance_line({(0, 3): 7e-4, (3, 0): 7e-4}), "covariance_Nm2 belongs to no torques: a correlation is beyond -1 to 1"),
         ("torques_Nm = [0.58, 1.67, 3.37, 5.80]\n", "", "takes angles_deg with either torques_Nm or torques_by_hinge_Nm, or curve"),
         ("torques_Nm", "torque_Nm", "leg.torque_rotation.torque_Nm: unknown key; did you mean torques_Nm?"),
         ("angles_deg", 'curve = "a.csv"\nangles_deg', "curve names a file, so angles_deg must be left out"),
