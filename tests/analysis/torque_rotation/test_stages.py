@@ -64,21 +64,27 @@ def test_a_stray_angle_is_named():
 
 
 @pytest.mark.parametrize(
-    ("stages", "said"),
+    ("change", "said"),
     [
-        ((), "'static' holds no static stages; record some with: rfca-rig static run"),
+        (lambda _: (), "'static' holds no static stages; record some with: rfca-rig static run"),
         (
-            tuple(replace(s, hinge_deg=(nan,) * 6) for s in plain()),
+            lambda stages: tuple(replace(s, hinge_deg=(nan,) * 6) for s in stages),
             "none of its 16 static stages has a hinge angle; record the stages with",
         ),
-        (plain()[:2], "2 settled stages with 12 hinge angles in all: a curve needs at least 3 stages"),
-        (tuple(replace(s, hinge_deg=tuple(np.radians(s.hinge_deg))) for s in plain()), "look whether the angles are in degrees"),
-        (tuple(replace(s, hinge_deg=s.hinge_deg[:5], hinge_std_deg=()) for s in plain()), "stage 1 at 215 mm has 5 hinges and the"),
+        (lambda stages: stages[:2], "2 settled stages with 12 hinge angles in all: a curve needs at least 3 stages"),
+        (
+            lambda stages: tuple(replace(s, hinge_deg=tuple(np.radians(s.hinge_deg))) for s in stages),
+            "look whether the angles are in degrees",
+        ),
+        (
+            lambda stages: tuple(replace(s, hinge_deg=s.hinge_deg[:5], hinge_std_deg=()) for s in stages),
+            "stage 1 at 215 mm has 5 hinges and the",
+        ),
     ],
     ids=["no stages", "no angles", "too few", "radians", "another leg"],
 )
-def test_what_cannot_give_a_curve_is_refused_in_a_line(stages, said):
+def test_what_cannot_give_a_curve_is_refused_in_a_line(change, said):
     with pytest.raises(BadInput) as refusal:
-        evaluate([recording(stages)], SUPPOSED)
+        evaluate([recording(change(plain()))], SUPPOSED)
     assert said in str(refusal.value)
     assert "\n" not in str(refusal.value)
