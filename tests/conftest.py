@@ -1,9 +1,11 @@
 """What all tests share."""
 
+import gc
 import os
 import signal
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,6 +30,20 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 WITHOUT_MODEL = {"acquisition", "campaign", "codecs", "description", "devices", "doctor", "logbook", "protocol", "structure", "vision"}
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Leaves out of every later search for garbage what is there until the end: all imported modules and all tests.
+
+    They are a million objects and more, which each search would look at; so would the searches of processes that tests fork.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 # Files with slow tests of up to a minute each. At the end of all tests such a test leaves the other workers idle. Pictures need the
 # README's job, so that they follow it in the same worker, which otherwise waits for it.
 FIRST_OF_ONE, FIRST_OF_OTHER = ("test_readme.py", "test_pictures.py"), ("test_notebooks.py", "test_pendulum.py", "test_whole_diagnosis.py")
@@ -42,8 +58,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     root = Path(__file__).parent
 
-    def is_without(item: pytest.Item) -> bool:
-        return Path(os.path.relpath(item.path, root)).parts[0] in WITHOUT_MODEL
+    @cache
+    def is_without(file: Path) -> bool:
+        return Path(os.path.relpath(file, root)).parts[0] in WITHOUT_MODEL
 
     def take(names: Sequence[str]) -> list[pytest.Item]:
         """The slow tests of these files, in the order of the names."""
@@ -52,6 +69,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     one, other = take(FIRST_OF_ONE), take(FIRST_OF_OTHER)
     rest = [item for item in items if item not in one and item not in other]
-    without, others = [item for item in rest if is_without(item)], [item for item in rest if not is_without(item)]
+    without, others = [item for item in rest if is_without(item.path)], [item for item in rest if not is_without(item.path)]
     middle = max(len(items) // 2 - len(one), 0)
     items[:] = [*one, *others[:middle], *other, *without, *others[middle:]]
