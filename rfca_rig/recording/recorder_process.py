@@ -5,6 +5,8 @@ Measured at 500 Hz with 7000 records/s, worst gap between commands beyond the ti
 18 ms, by this process 0.6 ms (python -m tests.benchmarks.recording).
 """
 
+import atexit
+import gc
 import signal
 import sys
 from collections.abc import Callable
@@ -171,5 +173,7 @@ class DiskRecorder:
 
 
 if __name__ == "__main__":
+    # The run waits for this process to end: it is not to look for unused circles among all objects before.
+    atexit.register(gc.freeze)
     with Connection(int(sys.argv[1])) as parent:
         record_run(parent)
