@@ -21,8 +21,8 @@ from rfca_rig.recording.columns import (
     link_name,
     make_column,
     read_column,
-    read_column_form,
     read_names,
+    read_scale,
 )
 from rfca_rig.recording.model import RawStage, Source, Stream, Stroke
 
@@ -113,18 +113,26 @@ def make_streams(group: h5py.Group, streams: Iterable[tuple[StreamForm, int]], s
     """Streams of the given numbers of samples, still without values."""
     # An iterator would be used up by the names, before the streams are made.
     streams = list(streams)
-    names = [form.name for form, _ in streams]
-    group.attrs["order"] = json.dumps(names)
-    mark_stage(group, names)
-    for form, length in streams:
-        stream, columns = group.create_group(link_name(form.name)), [column.name for column in form.columns]
-        stream.attrs["source"] = source
-        stream.attrs["order"] = json.dumps(columns)
-        mark_stream(stream, columns, TIME)
+    groups = _make_groups(group, {form.name: [column.name for column in form.columns] for form, _ in streams}, source)
+    for (form, length), stream in zip(streams, groups, strict=True):
         time = make_column(stream, _TIME_FORM, length)
         time.make_scale(TIME)
         for column in form.columns:
             make_column(stream, column, length).dims[0].attach_scale(time)
+
+
+def _make_groups(stage: h5py.Group, columns: Mapping[str, Sequence[str]], source: Source) -> list[h5py.Group]:
+    """A group for each stream, with the names of its columns, still without any."""
+    stage.attrs["order"] = json.dumps(list(columns))
+    mark_stage(stage, list(columns))
+    groups = []
+    for name, of_stream in columns.items():
+        stream = stage.create_group(link_name(name))
+        stream.attrs["source"] = source
+        stream.attrs["order"] = json.dumps(of_stream)
+        mark_stream(stream, of_stream, TIME)
+        groups.append(stream)
+    return groups
 
 
 def write_rows(group: h5py.Group, column: str, at: int, values: Rows) -> None:
@@ -162,13 +170,17 @@ def read_streams(group: h5py.Group, source: Source) -> dict[str, Stream]:
 
 
 def copy_streams(source_group: h5py.Group, target_group: h5py.Group, source: Source) -> Iterator[None]:
-    """Copies all streams of a stage unchanged, a chunk per step. Raises ValueError where one is not of the recording's source."""
+    """Copies all streams of a stage unchanged, a column per step. Raises ValueError where one is not of the recording's source."""
     groups = dict(streams_in(source_group, source))
-    make_streams(target_group, [_form_in(name, group) for name, group in groups.items()], source)
-    for name, group in groups.items():
-        target = target_group[link_name(name)]
-        for column in (TIME, *read_names(group.attrs["order"])):
-            yield from copy_column(group[link_name(column)], target[link_name(column)])
+    columns = {name: read_names(group.attrs["order"]) for name, group in groups.items()}
+    targets = _make_groups(target_group, columns, source)
+    for target, (name, group) in zip(targets, groups.items(), strict=True):
+        time = copy_column(group, target, TIME)
+        for column in columns[name]:
+            # Refused here, where the stage's file is known.
+            read_scale(group[link_name(column)])
+            h5py.h5ds.attach_scale(copy_column(group, target, column), time, 0)
+            yield
 
 
 def streams_in(stage: h5py.Group, source: Source) -> Iterator[tuple[str, h5py.Group]]:
@@ -181,11 +193,6 @@ def streams_in(stage: h5py.Group, source: Source) -> Iterator[tuple[str, h5py.Gr
         if any(len(check_column(group, name)) != length for name in read_names(group.attrs["order"])):
             raise ValueError(f"the columns of {group.name} differ in length")
         yield name, group
-
-
-def _form_in(name: str, group: h5py.Group) -> tuple[StreamForm, int]:
-    forms = tuple(read_column_form(group, column) for column in read_names(group.attrs["order"]))
-    return StreamForm(name, forms), len(group[TIME])
 
 
 def _form_of(name: str, stream: Stream) -> StreamForm:
