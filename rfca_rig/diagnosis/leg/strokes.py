@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, Valley, stroke_valley, valley_and_phases
+from rfca_rig.analysis.phases import PHASES, StrokePhases, Undetermined, Valley, valley_and_phases
 from rfca_rig.analysis.repeats import Condition
 from rfca_rig.diagnosis.data import Label, Observations
 from rfca_rig.model.catalogue import set_up
@@ -176,14 +176,14 @@ def dynamic_label(condition: str, signal: str) -> Label:
 
 def make_dynamic_condition(condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn) -> DynamicCondition | Undetermined:
     """The condition as observations; refused where none of its strokes shows a touchdown and a valley."""
-    found = [(stroke, _phases(stroke)) for stroke in condition.strokes]
-    good = [(stroke, phases) for stroke, phases in found if not isinstance(phases, Undetermined)]
+    found = [(stroke, *_valley_and_phases(stroke)) for stroke in condition.strokes]
+    good = [(stroke, valley, phases) for stroke, valley, phases in found if not isinstance(valley, Undetermined)]
     if not good:
         # The reason of the first stroke: a sampling rate that is too low is the same in all.
-        reason = next((f": {phases.reason}" for _, phases in found if isinstance(phases, Undetermined)), "")
+        reason = next((f": {valley.reason}" for _, valley, _ in found if isinstance(valley, Undetermined)), "")
         return Undetermined(f"{condition.label}: no stroke shows a touchdown and a valley{reason}")
-    strokes = [stroke for stroke, _ in good]
-    moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, p in good])
+    strokes = [stroke for stroke, _, _ in good]
+    moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, _, p in good])
     # The median over repeats: a single badly detected moment does not shift the bins.
     phases = StrokePhases(*(float(m) for m in np.median(moments, axis=0)))
     signals = tuple(s for s in FORCES if all(stroke.channel(s) is not None for stroke in strokes))
@@ -197,8 +197,7 @@ def make_dynamic_condition(condition: Condition, noise_std: Mapping[str, float |
     t_s, first = _thin_out(time[inside], first)
     repeats = np.array([np.concatenate([_bin_means(stroke, s, edges) for s in signals]) for stroke in strokes])
     noise = {s: noise_std.get(s) or _estimate_noise(strokes, s) for s in signals}
-    valleys = [v for stroke in strokes if not isinstance(v := stroke_valley(stroke), Undetermined)]
-    valley = Valley(float(np.mean([v.time_s for v in valleys])), float(np.mean([v.fz_N for v in valleys])))
+    valley = Valley(float(np.mean([v.time_s for _, v, _ in good])), float(np.mean([v.fz_N for _, v, _ in good])))
     before = collect_strokes_before(strokes)
     return DynamicCondition(condition.label, condition.height_m, turn, t_s, first, samples, signals, repeats, phases, noise, valley, before)
 
@@ -237,12 +236,9 @@ def make_turn(condition: Condition, follows_recorded: bool, late_s: float = 0.0)
     return ShaftTurn(condition.speed_rad_s, start, follow(shortest, mean))
 
 
-def _phases(stroke: Stroke) -> StrokePhases | Undetermined:
+def _valley_and_phases(stroke: Stroke) -> tuple[Valley | Undetermined, StrokePhases]:
     fz = stroke.channel("fz_N")
-    if fz is None:
-        return Undetermined("fz was not recorded")
-    valley, phases = valley_and_phases(*fz)
-    return valley if isinstance(valley, Undetermined) else phases
+    return (Undetermined("fz was not recorded"), StrokePhases()) if fz is None else valley_and_phases(*fz)
 
 
 def _edges(begin_s: float, end_s: float, phases: StrokePhases) -> Floats:
