@@ -1,22 +1,24 @@
-"""Ordered parallel map within one command, on all cores that it may use: in threads, or in copies of this process.
+"""Ordered parallel map within one command, on all cores that it may use: in threads, or in this process and copies of it.
 
 Threads suit tasks of compiled code, which releases the interpreter's lock. Tasks with much Python hold that lock, and two of them take as
 long as one after the other. A copy of the process has a lock of its own, and all that the process had in memory; only the results travel.
-It costs 20 to 90 ms to make, so it is worth it for tasks of about as long.
+It costs 10 to 20 ms to make, so it is worth it for tasks of about as long.
 """
 
+import gc
 import io
 import os
 import pickle
 import sys
 import warnings
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
-from rfca_rig.executors.cores import ONE_THREAD, cores
+from rfca_rig.executors.cores import ONE_THREAD, VARIABLE, cores
 from rfca_rig.executors.mapping import initialise_worker
 
 Item = TypeVar("Item")
@@ -36,12 +38,12 @@ def map_in_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> lis
 
 
 def map_in_processes(work: Callable[[Item], Result], items: Sequence[Item], shared: Sequence[object] = ()) -> list[Result]:
-    """Applies `work` to all items in copies of this process, in threads where the system cannot make copies.
+    """Applies `work` to all items in this process and copies of it, in threads where the system cannot make copies.
 
     Parameters
     ----------
     work
-        Any function. What it changes in memory is lost, and it must not print. In a copy, `cores()` is 1.
+        Any function. What it changes in memory is lost where a copy does it, and it must not print. Meanwhile `cores()` is 1.
     items
         Its arguments.
     shared
@@ -63,35 +65,82 @@ def map_in_processes(work: Callable[[Item], Result], items: Sequence[Item], shar
     A copy has only the thread that made it, so no other thread may hold a lock that `work` needs. The callers use threads only within
     `map_in_threads`, which is over before.
     """
-    workers = min(cores(), len(items))
-    if workers < 2 or not CAN_COPY:
+    copies = min(cores(), len(items)) - 1
+    if copies < 1 or not CAN_COPY:
         return map_in_threads(work, items)
+    context, running = get_context("fork"), []
+    # All processes share the position in this file. Who moves it on by one takes the item that was passed: no lock can be left behind.
+    position = os.memfd_create("items")
     try:
         # Newer interpreters warn of every copy of a process with threads; see the notes.
-        with warnings.catch_warnings(), ProcessPoolExecutor(workers, get_context("fork"), _begin_copy, (work, items, shared)) as pool:
+        with warnings.catch_warnings(), suppress(OSError):
             warnings.simplefilter("ignore", DeprecationWarning)
-            return [_Reader(io.BytesIO(result), shared).load() for result in pool.map(_work_on, range(len(items)))]
-    # No more processes may be started, or one was ended from outside, perhaps for want of memory.
-    except (OSError, BrokenProcessPool):
-        return map_in_threads(work, items)
+            for _ in range(copies):
+                ours, theirs = context.Pipe(duplex=False)
+                copy = context.Process(target=_run_copy, args=(work, items, shared, position, theirs), daemon=True)
+                # Where no more processes may be started, those that run do the work.
+                copy.start()
+                theirs.close()
+                running.append((copy, ours))
+        with _one_core():
+            results, errors = _work_on(work, items, position)
+        for _, ours in running:
+            # A copy that was ended from outside, perhaps for want of memory, leaves its items to this process.
+            with suppress(EOFError, OSError):
+                done, failed = _Reader(io.BytesIO(ours.recv_bytes()), shared).load()
+                results, errors = results | done, errors | failed
+    except BaseException:
+        for copy, _ in running:
+            copy.terminate()
+        raise
+    finally:
+        os.close(position)
+        for copy, ours in running:
+            ours.close()
+            copy.join()
+    if errors:
+        raise errors[min(errors)]
+    return [results[number] if number in results else work(item) for number, item in enumerate(items)]
 
 
-_task: tuple[Callable[[Any], Any], Sequence[Any], Sequence[object]]
-
-
-def _begin_copy(work: Callable[[Any], Any], items: Sequence[Any], shared: Sequence[object]) -> None:
+def _run_copy(
+    work: Callable[[Any], Any], items: Sequence[Any], shared: Sequence[object], position: int, connection: "Connection[bytes, bytes]"
+) -> None:
     """Runs in each copy. Arguments are not pickled on the way, because memory is shared."""
-    global _task  # noqa: PLW0603 - the pool passes nothing else on to its tasks
-    _task = work, items, shared
+    # The search for unused circles would visit all objects of the first process, and so copy their memory.
+    gc.freeze()
     initialise_worker()
     os.environ.update(ONE_THREAD)
-
-
-def _work_on(number: int) -> bytes:
-    work, items, shared = _task
     out = io.BytesIO()
-    _Writer(out, shared).dump(work(items[number]))
-    return out.getvalue()
+    _Writer(out, shared).dump(_work_on(work, items, position))
+    # At the end, because the first process reads nothing while it works itself.
+    connection.send_bytes(out.getvalue())
+
+
+def _work_on(work: Callable[[Any], Any], items: Sequence[Any], position: int) -> tuple[dict[int, Any], dict[int, Exception]]:
+    """Takes one item after the other; returns results and errors by number. After an error no process takes a further item."""
+    results: dict[int, Any] = {}
+    while (number := os.lseek(position, 1, os.SEEK_CUR) - 1) < len(items):
+        try:
+            results[number] = work(items[number])
+        # It is raised in the first process.
+        except Exception as error:
+            os.lseek(position, len(items), os.SEEK_SET)
+            return results, {number: error}
+    return results, {}
+
+
+@contextmanager
+def _one_core() -> Iterator[None]:
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[VARIABLE]
+        else:
+            os.environ[VARIABLE] = before
 
 
 class _Writer(pickle.Pickler):

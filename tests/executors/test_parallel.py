@@ -1,7 +1,9 @@
 """Maps on all cores of one command: in threads, and in copies of the process."""
 
+import multiprocessing
 import os
 import threading
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,10 +35,44 @@ def test_results_come_in_the_order_of_the_items(apply) -> None:
 
 
 @needs_copies
-def test_copies_work_at_once_and_use_one_core_each() -> None:
-    places = map_in_processes(lambda _: (os.getpid(), cores(), threading.current_thread() is threading.main_thread()), range(12))
-    assert os.getpid() not in {pid for pid, *_ in places}
+def test_copies_and_this_process_work_at_once_and_use_one_core_each() -> None:
+    def look(_: int) -> tuple[int, int, bool]:
+        # Long enough for the copies to begin.
+        time.sleep(0.1)
+        return os.getpid(), cores(), threading.current_thread() is threading.main_thread()
+
+    places = map_in_processes(look, range(12))
+    assert os.getpid() in {pid for pid, *_ in places}
+    assert 1 < len({pid for pid, *_ in places}) <= 3
     assert {(count, is_main) for _, count, is_main in places} == {(1, True)}
+    assert cores() == 3
+
+
+@needs_copies
+def test_after_an_error_no_process_takes_a_further_item(tmp_path) -> None:
+    def work(number: int) -> None:
+        (tmp_path / str(number)).touch()
+        time.sleep(0.05)
+        if number == 4:
+            raise BadInput("4")
+
+    with pytest.raises(BadInput, match="4"):
+        map_in_processes(work, range(100))
+    assert len(list(tmp_path.iterdir())) < 20
+
+
+@needs_copies
+def test_an_interruption_ends_the_copies() -> None:
+    here = os.getpid()
+
+    def interrupt(_: int) -> None:
+        if os.getpid() == here:
+            raise KeyboardInterrupt
+        time.sleep(60.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        map_in_processes(interrupt, range(6))
+    assert not multiprocessing.active_children()
 
 
 def test_one_core_needs_no_copy(monkeypatch: pytest.MonkeyPatch) -> None:
