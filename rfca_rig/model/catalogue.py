@@ -76,6 +76,10 @@ def _effect_of(module: ModuleType) -> Effect:
     return effect
 
 
+# Parts of a setup that move the leg, all but the changes of the sensor.
+_MOVING = tuple(part.name for part in fields(Setup) if part.name != "sensor_changes")
+
+
 def set_up(rig: RigModel, height_m: float, motion: ShaftMotion, strokes_before: tuple[int, ...] = ()) -> Setup:
     """The setup of a rig with all its effects in it; `strokes_before` as in `Setup`.
 
@@ -91,7 +95,7 @@ def set_up(rig: RigModel, height_m: float, motion: ShaftMotion, strokes_before: 
             )
         changed = effect.apply(setup, values)
         # By identity, since a motion holds arrays. The function stands for a lab's own effect, which may change under the same id.
-        kept = all(getattr(changed, part.name) is getattr(setup, part.name) for part in fields(Setup) if part.name != "sensor_changes")
+        kept = all(getattr(changed, name) is getattr(setup, name) for name in _MOVING)
         setup = changed if kept else replace(changed, moved_by=(*setup.moved_by, (effect.apply, present)))
     return setup
 

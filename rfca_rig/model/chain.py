@@ -173,6 +173,8 @@ def _inertia(lengths_m: tuple[float, ...], masses_kg: tuple[float, ...]) -> tupl
 
 def make_laws(uses: Sequence[LawUse]) -> Laws:
     """The laws of effects as arrays; compiles each once per process."""
+    if not uses:
+        return NO_LAWS
     # All rows are as wide as the longest table, since the compiled chain reads one rectangular array.
     parameter = np.zeros((len(uses), TABLE + max((len(use.table) for use in uses), default=0)))
     for row, use in zip(parameter, uses, strict=True):
@@ -191,10 +193,18 @@ EMPTY = np.empty(0)
 HELD_SHAFT = Shaft(EMPTY, np.empty((0, 4)), EMPTY, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def find_rest_state(chain: Chain, shaft_angle_rad: float, laws: Laws = NO_LAWS, shaft: Shaft = HELD_SHAFT) -> State:
+def allocate_workspace_of(chain: Chain) -> Work:
+    """Working memory for this chain. A frame that yields is one more coordinate."""
+    links = chain.length.size
+    return allocate_workspace(links + (chain.frame_mass > 0.0), links)
+
+
+def find_rest_state(
+    chain: Chain, shaft_angle_rad: float, laws: Laws = NO_LAWS, shaft: Shaft = HELD_SHAFT, work: Work | None = None
+) -> State:
     """The chain in equilibrium under its weight, its shaft held or on the spring of a compliant drive; without friction on the ground.
 
-    Raises SimulationFailed where no rest pose is found.
+    `work` is unused memory of `allocate_workspace_of`, if the caller has some. Raises SimulationFailed where no rest pose is found.
     """
     links = chain.length.size
     coordinates = links + (chain.frame_mass > 0.0)
@@ -209,8 +219,7 @@ def find_rest_state(chain: Chain, shaft_angle_rad: float, laws: Laws = NO_LAWS, 
     # The displacement of a frame counts from where it carries the leg at rest, see `forces.add_frame`.
     state.q[links:] = 0.0
     # Friction would make the pose depend on how the leg got there; 1e-12 rad is close to rounding, so that forces are smooth in fits.
-    smooth, work = chain._replace(mu=0.0, drag=0.0), allocate_workspace(coordinates, links)
-    if not settle(smooth, laws, shaft, state, 1e-12, work):
+    if not settle(chain._replace(mu=0.0, drag=0.0), laws, shaft, state, 1e-12, work or allocate_workspace_of(chain)):
         raise SimulationFailed(
             f"no rest pose found with the shaft at {np.degrees(shaft_angle_rad):.1f} degrees and "
             f"{1e3 * chain.ground_depth:.1f} mm above the ground; is the rack height right?"
@@ -218,13 +227,13 @@ def find_rest_state(chain: Chain, shaft_angle_rad: float, laws: Laws = NO_LAWS, 
     return state
 
 
-def set_swinging(chain: Chain, laws: Laws, state: State, share: float, rate_per_s: float) -> None:
+def set_swinging(chain: Chain, laws: Laws, state: State, share: float, rate_per_s: float, work: Work) -> None:
     """Lifts a resting leg by `share` of its sag, 1 for its unloaded shape, and gives it a speed of `rate_per_s` sags per second."""
     links = chain.length.size
     sag = state.q[0] + np.cumsum(chain.rest) - state.q[:links]
     state.q[:links] += share * sag
     state.w[:links] += rate_per_s * sag
-    settle(chain, laws, HELD_SHAFT, state, np.inf, allocate_workspace(state.q.size, links))
+    settle(chain, laws, HELD_SHAFT, state, np.inf, work)
 
 
 def allocate_samples(t_s: Floats, coordinates: int, links: int | None = None) -> Samples:

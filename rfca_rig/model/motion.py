@@ -29,21 +29,27 @@ class ShaftMotion:
         c = self.coefficients[i].T
         return np.asarray(c[0] + x * (c[1] + x * (c[2] + x * c[3])))
 
+    @property
+    def start_rad(self) -> float:
+        """The angle at t = 0."""
+        # As `angle_rad`, with Python's numbers: arrays of one element take five times as long.
+        i = min(max(int(self.breaks_s.searchsorted(0.0)) - 1, 0), len(self.coefficients) - 1)
+        x, (c0, c1, c2, c3) = 0.0 - float(self.breaks_s[i]), self.coefficients[i].tolist()
+        return float(c0 + x * (c1 + x * (c2 + x * c3)))
+
     def later(self, by_s: float) -> "ShaftMotion":
         """The same motion, delayed by `by_s`."""
         return replace(self, breaks_s=self.breaks_s + by_s, landings_s=self.landings_s + by_s)
 
     def standing_since(self, begin_s: float) -> "ShaftMotion":
         """The same motion from t = 0 on; from `begin_s` (below 0) until 0 the shaft rests at its angle at 0."""
-        later = self.breaks_s[:-1] >= 0.0
-        if not later.any() or self.breaks_s[:-1][later][0] > 0.0:
+        first = int(self.breaks_s[:-1].searchsorted(0.0))
+        if first == len(self.coefficients) or self.breaks_s[first] > 0.0:
             # No piece begins at 0: the motion is defined before 0 already.
             return self
-        start_rad = float(self.coefficients[later][0, 0])
+        later = self.coefficients[first:]
         return ShaftMotion(
-            np.concatenate([[begin_s], self.breaks_s[:-1][later], self.breaks_s[-1:]]),
-            np.vstack([[start_rad, 0.0, 0.0, 0.0], self.coefficients[later]]),
-            self.landings_s,
+            np.concatenate([[begin_s], self.breaks_s[first:]]), np.concatenate([[[later[0, 0], 0.0, 0.0, 0.0]], later]), self.landings_s
         )
 
     def shaft(self) -> Shaft:

@@ -8,11 +8,10 @@ from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.chain import find_rest_state, make_chain, make_laws, set_swinging
+from rfca_rig.model.chain import HELD_SHAFT, find_rest_state, make_chain, make_laws, set_swinging
 from rfca_rig.model.kernel.forces import measure_once
 from rfca_rig.model.kernel.laws import TABLE, LawUse, compile_law
-from rfca_rig.model.kernel.stage import allocate_workspace
-from rfca_rig.model.kernel.state import Chain, Laws, Shaft, State
+from rfca_rig.model.kernel.state import Chain, Laws, Shaft, State, Work
 from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
 
@@ -116,19 +115,19 @@ class Setup:
         """Start time of the simulation [s]: 0, where the motion begins, or earlier where the leg swings already."""
         return -self.rig.swing.before_s if self.rig.swing else 0.0
 
-    def begin(self, chain: Chain, laws: Laws) -> tuple[Shaft, State]:
-        """The shaft, and the chain as it is at `begins_s`: at rest, or swinging."""
+    def begin(self, chain: Chain, laws: Laws, work: Work) -> tuple[Shaft, State]:
+        """The shaft, and the chain as it is at `begins_s`: at rest, or swinging. `work` is unused memory of this chain."""
         motion = self.motion.standing_since(self.begins_s) if self.rig.swing else self.motion
-        start_rad = float(motion.angle_rad(np.zeros(1))[0])
+        start_rad = motion.start_rad
         shaft = motion.shaft() if self.drive is None else add_drive(motion.shaft(), self.drive, start_rad)
         # A drive without an integrator sags: its spring carries the weight only where the shaft is away from its command.
         sags = self.drive is not None and not self.drive.holds_start
-        state = find_rest_state(chain, start_rad, laws, shaft) if sags else find_rest_state(chain, start_rad, laws)
+        state = find_rest_state(chain, start_rad, laws, shaft if sags else HELD_SHAFT, work)
         if shaft.free and not sags:
             # The integrator of the drive has taken up the weight before the motion, and keeps that torque.
-            shaft = shaft._replace(feed=holding_torque(chain, laws, state))
+            shaft = shaft._replace(feed=float(measure_at_rest(chain, laws, state, work)[2]))
         if self.rig.swing:
-            set_swinging(chain, laws, state, self.rig.swing.share, self.rig.swing.rate_per_s)
+            set_swinging(chain, laws, state, self.rig.swing.share, self.rig.swing.rate_per_s, work)
             for swing in self.begins:
                 swing(chain, state)
         return shaft, state
@@ -153,11 +152,11 @@ def check_law(use: LawUse) -> None:
         raise BadInput(f"{code.co_filename}: {code.co_name} or what it calls cannot be compiled: {reason[:300]}") from error
 
 
-def holding_torque(chain: Chain, laws: Laws, state: State) -> float:
-    """Torque of the shaft that holds the leg in this state [N m], positive in the direction of its angle."""
-    work, force = allocate_workspace(state.q.size, state.anchor.size), np.empty(3)
+def measure_at_rest(chain: Chain, laws: Laws, state: State, work: Work) -> Floats:
+    """Force of the leg on its mount before the motion, (3,): fy, fz and the torque that holds the shaft; `work` is memory of this chain."""
+    force = np.empty(3)
     measure_once(chain, laws, state, 0.0, state.q, state.w, state.a, work, force)
-    return float(force[2])
+    return force
 
 
 def add_drive(shaft: Shaft, drive: CompliantDrive, start_rad: float) -> Shaft:

@@ -24,12 +24,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Start:
-    """A leg that is ready to move: what moves, its laws, what turns the shaft, and the state at the beginning."""
+    """A leg that is ready to move: what moves, its laws, what turns the shaft, the state at the beginning, and working memory."""
 
     chain: Chain
     laws: Laws
     shaft: Shaft
     state: State
+    work: Work
 
     @property
     def kind(self) -> tuple[object, ...]:

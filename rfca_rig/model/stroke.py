@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.catalogue import set_up
-from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_samples
-from rfca_rig.model.kernel.forces import measure_once
+from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_samples, allocate_workspace_of
 from rfca_rig.model.kernel.integrator import FIRST_STEP_S
 from rfca_rig.model.kernel.lanes import LANES
-from rfca_rig.model.kernel.stage import allocate_workspace
 from rfca_rig.model.kernel.state import Samples
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.setup import SensorOutput, Setup
+from rfca_rig.model.setup import SensorOutput, Setup, measure_at_rest
 from rfca_rig.model.side_by_side import Start, allocate_samples_of_lanes, move_side_by_side
 
 Floats = NDArray[np.float64]
@@ -119,6 +117,22 @@ def simulate_stroke(
     return simulate_setup(set_up(rig, height_m, motion, strokes_before), t_s, tolerance)
 
 
+_ALL_BUT_EFFECTS = tuple(part.name for part in fields(RigModel) if part.name != "effects")
+
+
+class _Times:
+    """Sample times (m,) as part of a key: requests of one condition share the very array, whose thousands of numbers need no look then."""
+
+    def __init__(self, t_s: Floats) -> None:
+        self._t_s = t_s
+
+    def __hash__(self) -> int:
+        return hash((self._t_s.size, self._t_s[-1:].tobytes()))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Times) and (self._t_s is other._t_s or np.array_equal(self._t_s, other._t_s))
+
+
 @dataclass(frozen=True)
 class StrokeRequest:
     """A stroke to simulate: its complete setup, the times (m,) at which it is sampled, and the error allowed per step."""
@@ -131,16 +145,16 @@ class StrokeRequest:
     def motion(self) -> tuple[Hashable, ...]:
         """Requests with the same value move the leg in the same way, whatever the sensor makes of it."""
         setup, turn = self.setup, self.setup.motion
-        arrays = (self.t_s, turn.breaks_s, turn.coefficients, turn.landings_s)
-        legs = (replace(setup.rig, effects=()), setup.moved_by, setup.height_m, setup.strokes_before)
-        return (*legs, self.tolerance, *(part.tobytes() for part in arrays))
+        legs = (*(getattr(setup.rig, name) for name in _ALL_BUT_EFFECTS), setup.moved_by, setup.height_m, setup.strokes_before)
+        arrays = (turn.breaks_s.tobytes(), turn.coefficients.tobytes(), turn.landings_s.tobytes())
+        return (*legs, self.tolerance, *arrays, _Times(self.t_s))
 
     @cached_property
     def kind(self) -> tuple[Hashable, ...]:
         """Requests with the same value may move side by side."""
         setup = self.setup
         effects = tuple(effect.id for _, effect in setup.moved_by)
-        return effects, len(setup.rig.leg.link_lengths_m), setup.begins_s, self.tolerance, self.t_s.tobytes()
+        return effects, len(setup.rig.leg.link_lengths_m), setup.begins_s, self.tolerance, _Times(self.t_s)
 
 
 def recall_stroke(request: StrokeRequest) -> SimulatedStroke:
@@ -174,13 +188,14 @@ def _move(setup: Setup, t_s: Floats, tolerance: Tolerance) -> tuple[Samples, Ste
     leg = _begin(setup)
     out = allocate_samples(t_s, leg.state.q.size, leg.state.anchor.size)
     moving = _fill_rest(leg, setup.begins_s, out)
-    return out, advance(leg.chain, leg.shaft, leg.state, (setup.begins_s, float(t_s[-1])), FIRST_STEP_S, tolerance, moving, leg.laws)
+    span_s = setup.begins_s, float(t_s[-1])
+    return out, advance(leg.chain, leg.shaft, leg.state, span_s, FIRST_STEP_S, tolerance, moving, leg.laws, leg.work)
 
 
 def _begin(setup: Setup) -> Start:
     chain = setup.chain()
-    laws = setup.compile_laws(chain)
-    return Start(chain, laws, *setup.begin(chain, laws))
+    laws, work = setup.compile_laws(chain), allocate_workspace_of(chain)
+    return Start(chain, laws, *setup.begin(chain, laws, work), work)
 
 
 def _fill_rest(leg: Start, begins_s: float, out: Samples) -> Samples:
@@ -188,11 +203,10 @@ def _fill_rest(leg: Start, begins_s: float, out: Samples) -> Samples:
     resting = int(np.searchsorted(out.t, begins_s, side="right"))
     if not resting:
         return out
-    work, force = allocate_workspace(leg.state.q.size, leg.state.anchor.size), np.empty(3)
-    measure_once(leg.chain, leg.laws, leg.state, 0.0, leg.state.q, leg.state.w, leg.state.a, work, force)
+    force = measure_at_rest(leg.chain, leg.laws, leg.state, leg.work)
     # There may be fewer columns than coordinates and links.
     out.q[:resting], out.w[:resting] = leg.state.q[: out.q.shape[1]], 0.0
-    out.force[:resting], out.contact[:resting] = force, work.contact[:, : out.contact.shape[2]]
+    out.force[:resting], out.contact[:resting] = force, leg.work.contact[:, : out.contact.shape[2]]
     return Samples(*(column[resting:] for column in out))
 
 
@@ -287,27 +301,36 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest], on
         For each variation its stroke and that of `here` with the same steps; None for the latter where the two cannot move side by side,
         as with other effects. SimulationFailed where a variation has no answer.
     """
-    motions = {request.motion: request for request in varied if request.motion != here.motion}
-    # What changes only the sensor shares the motion of `here`.
-    beside = [request for request in motions.values() if request.kind == here.kind]
-    apart = [request for request in motions.values() if request.kind != here.kind]
-    found: dict[Hashable, tuple[Moved, SimulatedStroke | None]] = {}
-    for block in _divide_into_blocks(beside, LANES - 1):
-        reference, *moved = _move_block([here, *(beside[number] for number in block)], only_sensed)
+    # Motions are numbered, because comparing them takes long. What changes only the sensor shares motion 0, that of `here`.
+    numbers = {here.motion: 0}
+    motion_of = [numbers.setdefault(request.motion, len(numbers)) for request in varied]
+    first_of = {0: here}
+    for number, request in zip(motion_of, varied, strict=True):
+        first_of.setdefault(number, request)
+    found: dict[int, tuple[Moved, SimulatedStroke | None]] = {}
+
+    def store(reference: Moved, block: Sequence[int], moved: Sequence[Moved]) -> None:
         # Sensed once for all variations beside it.
         stroke = None if isinstance(reference, SimulationFailed) else _sense(here.setup, *reference)
-        found |= {beside[number].motion: (one, stroke) for number, one in zip(block, moved, strict=True)}
+        found.update((number, (one, stroke)) for number, one in zip(block, moved, strict=True))
         # Any of the blocks will do for what shares the motion of `here`, as long as both come from it.
-        found.setdefault(here.motion, (reference, stroke))
-    for block in _divide_into_blocks(apart, LANES):
-        moved = _move_block([apart[number] for number in block], only_sensed)
-        found |= {apart[number].motion: (one, None) for number, one in zip(block, moved, strict=True)}
-    if here.motion not in found and any(request.motion == here.motion for request in varied):
-        reference = _move_alone(here)
-        found[here.motion] = (reference, None if isinstance(reference, SimulationFailed) else _sense(here.setup, *reference))
+        found.setdefault(0, (reference, stroke))
+
+    beside = [number for number, request in first_of.items() if number and request.kind == here.kind]
+    apart = [number for number, request in first_of.items() if number and request.kind != here.kind]
+    for places in _divide_into_blocks([first_of[number] for number in beside], LANES - 1):
+        block = [beside[place] for place in places]
+        reference, *moved = _move_block([here, *(first_of[number] for number in block)], only_sensed)
+        store(reference, block, moved)
+    for places in _divide_into_blocks([first_of[number] for number in apart], LANES):
+        block = [apart[place] for place in places]
+        moved = _move_block([first_of[number] for number in block], only_sensed)
+        found.update((number, (one, None)) for number, one in zip(block, moved, strict=True))
+    if 0 not in found and 0 in motion_of:
+        store(_move_alone(here), (), ())
     pairs: list[Pair | SimulationFailed] = []
-    for request in varied:
-        one, stroke = found[request.motion]
+    for number, request in zip(motion_of, varied, strict=True):
+        one, stroke = found[number]
         pairs.append(one if isinstance(one, SimulationFailed) else (_sense(request.setup, *one), stroke))
     return pairs
 

@@ -62,14 +62,18 @@ class ShaftCondition:
         same drive without delay did that much earlier.
         """
         request = self.request(supposed)
-        if request.setup.drive is None:  # the leg does not act back on this shaft
-            return self._read_angle(supposed, request.setup.motion.angle_rad(np.maximum(request.t_s, 0.0)))
+        if request.setup.drive is None:
+            return self.read_prescribed(supposed, request)
         return self.read(supposed, simulate_setup(request.setup, request.t_s, request.tolerance))
 
     def request(self, supposed: ModelPoint) -> StrokeRequest:
         """The stroke to simulate. Raises BadInput for effects that do not fit."""
         setup = set_up(supposed.rig, self.height_m + supposed.height_offset_m, self._command(supposed), self.strokes_before)
         return StrokeRequest(setup, self.t_s - supposed.command_delay_s, STROKE_TOLERANCE)
+
+    def read_prescribed(self, supposed: ModelPoint, request: StrokeRequest) -> Floats:
+        """Rows (b,) of a requested stroke without a compliant drive: the leg does not act back on its shaft, so nothing is simulated."""
+        return self._read_angle(supposed, request.setup.motion.angle_rad(np.maximum(request.t_s, 0.0)))
 
     def read(self, supposed: ModelPoint, stroke: SimulatedStroke) -> Floats:
         """Rows (b,) of a stroke that was simulated as requested."""

@@ -135,18 +135,21 @@ class LegSimulator(Simulator):
         if not inputs:
             return super().simulate_changes(at, rows, inputs, condition)
         here, varied = condition.request(at), [_request_or_none(condition, each) for each in inputs]
-        if isinstance(condition, ShaftCondition) and all(one is None or one.setup.drive is None for one in varied):
-            return super().simulate_changes(at, rows, inputs, condition)
+        prescribed: dict[int, Floats] = {}
+        if isinstance(condition, ShaftCondition):
+            still = [(number, one) for number, one in enumerate(varied) if one is not None and one.setup.drive is None]
+            prescribed = {number: condition.read_prescribed(inputs[number], one) - rows for number, one in still}
         # Stages have hinge angles, too.
         only_sensed = not isinstance(condition, StageTable)
-        pairs = iter(simulate_variations(here, [one for one in varied if one is not None], only_sensed))
+        simulated = [one for number, one in enumerate(varied) if one is not None and number not in prescribed]
+        pairs = iter(simulate_variations(here, simulated, only_sensed))
         changes: list[Floats | None] = []
         read_beside: SimulatedStroke | None = None
         beside = rows
-        for each, one in zip(inputs, varied, strict=True):
-            pair = None if one is None else next(pairs)
+        for number, (each, one) in enumerate(zip(inputs, varied, strict=True)):
+            pair = None if one is None or number in prescribed else next(pairs)
             if pair is None or isinstance(pair, SimulationFailed):
-                changes.append(None)
+                changes.append(prescribed.get(number))
             else:
                 # Neighbours share the stroke beside them, whose rows are read once.
                 if pair[1] is not read_beside:

@@ -131,7 +131,7 @@ def add_ripple(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: 
     alone: tan(psi / 2) = r tan x, x = sqrt(1 - a^2) n (theta_c - theta_0) / 2 + x_0.
     """
     t = _times(motion)
-    start = float(motion.angle_rad(np.zeros(1))[0])
+    start = motion.start_rad
     r = np.sqrt((1.0 + amplitude) / (1.0 - amplitude))
     x = np.sqrt(1.0 - amplitude * amplitude) * cycles * (motion.angle_rad(t) - start) / 2.0 + _scale_tangent(0.5 * phase_rad, 1.0 / r)
     half = _scale_tangent(x, r)
@@ -148,7 +148,8 @@ def add_ripple(motion: ShaftMotion, amplitude: float, cycles: float, phase_rad: 
 def _scale_tangent(x: Floats | float, r: float) -> Floats:
     """The angle whose tangent is r tan x, on the branch of x."""
     # As a difference to x, which is always within a quarter turn, the arctangent needs no count of branches.
-    return np.asarray(x + np.arctan((r - 1.0) * np.sin(x) * np.cos(x) / (np.cos(x) ** 2 + r * np.sin(x) ** 2)))
+    sin, cos = np.sin(x), np.cos(x)
+    return np.asarray(x + np.arctan((r - 1.0) * sin * cos / (cos**2 + r * sin**2)))
 
 
 def _times(motion: ShaftMotion) -> Floats:
