@@ -175,20 +175,23 @@ def swing(world: PendulumWorld, start: Floats, command: Tones, t_s: Floats, driv
     state = solve_ivp(rates, (t_s[0], t_s[-1]), start, "LSODA", t_s, rtol=1e-7, atol=1e-9, max_step=MAX_STEP_S).y.T
     recorded = np.array([command.at(t) for t in t_s]) if driven else np.zeros((len(t_s), n))
     step_s = float(t_s[1] - t_s[0])
-    angle = _lag(state[:, :n], world.angle_lag_s, step_s) + np.array(world.angle_zero_rad[:n])
+    # With the same past for both, the speed that is read is the derivative of the angle that is read.
+    acceleration = (state[1, n:] - state[0, n:]) / step_s
+    angle = _lag(state[:, :n], world.angle_lag_s, step_s, acceleration) + np.array(world.angle_zero_rad[:n])
     speed = _lag(_lag(state[:, n:], world.angle_lag_s, step_s), world.speed_lag_s, step_s)
     return PendulumTrace(t_s, angle, speed, recorded, state)
 
 
-def _lag(x: Floats, lag_s: float, step_s: float) -> Floats:
+def _lag(x: Floats, lag_s: float, step_s: float, curvature: Floats | float = 0.0) -> Floats:
     """First-order lag, lag y' = x - y, of columns (m, n) that are linear between samples; exact for such columns.
 
-    Before the first sample x is extended with its first slope.
+    Before the first sample x is extended with its first slope and the `curvature` (n,).
     """
     if lag_s <= 0.0:
         return x
     a = np.exp(-step_s / lag_s)
     new = 1.0 - lag_s * (1.0 - a) / step_s
-    # The steady response to a ramp stays behind it by lag times its slope.
-    begin = x[0] - lag_s * (x[1] - x[0]) / step_s
+    # The steady response to x + v t + c t^2 / 2 is x - lag v + lag^2 c at t = 0.
+    slope = (x[1] - x[0]) / step_s - 0.5 * step_s * curvature
+    begin = x[0] - lag_s * slope + lag_s**2 * curvature
     return np.asarray(lfilter([new, 1.0 - a - new], [1.0, -a], x - begin, axis=0, zi=np.atleast_2d(-new * (x[0] - begin)))[0] + begin)

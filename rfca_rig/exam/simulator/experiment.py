@@ -28,7 +28,7 @@ RELEASED_S = -0.6
 # Resolution of a recorded force and torque.
 COUNT_N, COUNT_NM = 0.005, 5e-5
 ENCODER_RAD = 2.0 * np.pi / 2**16
-# Steps per sample for a ringing sensor; 40 instead change a force by 1e-5 of itself.
+# Steps per sample for a sensor that lags or rings; 40 instead change a force by 1e-5 of itself.
 PIECES = 20
 NOISE_FX_N, NOISE_TY_NM = 0.1, 0.006
 NOISE_ANGLE_RAD, NOISE_SPEED_RAD_S, NOISE_MOTOR_NM = 1e-4, 0.01, 0.05
@@ -211,14 +211,24 @@ def sense(world: World, traces: Traces) -> tuple[Floats, Floats, Floats]:
 
 
 def lag_first_order(t_s: Floats, x: Floats, tau_s: float) -> Floats:
-    """First-order low-pass tau y' = x - y of x (m,) at times (m,), bilinear (second order); settled at the first sample."""
+    """First-order low-pass tau y' = x - y of x (m,) at times (m,), settled at the first sample."""
     if tau_s <= 0.0:
         return x
     y = x.copy()
-    for i in range(1, len(x)):
-        share = (t_s[i] - t_s[i - 1]) / tau_s
-        y[i] = ((1.0 - 0.5 * share) * y[i - 1] + 0.5 * share * (x[i] + x[i - 1])) / (1.0 + 0.5 * share)
+    integrate_first_order(t_s, x, tau_s, y)
     return y
+
+
+@jit_cached
+def integrate_first_order(t_s: Floats, x: Floats, tau_s: float, y: Floats) -> None:
+    """Integrate y' = (x - y) / tau into y (m,), with x (m,) linear between samples at t_s (m,) and PIECES bilinear steps for each."""
+    now = x[0]
+    for i in range(1, x.size):
+        half = 0.5 * (t_s[i] - t_s[i - 1]) / (PIECES * tau_s)
+        for piece in range(PIECES):
+            middle = x[i - 1] + (x[i] - x[i - 1]) * (piece + 0.5) / PIECES
+            now = ((1.0 - half) * now + 2.0 * half * middle) / (1.0 + half)
+        y[i] = now
 
 
 def delay(t_s: Floats, x: Floats, offset_s: float | Floats) -> Floats:

@@ -53,7 +53,7 @@ PIN_SHARE, LOOP_SHARE, ARM_ANGLE = range(3)
 
 # Penetration under the paper's loads. Laws with other powers agree with the standard ones at this depth.
 TYPICAL_DEPTH_M = 3e-3
-# Normal force at which the viscous share of friction is nearly full: it needs contact.
+# Normal force from which the viscous share of friction is full; it vanishes with the force.
 DRAGGED_FROM_N = 1.0
 # Iterations and tolerance of the search for the touched point; each leaves at most a third of the error.
 ROUNDS, FOUND_M = 40, 1e-12
@@ -220,7 +220,7 @@ def add_contact_forces(floor: Floats, radius: float, pose: Floats, used: Floats,
         if floor[PATCH_AT] < y < floor[PATCH_AT] + floor[PATCH_WIDTH]:
             N, mu = N * floor[PATCH_STIFFNESS], mu * floor[PATCH_MU]
         # |N|, because adhesion can make N negative while the end still rubs.
-        F = -mu * abs(N) * share - floor[DRAG] * np.tanh(abs(N) / DRAGGED_FROM_N) * slip
+        F = -mu * abs(N) * share - floor[DRAG] * min(abs(N) / DRAGGED_FROM_N, 1.0) * slip
         load[FY, k] += F * cos - N * sin
         load[FD, k] -= F * sin + N * cos
         load[MOMENT, k] -= lever * F
