@@ -7,16 +7,16 @@ from tests.structure.counts import count_all
 # At most, and at least.
 AT_MOST = {
     "modules": 451,
-    "lines": 90_200,
-    "lines of code": 57_450,
+    "lines": 90_500,
+    "lines of code": 57_650,
     "modules with one user, in their package": 27,
-    "functions": 6_050,
-    "private functions with one use": 724,
+    "functions": 6_070,
+    "private functions with one use": 728,
     "public class names defined more than once": 0,
     "functions named by a past participle": 25,
     "import circles": 0,
     "modules of the largest folder": 20,
-    "words of our own dialect": 35,
+    "words of our own dialect": 37,
 }
 AT_LEAST = {
     "full-line comments": 2_780,
