@@ -68,7 +68,7 @@ def test_effects_and_parameters_are_those_of_the_catalogue():
 
 
 def test_strangers_are_in_no_catalogue_and_all_have_sizes():
-    assert set(NAMES) == set(UNKNOWN_FAULT_RANGES) and len(NAMES) >= 8
+    assert set(NAMES) == set(UNKNOWN_FAULT_RANGES) and len(NAMES) >= 10
     assert not set(NAMES) & set(catalogue())
 
 
