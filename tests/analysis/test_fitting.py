@@ -129,8 +129,8 @@ def test_an_encoder_that_reads_too_little_is_noticed():
 
 def test_what_differs_from_stroke_to_stroke_is_found():
     result = fit_recordings([recording(7, repeats=8)], (), COMMANDED)
-    assert result.scatter["height"] == pytest.approx(0.1, rel=0.7)
-    assert result.scatter["friction"] == pytest.approx(0.005, rel=0.7)
+    assert result.scatter["height"] == pytest.approx(0.1, rel=0.3)
+    assert result.scatter["friction"] == pytest.approx(0.005, rel=0.4)
     assert result.scatter["start_angle"] < 0.05
 
 
