@@ -125,27 +125,17 @@ class LegPlant:
         samples = self._samples.get(len(times_s))
         if samples is None:
             samples = self._samples[len(times_s)] = allocate_samples(times_s, self._state.q.size, self._state.anchor.size)
-        return samples._replace(t=times_s)
+        return Samples(times_s, *samples[1:])
 
     def _shaft(self, drive: ShaftDrive) -> Shaft:
-        return Shaft(
-            HELD_SHAFT.breaks,
-            HELD_SHAFT.coefficient,
-            HELD_SHAFT.landings,
-            free=True,
-            rotor=self.rotor_inertia_kg_m2,
-            feed=drive.feed_Nm,
-            k_angle=drive.angle_gain_Nm_per_rad,
-            angle=drive.angle_rad,
-            k_speed=drive.speed_gain_Nm_s_per_rad,
-            speed=drive.speed_rad_s,
-        )
+        # Both have feed, gain and value of the angle, gain and value of the speed, in this order; names would take twice the time.
+        return Shaft(HELD_SHAFT.breaks, HELD_SHAFT.coefficient, HELD_SHAFT.landings, True, self.rotor_inertia_kg_m2, *drive)
 
     def _wrench(self, force: Floats) -> Floats:
         wrench = np.zeros((len(force), 6))
-        wrench[:, 1:3] = force[:, :2]
+        wrench[:, 1:4] = force
         # Moment about the shaft, moved to the sensor's origin, which is `below_shaft_m` lower.
-        wrench[:, 3] = force[:, 2] + self.rig.sensor.below_shaft_m * force[:, 0]
+        wrench[:, 3] += self.rig.sensor.below_shaft_m * force[:, 0]
         return wrench
 
     def _deepest_m(self) -> float:

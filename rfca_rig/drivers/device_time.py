@@ -52,12 +52,21 @@ class FrameCount:
 
     def stamp(self, frames: int, now_s: float) -> Floats:
         """Device times (frames,) in s of a batch that was drained at host time `now_s`."""
+        first = self._number(frames, now_s)
+        return np.arange(first, first + frames, dtype=np.float64) * self._period_s
+
+    def list_stamps(self, frames: int, now_s: float) -> list[float]:
+        """The same as plain numbers: for one or two, an array takes longer."""
+        first = self._number(frames, now_s)
+        return [number * self._period_s for number in range(first, first + frames)]
+
+    def _number(self, frames: int, now_s: float) -> int:
+        """Counts a batch; returns the number of its first frame."""
         self._count_up(frames, now_s)
         if frames:
             self._follow(now_s, (self._next + frames - 1) * self._period_s)
-        stamps = np.arange(self._next, self._next + frames, dtype=np.float64)
         self._next += frames
-        return stamps * self._period_s
+        return self._next - frames
 
     def _count_up(self, frames: int, now_s: float) -> None:
         """Compares the number of frames in a window with the length of the window."""

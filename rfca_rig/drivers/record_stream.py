@@ -74,9 +74,8 @@ class RecordSequence:
         # The view as int32 makes records behind `_next` negative.
         ahead = (numbers - np.uint32(self._next & 0xFFFFFFFF)).view(np.int32).astype(np.int64)
         # Fast path for a batch without gap, the usual case at 7000 to 15 000 records/s.
-        if len(ahead) and ahead[0] == 0 and ahead[-1] == len(ahead) - 1 and not np.count_nonzero(ahead[1:] - ahead[:-1] != 1):
-            picked, fresh = np.arange(len(ahead)), ahead
-        else:
+        picked = fresh = np.arange(len(ahead))
+        if not len(ahead) or np.count_nonzero(ahead != picked):
             picked, fresh = self._sort_out(ahead)
         unwrapped = self._next + fresh
         self.received += len(fresh)

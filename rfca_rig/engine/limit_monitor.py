@@ -1,6 +1,8 @@
 """Checks every limit at every tick, in the same loop that feeds the drive's watchdog."""
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +15,11 @@ from rfca_rig.protocol.plan import Limits
 
 # Status word of a force sensor, see `codecs.force_sensors`. All drivers set its bits 31 and 17. Bit 31:
 # summary of all errors.
-SENSOR_FAULT = np.uint32(0x80000000)
+SENSOR_FAULT = 0x80000000
 # Bit 17: transducer saturation or A/D error.
-SATURATED = np.uint32(0x00020000)
+SATURATED = 0x00020000
 # All but the summary bit and bit 16, a latched monitor condition, which leaves the values good.
-ANY_ERROR = np.uint32(0x7FFEFFFF)
+ANY_ERROR = 0x7FFEFFFF
 
 Floats = NDArray[np.float64]
 
@@ -84,21 +86,21 @@ class SensorMonitor:
             )
 
     def _check_status(self, samples: ForceSamples) -> None:
-        worst = np.bitwise_or.reduce(samples.status)
+        worst = int(np.bitwise_or.reduce(samples.status))
+        if not worst:
+            return
         # Before all other errors: the values of a saturated sensor can no longer guard the rig.
         if worst & SATURATED:
-            raise Tripped(
-                Trip.SENSOR_SATURATED, f"force sensor saturated (status 0x{int(worst):08x}); its values can no longer guard the rig"
-            )
+            raise Tripped(Trip.SENSOR_SATURATED, f"force sensor saturated (status 0x{worst:08x}); its values can no longer guard the rig")
         if worst & SENSOR_FAULT and worst & ANY_ERROR:
-            raise Tripped(Trip.SENSOR_ERROR, f"force sensor reports an error: {status_text(int(worst))}; see its status page")
+            raise Tripped(Trip.SENSOR_ERROR, f"force sensor reports an error: {status_text(worst)}; see its status page")
 
     def _check_time(self, samples: ForceSamples) -> None:
         """Checks for gaps: records may come, and yet so many be lost in between that the force was not observed."""
         # By the sensor's own record counter, which shows lost records whenever they were received.
         times_s = samples.device_s
         blind_s = float(np.maximum.reduce(times_s[1:] - times_s[:-1], initial=0.0))
-        if not np.isnan(self._last_s):
+        if not math.isnan(self._last_s):
             blind_s = max(blind_s, float(times_s[0]) - self._last_s)
         self._last_s = float(times_s[-1])
         if blind_s > self._limits.sensor_silent_s:
@@ -115,11 +117,11 @@ class SensorMonitor:
         # The first record of all is compared with itself, which counts as no change.
         before = counts[:1] if self._last is None else self._last
         # The newest pair decides alone where it differs, which is the usual case.
-        if len(counts) > 1 and (counts[-1] != counts[-2]).any():
+        if len(counts) > 1 and counts[-1].tolist() != counts[-2].tolist():
             self._changed_s = float(samples.device_s[-1])
         elif len(changed := np.flatnonzero((np.concatenate([before, counts[:-1]]) != counts).any(axis=1))):
             self._changed_s = float(samples.device_s[changed[-1]])
-        elif np.isnan(self._changed_s):
+        elif math.isnan(self._changed_s):
             self._changed_s = float(samples.device_s[0])
         self._last = counts[-1:]
         frozen_s = float(samples.device_s[-1]) - self._changed_s
@@ -163,7 +165,7 @@ class ExceedanceTimer:
         if len(below):
             self.below_s = float(device_s[below[-1]])
         # A stage that begins above the ceiling counts from its first sample.
-        elif np.isnan(self.below_s):
+        elif math.isnan(self.below_s):
             self.below_s = float(device_s[0])
         return float(device_s[-1]) - self.below_s
 
@@ -193,21 +195,31 @@ class LoadMonitor:
         counts = samples.counts.astype(np.float64)
         # Magnitudes of the whole vectors: a limit per axis would depend on how the sensor is mounted.
         squares = np.multiply(counts, counts, out=counts)
-        # Reductions of ufuncs, as this runs at every tick: the methods of arrays take twice as long for so few records.
-        force_N = np.sqrt(np.add.reduce(squares[:, :3], axis=1)) / self._scale.counts_per_N
-        torque_Nm = np.sqrt(np.add.reduce(squares[:, 3:], axis=1)) / self._scale.counts_per_Nm
-        here = Load(float(np.maximum.reduce(force_N)), float(np.maximum.reduce(torque_Nm)))
-        self.peak = self.peak.max_with(here)
-        if here.force_N > self._limits.force_N:
-            raise Tripped(Trip.FORCE, f"force {here.force_N:.1f} N, limit {self._limits.force_N:g} N; raise the rack or go slower")
-        if here.torque_Nm > self._limits.torque_Nm:
+        # Reductions of ufuncs, as this runs at every tick: the methods of arrays take twice as long for so few records. Roots only of what
+        # is looked at: the root of the largest square is the largest root.
+        forces, torques = np.add.reduce(squares[:, :3], axis=1), np.add.reduce(squares[:, 3:], axis=1)
+        force_N = math.sqrt(np.maximum.reduce(forces)) / self._scale.counts_per_N
+        torque_Nm = math.sqrt(np.maximum.reduce(torques)) / self._scale.counts_per_Nm
+        if force_N > self.peak.force_N or torque_Nm > self.peak.torque_Nm:
+            self.peak = self.peak.max_with(Load(force_N, torque_Nm))
+        if force_N > self._limits.force_N:
+            raise Tripped(Trip.FORCE, f"force {force_N:.1f} N, limit {self._limits.force_N:g} N; raise the rack or go slower")
+        if torque_Nm > self._limits.torque_Nm:
             limit_Nm = self._limits.torque_Nm
-            raise Tripped(Trip.MOMENT, f"moment {here.torque_Nm:.2f} N m, limit {limit_Nm:g} N m; raise the rack or go slower")
-        self._check_one(
-            Trip.FORCE_LASTS, self._force.seconds(samples.device_s, force_N, self._ceiling.force_N), f"force {force_N[-1]:.1f} N", "N"
-        )
-        lasts_s = self._torque.seconds(samples.device_s, torque_Nm, self._ceiling.torque_Nm)
-        self._check_one(Trip.MOMENT_LASTS, lasts_s, f"moment {torque_Nm[-1]:.2f} N m", "N m")
+            raise Tripped(Trip.MOMENT, f"moment {torque_Nm:.2f} N m, limit {limit_Nm:g} N m; raise the rack or go slower")
+        # Usually no record is above its ceiling, so that the last one is not.
+        if force_N <= self._ceiling.force_N:
+            self._force.below_s = float(samples.device_s[-1])
+        else:
+            forces_N = np.sqrt(forces) / self._scale.counts_per_N
+            lasts_s = self._force.seconds(samples.device_s, forces_N, self._ceiling.force_N)
+            self._check_one(Trip.FORCE_LASTS, lasts_s, f"force {forces_N[-1]:.1f} N", "N")
+        if torque_Nm <= self._ceiling.torque_Nm:
+            self._torque.below_s = float(samples.device_s[-1])
+        else:
+            torques_Nm = np.sqrt(torques) / self._scale.counts_per_Nm
+            lasts_s = self._torque.seconds(samples.device_s, torques_Nm, self._ceiling.torque_Nm)
+            self._check_one(Trip.MOMENT_LASTS, lasts_s, f"moment {torques_Nm[-1]:.2f} N m", "N m")
 
     def _check_one(self, code: Trip, lasts_s: float, value: str, unit: str) -> None:
         if lasts_s > self._limits.above_expected_s:
@@ -219,8 +231,7 @@ class LoadMonitor:
             )
 
 
-@dataclass(frozen=True)
-class Tracking:
+class Tracking(NamedTuple):
     """Angle and speed of target and shaft at one tick."""
 
     target_rad: float

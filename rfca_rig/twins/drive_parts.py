@@ -153,13 +153,8 @@ class SpeedLoop:
             return ShaftDrive(feed_Nm=wanted.torque_Nm)
         # The angle error times the angle gain is a speed, which the speed gain turns into torque.
         angle_gain = gains.angle_gain_per_s * gains.speed_gain_Nm_s_per_rad if wanted.mode == LoopMode.POSITION else 0.0
-        return ShaftDrive(
-            feed_Nm=wanted.torque_Nm + self._integral_Nm,
-            angle_gain_Nm_per_rad=angle_gain,
-            angle_rad=wanted.angle_rad,
-            speed_gain_Nm_s_per_rad=gains.speed_gain_Nm_s_per_rad,
-            speed_rad_s=wanted.speed_rad_s,
-        )
+        feed_Nm = wanted.torque_Nm + self._integral_Nm
+        return ShaftDrive(feed_Nm, angle_gain, wanted.angle_rad, gains.speed_gain_Nm_s_per_rad, wanted.speed_rad_s)
 
     def advance(self, wanted: MotorSetPoint, elapsed_s: float, before: ShaftState, after: ShaftState) -> None:
         """Updates the integrator with the speed error over the step. The rotation is exact, the mean angle is trapezoidal.

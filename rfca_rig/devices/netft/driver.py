@@ -303,7 +303,10 @@ def _select(records: Records, rows: NDArray[np.int64]) -> Records:
 
 
 def _samples(records: Records, numbers: NDArray[np.int64], host_s: float, period_s: float) -> ForceSamples:
-    return ForceSamples(np.full(len(numbers), host_s), (numbers - 1).astype(np.float64) * period_s, numbers, records.status, records.counts)
+    device_s = numbers.astype(np.float64)
+    device_s -= 1.0
+    device_s *= period_s
+    return ForceSamples(np.full(len(numbers), host_s), device_s, numbers, records.status, records.counts)
 
 
 def record_source(host: str, port: int) -> RecordSource:

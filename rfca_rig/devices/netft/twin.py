@@ -167,9 +167,10 @@ class NetFtTwin:
         order = np.arange(len(wrench))
         counts, status = self._digitise(wrench)
         records = Records(
-            rdt_sequence=((stream.sequence + order) & 0xFFFFFFFF).astype(np.uint32),
+            # The conversion wraps, as the counters of the box do.
+            rdt_sequence=(stream.sequence + order).astype(np.uint32),
             # The internal sample counter runs on from power-up, by `decimation` per record.
-            ft_sequence=((first + order) * self.settings.decimation & 0xFFFFFFFF).astype(np.uint32),
+            ft_sequence=((first + order) * self.settings.decimation).astype(np.uint32),
             status=status,
             counts=counts,
         )
@@ -180,7 +181,10 @@ class NetFtTwin:
 
     def _digitise(self, wrench: Floats) -> tuple[NDArray[np.int32], NDArray[np.uint32]]:
         """Counts (m, 6) and status (m,) of a wrench (m, 6). The converter saturates on the true load, independent of the bias."""
-        noisy = wrench + self._random.standard_normal(wrench.shape) * self._noise_std
+        # In place where possible: for so few records new memory takes longer than the sums.
+        noisy = self._random.standard_normal(wrench.shape)
+        noisy *= self._noise_std
+        noisy += wrench
         status, within = np.zeros(len(wrench), np.uint32), np.abs(noisy) <= self._full_scale
         # Compared so that a value that is no number counts as beyond the range.
         if not np.logical_and.reduce(within, axis=None):
@@ -189,7 +193,8 @@ class NetFtTwin:
         noisy -= self._bias
         noisy *= self._counts_per_unit
         counts = np.rint(noisy, out=noisy)
-        return np.minimum(np.maximum(counts, -LARGEST_COUNT), LARGEST_COUNT).astype(np.int32), status
+        np.maximum(counts, -LARGEST_COUNT, out=counts)
+        return np.minimum(counts, LARGEST_COUNT, out=counts).astype(np.int32), status
 
 
 @dataclass(frozen=True)

@@ -112,13 +112,13 @@ _OLDER: _Layouts = {
     OdriveCommand.HEARTBEAT: (_OLDER_HEARTBEAT, _older_heartbeat, frozenset({8})),
     **{command: (_ONE_LONG_WORD, _part_error(part), frozenset({8})) for part, command in PART_COMMANDS.items()},
 }
-_LAYOUTS = {OdriveFirmware.V0_5: _SHARED | _OLDER, OdriveFirmware.V0_6: _SHARED | _NEWER}
+_OF_V0_5, _OF_V0_6 = _SHARED | _OLDER, _SHARED | _NEWER
 
 
 def decode(arbitration_id: int, data: bytes | bytearray, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Message | None:
     """The message in one data frame; None for a command that is not used here. Raises MalformedFrame for a wrong length."""
     # The low five bits of the id are the command, the rest is the node.
-    layout = _LAYOUTS[dialect].get(arbitration_id & 0x1F)
+    layout = (_OF_V0_6 if dialect is OdriveFirmware.V0_6 else _OF_V0_5).get(arbitration_id & 0x1F)
     if layout is None:
         return None
     fields, message, lengths = layout

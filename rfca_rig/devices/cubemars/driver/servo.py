@@ -75,7 +75,7 @@ class ServoReports:
                 self._take(message, reports)
         # Frames decoded before a failure are still stamped and handed out.
         finally:
-            for report, device_s in zip(reports, self._count.stamp(len(reports), self.drained_s).tolist(), strict=True):
+            for report, device_s in zip(reports, self._count.list_stamps(len(reports), self.drained_s), strict=True):
                 self._follow(report, device_s, is_whole=self.drained_s - before_s < MAX_READ_PAUSE_S)
 
     def _take(self, message: can.Message, reports: list[Status]) -> None:
