@@ -1,12 +1,14 @@
 import csv
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import RigError
+from rfca_rig.model.parameters import TorqueSpline
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.reports.provenance import Origin, RecordingSource
 from rfca_rig.reports.strokes.page import GivenModel, write_report
@@ -130,6 +132,17 @@ def test_the_page_is_whole_and_fetches_nothing(mixed):
     assert len(outline.ids) == len(set(outline.ids)), "two figures must not share a clip path"
     assert not re.search(r"https?:|url\((?!#)|@import", page)
     assert page.count('role="img"') == 2
+
+
+@pytest.mark.parametrize(("last_deg", "is_said"), [(15.0, True), (30.0, False)])
+def test_hinges_that_bend_beyond_their_measured_torque_are_named(tmp_path, last_deg, is_said):
+    angles_rad = np.radians([0.0, 5.0, 10.0, last_deg])
+    curve = TorqueSpline(tuple(angles_rad), tuple(angles_rad + 4.2 * angles_rad**3))
+    rig = nominal_model(BELIEVED)
+    measured = replace(rig, leg=replace(rig.leg, k2_per_rad2=0.0, torque_splines=(curve,)))
+    given = GivenModel("curve.toml", measured)
+    said = (written(tmp_path, recording(strokes()[:1]), given=given) / "report.html").read_text()
+    assert ("and its torque was measured to 15.0; beyond that the curve is straight." in said) is is_said
 
 
 def test_the_page_says_what_it_shows(mixed):

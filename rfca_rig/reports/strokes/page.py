@@ -6,6 +6,8 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rfca_rig.analysis.compare import PAPER_AVERAGE_ERROR_PCT, ComparedCondition, Table2, Table2Row, compare_condition, make_table2_row
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, make_peak_row
@@ -303,11 +305,28 @@ def _models(sources: Sequence[ComparedSource], model_file: str | None) -> list[d
 def _model_says(sharing: Sequence[ComparedSource], model_file: str | None, several: bool) -> str:
     what = f"The model in {model_file}, given for this report" if model_file else "The nominal model"
     of_whom = f", of {', '.join(source.name for source in sharing)}" if several else ""
-    known_to = sharing[0].recording.known_to
+    known_to, beyond = sharing[0].recording.known_to, _beyond_curves(sharing)
     if model_file or not known_to:
-        return f"{what}{of_whom}."
+        return f"{what}{of_whom}.{beyond}"
     stated = ", ".join(f"{name} = {value:g}" for name, value in known_to.items() if isinstance(value, int | float))
-    return f"{what}{of_whom}. One standard deviation of each nominal value: {stated}; {UNLISTED}"
+    return f"{what}{of_whom}. One standard deviation of each nominal value: {stated}; {UNLISTED}{beyond}"
+
+
+def _beyond_curves(sharing: Sequence[ComparedSource]) -> str:
+    """Says where hinges bend farther than their torque was measured; beyond its last angle a curve is straight."""
+    leg = sharing[0].rig.leg if sharing[0].rig is not None else None
+    poses = [one.stroke.q_rad for source in sharing for compared in source.compared for one in compared.simulated]
+    if leg is None or not leg.torque_splines or not poses:
+        return ""
+    bent = np.abs(np.diff(np.concatenate(poses), axis=1) - np.array(leg.rest_angles_rad or 0.0)).max(axis=0)
+    measured = np.broadcast_to([np.abs(curve.angles_rad).max() for curve in leg.torque_splines], bent.shape)
+    worst = int(np.argmax(bent - measured))
+    if bent[worst] <= measured[worst]:
+        return ""
+    return (
+        f" Hinge {worst + 2} bends to {degrees(bent[worst]):.1f} degrees in these strokes, and its torque was measured to "
+        f"{degrees(measured[worst]):.1f}; beyond that the curve is straight."
+    )
 
 
 @dataclass(frozen=True)
