@@ -199,13 +199,8 @@ def allocate_workspace_of(chain: Chain) -> Work:
     return allocate_workspace(links + (chain.frame_mass > 0.0), links)
 
 
-def find_rest_state(
-    chain: Chain, shaft_angle_rad: float, laws: Laws = NO_LAWS, shaft: Shaft = HELD_SHAFT, work: Work | None = None
-) -> State:
-    """The chain in equilibrium under its weight, its shaft held or on the spring of a compliant drive; without friction on the ground.
-
-    `work` is unused memory of `allocate_workspace_of`, if the caller has some. Raises SimulationFailed where no rest pose is found.
-    """
+def make_unloaded_state(chain: Chain, shaft_angle_rad: float, laws: Laws = NO_LAWS, shaft: Shaft = HELD_SHAFT) -> State:
+    """The chain without motion, in the shape that it has without loads."""
     links = chain.length.size
     coordinates = links + (chain.frame_mass > 0.0)
     state = State(
@@ -218,6 +213,17 @@ def find_rest_state(
     state.q[:links] += np.cumsum(chain.rest)
     # The displacement of a frame counts from where it carries the leg at rest, see `forces.add_frame`.
     state.q[links:] = 0.0
+    return state
+
+
+def find_rest_state(
+    chain: Chain, shaft_angle_rad: float, laws: Laws = NO_LAWS, shaft: Shaft = HELD_SHAFT, work: Work | None = None
+) -> State:
+    """The chain in equilibrium under its weight, its shaft held or on the spring of a compliant drive; without friction on the ground.
+
+    `work` is unused memory of `allocate_workspace_of`, if the caller has some. Raises SimulationFailed where no rest pose is found.
+    """
+    state = make_unloaded_state(chain, shaft_angle_rad, laws, shaft)
     # Friction would make the pose depend on how the leg got there; 1e-12 rad is close to rounding, so that forces are smooth in fits.
     if not settle(chain._replace(mu=0.0, drag=0.0), laws, shaft, state, 1e-12, work or allocate_workspace_of(chain)):
         raise SimulationFailed(

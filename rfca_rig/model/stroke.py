@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.catalogue import set_up
-from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_samples, allocate_workspace_of
+from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_samples, allocate_workspace_of, make_unloaded_state
 from rfca_rig.model.kernel.integrator import FIRST_STEP_S
 from rfca_rig.model.kernel.lanes import LANES
 from rfca_rig.model.kernel.state import Samples
@@ -274,10 +274,16 @@ def simulate_strokes(
 
 
 def compile_side_by_side(rig: RigModel) -> None:
-    """Compiles what moves legs side by side, unless the disk has it, by moving two of them for a millisecond, far above the ground."""
-    t_s = np.array([1e-3])
-    motion = ramp_to_speed(rig.leg.start_angle_rad, 1.0, rig.drive.ramp_s, float(t_s[-1]))
-    simulate_strokes([Job(rig, 10.0, motion, t_s)] * 2)
+    """Compiles what moves legs side by side, unless the disk has it, by moving two of them for a millisecond, far above the ground.
+
+    They do not begin at rest: what finds their rest is compiled by every run, perhaps at this moment.
+    """
+    motion = ramp_to_speed(rig.leg.start_angle_rad, 1.0, rig.drive.ramp_s, 1e-3)
+    setup = set_up(rig, 10.0, motion)
+    chain = setup.chain()
+    laws = setup.compile_laws(chain)
+    leg = Start(chain, laws, motion.shaft(), make_unloaded_state(chain, motion.start_rad, laws), allocate_workspace_of(chain))
+    move_side_by_side([leg, leg], 0.0, Tolerance(), allocate_samples_of_lanes(np.array([1e-3]), leg.state, only_sensed=True))
 
 
 Pair = tuple[SimulatedStroke, SimulatedStroke | None]
