@@ -200,11 +200,11 @@ def _compile(function: Function, options: dict[str, bool]) -> Function:
     # Without compilation, as for coverage, it is the Python function itself.
     if dispatcher is not function:
         with caching_in(CACHE_FOLDER):
-            dispatcher._cache = cast(Any, _Cache)(function)
+            dispatcher._cache = cast(Any, CodeCache)(function)
     return cast(Function, dispatcher)
 
 
-class _Cache(FunctionCache):
+class CodeCache(FunctionCache):
     """Loads compiled code without the compiler's own library of functions, which takes 0.2 s to import and which only compilation needs."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

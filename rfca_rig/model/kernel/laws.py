@@ -38,9 +38,10 @@ import numba
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 
-from rfca_rig.model.kernel.compiled import CACHE_FOLDER, caching_in
+from rfca_rig.model.kernel.compiled import CACHE_FOLDER, CodeCache, caching_in
 from rfca_rig.model.kernel.lanes import LANES, LanesType
 from rfca_rig.model.kernel.state import Floats
 
@@ -77,7 +78,10 @@ def _compile_call(call: Law, law: Law) -> int:
     function = FunctionType(call.__code__, {"__name__": __name__, "law": numba.njit(law, error_model="numpy")}, call.__name__)
     if law.__module__.startswith("rfca_rig.model.") and law.__closure__ is None:
         with caching_in(str(Path(CACHE_FOLDER) / "laws" / _key_of(law))):
-            compiled = numba.cfunc(_SIGNATURE, cache=True)(function)
+            # As `numba.cfunc` does with its own cache, which loads the compiler's functions first.
+            compiled: Any = cast(Any, CFunc)(function, (_SIGNATURE.args, _SIGNATURE.return_type), locals={}, options={})
+            compiled._cache = cast(Any, CodeCache)(function)
+        compiled.compile()
     else:
         # A closure, or a lab's own law, may depend on any file or value. Without a cache, no outdated code can run.
         compiled = numba.cfunc(_SIGNATURE)(function)
