@@ -167,15 +167,15 @@ class DrivenPendulum:
         links = len(self.chain.length)
         q, w = HANGING_RAD + np.append(0.0, np.cumsum(angle_rad)), np.append(0.0, np.cumsum(speed_rad_s))
         state = State(q, w, np.zeros(links), np.zeros(links), np.zeros((len(self.uses), links, 4)))
+        # The laws that read the torque count the time of the assumed rotation too, which ends where the trace begins.
+        for place, use in enumerate(self.uses):
+            if use.reads_torque:
+                state.memory[place, :, CLOCK] = -2.0 * EVEN_S
         work = allocate_workspace(links, links)
         work.w[:] = w
         for ago_s in (EVEN_S, 0.0):
             work.q[:] = q - ago_s * w
             update_memory_once(self.chain, laws, state, EVEN_S, work)
-        # These laws have counted the time of the assumed rotation; the trace begins at 0.
-        for place, use in enumerate(self.uses):
-            if use.reads_torque:
-                state.memory[place, :, CLOCK] = 0.0
         return state
 
 

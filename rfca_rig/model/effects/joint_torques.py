@@ -180,22 +180,41 @@ TORQUE_LAG = Effect(
 # Dry friction in proportion to the torque that a joint's gear transmits: an efficiency below one, with stick.
 
 
+@cast(Callable[[Callable[..., tuple[float, float, float]]], Callable[..., tuple[float, float, float]]], numba.njit(error_model="numpy"))
+def carry_load(phi: float, elapsed: float, memory: Any, parameter: Any) -> tuple[float, float, float]:
+    """Friction limit [N m], torque of the stuck joint without its damping, and the slope of that torque by phi.
+
+    The stiffness of a stuck joint is its limit over the presliding. Where the limit falls, the torque falls with it. Where it grows, the
+    present torque stays and only further yielding is stiffer, as in `contact.carry_stretch`: a torque that grew with the limit would give
+    back more energy than it took. memory = (anchor, limit and angle at the beginning of the step).
+    """
+    limit = parameter[0] * abs(torque_at(memory[CLOCK] + elapsed, parameter))
+    yielded, begun = phi - memory[0], memory[2] - memory[0]
+    if limit < memory[1]:
+        return limit, limit * yielded / parameter[1], limit / parameter[1]
+    mean = 0.5 * (limit + memory[1])
+    return limit, (memory[1] * begun + mean * (yielded - begun)) / parameter[1], mean / parameter[1]
+
+
 def joint_load_friction_torque(
     phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any
 ) -> tuple[float, float, float]:
     # parameter = (loss, presliding, damping time, and the recorded torque); dry friction whose limit follows the torque.
-    most = parameter[0] * abs(torque_at(memory[CLOCK] + elapsed, parameter))
-    stiffness = most / parameter[1]
-    stuck = stiffness * (phi - memory[0] + parameter[2] * rate)
+    most, carried, slope = carry_load(phi, elapsed, memory, parameter)
+    damping = most / parameter[1] * parameter[2]
+    stuck = carried + damping * rate
     if stuck > most:
         return most, 0.0, 0.0
     if stuck < -most:
         return -most, 0.0, 0.0
-    return stuck, stiffness, stiffness * parameter[2]
+    return stuck, slope, damping
 
 
 def joint_load_friction_advance(phi: float, rate: float, elapsed: float, k0: float, k2: float, memory: Any, parameter: Any) -> None:
-    memory[0] = min(max(memory[0], phi - parameter[1]), phi + parameter[1])
+    most, carried, _ = carry_load(phi, elapsed, memory, parameter)
+    # The anchor is put where the spring of the present limit gives the torque that is carried.
+    share = min(max(carried / most, -1.0), 1.0) if most > 0.0 else 0.0
+    memory[0], memory[1], memory[2] = phi - share * parameter[1], most, phi
     memory[CLOCK] += elapsed
 
 
