@@ -18,7 +18,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording.run_text import check_not_running
 from rfca_rig.recording.store import read_recording
 from tests.cli.test_commands import FILES, ROOT
-from tests.cli.typed import typed
+from tests.cli.typed import typed, typed_in
 from tests.recording.dying import FullDisk, instead
 
 
@@ -96,20 +96,25 @@ def test_a_run_says_where_it_comes_from(here, monkeypatch, capsys):
     assert all(moment.tzinfo for _, moment in clocks)
 
 
+@pytest.fixture(scope="module")
+def alike(tmp_path_factory):
+    """The folders of two runs of the same words."""
+    folder = tmp_path_factory.mktemp("alike")
+    words = ("--height", 215, "--speed", 3.249, "--repeats", 2, "--seed", 7, "--operator", "M. Kölle", "--sample", "leg 7")
+    for _ in range(2):
+        assert typed_in(folder, "dynamic", "run", *words).exit_code == 0
+    return sorted((folder / "runs").iterdir())
+
+
 @pytest.mark.slow
-def test_who_was_at_the_rig_and_with_which_specimen_is_as_was_said(here, monkeypatch, capsys):
-    words = ("--height", 215, "--speed", 3.249, "--repeats", 1, "--operator", "M. Kölle", "--sample", "leg 7")
-    typed(monkeypatch, capsys, "dynamic", "run", *words)
-    (run,) = (here / "runs").iterdir()
-    known = read_recording(run / "run.h5").provenance
+def test_who_was_at_the_rig_and_with_which_specimen_is_as_was_said(alike):
+    known = read_recording(alike[0] / "run.h5").provenance
     assert (known["operator"], known["sample"]) == ("M. Kölle", "leg 7")
 
 
 @pytest.mark.slow
-def test_a_simulated_run_is_the_same_in_every_byte_of_every_file(here, monkeypatch, capsys):
-    for _ in range(2):
-        typed(monkeypatch, capsys, "dynamic", "run", "--height", 215, "--speed", 3.249, "--repeats", 2, "--seed", 7)
-    one, other = sorted((here / "runs").iterdir())
+def test_a_simulated_run_is_the_same_in_every_byte_of_every_file(alike):
+    one, other = alike
     names = [sorted(file.relative_to(run).as_posix() for file in run.rglob("*") if file.is_file()) for run in (one, other)]
     assert names[0] == names[1]
     assert [name for name in names[0] if (one / name).read_bytes() != (other / name).read_bytes()] == []

@@ -10,14 +10,21 @@ from rfca_rig.description.model_file import read_model_file
 from rfca_rig.recording.store import write_recording
 from tests.analysis.torque_rotation.tables import plain, recording
 from tests.campaign.small import copy_to, edit, swap, without_column
-from tests.cli.typed import typed
+from tests.cli.typed import typed, typed_in
 
 SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
 
 
-def test_the_small_campaign_gives_its_hinges_back(tmp_path, monkeypatch, capsys):
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory):
+    """Where the report of the small campaign is, made once, and what the command answers."""
+    folder = tmp_path_factory.mktemp("reported")
+    return folder / "out", typed_in(folder, "static", "report", SMALL, "--out", "out", "--json")
+
+
+def test_the_small_campaign_gives_its_hinges_back(reported):
     """Its file says k0 11.0, k2 4.2; the table is of another lab's simulator, with noise."""
-    said = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path / "out", "--json")
+    out, said = reported
     assert said.exit_code == 0
     found = json.loads(said.out)
     assert found["k0_Nm_per_rad"]["value"] == pytest.approx(11.0, rel=0.01)
@@ -26,13 +33,12 @@ def test_the_small_campaign_gives_its_hinges_back(tmp_path, monkeypatch, capsys)
         low, high = found[name]["interval_95"]
         assert low < true < high
     assert found["remarks"] == []
-    assert (tmp_path / "out" / "static.html").is_file()
+    assert (out / "static.html").is_file()
 
 
 @pytest.mark.slow
-def test_predict_takes_the_model_that_it_leaves(tmp_path, monkeypatch, capsys):
-    typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path)
-    model = tmp_path / "model.toml"
+def test_predict_takes_the_model_that_it_leaves(reported, tmp_path, monkeypatch, capsys):
+    model = reported[0] / "model.toml"
     said = typed(monkeypatch, capsys, "predict", "--height", 235, "--speed", 3.276, "--model", model, "--json")
     assert said.exit_code == 0
     assert json.loads(said.out)["valley_fz_N"] == pytest.approx(-36.9, abs=0.4)  # as with the nominal hinges
@@ -42,9 +48,8 @@ def test_predict_takes_the_model_that_it_leaves(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_the_measured_curve_goes_wherever_a_model_goes(tmp_path, monkeypatch, capsys):
-    typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path)
-    law, curve = tmp_path / "model.toml", tmp_path / "model-curve.toml"
+def test_the_measured_curve_goes_wherever_a_model_goes(reported, tmp_path, monkeypatch, capsys):
+    law, curve = (reported[0] / name for name in ("model.toml", "model-curve.toml"))
     valleys = [
         json.loads(typed(monkeypatch, capsys, "predict", "--height", 235, "--speed", 3.276, "--model", model, "--json").out)["valley_fz_N"]
         for model in (law, curve)
@@ -58,10 +63,9 @@ def test_the_measured_curve_goes_wherever_a_model_goes(tmp_path, monkeypatch, ca
 
 
 @pytest.mark.slow
-def test_rest_angles_are_found_where_it_is_stated_how_far_they_may_be_off(tmp_path, monkeypatch, capsys):
-    typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path)
+def test_rest_angles_are_found_where_it_is_stated_how_far_they_may_be_off(reported, tmp_path, monkeypatch, capsys):
     model = tmp_path / "model.toml"
-    model.write_text(model.read_text().replace("[known_to]\n", "[known_to]\nrest_angle_deg = 2.0\n"))
+    model.write_text((reported[0] / "model.toml").read_text().replace("[known_to]\n", "[known_to]\nrest_angle_deg = 2.0\n"))
     said = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path / "rest", "--model", model, "--json")
     found = json.loads(said.out)["rest_angles"]
     assert np.abs(found["deg"]).max() < 4.0 * max(found["std_deg"])
@@ -75,14 +79,14 @@ def test_rest_angles_are_found_where_it_is_stated_how_far_they_may_be_off(tmp_pa
 
 
 @pytest.mark.slow
-def test_stated_errors_of_angles_and_gain_are_used(tmp_path, monkeypatch, capsys):
-    def half(*options):
-        said = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path, "--json", *options)
+def test_stated_errors_of_angles_and_gain_are_used(reported, tmp_path, monkeypatch, capsys):
+    def half(said):
         low, high = json.loads(said.out)["k0_Nm_per_rad"]["interval_95"]
         return 0.5 * (high - low)
 
-    assert half("--force-gain-pct", 2) > 4 * half()
-    stated = typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path, "--json", "--hinge-std-deg", 0.05)
+    words = ("static", "report", SMALL, "--out", tmp_path, "--json")
+    assert half(typed(monkeypatch, capsys, *words, "--force-gain-pct", 2)) > 4 * half(reported[1])
+    stated = typed(monkeypatch, capsys, *words, "--hinge-std-deg", 0.05)
     assert any("times as much as was stated" in one for one in json.loads(stated.out)["remarks"])
 
 
@@ -112,11 +116,10 @@ def test_what_cannot_go_together_is_refused(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_a_recording_that_believes_nothing_needs_a_model(tmp_path, monkeypatch, capsys):
+def test_a_recording_that_believes_nothing_needs_a_model(reported, tmp_path, monkeypatch, capsys):
     write_recording(recording(plain(), sections={}, known_to={}), tmp_path / "run.h5")
     assert "give a model with --model" in lines_of(monkeypatch, capsys, tmp_path / "out", tmp_path / "run.h5")
-    typed(monkeypatch, capsys, "static", "report", SMALL, "--out", tmp_path / "first")
-    model = tmp_path / "first" / "model.toml"
+    model = reported[0] / "model.toml"
     assert typed(monkeypatch, capsys, "static", "report", tmp_path / "run.h5", "--model", model, "--out", tmp_path / "out").exit_code == 0
 
 

@@ -15,7 +15,7 @@ from rfca_rig.diagnosis.window_fit import ALL, FittedShift, SignalError, WindowF
 from rfca_rig.reports.diagnosis.pictures import _with_breaks
 from rfca_rig.reports.provenance import Origin
 from rfca_rig.reports.strokes.motions import MOST_SHOWN, MotionsReport, write_motions
-from tests.cli.typed import typed
+from tests.cli.typed import typed, typed_in
 from tests.mechanism.arm import Arm, Friction, record, write_campaign
 
 ARM = replace(Arm(), friction=Friction((0.0, 0.4, 0.0)))
@@ -28,50 +28,56 @@ def folder(tmp_path_factory):
     return write_campaign(tmp_path_factory.mktemp("report") / "arm", Arm(), [record(ARM, 3.4, seed) for seed in (0, 1)], known_to)
 
 
+@pytest.fixture(scope="module")
+def reported(folder, tmp_path_factory):
+    """What the command says of these recordings, and where: it fits them, for three seconds."""
+    place = tmp_path_factory.mktemp("reported")
+    return typed_in(place, "report", folder), place
+
+
 def rows_of(path):
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
 @pytest.mark.slow
-def test_the_page_shows_every_signal_with_its_errors_and_residuals(folder, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    done = typed(monkeypatch, capsys, "report", folder)
+def test_the_page_shows_every_signal_with_its_errors_and_residuals(folder, reported):
+    done, place = reported
     assert done.exit_code == 0
     assert done.err == "report/report.html: measured and simulated signals of 2 recordings\n"
-    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    page = (place / "report" / "report.html").read_text(encoding="utf-8")
     assert page.count("<figure>") == 6 + 6 + 3  # signals, their residuals, what the model lacks in each joint
     assert "simulated, fitted values" in page
     assert "Diagnosis: <code>rfca-rig diagnose" in page
-    found = json.loads((tmp_path / "report" / "mechanism.json").read_text(encoding="utf-8"))
-    errors = rows_of(tmp_path / "report" / "mechanism-errors.csv")
+    found = json.loads((place / "report" / "mechanism.json").read_text(encoding="utf-8"))
+    errors = rows_of(place / "report" / "mechanism-errors.csv")
     assert [row["run"] for row in errors] == ["sines 1, repeat 1"] * 6 + ["sines 2, repeat 1"] * 6
     assert [float(row["held_out"]) for row in errors] == pytest.approx([error["held_out"] for error in found["errors"]])
     assert [error["signal"] for error in found["totals"]] == SIGNALS
-    values = rows_of(tmp_path / "report" / "mechanism-values.csv")
+    values = rows_of(place / "report" / "mechanism-values.csv")
     assert [row["name"] for row in values] == [f"link{j}.mass_relative" for j in (1, 2, 3)]
-    signals = rows_of(tmp_path / "report" / "mechanism-signals.csv")
+    signals = rows_of(place / "report" / "mechanism-signals.csv")
     assert len(signals) == 2 * 6 * 6 * 10  # recordings, signals, windows, bins
     for error in found["errors"]:
         here = [row for row in signals if (row["run"], row["signal"]) == (error["run"], error["signal"])]
         for column in ("nominal", "fitted"):
             square = np.mean([(float(row["measured"]) - float(row[column])) ** 2 for row in here])
             assert np.sqrt(square) == pytest.approx(error[column])
-    again = typed(monkeypatch, capsys, "report", folder)
-    assert again.exit_code == 0
-    assert (tmp_path / "report" / "report.html").read_text(encoding="utf-8") == page
+    assert typed_in(place, "report", folder).exit_code == 0
+    assert (place / "report" / "report.html").read_text(encoding="utf-8") == page
 
 
 @pytest.mark.slow
-def test_another_model_takes_the_place_of_the_nominal_one(folder, tmp_path, monkeypatch, capsys):
+def test_another_model_takes_the_place_of_the_nominal_one(folder, reported, tmp_path, monkeypatch, capsys):
     amended = tmp_path / "amended.xml"
     text = (folder / "model.xml").read_text(encoding="utf-8")
     amended.write_text(text.replace('name="joint2" type="hinge"', 'name="joint2" type="hinge" frictionloss="0.4"'), encoding="utf-8")
-    totals = []
-    for words in ((), ("--model", amended)):
-        done = typed(monkeypatch, capsys, "report", folder, *words, "--json", "--out", tmp_path / "report")
-        totals.append({error["signal"]: error["nominal"] for error in json.loads(done.out)["totals"]})
-    assert all(totals[1][signal] < 0.4 * totals[0][signal] for signal in SIGNALS)
+    done = typed(monkeypatch, capsys, "report", folder, "--model", amended, "--json", "--out", tmp_path / "report")
+    nominal, other = (
+        {error["signal"]: error["nominal"] for error in json.loads(text)["totals"]}
+        for text in ((reported[1] / "report" / "mechanism.json").read_text(encoding="utf-8"), done.out)
+    )
+    assert all(other[signal] < 0.4 * nominal[signal] for signal in SIGNALS)
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert "the model file amended.xml" in page
     assert "report arm --model amended.xml" in page
