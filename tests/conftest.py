@@ -49,12 +49,19 @@ def pytest_collection() -> Generator[None, object, object]:
 FIRST_OF_ONE, FIRST_OF_OTHER = ("test_readme.py", "test_pictures.py"), ("test_notebooks.py", "test_pendulum.py", "test_whole_diagnosis.py")
 
 
+@pytest.hookimpl(wrapper=True, optionalhook=True)
+def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
+    """One worker more than cores for `-n auto`: many tests wait, for a browser, a device or a process, and leave their core to others."""
+    workers = yield
+    return workers if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") else workers + 1
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begins each half of the tests with what should not come last, and the second half with those that need no compiled model.
+    """Begins the part of each worker with what should not come last, and all parts but the first with tests that need no compiled model.
 
-    Of two workers, each begins with one half. In a fresh clone the first of them compiles the model for a minute and more. The second
-    would compile the same meanwhile; so it comes to tests of the model when the result is on disk.
+    Each worker begins with an equal part. In a fresh clone the first of them compiles the model for a minute and more. The others would
+    compile the same meanwhile; so they come to tests of the model when the result is on disk.
     """
     root = Path(__file__).parent
 
@@ -68,7 +75,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return sorted(slow, key=lambda item: names.index(item.path.name))
 
     one, other = take(FIRST_OF_ONE), take(FIRST_OF_OTHER)
-    rest = [item for item in items if item not in one and item not in other]
+    first = {*one, *other}
+    rest = [item for item in items if item not in first]
     without, others = [item for item in rest if is_without(item.path)], [item for item in rest if not is_without(item.path)]
-    middle = max(len(items) // 2 - len(one), 0)
-    items[:] = [*one, *others[:middle], *other, *without, *others[middle:]]
+    workers = max(int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "2")), 2)
+    step = -(-len(without) // (workers - 1))
+    begins = [one, *(without[step * number : step * (number + 1)] for number in range(workers - 1))]
+    begins[1] = [*other, *begins[1]]
+    ordered: list[pytest.Item] = []
+    for number, begin in enumerate(begins):
+        part = (len(items) - len(ordered)) // (workers - number)
+        more = max(part - len(begin), 0)
+        ordered += [*begin, *others[:more]]
+        del others[:more]
+    items[:] = [*ordered, *others]
