@@ -46,10 +46,7 @@ class CanEnd(can.BusABC):
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """As every bus. A look without waiting skips the clock and the log of the base class, which cost more than the message."""
-        if timeout != 0 or self._filters:
-            return super().recv(timeout)
-        self._check_open()
-        return self._arrived.popleft() if self._arrived else None
+        return super().recv(timeout) if timeout != 0 or self._filters else self._recv_internal(timeout)[0]
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002 (nothing can arrive meanwhile)
         self._check_open()
