@@ -35,6 +35,12 @@ def folder(campaign, tmp_path):
     return shutil.copytree(campaign, tmp_path / "arm")
 
 
+@pytest.fixture(scope="module")
+def sound(campaign):
+    """The lines on these recordings as they are."""
+    return list(check_experiment(campaign))
+
+
 def edit(path, *changes):
     text = path.read_text(encoding="utf-8")
     for old, new in changes:
@@ -66,16 +72,15 @@ def reverse(*columns):
 
 
 @pytest.mark.slow
-def test_sound_recordings_have_a_line_for_each_thing_and_no_warning(folder):
-    lines = list(check_experiment(folder))
-    assert not [line for line in lines if line.is_warning]
-    names = {about: [line.name for line in lines if line.about == about] for about in {line.about for line in lines}}
+def test_sound_recordings_have_a_line_for_each_thing_and_no_warning(sound):
+    assert not [line for line in sound if line.is_warning]
+    names = {about: [line.name for line in sound if line.about == about] for about in {line.about for line in sound}}
     assert names["model"] == ["model.xml"]
     assert names["recording"] == ["sines 1, repeat 1", "sines 2, repeat 1"]
     assert names["signal"] == names["prediction"] == ["q1", "q2", "q3", "w1", "w2", "w3"]
     assert names["balance"] == ["joint1", "joint2", "joint3"]
     assert names["command"] == ["tau1", "tau2", "tau3"]
-    found = {(line.about, line.name): line.values for line in lines}
+    found = {(line.about, line.name): line.values for line in sound}
     assert found["model", "model.xml"] == {"mass_kg": pytest.approx(4.1)}
     assert found["recording", "sines 1, repeat 1"] == pytest.approx(
         {"length_s": 3.398, "rate_Hz": 500.0, "largest_gap_s": 0.002, "windows": 6, "usable_windows": 6}
@@ -89,8 +94,8 @@ def test_sound_recordings_have_a_line_for_each_thing_and_no_warning(folder):
 
 
 @pytest.mark.slow
-def test_errors_of_the_prediction_are_in_the_unit_of_the_column(folder):
-    in_deg = {line.name: line.values for line in check_experiment(folder) if line.about == "prediction"}
+def test_errors_of_the_prediction_are_in_the_unit_of_the_column(sound, folder):
+    in_deg = {line.name: line.values for line in sound if line.about == "prediction"}
     edit_column(folder, "q1", np.radians)
     edit(folder / "experiment.toml", ('column = "q1", unit = "deg"', 'column = "q1", unit = "rad"'))
     in_rad = {line.name: line.values for line in check_experiment(folder) if line.about == "prediction"}
