@@ -72,11 +72,16 @@ class Picture:
 
 def pictures_of(overlays: Sequence[SignalOverlay], never_folded: Collection[str] = ()) -> list[Picture]:
     """One picture for each signal, in the order of the overlays; those in `never_folded` show a difference, however small it looks."""
-    signals = list(dict.fromkeys(overlay.signal for overlay in overlays))
-    return map_in_processes(lambda name: _picture(name, [each for each in overlays if each.signal == name], name in never_folded), signals)
+    of_signal: dict[str, list[SignalOverlay]] = {}
+    for overlay in overlays:
+        of_signal.setdefault(overlay.signal, []).append(overlay)
+    # Panel by panel, because signals differ in how long they take.
+    tasks = [(number, overlay, limits) for own in of_signal.values() for limits in [_limits_of(own)] for number, overlay in enumerate(own)]
+    panels = iter(map_in_processes(lambda task: _panel(*task), tasks))
+    return [_picture(name, own, name in never_folded, tuple(next(panels) for _ in own)) for name, own in of_signal.items()]
 
 
-def _picture(signal: str, overlays: Sequence[SignalOverlay], is_kept: bool) -> Picture:
+def _picture(signal: str, overlays: Sequence[SignalOverlay], is_kept: bool, panels: tuple[Panel, ...]) -> Picture:
     unit, fit = words_and_unit(signal)[1], residuals_of(overlays)
     largest = max(fit.before, fit.after if np.isfinite(fit.after) else 0.0)
     coincide = np.isfinite(largest) and largest < COINCIDE * _span(np.concatenate([each.measured for each in overlays]))
@@ -85,9 +90,6 @@ def _picture(signal: str, overlays: Sequence[SignalOverlay], is_kept: bool) -> P
     else:
         caption = f"Means over the repeats, {count_noun(len(overlays), 'condition')} on one scale."
     summary = f"{signal_words(signal)}: all curves coincide, rms {format_significant(largest, 2)} {unit} at most".rstrip()
-    lines = (line for o in overlays for line in (o.measured, o.before, o.after))
-    limits = [_limits(np.concatenate(list(values))) for values in ((o.t_s for o in overlays), lines)]
-    panels = tuple(_panel(number, overlay, limits) for number, overlay in enumerate(overlays))
     return Picture(_quantity(signal), panels, caption, "" if is_kept or not coincide else summary)
 
 
@@ -108,6 +110,12 @@ def _rms(values: Floats) -> float:
 def _span(values: Floats) -> float:
     known = values[np.isfinite(values)]
     return float(np.ptp(known)) if known.size else 0.0
+
+
+def _limits_of(overlays: Sequence[SignalOverlay]) -> list[tuple[float, float]]:
+    """Limits of time and of all lines of a signal, the same for all its panels."""
+    lines = (line for o in overlays for line in (o.measured, o.before, o.after))
+    return [_limits(np.concatenate(list(values))) for values in ((o.t_s for o in overlays), lines)]
 
 
 def _limits(values: Floats) -> tuple[float, float]:
