@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root
 
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.hinge_springs import polynomial_springs
@@ -79,6 +78,8 @@ def settle_at_rest(leg: MujocoLeg, start_angle_rad: float) -> None:
         return np.array(leg.data.qfrc_smooth[1:])
 
     if leg.model.nq > 1:
+        from scipy.optimize import root  # noqa: PLC0415 - every page imports this module, few ask for a rest pose
+
         solution = root(residual_Nm, np.zeros(leg.model.nq - 1), tol=1e-13)
         # Written with `not`, so that NaN counts as a failure too. The call also leaves the pose in `data`.
         if not np.abs(residual_Nm(solution.x)).max() < 1e-8:

@@ -25,7 +25,6 @@ from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, estimate_d
 from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset, nuisances_of, nuisances_of_drive
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import make_dynamic_condition, make_turn
-from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, NotSeen, join_not_seen
 from rfca_rig.diagnosis.simulator import spread
 from rfca_rig.errors import BadInput
@@ -102,6 +101,9 @@ def diagnose(
         Where the nominal model cannot be simulated.
     """
     if law_at:
+        # Few diagnoses measure a law, which needs fifty modules more, among them those of mechanisms.
+        from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law  # noqa: PLC0415
+
         check_place(law_at, OF_LEG)
     progress("reading", 0.0)
     body, findings = find_omissions(recordings, progress, without)
