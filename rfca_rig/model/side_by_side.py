@@ -89,8 +89,17 @@ def move_side_by_side(starts: Sequence[Start], begin_s: float, tolerance: Tolera
 
 def allocate_samples_of_lanes(t_s: Floats, leg: State, only_sensed: bool) -> Samples:
     """Samples at the times `t_s` (m,) with lanes as last axis; if `only_sensed`, no more than the shaft's angle and the forces."""
+    return Samples(t_s, *_divide(_shapes_of_samples(t_s, leg, only_sensed)))
+
+
+def allocate_samples_of_leg(t_s: Floats, leg: State, only_sensed: bool) -> Samples:
+    """The same for one leg, without lanes and uninitialised."""
+    return Samples(t_s, *map(np.empty, _shapes_of_samples(t_s, leg, only_sensed)))
+
+
+def _shapes_of_samples(t_s: Floats, leg: State, only_sensed: bool) -> list[tuple[int, ...]]:
     coordinates, speeds, links = (1, 0, 0) if only_sensed else (leg.q.size, leg.w.size, leg.anchor.size)
-    return Samples(t_s, *_divide([(len(t_s), *shape) for shape in ((coordinates,), (speeds,), (3,), (2, links))]))
+    return [(len(t_s), *shape) for shape in ((coordinates,), (speeds,), (3,), (2, links))]
 
 
 def _stack_legs(legs: Sequence[Start]) -> tuple[Chain, Laws, Shaft, State]:

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.cores import cores
 from rfca_rig.model.catalogue import set_up
-from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_samples, allocate_workspace_of, make_unloaded_state
+from rfca_rig.model.chain import Steps, Tolerance, advance, allocate_workspace_of, make_unloaded_state
 from rfca_rig.model.kernel.integrator import FIRST_STEP_S
 from rfca_rig.model.kernel.lanes import LANES
 from rfca_rig.model.kernel.state import Samples
 from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.setup import SensorOutput, Setup, measure_at_rest
-from rfca_rig.model.side_by_side import Start, allocate_samples_of_lanes, move_side_by_side
+from rfca_rig.model.side_by_side import Start, allocate_samples_of_lanes, allocate_samples_of_leg, move_side_by_side
 
 Floats = NDArray[np.float64]
 
@@ -157,12 +157,13 @@ class StrokeRequest:
         return effects, len(setup.rig.leg.link_lengths_m), setup.begins_s, self.tolerance, _Times(self.t_s)
 
 
-def recall_stroke(request: StrokeRequest) -> SimulatedStroke:
+def recall_stroke(request: StrokeRequest, only_sensed: bool = False) -> SimulatedStroke:
     """Simulates a stroke, but uses a motion of the leg again that was simulated recently. Raises SimulationFailed.
 
-    For a search, which tries dozens of effects of the sensor on one motion of the leg.
+    For a search, which tries dozens of effects of the sensor on one motion of the leg. If `only_sensed`, the stroke holds no more than the
+    shaft's angle and the forces.
     """
-    samples, cost = _move_once(_Motion(request.motion, request))
+    samples, cost = _move_once(_Motion((request.motion, only_sensed), request, only_sensed))
     # Whoever gets a stroke may change its arrays.
     return _sense(request.setup, Samples(*(column.copy() for column in samples)), cost)
 
@@ -171,22 +172,23 @@ def recall_stroke(request: StrokeRequest) -> SimulatedStroke:
 class _Motion:
     key: tuple[Hashable, ...]
     request: StrokeRequest = field(compare=False)
+    only_sensed: bool = field(compare=False)
 
 
-# Enough for the conditions of a campaign, in several threads. A stroke has 0.4 MB.
+# Enough for the conditions of a campaign, in several threads. A whole stroke has 0.4 MB.
 @lru_cache(maxsize=32)
 def _move_once(motion: _Motion) -> tuple[Samples, Steps]:
-    return _move(motion.request.setup, motion.request.t_s, motion.request.tolerance)
+    return _move(motion.request.setup, motion.request.t_s, motion.request.tolerance, motion.only_sensed)
 
 
-def simulate_setup(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None) -> SimulatedStroke:
-    """As `simulate_stroke`, for a setup that is complete already; `t_s` (m,) ascending."""
-    return _sense(setup, *_move(setup, t_s, tolerance or Tolerance()))
+def simulate_setup(setup: Setup, t_s: Floats, tolerance: Tolerance | None = None, only_sensed: bool = False) -> SimulatedStroke:
+    """As `simulate_stroke`, for a setup that is complete already; `t_s` (m,) ascending, and `only_sensed` as in `recall_stroke`."""
+    return _sense(setup, *_move(setup, t_s, tolerance or Tolerance(), only_sensed))
 
 
-def _move(setup: Setup, t_s: Floats, tolerance: Tolerance) -> tuple[Samples, Steps]:
+def _move(setup: Setup, t_s: Floats, tolerance: Tolerance, only_sensed: bool) -> tuple[Samples, Steps]:
     leg = _begin(setup)
-    out = allocate_samples(t_s, leg.state.q.size, leg.state.anchor.size)
+    out = allocate_samples_of_leg(t_s, leg.state, only_sensed)
     moving = _fill_rest(leg, setup.begins_s, out)
     span_s = setup.begins_s, float(t_s[-1])
     return out, advance(leg.chain, leg.shaft, leg.state, span_s, FIRST_STEP_S, tolerance, moving, leg.laws, leg.work)
@@ -333,7 +335,7 @@ def simulate_variations(here: StrokeRequest, varied: Sequence[StrokeRequest], on
         moved = _move_block([first_of[number] for number in block], only_sensed)
         found.update((number, (one, None)) for number, one in zip(block, moved, strict=True))
     if 0 not in found and 0 in motion_of:
-        store(_move_alone(here), (), ())
+        store(_move_alone(here, only_sensed), (), ())
     pairs: list[Pair | SimulationFailed] = []
     for number, request in zip(motion_of, varied, strict=True):
         one, stroke = found[number]
@@ -392,12 +394,12 @@ def _move_block(requests: Sequence[StrokeRequest], only_sensed: bool) -> list[Mo
     except SimulationFailed:
         # Below, each stroke succeeds or fails alone.
         pass
-    return [_move_alone(request) for request in requests]
+    return [_move_alone(request, only_sensed) for request in requests]
 
 
-def _move_alone(request: StrokeRequest) -> Moved:
+def _move_alone(request: StrokeRequest, only_sensed: bool) -> Moved:
     try:
-        return _move(request.setup, request.t_s, request.tolerance)
+        return _move(request.setup, request.t_s, request.tolerance, only_sensed)
     except SimulationFailed as failed:
         # One stroke that fails must not lose the others.
         return failed

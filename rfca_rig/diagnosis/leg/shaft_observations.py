@@ -64,7 +64,7 @@ class ShaftCondition:
         request = self.request(supposed)
         if request.setup.drive is None:
             return self.read_prescribed(supposed, request)
-        return self.read(supposed, simulate_setup(request.setup, request.t_s, request.tolerance))
+        return self.read(supposed, simulate_setup(request.setup, request.t_s, request.tolerance, only_sensed=True))
 
     def request(self, supposed: ModelPoint) -> StrokeRequest:
         """The stroke to simulate. Raises BadInput for effects that do not fit."""

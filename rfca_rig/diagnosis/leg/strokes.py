@@ -115,7 +115,7 @@ class DynamicCondition:
 
     def simulated(self, supposed: ModelPoint) -> Floats:
         """Predicted rows (k b,), signal after signal. Raises SimulationFailed."""
-        return self.read(supposed, self.stroke(supposed))
+        return self.read(supposed, recall_stroke(self.request(supposed), only_sensed=True))
 
     def read(self, supposed: ModelPoint, stroke: SimulatedStroke) -> Floats:  # noqa: ARG002  (the shaft's condition needs it)
         """Rows (k b,) of a stroke that was simulated at `t_s`."""
