@@ -93,11 +93,12 @@ def allocate_samples_of_lanes(t_s: Floats, leg: State, only_sensed: bool) -> Sam
 
 
 def allocate_samples_of_leg(t_s: Floats, leg: State, only_sensed: bool) -> Samples:
-    """The same for one leg, without lanes and uninitialised."""
+    """The same at `t_s` (m,) for one leg, without lanes and uninitialised."""
     return Samples(t_s, *map(np.empty, _shapes_of_samples(t_s, leg, only_sensed)))
 
 
 def _shapes_of_samples(t_s: Floats, leg: State, only_sensed: bool) -> list[tuple[int, ...]]:
+    """Of all samples but their times `t_s` (m,)."""
     coordinates, speeds, links = (1, 0, 0) if only_sensed else (leg.q.size, leg.w.size, leg.anchor.size)
     return [(len(t_s), *shape) for shape in ((coordinates,), (speeds,), (3,), (2, links))]
 
