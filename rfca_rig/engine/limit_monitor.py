@@ -148,7 +148,7 @@ class ExceedanceTimer:
         device_s : ndarray, shape (m,)
             Times in s by the device's clock, increasing; m is at least 1.
         values : ndarray, shape (m,)
-            Force in N or moment in N m.
+            Any measure of force or moment.
         ceiling : float
             In the unit of `values`.
 
@@ -195,8 +195,7 @@ class LoadMonitor:
         counts = samples.counts.astype(np.float64)
         # Magnitudes of the whole vectors: a limit per axis would depend on how the sensor is mounted.
         squares = np.multiply(counts, counts, out=counts)
-        # Reductions of ufuncs, as this runs at every tick: the methods of arrays take twice as long for so few records. Roots only of what
-        # is looked at: the root of the largest square is the largest root.
+        # Reductions of ufuncs, as this runs at every tick: the methods of arrays take twice as long for so few records.
         forces, torques = np.add.reduce(squares[:, :3], axis=1), np.add.reduce(squares[:, 3:], axis=1)
         force_N = math.sqrt(np.maximum.reduce(forces)) / self._scale.counts_per_N
         torque_Nm = math.sqrt(np.maximum.reduce(torques)) / self._scale.counts_per_Nm
@@ -207,28 +206,22 @@ class LoadMonitor:
         if torque_Nm > self._limits.torque_Nm:
             limit_Nm = self._limits.torque_Nm
             raise Tripped(Trip.MOMENT, f"moment {torque_Nm:.2f} N m, limit {limit_Nm:g} N m; raise the rack or go slower")
-        # Usually no record is above its ceiling, so that the last one is not.
-        if force_N <= self._ceiling.force_N:
-            self._force.below_s = float(samples.device_s[-1])
-        else:
-            forces_N = np.sqrt(forces) / self._scale.counts_per_N
-            lasts_s = self._force.seconds(samples.device_s, forces_N, self._ceiling.force_N)
-            self._check_one(Trip.FORCE_LASTS, lasts_s, f"force {forces_N[-1]:.1f} N", "N")
-        if torque_Nm <= self._ceiling.torque_Nm:
-            self._torque.below_s = float(samples.device_s[-1])
-        else:
-            torques_Nm = np.sqrt(torques) / self._scale.counts_per_Nm
-            lasts_s = self._torque.seconds(samples.device_s, torques_Nm, self._ceiling.torque_Nm)
-            self._check_one(Trip.MOMENT_LASTS, lasts_s, f"moment {torques_Nm[-1]:.2f} N m", "N m")
-
-    def _check_one(self, code: Trip, lasts_s: float, value: str, unit: str) -> None:
+        # Squares of counts are compared with the square of the ceiling: a root of every record would be for nothing.
+        per_N, per_Nm = self._scale.counts_per_N, self._scale.counts_per_Nm
+        lasts_s = self._force.seconds(samples.device_s, forces, (self._ceiling.force_N * per_N) ** 2)
         if lasts_s > self._limits.above_expected_s:
-            ceiling = self._ceiling.force_N if unit == "N" else self._ceiling.torque_Nm
-            raise Tripped(
-                code,
-                f"{value} and more for {1e3 * lasts_s:.0f} ms, {ceiling:.3g} {unit} may be passed for "
-                f"{1e3 * self._limits.above_expected_s:.0f} ms; is the rack as high as planned, and the leg whole?",
-            )
+            raise self._trip(Trip.FORCE_LASTS, f"force {math.sqrt(forces[-1]) / per_N:.1f} N", lasts_s, f"{self._ceiling.force_N:.3g} N")
+        lasts_s = self._torque.seconds(samples.device_s, torques, (self._ceiling.torque_Nm * per_Nm) ** 2)
+        if lasts_s > self._limits.above_expected_s:
+            value = f"moment {math.sqrt(torques[-1]) / per_Nm:.2f} N m"
+            raise self._trip(Trip.MOMENT_LASTS, value, lasts_s, f"{self._ceiling.torque_Nm:.3g} N m")
+
+    def _trip(self, code: Trip, value: str, lasts_s: float, ceiling: str) -> Tripped:
+        return Tripped(
+            code,
+            f"{value} and more for {1e3 * lasts_s:.0f} ms, {ceiling} may be passed for "
+            f"{1e3 * self._limits.above_expected_s:.0f} ms; is the rack as high as planned, and the leg whole?",
+        )
 
 
 class Tracking(NamedTuple):
