@@ -87,10 +87,6 @@ app.command("schema", cls=Command)(check.schema)
 
 # Once: tests and notebooks call `run` again and again, and all commands with their options take longer than many a command.
 _get_command = cache(typer.main.get_command)
-# Imports make several hundred thousand objects, among which the interpreter would look for unused circles again and again, and
-# once more as it ends, which takes 0.3 s after a run. The system frees them all the same.
-gc.set_threshold(10_000)
-atexit.register(gc.freeze)
 
 
 def _print_version(wanted: bool) -> None:
@@ -110,6 +106,10 @@ def _options(
 
 def run() -> None:
     """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130 stopped."""
+    # The imports of a command make several hundred thousand objects. The interpreter would look for unused circles among them every 700
+    # new objects, and once more as it ends: together 0.35 s of a run.
+    gc.set_threshold(10_000)
+    atexit.register(gc.freeze)
     use_ascii_fallback()
     use_one_thread_if_processes_are_few()
     # Set to 0 or below, as by some terminals without a size, help would have no width at all.
