@@ -166,7 +166,7 @@ class Loop:
         # Listeners take the samples before the limits are checked: a trip must not lose the samples that led to it.
         for listener in self._listeners:
             listener(shaft, force)
-        # Not put together at every tick for nobody.
+        # Put together only where an observer is attached.
         if self._observer is not NULL_OBSERVER:
             target = self.target_rad, self._target_speed_rad_s
             self._observer.tick(Tick(self.now_s, shaft, force, *target, self._late_s, self.worst_gap_s, self._status))

@@ -133,7 +133,7 @@ def test_a_bus_that_is_not_there_is_told_when_it_is_opened(monkeypatch):
         open_guarded("mit", WallClock())
 
 
-@pytest.mark.realtime  # the guardian has a second to say why it could not let go
+@pytest.mark.realtime  # the guardian has a second to say why it could not disable the drive
 def test_a_bus_that_breaks_is_an_error_of_the_next_calls_and_of_the_last_word(monkeypatch):
     with far_end("mit") as served:
         monkeypatch.setenv("CAN_CONFIG", served.can_config)

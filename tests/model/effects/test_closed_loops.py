@@ -173,24 +173,24 @@ def test_friction_that_grows_with_a_load_gives_back_no_energy_on_closed_paths(va
     assert least > -SUM_ERR
 
 
+def sum_work(force, way):
+    """The work that a force (k,) takes on a closed path (k,), and the work that goes through, by the trapezoidal rule."""
+    work = 0.5 * (force + np.roll(force, 1)) * (way - np.roll(way, 1))
+    return work.sum(), np.abs(work).sum()
+
+
 @numba.njit(error_model="numpy")
-def work_on_floor(law, parameter, stiffness, damping, leaving, depth, rate):
-    """The work that floor and law take from an end on a closed path (k,) of its depth, and the work that goes through."""
-    x, out, taken, through, last = np.zeros(6), np.zeros(4), 0.0, 0.0, 0.0
-    for step in range(depth.size + 1):
-        k, before = step % depth.size, depth[step - 1]
-        N = 0.0
+def forces_of_floor(law, parameter, stiffness, damping, leaving, depth, rate):
+    """The forces (k,) of floor and law against an end at this depth (k,)."""
+    x, out, normal = np.zeros(6), np.zeros(4), np.zeros(depth.size)
+    for k in range(depth.size):
         if depth[k] > 0.0:
-            N = normal_force(stiffness, damping if rate[k] > 0.0 else leaving, depth[k], rate[k])[0]
+            normal[k] = normal_force(stiffness, damping if rate[k] > 0.0 else leaving, depth[k], rate[k])[0]
             if law != 0:
                 x[0], x[1] = depth[k], rate[k]
                 call_law(law, x, x, parameter, out)
-                N += out[0]
-        if step > 0:
-            work = 0.5 * (N + last) * (depth[k] - before)
-            taken, through = taken + work, through + abs(work)
-        last = N
-    return taken, through
+                normal[k] += out[0]
+    return normal
 
 
 def least_on_floor(effect, values, paths, steps=STEPS):
@@ -207,7 +207,7 @@ def least_on_floor(effect, values, paths, steps=STEPS):
         for _ in range(paths):
             depth, rate, _, _ = draw_path(random, 1e-5, 4e-3, steps)
             depth = depth + random.uniform(-0.5, 1.0) * np.ptp(depth)
-            taken, through = work_on_floor(law, parameter, *plain, depth, rate)
+            taken, through = sum_work(forces_of_floor(law, parameter, *plain, depth, rate), depth)
             if through > 0.0:
                 least = min(least, taken / through)
     return least
@@ -281,17 +281,12 @@ DRIVES = ("motor_speed_droop", "motor_torque_limit", "motor_cogging", "shaft_com
 
 
 @numba.njit(error_model="numpy")
-def work_of_drive(shaft, angle, speed):
-    """The work that a drive with a standing command takes from a leg on a closed path (k,), and what goes through."""
-    taken = through = last = 0.0
-    for step in range(angle.size + 1):
-        k, before = step % angle.size, angle[step - 1]
-        torque = -drive_torque(shaft, -angle[k], -speed[k], angle[k])[0]
-        if step > 0:
-            work = 0.5 * (torque + last) * (angle[k] - before)
-            taken, through = taken + work, through + abs(work)
-        last = torque
-    return taken, through
+def torques_of_drive(shaft, angle, speed):
+    """The torques (k,) of a drive with a standing command against a leg that turns its shaft by these angles (k,)."""
+    torque = np.zeros(angle.size)
+    for k in range(angle.size):
+        torque[k] = -drive_torque(shaft, -angle[k], -speed[k], angle[k])[0]
+    return torque
 
 
 def least_of_drive(id_, values, paths, steps=STEPS):
@@ -302,7 +297,7 @@ def least_of_drive(id_, values, paths, steps=STEPS):
         shaft = add_drive(held(0.0).shaft(), setup.drive, 0.0)
         for _ in range(paths):
             angle, speed, _, _ = draw_path(random, 1e-3, LARGE_RAD, steps)
-            taken, through = work_of_drive(shaft, angle, speed)
+            taken, through = sum_work(torques_of_drive(shaft, angle, speed), angle)
             if through > 0.0:
                 least = min(least, taken / through)
     return least
