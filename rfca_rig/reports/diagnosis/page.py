@@ -29,6 +29,7 @@ from rfca_rig.reports.diagnosis.tables import (
     format_probability,
     format_with_interval_90,
     hypothesis,
+    nuisance_unit,
     sizes,
 )
 from rfca_rig.reports.page_units import convert_diagnosis, page_name
@@ -349,7 +350,7 @@ def _nuisances(diagnosis: Diagnosis) -> list[dict[str, str]]:
     found = []
     for name, value in diagnosis.believed_values.items():
         words, unit = words_and_unit(name)
-        unit = (diagnosis.nuisance_units.get(name) or unit).replace("m1.5", "m^1.5")
+        unit = nuisance_unit(diagnosis, name) or unit
         prior = diagnosis.priors.get(name)
         key = diagnosis.nuisance_keys.get(name, "")
         texts = {"name": words, "unit": unit, "value": format_with_interval_90(value), "prior": "", "key": key, "forest": ""}

@@ -181,13 +181,14 @@ def nominal_values_table(diagnosis: Diagnosis) -> Table:
         TableColumn("prior_std", "Std.", over=PRIOR),
     )
     rows = tuple(
-        TableRow({**_value_cells(name, value, _nuisance_unit(diagnosis, name)), **priors.get(name, {})})
+        TableRow({**_value_cells(name, value, nuisance_unit(diagnosis, name)), **priors.get(name, {})})
         for name, value in diagnosis.believed_values.items()
     )
     return Table("believed", "As the recordings leave them, ± half of a 90 % interval.", columns, rows)
 
 
-def _nuisance_unit(diagnosis: Diagnosis, name: str) -> str:
+def nuisance_unit(diagnosis: Diagnosis, name: str) -> str:
+    """Unit of a nuisance parameter whose name does not carry it, else empty."""
     return diagnosis.nuisance_units.get(name, "").replace("m1.5", "m^1.5")
 
 
