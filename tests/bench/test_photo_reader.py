@@ -17,8 +17,11 @@ EYE = PhotoSetup(camera(800), PLAN, tuple(LENGTHS_M.tolist()))
 
 
 def photograph(path: Path, seed: int) -> None:
+    """Like the recorder, it gives the photo its name when it is complete."""
     random = np.random.default_rng(seed)
-    cv2.imwrite(str(path), draw(pose(random), LENGTHS_M, PLAN, EYE.camera, Look(), random))
+    begun = path.with_name(f"begun-{path.name}")
+    cv2.imwrite(str(begun), draw(pose(random), LENGTHS_M, PLAN, EYE.camera, Look(), random))
+    begun.rename(path)
 
 
 def places(marks: IdentifiedMarks) -> list[list[float] | None]:
