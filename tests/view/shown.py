@@ -9,7 +9,7 @@ from typing import Any
 from playwright.sync_api import Page, ViewportSize
 
 from tests.view import messages
-from tests.view.browser import WatchedPage, browser
+from tests.view.browser import PATIENCE_MS, WatchedPage, browser
 from tests.view.scripted_server import TOKEN, ScriptedServer, serving
 
 DESKTOP = ViewportSize(width=1280, height=800)
@@ -62,7 +62,7 @@ def painted(shown: Shown) -> None:
 
 def heard(shown: Shown, kind: str) -> list[dict[str, Any]]:
     """What the page sent of that kind, once there is some."""
-    for _ in range(200):
+    for _ in range(round(PATIENCE_MS / 10.0)):
         found = [message for message in shown.server.heard if message["kind"] == kind]
         if found:
             return found
