@@ -106,6 +106,30 @@ def test_an_effect_promises_what_it_does_though_nuisance_parameters_are_off():
     assert of_true[1] < 1.2 * of_other[1]
 
 
+def test_beside_another_fit_only_effects_that_promise_something_are_simulated_again():
+    parts = flaps_of(recorded(replace(RIG, effects=(HEAVY,)), CONDITIONS, with_shaft=False))
+    config = SearchConfig()
+    state = model_selection._fit_nominal(make_leg_dataset(parts), Parameterization(nuisances_of(RIG, KNOWN_TO, 0.0)), config)
+    around = model_selection._projection(state, state.nominal)
+    known = model_selection._screen(state, state.nominal, around, points_of("tip_mass", "sensor_clock_rate")).probes
+
+    beside = model_selection._projection(state, state.nothing)
+    gains = {
+        name: max(beside.gain(one.signature)[0] for one in known if one.choice.effect.id == name)
+        for name in ("tip_mass", "sensor_clock_rate")
+    }
+
+    def kept(promise):
+        screen = model_selection._screen_promising(state, state.nothing, known, promise / config.worth_a_probe, config)
+        assert {probe.choice for probe in screen.probes} == {probe.choice for probe in known}
+        return {probe.choice.effect.id for probe in screen.probes if any(probe is one for one in known)}
+
+    assert gains["tip_mass"] > 10.0 * gains["sensor_clock_rate"]
+    assert kept(0.0) == set()
+    assert kept(2.0 * gains["sensor_clock_rate"]) == {"sensor_clock_rate"}
+    assert kept(2.0 * gains["tip_mass"]) == {"tip_mass", "sensor_clock_rate"}
+
+
 DRY = present("hinge_coulomb_friction", torque_Nm=0.08, presliding_deg=0.4)
 
 

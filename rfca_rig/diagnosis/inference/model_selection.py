@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.config import (
     ALWAYS_FITTED,
     CLOSE_LOG_EVIDENCE,
+    CONVERGED_GAIN,
     DEFAULT_SEARCH,
     GOOD_FIT,
     IMPLAUSIBLE,
     LARGEST_SET,
+    LEAST_GAIN,
     MAX_COORDINATE,
     MAX_RESCALING,
     STRAINED,
@@ -158,7 +160,7 @@ def search_models(
     points = grid_points(term for effect in effects for term in terms_of(effect))
     beside_nominal = _screen(state, state.nominal, _projection(state, state.nominal), points)
     # Beside the fit without effects the right effect shows best, unless a nuisance parameter has taken its place there.
-    beside_nothing = _screen_again(state, state.nothing, _projection(state, state.nothing), beside_nominal.probes, config)
+    beside_nothing = _screen_promising(state, state.nothing, beside_nominal.probes, config.worth_a_fit, config)
     progress("each effect", 0.25)
     starts = [
         *_first_sets(_single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit), config.singles_coarse),
@@ -232,6 +234,14 @@ def _screen_again(state: SearchState, base: MapFit, projection: Projection, prob
     return _screen(state, base, projection, promising_points(projection, probes, config.probed_again))
 
 
+def _screen_promising(state: SearchState, base: MapFit, probes: Sequence[EffectProbe], least: float, config: SearchConfig) -> Screen:
+    """The same, but the effects that promise too little to reach `least` of chi-square keep the signatures that are known."""
+    projection = _projection(state, base)
+    promising = {probe.choice for probe in probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least}
+    again = _screen_again(state, base, projection, [probe for probe in probes if probe.choice in promising], config)
+    return replace(again, probes=[*again.probes, *(probe for probe in probes if probe.choice not in promising)])
+
+
 def _first_sets(starts: Sequence[FitStart], count: int) -> list[FitStart]:
     """The starts of the first `count` sets of effects."""
     sets = list(dict.fromkeys(frozenset(start.terms) for start in starts))[:count]
@@ -287,15 +297,13 @@ def _joint_gains(projection: Projection, probes: Sequence[EffectProbe]) -> Float
 def _partner_starts(state: SearchState, size: int, screen: Screen, config: SearchConfig) -> list[FitStart]:
     """One effect more beside the best sets of a size, screened beside the fit of that set.
 
-    Only effects are screened that promise something there by their signatures beside the fit without effects.
+    Effects that promise little there keep their signatures beside the fit without effects.
     """
     found: list[FitStart] = []
     least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
     for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
-        projection = _projection(state, parent)
-        promising = {probe.choice for probe in screen.probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least}
-        others = [probe for probe in screen.probes if probe.choice in promising and probe.choice.effect.id not in parent.ids]
-        found += _single_starts(_screen_again(state, parent, projection, others, config), 1, least)[: config.partners]
+        others = [probe for probe in screen.probes if probe.choice.effect.id not in parent.ids]
+        found += _single_starts(_screen_promising(state, parent, others, least, config), 1, least)[: config.partners]
     return found
 
 
@@ -310,7 +318,7 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
     wanted = [start for start in starts if frozenset(start.terms) not in known]
 
     def fit_coarsely(start: FitStart) -> tuple[float, Floats] | None:
-        fit = _fit(state.coarse, state, start, 2)
+        fit = _fit(state.coarse, state, start, 2, CONVERGED_GAIN)
         return None if fit is None else (state.coarse.free_log_evidence(fit), fit.x)
 
     found = zip(wanted, map_in_processes(fit_coarsely, wanted), strict=True)
@@ -335,11 +343,11 @@ def _list_shared(state: SearchState, hypotheses: Iterable[Terms]) -> list[object
     return [state.nominal.coordinates.space, *(term for terms in hypotheses for term in terms)]
 
 
-def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: int) -> MapFit | None:
+def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: int, least_gain: float = LEAST_GAIN) -> MapFit | None:
     """MAP fit from a start; None where the model has no answer."""
     known = start.jacobian if optimizer is state.optimizer else start.jacobian[state.in_coarse]
     here = optimizer.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
-    return None if here is None else optimizer.refine(here, levels=levels)
+    return None if here is None else optimizer.refine(here, levels, least_gain=least_gain)
 
 
 def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
