@@ -1,7 +1,9 @@
 """What all tests share."""
 
+import atexit
 import gc
 import os
+import shutil
 import signal
 import tempfile
 from collections.abc import Generator, Sequence
@@ -21,6 +23,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # the list of trusted code of whoever runs the tests stays as it is
 os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="rfca-rig-tests-")
+
+
+def _remove_config_home(folder: str, owner: int) -> None:
+    """A forked child, which ends before the tests do, leaves the folder to its parent."""
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+atexit.register(_remove_config_home, os.environ["XDG_CONFIG_HOME"], os.getpid())
 
 # a shell that starts tests in the background has them and their children deaf to ^C, which some are about
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
