@@ -18,7 +18,7 @@ from rfca_rig.devices.netft.section import NetFtSettings
 from rfca_rig.errors import DeviceError
 from tests.acquisition.sender import datagram, sending
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 
 
 @pytest.fixture

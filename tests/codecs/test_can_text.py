@@ -79,7 +79,7 @@ def test_python_can_s_serial_bus_hears_and_says_the_same() -> None:
     bus = slcanBus(os.ttyname(slave), sleep_after_open=0.0)
     sent = ClassicFrame(0x09, bytes(range(8)))
     os.write(master, classic_can.encode_slcan(sent))
-    heard = bus.recv(timeout=2.0)
+    heard = bus.recv(timeout=60.0)
     assert (heard.arbitration_id, bytes(heard.data)) == (sent.can_id, sent.data)
     bus.send(can.Message(arbitration_id=0x29, is_extended_id=False, is_remote_frame=True, dlc=8))
     said = b""

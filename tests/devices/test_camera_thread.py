@@ -9,7 +9,7 @@ from rfca_rig.drivers.camera import CameraThread
 from rfca_rig.drivers.roles import Photo
 from rfca_rig.errors import DeviceError
 
-LONGEST_S = 5.0
+LONGEST_S = 60.0
 
 
 class Held:

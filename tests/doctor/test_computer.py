@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rfca_rig.clock import WallClock
+from rfca_rig.clock import TwinClock, WallClock
 from rfca_rig.devices.checks import judge_receive_buffer, look_at_serial_port, probe_receive_buffer
 from rfca_rig.doctor.computer import (
     CacheSeen,
@@ -106,9 +106,26 @@ def test_extras_are_told_apart_by_what_is_there_and_what_fits():
 
 
 def test_the_loop_that_was_asked_for_is_the_loop_that_is_measured():
-    seen = look_at_clock(WallClock())
-    assert 2e-3 <= seen.p99_s <= seen.worst_s < 1.0
-    assert 0.0 < seen.step_s < 1e-3
+    seen = look_at_clock(LateClock())
+    assert (seen.period_s, seen.p99_s, seen.worst_s) == pytest.approx((2e-3, 7e-3, 32e-3), abs=1e-5)
+    assert seen.step_s == pytest.approx(1e-6)
+
+
+class LateClock(TwinClock):
+    """Every 50th wait ends 5 ms late, one of them 30 ms. Every second reading is 1 us later than the one before."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._waits = self._readings = 0
+
+    def now_s(self) -> float:
+        self._readings += 1
+        return super().now_s() + 1e-6 * (self._readings // 2)
+
+    def wait_until(self, t_s: float) -> None:
+        self._waits += 1
+        late_s = 0.0 if self._waits % 50 else 30e-3 if self._waits == 250 else 5e-3
+        super().wait_until(t_s + late_s)
 
 
 def test_a_folder_that_is_not_there_yet_is_measured_where_it_would_be_made(tmp_path):

@@ -57,7 +57,8 @@ def test_workers_use_one_thread_each(workers):
 def test_a_killed_worker_costs_the_piece_that_it_had(workers, tmp_path):
     killer = threading.Thread(target=kill_the_one_at, args=(tmp_path / "2",))
     killer.start()
-    results = {number: result for (_, number), result in map_unordered(workers, work.slow, [(tmp_path, number) for number in range(6)])}
+    pieces = [(tmp_path, number) for number in range(6)]
+    results = {number: result for (_, number), result in map_unordered(workers, work.waits_to_be_killed_at_two, pieces)}
     killer.join()
     assert results == {number: 10 * number for number in range(6)}
     assert begun(tmp_path) == {0: 1, 1: 1, 2: 2, 3: 1, 4: 1, 5: 1}

@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from rfca_rig.executors import parallel
 from rfca_rig.executors.cores import VARIABLE, cores
 from rfca_rig.executors.parallel import map_in_processes, map_in_threads
 
+PATIENCE_S = 60.0
+
 needs_copies = pytest.mark.skipif(not parallel.CAN_COPY, reason="this system makes no copies of a process")
 
 
@@ -21,6 +24,13 @@ needs_copies = pytest.mark.skipif(not parallel.CAN_COPY, reason="this system mak
 class Found:
     by: object
     values: np.ndarray
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    until_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < until_s
+        time.sleep(0.002)
 
 
 @pytest.fixture(autouse=True)
@@ -35,10 +45,13 @@ def test_results_come_in_the_order_of_the_items(apply) -> None:
 
 
 @needs_copies
-def test_copies_and_this_process_work_at_once_and_use_one_core_each() -> None:
+def test_copies_and_this_process_work_at_once_and_use_one_core_each(tmp_path) -> None:
+    here = tmp_path / str(os.getpid())
+
     def look(_: int) -> tuple[int, int, bool]:
-        # Long enough for the copies to begin.
-        time.sleep(0.1)
+        (tmp_path / str(os.getpid())).touch()
+        # Each process keeps its first item until another one has begun, this one too: nobody can do all the work alone.
+        wait_for(lambda: here.exists() and len(list(tmp_path.iterdir())) > 1)
         return os.getpid(), cores(), threading.current_thread() is threading.main_thread()
 
     places = map_in_processes(look, range(12))
@@ -50,11 +63,15 @@ def test_copies_and_this_process_work_at_once_and_use_one_core_each() -> None:
 
 @needs_copies
 def test_after_an_error_no_process_takes_a_further_item(tmp_path) -> None:
+    failing = tmp_path / "4"
+
     def work(number: int) -> None:
         (tmp_path / str(number)).touch()
-        time.sleep(0.05)
         if number == 4:
             raise BadInput("4")
+        if number > 4:
+            wait_for(failing.exists)
+            time.sleep(0.2)
 
     with pytest.raises(BadInput, match="4"):
         map_in_processes(work, range(100))

@@ -50,6 +50,17 @@ def slow(job: tuple[Path, int]) -> int:
     return 10 * number
 
 
+def waits_to_be_killed_at_two(job: tuple[Path, int]) -> int:
+    """The third piece waits for the end of its process, but only the first time."""
+    folder, number = job
+    if number == 2 and not (folder / "2").exists():
+        with (folder / "2").open("a") as begun:
+            begun.write(f"{os.getpid()}\n")
+        time.sleep(60.0)
+        raise AssertionError("nobody killed it")
+    return slow(job)
+
+
 def returns_what_cannot_travel(number: int) -> object:
     return (lambda: number) if number == 3 else number
 

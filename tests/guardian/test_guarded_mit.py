@@ -53,6 +53,7 @@ def test_a_program_that_computes_instead_of_commanding_leaves_no_torque(mit):
         assert let_go(d, 1.5) < SILENCE_S + SMALL_S
 
 
+@pytest.mark.realtime
 def test_control_c_in_the_terminal_reaches_the_program_and_not_the_guardian(mit):
     """The program ends its run then, and leaves it to the guardian."""
     with driving(mit) as d:
@@ -92,6 +93,7 @@ def test_a_guardian_that_fails_is_found_out_and_the_program_lets_go_itself(mit, 
 # -- in this process ---------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.realtime
 def test_the_guardian_is_proven_by_starving_it_and_the_motor_can_be_enabled_again(mit, monkeypatch):
     with guarded(mit, monkeypatch) as motor:
         assert SILENCE_S < prove_stop(Bench(motor, None, None, WallClock(), is_real=True)) < SILENCE_S + SMALL_S
@@ -101,6 +103,7 @@ def test_the_guardian_is_proven_by_starving_it_and_the_motor_can_be_enabled_agai
         assert motor.identity()["guardian"] == "disables the motor after 100 ms of silence"
 
 
+@pytest.mark.realtime
 def test_a_command_after_too_long_a_silence_is_refused_and_reading_goes_on(mit, monkeypatch):
     with guarded(mit, monkeypatch) as motor:
         motor.enable()
@@ -117,6 +120,7 @@ def test_a_command_after_too_long_a_silence_is_refused_and_reading_goes_on(mit, 
         motor.command_speed(0.0)
 
 
+@pytest.mark.realtime
 def test_reading_tells_it_too_and_once(mit, monkeypatch):
     with guarded(mit, monkeypatch) as motor:
         motor.enable()

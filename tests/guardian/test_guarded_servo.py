@@ -34,6 +34,7 @@ def test_a_program_that_is_stopped_leaves_no_torque(servo):
         assert SILENCE_S - STAMPED_S < let_go(d, 1.0) < SILENCE_S + SMALL_S
 
 
+@pytest.mark.realtime
 def test_the_guardian_is_proven_by_starving_it(servo, monkeypatch):
     with guarded(servo, monkeypatch) as motor:
         assert SILENCE_S < prove_stop(Bench(motor, None, None, WallClock(), is_real=True)) < SILENCE_S + SMALL_S

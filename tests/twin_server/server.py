@@ -35,7 +35,7 @@ class Server:
 
     def told(self, line: str) -> str:
         """The whole answer to one line on the control port."""
-        with socket.create_connection(("127.0.0.1", int(self.ports["control_port"])), timeout=5.0) as connection:
+        with socket.create_connection(("127.0.0.1", int(self.ports["control_port"])), timeout=60.0) as connection:
             connection.sendall(f"{line}\n".encode())
             answer = ""
             while not answer.endswith("ok\n") and not answer.startswith("error"):

@@ -15,6 +15,7 @@ from rfca_rig.twins.wires import datagram_link
 from tests.twin_server.polling import polled, quick_clock
 
 HOST = "127.0.0.1"
+PATIENCE_S = 60.0
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def test_the_box_s_page_is_read_by_our_own_driver_and_by_hand(box):
             (b"hello", b"400"),
             (b"x" * 9000, b"400"),
         ):
-            with closing(socket.create_connection((HOST, port.port), 2.0)) as talk:
+            with closing(socket.create_connection((HOST, port.port), PATIENCE_S)) as talk:
                 talk.sendall(request + b"\r\n\r\n")
                 answer = b"".join(iter(lambda talk=talk: talk.recv(4096), b""))
             assert answer.split(b" ")[1] == status
@@ -43,7 +44,7 @@ def test_the_box_s_page_is_read_by_our_own_driver_and_by_hand(box):
 def test_a_request_may_come_in_pieces(box):
     with (
         polled(port := HttpPort(box, FaultPanel(FORCE_FAULTS), HOST, 0)),
-        closing(socket.create_connection((HOST, port.port), 2.0)) as talk,
+        closing(socket.create_connection((HOST, port.port), PATIENCE_S)) as talk,
     ):
         for piece in (b"GET /netft", b"api2.xml HTTP/1.1\r\nHost: x\r\n", b"\r\n"):
             talk.sendall(piece)
@@ -57,7 +58,7 @@ def test_the_command_interface_is_read_by_our_own_driver_and_takes_commands_in_p
     with polled(port := CommandPort(box, HOST, 0)):
         info = CommandBox(HOST, port.port).says()
         assert (info.counts_per_force, info.counts_per_torque) == (1_000_000, 2_000_000)
-        with closing(socket.create_connection((HOST, port.port), 2.0)) as talk:
+        with closing(socket.create_connection((HOST, port.port), PATIENCE_S)) as talk:
             asked = encode_command(ReadCalibrationInfo())
             talk.sendall(asked + asked[:7])
             assert talk.recv(100) == encode_calibration(info)

@@ -77,13 +77,19 @@ def test_our_own_drivers_turn_the_shaft_and_read_the_sensor_over_the_sockets(dri
     assert drivers.sensor.health().lost == 0
 
 
+@pytest.mark.realtime
 def test_a_fault_switched_from_another_terminal_reaches_the_drivers(served, drivers, monkeypatch, capsys):
-    port = served.ports["control_port"]
     drivers.motor.enable()
-    said = typed(monkeypatch, capsys, "twin", "tell", "on", "over-temperature", "--control-port", port)
+    said = typed(monkeypatch, capsys, "twin", "tell", "on", "over-temperature", "--control-port", served.ports["control_port"])
     assert (said.exit_code, said.err) == (0, "")
     drivers.run(0.5, 0.0)
     assert "MOTOR_OVER_TEMP" in str(drivers.motor.status().fault)
+
+
+def test_faults_are_switched_and_listed_from_another_terminal(served, monkeypatch, capsys):
+    port = served.ports["control_port"]
+    said = typed(monkeypatch, capsys, "twin", "tell", "on", "over-temperature", "--control-port", port)
+    assert (said.exit_code, said.err) == (0, "")
     listed = typed(monkeypatch, capsys, "twin", "tell", "faults", "--control-port", port)
     assert "over-temperature   once" in listed.out
     refused = typed(monkeypatch, capsys, "twin", "tell", "on", "flood", "--control-port", port)
@@ -128,7 +134,7 @@ def test_a_server_that_is_told_to_terminate_does():
 
 
 def test_it_ends_by_itself_and_says_where_it_was_reached(monkeypatch, capsys):
-    said = typed(monkeypatch, capsys, "twin", "serve", *ANY_FREE, "--seconds", 0.1, "--fault", "can-silent@0.05")
+    said = typed(monkeypatch, capsys, "twin", "serve", *ANY_FREE, "--seconds", 0.1, "--fault", "can-silent@0")
     assert said.exit_code == 0
     assert "SIM Net F/T RDT on UDP 127.0.0.1:" in said.err
     assert "SIM fault can-silent on" in said.err

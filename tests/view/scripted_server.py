@@ -60,13 +60,13 @@ class ScriptedServer:
         for message in messages:
             if message["kind"] == "state":
                 self.state = message
-            asyncio.run_coroutine_threadsafe(self._send(message), self.loop).result(5)
+            asyncio.run_coroutine_threadsafe(self._send(message), self.loop).result(60)
 
     def hang_up(self) -> None:
         """Closes every socket."""
         assert self.loop is not None
         for socket in list(self._sockets):
-            asyncio.run_coroutine_threadsafe(socket.close(), self.loop).result(5)
+            asyncio.run_coroutine_threadsafe(socket.close(), self.loop).result(60)
 
     async def _send(self, message: dict[str, Any]) -> None:
         for socket in list(self._sockets):
