@@ -5,13 +5,20 @@ import gc
 import os
 import shutil
 import signal
+import sys
 import tempfile
 from collections.abc import Generator, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 # a machine that is busy with something else is slow, which is no fault of what is tested
 settings.register_profile("unhurried", deadline=None)
@@ -53,6 +60,35 @@ def pytest_collection() -> Generator[None, object, object]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _each_function_compiled_by_one_worker(tmp_path_factory: pytest.TempPathFactory) -> Generator[None]:
+    """A worker that needs a function which another one is compiling waits for it, and then loads it from the disk.
+
+    Otherwise both would compile it. Two to three workers need the same functions in the first minute, at 10 to 25 s each.
+    """
+    numba = sys.modules.get("numba")
+    if numba is None or fcntl is None or "PYTEST_XDIST_WORKER" not in os.environ:
+        yield
+        return
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.dispatcher import Dispatcher
+
+    # The workers' own folders stand in it.
+    folder = tmp_path_factory.getbasetemp().parent
+    compile_function = Dispatcher.compile
+
+    def compile_alone(dispatcher: Any, signature: Any) -> Any:
+        function = dispatcher.py_func
+        # The lock within the process comes first: its threads would otherwise wait for each other in a circle.
+        with global_compiler_lock, (folder / f"compiling-{function.__module__}.{function.__qualname__}"[:200]).open("w") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            return compile_function(dispatcher, signature)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Dispatcher, "compile", compile_alone)
+        yield
 
 
 # Files with slow tests of up to a minute each. At the end of all tests such a test leaves the other workers idle. Pictures need the
