@@ -44,8 +44,8 @@ ROUNDS, LEVELS, CONVERGENCE_ROUNDS = 8, 5, 4  # steps at one discrepancy scale, 
 STEP_REDUCTION = 0.4  # share of the way after a step that did not help
 # Steps in a row that did not help, after which the Jacobian is recomputed: of 12 poor starts 6 arrive with 2, none without
 FAILED_STEPS = 2
-CONVERGED_GAIN = 0.5  # log posterior density, about how rough the model is: convergence and fits on a subset end at less
-LEAST_GAIN = 0.02  # the same of fits on all conditions: with 0.1 the residual of one of three campaigns is a third larger
+CONVERGED_GAIN = 0.5  # log posterior density, about how rough the model is
+LEAST_GAIN = 0.02  # log posterior density: a step that gains less is the last, as many of them along a curved valley gain several units
 SAME_COLUMN_COSINE = 0.995  # cosine, in units of noise, from which two columns of the Jacobian are the same
 
 # Screening

@@ -136,15 +136,15 @@ class GaussNewton:
         drop = np.arange(coordinates.size)[coordinates.part(number)]
         return self.at(coordinates.with_terms(kept), np.delete(found.x, drop), np.delete(found.jacobian, drop, axis=1))
 
-    def refine(self, start: MapFit, levels: int = LEVELS, rounds: int = ROUNDS, least_gain: float = LEAST_GAIN) -> MapFit:
-        """Steps from `start` until one gains less than `least_gain` of log posterior density, at one discrepancy scale after the other."""
+    def refine(self, start: MapFit, levels: int = LEVELS, rounds: int = ROUNDS) -> MapFit:
+        """Steps from `start` until nothing more is gained, at one discrepancy scale after the other."""
         here, last = start, np.inf
         for _ in range(levels):
             whitening = self.likelihood.level(here.linear(self.dataset.rows.measured))
             # The same scale twice: the fit has settled.
             if whitening.s == last:
                 break
-            here, last = self._descend(here, whitening, rounds, least_gain), whitening.s
+            here, last = self._descend(here, whitening, rounds), whitening.s
         return here
 
     def converge(self, found: MapFit, rounds: int = CONVERGENCE_ROUNDS) -> MapFit:
@@ -162,14 +162,14 @@ class GaussNewton:
         no_columns = np.empty((len(here.predicted), 0))  # a hypothesis without unknowns has no column
         return self._make_fit(here.coordinates, here.x, here.predicted, np.column_stack([no_columns, *columns]))
 
-    def _descend(self, here: MapFit, whitening: DiscrepancyWhitening, rounds: int, least_gain: float) -> MapFit:
+    def _descend(self, here: MapFit, whitening: DiscrepancyWhitening, rounds: int) -> MapFit:
         """Damped steps at one discrepancy scale towards the optimum of the linear model; a failed step shortens the next one."""
         share, failed, is_fresh = 1.0, 0, False
         for _ in range(rounds):
             goal = _goal(here.linear(self.dataset.rows.measured), whitening)
             before = self.misfit(here.x, here.predicted, whitening)
             # The linear model itself promises too little for a further step.
-            if before - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening) < least_gain:
+            if before - self.misfit(goal, here.predicted + here.jacobian @ (goal - here.x), whitening) < LEAST_GAIN:
                 return here
             x = here.x + share * (goal - here.x)
             predicted = self.dataset.predicted(here.coordinates.supposed(x))
@@ -177,7 +177,7 @@ class GaussNewton:
             if predicted is not None:
                 # A failed step is not taken, but it shows where the Jacobian is wrong.
                 here = self._update_by_secant(here, x, predicted) if gained <= 0.0 else self._refresh_jacobian(here, x, predicted)
-            if 0.0 < gained < least_gain:
+            if 0.0 < gained < LEAST_GAIN:
                 return here
             # Damping by step length: it grows back after a success, up to the full step.
             share = min(1.0, 2.0 * share) if gained > 0.0 else STEP_REDUCTION * share

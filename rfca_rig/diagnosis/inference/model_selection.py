@@ -20,12 +20,10 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.config import (
     ALWAYS_FITTED,
     CLOSE_LOG_EVIDENCE,
-    CONVERGED_GAIN,
     DEFAULT_SEARCH,
     GOOD_FIT,
     IMPLAUSIBLE,
     LARGEST_SET,
-    LEAST_GAIN,
     MAX_COORDINATE,
     MAX_RESCALING,
     STRAINED,
@@ -318,7 +316,7 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
     wanted = [start for start in starts if frozenset(start.terms) not in known]
 
     def fit_coarsely(start: FitStart) -> tuple[float, Floats] | None:
-        fit = _fit(state.coarse, state, start, 2, CONVERGED_GAIN)
+        fit = _fit(state.coarse, state, start, 2)
         return None if fit is None else (state.coarse.free_log_evidence(fit), fit.x)
 
     found = zip(wanted, map_in_processes(fit_coarsely, wanted), strict=True)
@@ -343,11 +341,11 @@ def _list_shared(state: SearchState, hypotheses: Iterable[Terms]) -> list[object
     return [state.nominal.coordinates.space, *(term for terms in hypotheses for term in terms)]
 
 
-def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: int, least_gain: float = LEAST_GAIN) -> MapFit | None:
+def _fit(optimizer: GaussNewton, state: SearchState, start: FitStart, levels: int) -> MapFit | None:
     """MAP fit from a start; None where the model has no answer."""
     known = start.jacobian if optimizer is state.optimizer else start.jacobian[state.in_coarse]
     here = optimizer.at(state.nominal.coordinates.with_terms(start.terms), start.x, known)
-    return None if here is None else optimizer.refine(here, levels, least_gain=least_gain)
+    return None if here is None else optimizer.refine(here, levels=levels)
 
 
 def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchState:
