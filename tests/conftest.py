@@ -59,6 +59,8 @@ def pytest_collection() -> Generator[None, object, object]:
         return (yield)
     finally:
         gc.freeze()
+        # As commands set it: compilation and pages make many objects that stay.
+        gc.set_threshold(10_000)
         gc.enable()
 
 

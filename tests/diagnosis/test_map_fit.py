@@ -1,6 +1,7 @@
 """What a descent must not believe of the slopes that it works with."""
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -52,7 +53,9 @@ def test_many_fits_from_a_poor_start_with_a_poor_jacobian_arrive(found):
     again.
     """
     optimizer, best = found
-    assert sum(arrives_from_a_poor_start(optimizer, best, seed) for seed in (1, 3, 4, 5, 6, 9)) >= 3
+    arrived = (seed for seed in (1, 3, 4, 5, 6, 9) if arrives_from_a_poor_start(optimizer, best, seed))
+    # No further fit once three have arrived.
+    assert len(list(islice(arrived, 3))) == 3
 
 
 def arrives_from_a_poor_start(optimizer, best, seed):

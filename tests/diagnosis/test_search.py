@@ -154,6 +154,7 @@ def test_an_effect_is_exchanged_for_one_of_its_family_that_explains_more(looped)
     assert {fit.ids for fit in found.fits} == {("spring_hysteresis",), ("hinge_coulomb_friction",)}  # a mass at the tip is no relative
 
 
+@pytest.mark.slow
 def test_what_was_exchanged_once_is_not_again(looped):
     once = exchange(looped)
     assert exchange(once, "hinge_coulomb_friction").fits == looped.fits

@@ -89,6 +89,7 @@ def test_a_wrong_node_id_is_named_with_its_remedy_within_80_columns(told):
     assert re.search(r"\d+ green, \d+ yellow, [1-9]\d* red\n$", said.out)
 
 
+@pytest.mark.realtime
 def test_a_silent_drive_is_told(told, server):
     assert server.told("on can-silent") == "ok\n"
     said = by_subject(told("--json"))
@@ -116,6 +117,7 @@ def test_a_box_set_otherwise_and_a_sensor_beyond_its_range_are_told(told, server
     assert "saturation" in said["sensor's status"]["seen"]
 
 
+@pytest.mark.realtime
 def test_a_bus_that_does_not_exist_is_told(told):
     said = told("--json", interface='"kvaser"', channel='"77"')
     bus = by_subject(said)["CAN bus"]

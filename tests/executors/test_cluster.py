@@ -43,12 +43,14 @@ def workers(address):
         yield executor
 
 
+@pytest.mark.slow
 def test_the_same_bits_as_here(workers):
     seeds = range(12)
     here = work.digest(dict(map_unordered(InProcessExecutor(), work.stroke, seeds)))
     assert work.digest(dict(map_unordered(workers, work.stroke, seeds))) == here
 
 
+@pytest.mark.slow
 def test_workers_use_one_thread_each(workers):
     assert {told for _, told in map_unordered(workers, work.threads, range(4))} == {(1, "1")}
 
@@ -112,6 +114,7 @@ def other_facts() -> dict[str, str]:
     return {**work.facts(), "numpy": "1.0" if "distributed.nanny" in sys.modules and distributed.worker._global_workers else "2.0"}
 
 
+@pytest.mark.slow
 def test_a_worker_with_another_version_is_refused_in_a_line(address):
     words = r"^the worker on \S+ is not as this process: numpy is 1\.0 there, 2\.0 here$"
     with pytest.raises(BadInput, match=words), connect_to_scheduler(address, None, other_facts, ignore_named_progress, print):
