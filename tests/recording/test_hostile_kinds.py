@@ -86,6 +86,16 @@ def assert_no_canary(place: str, content: bytes) -> None:
     assert not any(spelling in content for spelling in spellings(CANARY)), f"{place} shows another file"
 
 
+def times_of(folder: Path) -> dict[Path, tuple[int, int, int]]:
+    """Size, place on the disk and time of the last change of everything in a folder; links are not followed."""
+    found = {path: path.lstat() for path in (folder, *folder.rglob("*"))}
+    return {path: (at.st_size, at.st_ino, at.st_mtime_ns) for path, at in found.items()}
+
+
+def assert_untouched(folder: Path, before: dict[Path, tuple[int, int, int]]) -> None:
+    assert times_of(folder) == before
+
+
 def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[str, int]:
     """Every reader, one after the other. Returns their exit codes."""
     out = folder.parent / "out"
@@ -100,7 +110,7 @@ def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[
         "recover": ["recover", folder],
         "check again": ["check", folder],
     }
-    codes = {}
+    codes, before = {}, {}
     signal.signal(signal.SIGPROF, lambda *_: pytest.fail("does not end"))
     signal.setitimer(signal.ITIMER_PROF, MOST_WORK_S)
     try:
@@ -108,6 +118,12 @@ def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[
             # A recording that can be read would be diagnosed for minutes; one that cannot is refused at once.
             if name == "diagnose" and codes["report"] == 0:
                 continue
+            # What was refused and left as it was would be checked a second time with the same result.
+            if name == "check again" and codes["recover"] == 2:
+                assert_untouched(folder, before)
+                continue
+            if name == "recover":
+                before = times_of(folder)
             said = typed(monkeypatch, capsys, *line)
             codes[name] = said.exit_code
             assert said.exit_code in (0, 2), f"{name}: {said.err}"
