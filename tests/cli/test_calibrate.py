@@ -63,6 +63,7 @@ def true_matrix():
     return np.array([[SMALL.focal[0], 0, SMALL.centre[0]], [0, SMALL.focal[1], SMALL.centre[1]], [0, 0, 1.0]])
 
 
+@pytest.mark.slow
 def test_the_shaft_axis_by_its_pixel_and_the_result_as_json(call, photos, tmp_path):
     fewest = [photos / f"board-{at}.png" for at in range(6)]
     said = call(*fewest, "--plane", photos.parent / "plane.jpg", "--shaft-px", "200.5,150.25", "--out", "c.toml", "--json")

@@ -157,6 +157,7 @@ def test_a_dry_run_leaves_the_run_as_it_is(stopped, monkeypatch, capsys):
     assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
 
 
+@pytest.mark.slow
 def test_another_rig_is_refused_by_the_names_of_its_keys_unless_it_is_meant(stopped, here, monkeypatch, capsys):
     run = stopped("")
     rig = (here / "rig.toml").read_text()
@@ -174,6 +175,7 @@ def test_another_rig_is_refused_by_the_names_of_its_keys_unless_it_is_meant(stop
     assert typed(monkeypatch, capsys, "resume", run, "--dry-run").exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_run_that_still_goes_on_is_left_alone(stopped, monkeypatch, capsys):
     run = stopped("")
     events = AppendOnlyFile(run / "events.jsonl")
@@ -184,6 +186,7 @@ def test_a_run_that_still_goes_on_is_left_alone(stopped, monkeypatch, capsys):
     assert "the run is still going on" in said.err
 
 
+@pytest.mark.slow
 def test_a_folder_without_a_run_and_a_run_with_everything_in_it_are_told_so(of_two, here, monkeypatch, capsys):
     assert "holds no run that could go on" in typed(monkeypatch, capsys, "resume", here).err
     shutil.copytree(of_two, here / "run")
@@ -193,6 +196,7 @@ def test_a_folder_without_a_run_and_a_run_with_everything_in_it_are_told_so(of_t
     assert "every stage is recorded; to bring it to its end, type rfca-rig recover" in said.err
 
 
+@pytest.mark.slow
 def test_stage_files_that_are_not_those_of_the_plan_are_refused(stopped, monkeypatch, capsys):
     run = stopped("")
     header = json.loads((run / "run.json").read_text())

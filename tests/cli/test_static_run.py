@@ -215,6 +215,7 @@ def test_photos_taken_by_hand_are_read_afterwards(here, monkeypatch, capsys, run
     assert read.provenance["photos_from"] == "card"
 
 
+@pytest.mark.slow
 def test_photos_in_the_wrong_order_give_no_angles_and_one_too_few_leaves_nothing(here, monkeypatch, capsys, run_and_card):
     run, card = run_and_card
     (card / "IMG_9.JPG").rename(card / "IMG_11.JPG")

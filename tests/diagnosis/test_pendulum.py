@@ -85,6 +85,7 @@ def test_what_is_printed_beside_the_name_hangs_together(simple):
     assert not set(named) & {other.id for other in simple.not_seen}
 
 
+@pytest.mark.slow
 def test_where_model_and_recordings_differ_is_located(of_dry_friction):
     found = of_dry_friction.answer
     assert found.located
@@ -101,6 +102,7 @@ def check_proposal(proposal):
     assert proposal["protocol"] is None
 
 
+@pytest.mark.slow
 def test_two_laws_of_friction_are_told_apart_by_an_experiment_within_what_the_rig_has_done(of_dry_friction):
     check_proposal(of_dry_friction.answer.next_experiment)
 
@@ -139,6 +141,7 @@ def test_what_is_not_claimed_says_how_much_of_the_held_out_error_it_would_take_a
     check_held_out(free.unexplained)
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_closest_and_not_claimed_is_told_with_the_held_out_error_that_it_takes_away(of_dry_friction):
     found, decision = of_dry_friction.found, of_dry_friction.decision
     closest = replace(decision, effects=(), closest=found.named[0])

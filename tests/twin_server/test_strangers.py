@@ -177,6 +177,7 @@ def test_odrive_can_notices_a_drive_in_trouble(served, fault, said):
     assert said in asyncio.run(watch())
 
 
+@pytest.mark.slow
 def test_can_logger_of_python_can_writes_what_is_on_the_bus(served, tmp_path):
     log = tmp_path / "bus.asc"
     words = [sys.executable, "-m", "can.logger", "-i", "socketcand", "-c", "can0", "-f", str(log)]
