@@ -158,7 +158,7 @@ class MotorMoves(MotorHooks):
             assert np.abs(np.diff(shaft.angle_rad)).max() < 0.1
             assert shaft.angle_rad[-1] == pytest.approx(rig.rotor.angle_rad, abs=abs(speed_rad_s) * 3e-3 + self.ANGLE_TOLERANCE_RAD)
             stop_rad = rig.rotor.angle_rad
-            rig.run(0.5, angle_rad=stop_rad)
+            rig.run(2.0, angle_rad=stop_rad)
             assert rig.rotor.angle_rad == pytest.approx(stop_rad, abs=self.ANGLE_TOLERANCE_RAD)
             assert rig.motor.status().fault is None
 
