@@ -233,7 +233,7 @@ def _screen_again(state: SearchState, base: MapFit, projection: Projection, prob
 
 
 def _screen_promising(state: SearchState, base: MapFit, probes: Sequence[EffectProbe], least: float, config: SearchConfig) -> Screen:
-    """The same, but the effects that promise too little to reach `least` of chi-square keep the signatures that are known."""
+    """As `_screen_again`, but effects that promise too little to reach `least` of chi-square keep their known signatures."""
     projection = _projection(state, base)
     promising = {probe.choice for probe in probes if projection.gain(probe.signature)[0] > config.worth_a_probe * least}
     again = _screen_again(state, base, projection, [probe for probe in probes if probe.choice in promising], config)
