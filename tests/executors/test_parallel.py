@@ -4,7 +4,6 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +13,7 @@ from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors import parallel
 from rfca_rig.executors.cores import VARIABLE, cores
 from rfca_rig.executors.parallel import map_in_processes, map_in_threads
-
-PATIENCE_S = 60.0
+from tests.waiting import wait_for
 
 needs_copies = pytest.mark.skipif(not parallel.CAN_COPY, reason="this system makes no copies of a process")
 
@@ -24,13 +22,6 @@ needs_copies = pytest.mark.skipif(not parallel.CAN_COPY, reason="this system mak
 class Found:
     by: object
     values: np.ndarray
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    until_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until_s
-        time.sleep(0.002)
 
 
 @pytest.fixture(autouse=True)
@@ -50,7 +41,7 @@ def test_copies_and_this_process_work_at_once_and_use_one_core_each(tmp_path) ->
 
     def look(_: int) -> tuple[int, int, bool]:
         (tmp_path / str(os.getpid())).touch()
-        # Each process keeps its first item until another one has begun, this one too: nobody can do all the work alone.
+        # Each process keeps its first item until another one has begun, this one too, so no process can do all the work alone.
         wait_for(lambda: here.exists() and len(list(tmp_path.iterdir())) > 1)
         return os.getpid(), cores(), threading.current_thread() is threading.main_thread()
 

@@ -57,7 +57,7 @@ def waits_to_be_killed_at_two(job: tuple[Path, int]) -> int:
         with (folder / "2").open("a") as begun:
             begun.write(f"{os.getpid()}\n")
         time.sleep(60.0)
-        raise AssertionError("nobody killed it")
+        raise AssertionError("it was not killed")
     return slow(job)
 
 

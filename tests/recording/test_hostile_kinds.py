@@ -92,10 +92,6 @@ def times_of(folder: Path) -> dict[Path, tuple[int, int, int]]:
     return {path: (at.st_size, at.st_ino, at.st_mtime_ns) for path, at in found.items()}
 
 
-def assert_untouched(folder: Path, before: dict[Path, tuple[int, int, int]]) -> None:
-    assert times_of(folder) == before
-
-
 def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[str, int]:
     """Every reader, one after the other. Returns their exit codes."""
     out = folder.parent / "out"
@@ -120,7 +116,7 @@ def assert_taken_or_refused(monkeypatch, capsys, folder: Path, peak_MB) -> dict[
                 continue
             # What was refused and left as it was would be checked a second time with the same result.
             if name == "check again" and codes["recover"] == 2:
-                assert_untouched(folder, before)
+                assert times_of(folder) == before
                 continue
             if name == "recover":
                 before = times_of(folder)

@@ -13,9 +13,9 @@ from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, NetFtTwinSettin
 from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twins.wires import datagram_link
 from tests.twin_server.polling import polled, quick_clock
+from tests.waiting import PATIENCE_S
 
 HOST = "127.0.0.1"
-PATIENCE_S = 60.0
 
 
 @pytest.fixture

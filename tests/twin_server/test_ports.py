@@ -18,9 +18,9 @@ from rfca_rig.twin_server.faults import CAN_FAULTS, ControlPort, FaultPanel
 from rfca_rig.twin_server.tcp import IDLE_S, MAX_CLIENTS, MAX_QUEUED_BYTES, is_loopback, listening_tcp
 from rfca_rig.twins.wires import datagram_link
 from tests.twin_server.polling import polled, quick_clock
+from tests.waiting import PATIENCE_S
 
 HOST = "127.0.0.1"
-PATIENCE_S = 60.0
 FRAME = can.Message(arbitration_id=0x029, data=b"\1\2\3", is_extended_id=False)
 
 

@@ -7,7 +7,7 @@ import resource
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 import pytest
@@ -17,6 +17,7 @@ from rfca_rig.view import server
 from rfca_rig.view.run_queue import url_of
 from rfca_rig.view.server import MOST_PAGES
 from tests.view.pages import asked_to_stop, got, stream_of
+from tests.waiting import wait_for
 
 TOKEN = "Vr5UP1U5KcYRKtLTgvuAyMsX2-D6plbd"
 HEAD = f"Host: 127.0.0.1\r\nAuthorization: Bearer {TOKEN}\r\n"
@@ -63,14 +64,6 @@ def served() -> Iterator[tuple[str, Nothing]]:
     finally:
         over[0][0].call_soon_threadsafe(over[0][1].set)
         thread.join(20.0)
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    for _ in range(6000):
-        if condition():
-            return
-        threading.Event().wait(0.01)
-    raise AssertionError("nothing came of it within a minute")
 
 
 @pytest.fixture
