@@ -152,8 +152,12 @@ class SwingProblem:
         return [window.measured.size for window in self.windows]
 
 
-def make_swing_problem(campaign: PendulumCampaign, window_s: float = 0.5, bin_s: float = BIN_S) -> SwingProblem:
-    """Cut all runs of a campaign into windows and bins. Raises BadInput where no run is long enough for one window."""
+def make_swing_problem(campaign: PendulumCampaign, window_s: float | Sequence[float] = 0.5, bin_s: float = BIN_S) -> SwingProblem:
+    """Cut all runs of a campaign into bins and windows, all of one length or those of each run of its own.
+
+    Raises BadInput where no run is long enough for one window.
+    """
+    lengths_s = [window_s] * len(campaign.runs) if isinstance(window_s, float) else window_s
     powered = any(run.powered for run in campaign.runs)
     nuisances = tuple(
         Nuisance(f"link{place}.{key}", std)
@@ -164,11 +168,14 @@ def make_swing_problem(campaign: PendulumCampaign, window_s: float = 0.5, bin_s:
     )
     ready = make_driven_pendulum(campaign.pendulum)
     windows = tuple(
-        w for place, run in enumerate(campaign.runs) for w in _windows(place, run, campaign.noise_std, (window_s, bin_s), ready)
+        window
+        for place, (run, length_s) in enumerate(zip(campaign.runs, lengths_s, strict=True))
+        for window in _windows(place, run, campaign.noise_std, (length_s, bin_s), ready)
     )
     if not windows:
         raise BadInput(
-            f"no run of {campaign.title} is longer than {window_s + 2 * SMOOTHING_HALF_WIDTH_S:g} s, which a window of {window_s:g} s needs"
+            f"no run of {campaign.title} is longer than {min(lengths_s) + 2 * SMOOTHING_HALF_WIDTH_S:g} s, "
+            f"which a window of {min(lengths_s):g} s needs"
         )
     torque_error = campaign.known_to.get("torque_error_relative", TORQUE_ERROR)
     return SwingProblem(campaign.pendulum, nuisances, tuple(run.label for run in campaign.runs), windows, torque_error)
@@ -230,7 +237,8 @@ def _windows(
     window_s, _ = cut_s
     noise = sample_noise(run, noise_std)
     # The first window begins late enough that its start state can be smoothed from both sides.
-    starts = np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - window_s, window_s)
+    # The tolerance keeps the last window of a run that is divided evenly.
+    starts = np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - window_s + 1e-9, window_s)
     channels = [run.angle_rad] if run.speed_rad_s is None else [run.angle_rad, run.speed_rad_s]
     return [_window(place, run, float(start_s), cut_s, channels, noise, ready) for start_s in starts]
 

@@ -89,9 +89,10 @@ class MechanismRun:
 class Experiment:
     """The model file, its recordings, the standard uncertainties of [known_to], and the length of windows and bins.
 
-    `most_windows` limits the number of windows. `prescribed` joints follow their columns, `contacts` have laws of their own. `alike` groups
-    joints, bodies or actuators of one make: their names by the name of the group. With `starts_at_rest` a motion begins in equilibrium;
-    otherwise windows start from the measured state.
+    With `chooses_windows`, a diagnosis chooses the length of the windows, from `window_s` on. `most_windows` limits the number of windows.
+    `prescribed` joints follow their columns, `contacts` have laws of their own. `alike` groups joints, bodies or actuators of one make:
+    their names by the name of the group. With `starts_at_rest` a motion begins in equilibrium; otherwise windows start from the measured
+    state.
     """
 
     title: str
@@ -108,6 +109,7 @@ class Experiment:
     contacts: tuple[SphereOnPlane, ...] = ()
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     starts_at_rest: bool = False
+    chooses_windows: bool = False
     about: AboutSection = field(default_factory=AboutSection)
 
 
@@ -133,7 +135,8 @@ def read_experiment(folder: Path) -> Experiment:
         signals=signals,
         actuators=tuple(command.actuator for command in described.commands),
         known_to=described.known_to.model_dump(exclude_none=True),
-        window_s=described.windows.length_s,
+        window_s=described.windows.shortest_s,
+        chooses_windows=described.windows.length_s is None and described.start.state != "at rest",
         bin_s=described.windows.bin_s,
         most_windows=described.windows.at_most,
         runs=tuple(_read_run(folder, described, place) for place in range(len(described.recordings))),

@@ -296,23 +296,32 @@ class KnownToMechanism(Section):
     )
 
 
+SHORTEST_WINDOW_S = 0.5  # a mechanism of laboratory size moves visibly within it, and the error of its start does not grow much
+
+
 class WindowsSection(Section):
     """[windows]: recordings are cut into windows, which are simulated from the measured state, and into bins, which are compared.
 
-    Of more windows than `at_most`, only that many are used, evenly spread. More of them take more time, and the model's own error limits
-    their gain.
+    Without `length_s`, a diagnosis makes the windows of each recording as long as the model allows, from SHORTEST_WINDOW_S on; `check`,
+    `fit` and `report` take that shortest length. Of more windows than `at_most`, only that many are used, evenly spread. More of them take
+    more time, and the model's own error limits their gain.
     """
 
-    length_s: Positive = Field(default=0.5, description="length of a window")
+    length_s: Positive | None = Field(default=None, description="length of a window; as long as the model allows if not given")
     bin_s: Positive = Field(default=0.05, description="length of a bin, whose mean is compared")
     # Number of windows over all recordings.
     at_most: Annotated[int, Field(ge=3)] = Field(default=48, description="number of windows over all recordings")
 
     @model_validator(mode="after")
     def _holds_bins(self) -> Self:
-        if self.bin_s > self.length_s / 2.0:
-            raise ValueError(f"bin_s = {self.bin_s:g} is more than half of length_s, {self.length_s:g}; a window needs several bins")
+        if self.bin_s > self.shortest_s / 2.0:
+            raise ValueError(f"bin_s = {self.bin_s:g} is more than half of length_s, {self.shortest_s:g}; a window needs several bins")
         return self
+
+    @property
+    def shortest_s(self) -> float:
+        """The stated length, or SHORTEST_WINDOW_S."""
+        return self.length_s or SHORTEST_WINDOW_S
 
 
 class RecordingSection(RunSection):

@@ -24,6 +24,7 @@ CONDITION_CORRELATION = 0.5  # correlation of the discrepancy between conditions
 ROUGH_VARIANCE_SHARE = 1e-3  # share of the discrepancy's variance that is not smooth
 # Of a set of that size. Within a size the prior is spread evenly over all sets, see `hypotheses.log_prior_of_set`.
 PRIOR_NOTHING, PRIOR_UNKNOWN, PRIOR_ONE, PRIOR_TWO, PRIOR_THREE = 0.5, 0.1, 0.3, 0.1, 0.02  # probabilities
+PRIOR_FOUR = 0.004  # a fifth of three, as three is a fifth of two
 
 # Parameters
 
@@ -55,7 +56,7 @@ MAX_RESCALING = 3.0  # a signature may be this much too small and still be a sta
 
 # Search
 
-LARGEST_SET = 3  # effects of one hypothesis
+LARGEST_SET = 3  # effects of one hypothesis; one more where it takes the place of a strained nuisance parameter
 # Log evidence: more than convergence with fresh Jacobians brings (20 to 60), and more than four conditions rank otherwise than all do
 CLOSE_LOG_EVIDENCE = 100.0
 ALWAYS_FITTED = 3  # sets of a size that are fitted on all conditions however far behind: the best without an effect measures its support

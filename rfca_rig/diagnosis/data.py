@@ -131,8 +131,8 @@ def rms(values: Floats) -> float:
 
 W = TypeVar("W")
 
-# Windows per condition: with windows of half a second these are stretches of about two seconds.
-WINDOWS_OF_CONDITION = 4
+CONDITION_S = 2.0  # length of a condition of several windows: a stretch that errs as a whole, and one of several in most recordings
+WINDOWS_OF_CONDITION = 4  # at most, so that short recordings have several conditions
 TRANSIENT_SHARE = 0.3  # share of the model's error that is not smooth
 
 
@@ -151,9 +151,10 @@ class WindowRows:
     transient_scale: Floats | None = None
 
 
-def group_windows(windows: Sequence[W]) -> list[Sequence[W]]:
-    """The windows of one run in groups of about WINDOWS_OF_CONDITION, in their order."""
-    count = max(1, round(len(windows) / WINDOWS_OF_CONDITION)) if windows else 0
+def group_windows(windows: Sequence[W], length_s: float) -> list[Sequence[W]]:
+    """The windows of one run in groups of about CONDITION_S, in their order; `length_s` is the length of a window."""
+    of_condition = min(max(round(CONDITION_S / length_s), 1), WINDOWS_OF_CONDITION) if windows else 1
+    count = max(1, round(len(windows) / of_condition)) if windows else 0
     bounds = np.linspace(0, len(windows), count + 1).round().astype(int)
     return [windows[a:b] for a, b in pairwise(bounds)]
 

@@ -141,6 +141,10 @@ class Family:
     members: frozenset[str]
 
 
+# Families that the search and the decision refer to.
+DRY = "joint_dry_loss"
+RISING_WITH_SPEED = "joint_loss_with_speed"
+
 FAMILIES = (
     Family(
         "hinge_dissipation",
@@ -226,6 +230,29 @@ FAMILIES = (
                 "joint_hysteresis",
             )
         ),
+    ),
+    Family(
+        DRY,
+        "the joints lose torque that hardly depends on their speed: dry or load-dependent friction",
+        "joints",
+        frozenset(
+            (
+                *("joint_friction", "joint_friction_of_one", "joint_stribeck", "joint_load_friction", "joint_load_friction_of_one"),
+                "joint_hysteresis",
+            )
+        ),
+    ),
+    Family(
+        RISING_WITH_SPEED,
+        "the joints lose torque that rises with their speed: damping or drag",
+        "joints",
+        frozenset(("joint_damping", "joint_damping_of_one", "joint_drag", "joint_drag_of_one", "hinge_viscous_damping", "fluid_drag")),
+    ),
+    Family(
+        "joint_position_torque",
+        "a torque that follows the position differs: a weight, its lever, a spring or a tilt",
+        "joints",
+        frozenset(("added_mass", "centre_of_mass", "gravity_tilt", "joint_spring", "joint_spring_of_one")),
     ),
     Family("joint_inertia", "the joints carry more inertia", "joints", frozenset(("joint_inertia", "joint_inertia_of_one", "added_mass"))),
     Family(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from rfca_rig.diagnosis.config import IMPLAUSIBLE, PRIOR_NOTHING, PRIOR_ONE, PRIOR_THREE, PRIOR_TWO
+from rfca_rig.diagnosis.config import IMPLAUSIBLE, PRIOR_FOUR, PRIOR_NOTHING, PRIOR_ONE, PRIOR_THREE, PRIOR_TWO
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.screening import EffectProbe, terms_of
 from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
@@ -26,9 +26,9 @@ def log_prior_of_set(size: int, candidates: int) -> float:
     Raises
     ------
     KeyError
-        For more than three effects.
+        For more than four effects.
     """
-    share = {0: PRIOR_NOTHING, 1: PRIOR_ONE, 2: PRIOR_TWO, 3: PRIOR_THREE}[size]
+    share = {0: PRIOR_NOTHING, 1: PRIOR_ONE, 2: PRIOR_TWO, 3: PRIOR_THREE, 4: PRIOR_FOUR}[size]
     # With fewer candidates than the size there is no such set; the maximum only avoids a division by zero.
     return float(np.log(share / max(comb(candidates, size), 1)))
 

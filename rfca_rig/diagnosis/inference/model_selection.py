@@ -47,12 +47,15 @@ from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_like
 from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.parallel import map_in_processes
-from rfca_rig.model.catalogue import list_related
+from rfca_rig.model.catalogue import DRY, RISING_WITH_SPEED, list_related, members_of
 from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 Terms = tuple[EffectTerm, ...]
+
+
+COMPANIONS = 2  # losses rising with speed that are fitted beside a dry one: linear and quadratic; or dry ones beside those
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,7 @@ def search_models(
     effects: Sequence[Effect],
     progress: Progress,
     config: SearchConfig = DEFAULT_SEARCH,
+    begun: Sequence[MapFit] = (),
 ) -> ModelSelectionResult:
     """The hypotheses that matter, each at its MAP fit.
 
@@ -141,6 +145,8 @@ def search_models(
         Called with the current step and the share that is done.
     config
         How widely to search.
+    begun
+        Fits to the same recordings in other windows, with the same unknowns: sets of effects are fitted from there, too.
 
     Returns
     -------
@@ -154,6 +160,10 @@ def search_models(
     """
     progress("nothing missing", 0.0)
     state = _fit_nominal(dataset.with_parts(dataset.simulator.forget_history(dataset.parts)), coordinates, config)
+    no_columns = np.empty((len(dataset.rows.measured), 0))
+    known_starts = [FitStart(fit.coordinates.choices, fit.x, no_columns) for fit in begun]
+    fits = _fit_all(state, known_starts)
+    state = _prefer_nothing(state, [fit for fit in fits if not fit.ids]).with_fits([fit for fit in fits if fit.ids])
     progress("screening every effect", 0.1)
     points = grid_points(term for effect in effects for term in terms_of(effect))
     beside_nominal = _screen(state, state.nominal, _projection(state, state.nominal), points)
@@ -202,6 +212,12 @@ def _fit_nominal(dataset: Dataset, coordinates: Parameterization, config: Search
     optimizer = GaussNewton(dataset, make_marginal_likelihood(dataset.rows, scatter.columns))
     coarse, rows = _coarsen(dataset, scatter, config.coarse_conditions)
     return SearchState(optimizer, scatter, coarse, rows, nominal, optimizer.converge(nothing))
+
+
+def _prefer_nothing(state: SearchState, fits: Sequence[MapFit]) -> SearchState:
+    """With the best fit without effects, converged, if one of these is better than the present one."""
+    best = max((state.nothing, *fits), key=state.optimizer.free_log_evidence)
+    return state if best is state.nothing else replace(state, nothing=state.optimizer.converge(best))
 
 
 def _coarsen(dataset: Dataset, scatter: RepeatScatter, conditions: int) -> tuple[GaussNewton, NDArray[np.bool_]]:
@@ -301,8 +317,22 @@ def _partner_starts(state: SearchState, size: int, screen: Screen, config: Searc
     least = config.worth_beside_a_good_fit if _is_adequate(state) else config.worth_a_fit
     for parent in state.of_size(size)[: config.parents if size == 1 and least == config.worth_a_fit else 1]:
         others = [probe for probe in screen.probes if probe.choice.effect.id not in parent.ids]
-        found += _single_starts(_screen_promising(state, parent, others, least, config), 1, least)[: config.partners]
+        beside_parent = _screen_promising(state, parent, others, least, config)
+        found += _single_starts(beside_parent, 1, least)[: config.partners]
+        found += _companion_starts(beside_parent)
     return found
+
+
+def _companion_starts(screen: Screen) -> list[FitStart]:
+    """Losses that rise with speed beside a single dry loss, and the other way round: the best one, however little it promises.
+
+    A bearing has both, and each of them makes up for most of the other.
+    """
+    for own, other in ((DRY, RISING_WITH_SPEED), (RISING_WITH_SPEED, DRY)):
+        if len(screen.base.ids) == 1 and screen.base.ids[0] in members_of(own):
+            probes = [probe for probe in screen.probes if probe.choice.effect.id in members_of(other)]
+            return _single_starts(replace(screen, probes=probes), 1, 0.0)[:COMPANIONS]
+    return []
 
 
 def _beside(base: MapFit, probes: Sequence[EffectProbe]) -> FitStart:
@@ -364,7 +394,7 @@ def _refine_all(state: SearchState, refine: Callable[[MapFit], MapFit], fits: Se
 
 def _converge_all(state: SearchState, config: SearchConfig) -> SearchState:
     """The same for every size."""
-    for size in range(1, LARGEST_SET + 1):
+    for size in range(1, LARGEST_SET + 2):
         state = _converge(state, size, config)
     return state
 
@@ -443,7 +473,8 @@ def _without_each_part(state: SearchState, parent: MapFit, terms: Terms) -> Iter
         base = state.optimizer.without(parent, number)
         if base is not None:
             yield base, relatives - (set(parent.ids) - {term.effect.id})
-    if len(coordinates.choices) < LARGEST_SET:
+    # The effect replaces a value that is not credible, so that it may be one more than a set has otherwise.
+    if len(coordinates.choices) <= LARGEST_SET:
         for place in sorted(set(equivalent.values())):
             wanted = frozenset(effect for effect, at in equivalent.items() if at == place) - set(parent.ids)
             x = np.where(np.arange(coordinates.size) == place, 0.0, parent.x)

@@ -339,8 +339,9 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
     """A line per recording, and a warning where a part of it cannot be used."""
     match = match_columns(experiment, mechanism)
     for run in experiment.runs:
-        steps_s, all_windows = np.diff(run.t_s), len(window_starts(run, experiment))
-        used = sum(len(of_run) for of_run in list_windows(replace(experiment, runs=(run,)), mechanism, match))
+        steps_s, all_windows = np.diff(run.t_s), len(window_starts(run, experiment, experiment.window_s))
+        cut = list_windows(replace(experiment, runs=(run,)), mechanism, match, (experiment.window_s,))
+        used = sum(len(of_run) for of_run in cut)
         length_s, rate_Hz, gap_s = float(run.t_s[-1] - run.t_s[0]), 1.0 / float(np.median(steps_s)), float(steps_s.max())
         words = f"{length_s:.4g} s at {rate_Hz:.4g} Hz, largest gap {1e3 * gap_s:.3g} ms, "
         if experiment.starts_at_rest:

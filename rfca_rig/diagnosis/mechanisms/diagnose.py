@@ -16,7 +16,7 @@ from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import Excitation, propose_motion
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
-from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
+from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
@@ -28,7 +28,7 @@ from rfca_rig.diagnosis.residual_force.measured_law import LawStart, measure_bes
 from rfca_rig.diagnosis.residual_force.stated_law import CURVE_POINTS
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
-from rfca_rig.diagnosis.simulator import make_dataset
+from rfca_rig.diagnosis.window_length import describe_lengths, search_in_windows
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.laws import QUANTITIES, compute_own_law
@@ -238,10 +238,10 @@ def diagnose_mechanism(
     # Names given by the user are checked before the long search.
     problem.check_effects("--without", without)
     place = parse_place(law_at, problem.simulator.mechanism) if law_at else None
+    effects = [effect for effect in problem.simulator.effects.values() if effect.id not in without]
+    short = problem
+    problem, found = search_in_windows(short, Parameterization(short.space), effects, progress, SEARCH)
     simulator = problem.simulator
-    effects = [effect for effect in simulator.effects.values() if effect.id not in without]
-    dataset = make_dataset(problem.conditions, simulator)
-    found = search_models(dataset, Parameterization(problem.space), effects, progress, SEARCH)
     progress("summing up", 0.97)
     decision = decide(found)
     enough = len(problem.conditions) >= FEWEST_CONDITIONS
@@ -250,7 +250,7 @@ def diagnose_mechanism(
         decision = not_enough_data(found, f"{len(problem.conditions)} stretches of {length_s:g} s, {FEWEST_CONDITIONS} are needed")
     result = build_result(experiment.title, found, decision, effects, MOTION_EXPERIMENT)
     settings = {
-        "window_s": experiment.window_s,
+        "window_s": describe_lengths(problem.lengths_s),
         "bin_s": experiment.bin_s,
         "step_s": simulator.step_s,
         "integrator": "implicit" if simulator.mechanism.is_implicit else "RK4",
@@ -259,7 +259,8 @@ def diagnose_mechanism(
     stated = decision.explanation if result.found_effects else found.nothing
     plant = simulator.plant(stated.fitted.coordinates.supposed(stated.marginal.posterior.mean))
     thinning = f"{problem.windows} of {problem.recorded_windows} recorded windows were used, evenly spread; windows.at_most uses more"
-    next_motion = propose_motion(problem, found, decision, enough)
+    # A proposed motion is short, so it is judged in short windows.
+    next_motion = propose_motion(short, found, decision, enough)
     law = None
     if place is not None:
         progress(f"measuring the law at {law_at}", 0.98)

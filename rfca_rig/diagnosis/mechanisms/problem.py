@@ -27,7 +27,7 @@ from rfca_rig.diagnosis.mechanisms.windows import (
     cut_rest_window,
     group_repeats,
 )
-from rfca_rig.diagnosis.simulator import spread
+from rfca_rig.diagnosis.simulator import Dataset, make_dataset, spread
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.mechanism.contact_law import check_contacts
 from rfca_rig.mechanism.effects import list_effects
@@ -45,48 +45,11 @@ STEP_OF_ERRORS_S = 1e-3  # of what errors do, which is known to some percent at 
 # Steps that are tried, each half of the one before, so that the error of one shows against the next.
 STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 STEADY = 0.02  # relative difference of the readings to those with half the step
+# Mean length of the windows in s up to which `most_windows` of them are used: beyond it fewer, so that rows and simulated time, and with
+# them the time of a diagnosis, are limited.
+LONGEST_MEAN_S = 2.0
 STATES_LOOKED_AT = 20  # of a motion from rest, evenly spread: enough for an rms
 STEP_ERROR = 0.1  # share of the sensors' and the usual model error together that the integrator may add, rms
-
-
-@dataclass(frozen=True)
-class MechanismProblem:
-    """What is to be diagnosed.
-
-    Parameters
-    ----------
-    simulator
-        The mechanism, with the effects that it may lack.
-    space
-        The nuisance parameters.
-    conditions
-        A few windows of each run together.
-    usual
-        What the recordings show of each joint.
-    torque
-        (n,) the torques of which USUAL_ERROR is the usual error of the model in each joint.
-    recorded_windows
-        How many windows the recordings have; the conditions may have fewer.
-    """
-
-    simulator: MechanismSimulator
-    space: Prior[MechanismInput]
-    conditions: tuple[Motions, ...]
-    usual: UsualMotion
-    torque: Floats
-    recorded_windows: int
-
-    @property
-    def windows(self) -> int:
-        """How many windows the conditions have together."""
-        return sum(len(condition.windows) for condition in self.conditions)
-
-    def check_effects(self, option: str, names: Collection[str]) -> None:
-        """Raise BadInput for a name, given with this option, that is no effect of the mechanism."""
-        for name in names:
-            if name not in self.simulator.effects:
-                known = suggestion(name, sorted(self.simulator.effects))
-                raise BadInput(f"{option}: {name!r} is no effect of this mechanism; {known}")
 
 
 @dataclass(frozen=True)
@@ -111,6 +74,99 @@ class ColumnMatch:
     actuators: NDArray[np.intp]
 
 
+@dataclass(frozen=True)
+class MechanismProblem:
+    """What is to be diagnosed.
+
+    Parameters
+    ----------
+    simulator
+        The mechanism, with the effects that it may lack.
+    space
+        The nuisance parameters.
+    conditions
+        A few windows of each run together.
+    usual
+        What the recordings show of each joint.
+    torque
+        (n,) the torques of which USUAL_ERROR is the usual error of the model in each joint.
+    recorded_windows
+        How many windows the recordings have; the conditions may have fewer.
+    experiment, match
+        The recordings, and how their columns map to the model.
+    lengths_s
+        Length of the windows of each recording.
+    """
+
+    simulator: MechanismSimulator
+    space: Prior[MechanismInput]
+    conditions: tuple[Motions, ...]
+    usual: UsualMotion
+    torque: Floats
+    recorded_windows: int
+    experiment: Experiment
+    match: ColumnMatch
+    lengths_s: tuple[float, ...]
+
+    @property
+    def windows(self) -> int:
+        """How many windows the conditions have together."""
+        return sum(len(condition.windows) for condition in self.conditions)
+
+    @property
+    def chooses_lengths(self) -> bool:
+        """Whether the experiment leaves the length of the windows to the diagnosis."""
+        return self.experiment.chooses_windows
+
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """Names of the recordings."""
+        return tuple(run.label for run in self.experiment.runs)
+
+    @property
+    def recordings_s(self) -> tuple[float, ...]:
+        """The time of each recording that windows can cover."""
+        return tuple(float(run.t_s[-1] - run.t_s[0]) - SMOOTHING_HALF_WIDTH_S for run in self.experiment.runs)
+
+    @property
+    def dataset(self) -> Dataset:
+        """The conditions with the simulator that predicts them."""
+        return make_dataset(self.conditions, self.simulator)
+
+    @property
+    def start_std(self) -> Floats:
+        """(m,) standard deviation of the nominal prediction of each row, because the measured starts have errors."""
+        return np.concatenate([condition.start_std for condition in self.conditions])
+
+    def cut_again(self, lengths_s: Sequence[float]) -> "MechanismProblem":
+        """The same recordings in windows of other lengths; effects and nuisance parameters keep their ranges.
+
+        Raises
+        ------
+        SimulationFailed
+            Where the nominal model cannot be simulated over such a window.
+        """
+        cut, recorded = _cut_and_thin(self.experiment, self.simulator.mechanism, self.match, lengths_s)
+        simulator = replace(self.simulator, step_s=STEP_OF_ERRORS_S)
+        plant = simulator.plant(MechanismInput())
+        corrected = [[correct_window(window, simulator, plant, self.torque) for window in of_run] for of_run in cut]
+        step_s = choose_step(simulator, [window for of_run in corrected for window in of_run])
+        return replace(
+            self,
+            simulator=replace(self.simulator, step_s=step_s),
+            conditions=_group_conditions(self.experiment, self.match, corrected),
+            recorded_windows=recorded,
+            lengths_s=tuple(lengths_s),
+        )
+
+    def check_effects(self, option: str, names: Collection[str]) -> None:
+        """Raise BadInput for a name, given with this option, that is no effect of the mechanism."""
+        for name in names:
+            if name not in self.simulator.effects:
+                known = suggestion(name, sorted(self.simulator.effects))
+                raise BadInput(f"{option}: {name!r} is no effect of this mechanism; {known}")
+
+
 def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProblem:
     """The windows of all runs, with everything that does not depend on the hypothesis.
 
@@ -123,11 +179,8 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     """
     mechanism = assign_roles(experiment, mechanism)
     match = match_columns(experiment, mechanism)
-    cut = list_windows(experiment, mechanism, match)
-    recorded = sum(len(of_run) for of_run in cut)
-    # About this share of the windows of each run is used, evenly spread; all if it is 1 or more.
-    share = experiment.most_windows / max(recorded, 1)
-    cut = [[of_run[place] for place in spread(len(of_run), max(1, round(share * len(of_run))))] for of_run in cut]
+    lengths_s = (experiment.window_s,) * len(experiment.runs)
+    cut, recorded = _cut_and_thin(experiment, mechanism, match, lengths_s)
     windows = [window for of_run in cut for window in of_run]
     if not windows:
         raise BadInput(f"{experiment.path}: {_describe_no_window(experiment)}")
@@ -151,22 +204,42 @@ def make_problem(experiment: Experiment, mechanism: Mechanism) -> MechanismProbl
     corrected = [[next(every) for _ in of_run] for of_run in cut]
     # The step is chosen last: its error is compared with the error scales of the corrected windows.
     step_s = choose_step(simulator, [each for of_run in corrected for each in of_run])
+    conditions = _group_conditions(experiment, match, corrected)
+    space = space_of_mechanism(mechanism, experiment.known_to, usual.is_driven, usual.sensors)
+    simulator = replace(simulator, step_s=step_s)
+    return MechanismProblem(simulator, space, conditions, usual, torque, recorded, experiment, match, lengths_s)
+
+
+def _cut_and_thin(
+    experiment: Experiment, mechanism: Mechanism, match: ColumnMatch, lengths_s: Sequence[float]
+) -> tuple[list[list[Window]], int]:
+    """The windows of each recording that are used, and how many there are in all; `lengths_s` is that of each recording's windows."""
+    cut = list_windows(experiment, mechanism, match, lengths_s)
+    recorded = sum(len(of_run) for of_run in cut)
+    recorded_s = sum(float(window.t_s[-1]) for of_run in cut for window in of_run)
+    # About this share of the windows of each run is used, evenly spread; all if it is 1 or more.
+    share = min(experiment.most_windows / max(recorded, 1), experiment.most_windows * LONGEST_MEAN_S / max(recorded_s, 1e-9))
+    return [[of_run[place] for place in spread(len(of_run), max(1, round(share * len(of_run))))] for of_run in cut], recorded
+
+
+def _group_conditions(experiment: Experiment, match: ColumnMatch, corrected: Sequence[Sequence[CorrectedWindow]]) -> tuple[Motions, ...]:
+    """A few windows of one recording after the other as conditions; `corrected` holds the windows of each recording."""
     conditions = []
     firsts = [runs[0] for runs in group_repeats(experiment.runs)] if experiment.starts_at_rest else experiment.runs
     for run, of_run in zip(firsts, corrected, strict=True):
-        for part in group_windows(of_run):
+        for part in group_windows(of_run, float(of_run[0].window.t_s[-1]) if of_run else 0.0):
             first, last = part[0].window, part[-1].window
             label = run.condition if experiment.starts_at_rest else run.label
             name = f"{label}, {first.start_s:.1f} to {last.start_s + last.t_s[-1]:.1f} s"
             conditions.append(Motions(name, run.condition, label, match.signals, tuple(part)))
-    space = space_of_mechanism(mechanism, experiment.known_to, usual.is_driven, usual.sensors)
-    return MechanismProblem(replace(simulator, step_s=step_s), space, tuple(conditions), usual, torque, recorded)
+    return tuple(conditions)
 
 
-def list_windows(experiment: Experiment, mechanism: Mechanism, match: "ColumnMatch") -> list[list[Window]]:
-    """Windows of each recording. Where motions start at rest, those of each condition: none or one."""
+def list_windows(experiment: Experiment, mechanism: Mechanism, match: ColumnMatch, lengths_s: Sequence[float]) -> list[list[Window]]:
+    """Windows of each recording, of these lengths. Where motions start at rest, those of each condition: none or one."""
     if not experiment.starts_at_rest:
-        return [cut_windows(run, experiment, mechanism, match) for run in experiment.runs]
+        with_lengths = zip(experiment.runs, lengths_s, strict=True)
+        return [cut_windows(run, experiment, mechanism, match, length_s) for run, length_s in with_lengths]
     found = []
     for runs in group_repeats(experiment.runs):
         window = cut_rest_window(runs, experiment, [arrange_commands(run, mechanism, match) for run in runs])
@@ -355,11 +428,12 @@ def shortest_recording_s(experiment: Experiment) -> float:
     return experiment.window_s + 2.0 * SMOOTHING_HALF_WIDTH_S
 
 
-def window_starts(run: MechanismRun, experiment: Experiment) -> Floats:
+def window_starts(run: MechanismRun, experiment: Experiment, length_s: float) -> Floats:
     """Start times (w,) in s of the windows of a run, those with gaps among them."""
     if experiment.starts_at_rest:
         return run.t_s[:1] if run.t_s[-1] - run.t_s[0] >= shortest_recording_s(experiment) else run.t_s[:0]
-    return np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - experiment.window_s, experiment.window_s)
+    # The tolerance keeps the last window of a recording that is divided evenly.
+    return np.arange(run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - length_s + 1e-9, length_s)
 
 
 def _describe_no_window(experiment: Experiment) -> str:
@@ -374,9 +448,9 @@ def _describe_no_window(experiment: Experiment) -> str:
     return f"{gap}: give a longer bin_s {ask}"
 
 
-def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, match: ColumnMatch) -> list[Window]:
+def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism, match: ColumnMatch, length_s: float) -> list[Window]:
     """Windows of one run without a gap; the effects of errors of their starts are not known yet."""
-    length_s, bin_s = experiment.window_s, experiment.bin_s
+    bin_s = experiment.bin_s
     stated = [signal.noise_std for signal in experiment.signals]
     # Stated noise comes first; otherwise it is estimated from the samples.
     noise = np.array([std or found for std, found in zip(stated, sample_std(run.signals), strict=True)])
@@ -385,7 +459,7 @@ def cut_windows(run: MechanismRun, experiment: Experiment, mechanism: Mechanism,
     trajectory = fit_trajectory(run.t_s, run.prescribed, [joint.smoothed_s for joint in experiment.prescribed])
     commands = arrange_commands(run, mechanism, match)
     windows = []
-    for start_s in window_starts(run, experiment):
+    for start_s in window_starts(run, experiment, length_s):
         inside = (run.t_s > start_s) & (run.t_s <= start_s + length_s)
         begin_s, end_s = max(run.t_s[0], start_s - MARGIN_S), min(run.t_s[-1], start_s + length_s + MARGIN_S)
         around = (run.t_s > start_s - MARGIN_S) & (run.t_s < start_s + length_s + MARGIN_S)

@@ -26,8 +26,10 @@ from rfca_rig.model.effect import Effect
 Floats = NDArray[np.float64]
 
 MOTION_EXPERIMENT = "motions"  # name of their experiment in labels
-SMOOTH_BINS = 3.0  # correlation length of the model error of a motion from rest, in bins: as many as in a usual window
-SMOOTH_OVER = 0.3  # of a window: over that share of it the model's error is alike, as torques err with the joint's angle
+# Correlation length of the model's error in bins. Bins are as long as the motion allows, and torques err with the joint's angle. A length
+# that grew with the window would exclude errors at the frequency of a swing: over 2 s, nothing would then be 1e183 times less probable
+# than dry friction, for a pendulum that its published model predicts to 0.4 % of its swing.
+SMOOTH_BINS = 3.0
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,11 @@ class CorrectedWindow:
         start_error = self.gain @ (self.window.measured - simulated).ravel()
         return np.asarray(simulated + np.tensordot(start_error, self.start_effect, 1))
 
+    @property
+    def start_std(self) -> Floats:
+        """(s, b) standard deviation of the nominal prediction from the measured start, because that start has errors."""
+        return np.asarray(np.sqrt((self.start_effect**2).sum(axis=0)))
+
     def rows(self) -> WindowRows:
         """The measured rows."""
         recorded = self.window
@@ -148,15 +155,18 @@ class Motions:
         count = len(self.windows[0].window.repeats)
         return np.concatenate([each.window.repeats.reshape(count, -1) for each in self.windows], axis=1)
 
+    @property
+    def start_std(self) -> Floats:
+        """(m,) standard deviation of the nominal prediction of each row, because the measured starts have errors."""
+        return np.concatenate([window.start_std.ravel() for window in self.windows])
+
     def rows(self) -> Observations:
         """The measured rows."""
         starts_s = tuple(each.window.start_s for each in self.windows)
         labels = tuple(Label(MOTION_EXPERIMENT, self.name, signal, recording=self.recording, starts_s=starts_s) for signal in self.signals)
         first = self.windows[0].window
         bin_s = float(np.median(np.diff(first.t_s[first.bins]))) if len(first.bins) > 1 else float(first.t_s[-1])
-        # A motion from rest is one window as a whole, so its correlation length is counted in bins.
-        smooth_over_s = SMOOTH_BINS * bin_s if first.starts_at_rest else SMOOTH_OVER * float(first.t_s[-1])
-        return observe([window.rows() for window in self.windows], labels, self.run, smooth_over_s)
+        return observe([window.rows() for window in self.windows], labels, self.run, SMOOTH_BINS * bin_s)
 
 
 @dataclass(frozen=True)

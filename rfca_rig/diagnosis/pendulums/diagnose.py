@@ -17,22 +17,23 @@ from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR, describe_e
 from rfca_rig.diagnosis.decision.decide import Decision, decide
 from rfca_rig.diagnosis.experiment_design.choice import SET_UP_MIN, ExperimentDesign, list_open_hypotheses, list_options, propose
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
+from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.pendulums.windows import (
     BIN_S,
     SWING_EXPERIMENT,
     WINDOW_S,
     PendulumInput,
+    PendulumProblem,
     Stretch,
     cut_stretches,
-    make_pendulum_dataset,
-    space_of_pendulum,
+    make_pendulum_problem,
     usual_torque_Nm,
 )
 from rfca_rig.diagnosis.residual_force.stated_law import OF_PENDULUM, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, compare_held_out, not_enough_data
+from rfca_rig.diagnosis.window_length import describe_lengths, search_in_windows
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.mechanism.laws import LARGEST, SMALLEST
@@ -148,10 +149,10 @@ def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: C
         # With a single joint, "joints" and "joint1" would be the same law.
         check_place(law_at, OF_PENDULUM[:1] if len(campaign.pendulum.links) == 1 else OF_PENDULUM)
     progress("reading", 0.0)
-    found, effects = search_pendulum(make_swing_problem(campaign, WINDOW_S, BIN_S), progress, without)
+    problem, found, effects = search_pendulum(make_pendulum_problem(campaign), progress, without)
     progress("summing up", 0.97)
     decision = decide(found)
-    diagnosis = _build_result(campaign, found, decision, effects)
+    diagnosis = _build_result(problem, found, decision, effects)
     if law_at:
         progress(f"measuring the law at {law_at}", 0.98)
         diagnosis = replace(diagnosis, stated_law=measure_stated_law(found, decision.explanation, law_at))
@@ -160,15 +161,18 @@ def diagnose_pendulum(campaign: PendulumCampaign, progress: Progress, without: C
     return replace(diagnosis, remarks=(*diagnosis.remarks, *describe_exclusions(without), *not_tried))
 
 
-def search_pendulum(problem: SwingProblem, progress: Progress, without: Collection[str] = ()) -> tuple[ModelSelectionResult, list[Effect]]:
-    """The search over all effects that a pendulum may lack, and those effects."""
-    effects = candidates_of(problem, without)
-    coordinates = Parameterization(space_of_pendulum(problem.pendulum, problem.nuisances))
-    return search_models(make_pendulum_dataset(cut_stretches(problem)), coordinates, effects, progress), effects
+def search_pendulum(
+    problem: PendulumProblem, progress: Progress, without: Collection[str] = ()
+) -> tuple[PendulumProblem, ModelSelectionResult, list[Effect]]:
+    """The search over all effects that a pendulum may lack, in windows as long as allowed: those windows, the result, and the effects."""
+    effects = candidates_of(problem.swings, without)
+    problem, found = search_in_windows(problem, Parameterization(problem.space), effects, progress)
+    return problem, found, effects
 
 
-def _build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect]) -> Diagnosis:
+def _build_result(problem: PendulumProblem, found: ModelSelectionResult, decision: Decision, effects: Sequence[Effect]) -> Diagnosis:
     """The common answer, with its held-out stretches and its next experiment."""
+    campaign = problem.campaign
     stretches = len(found.dataset.parts)
     enough = stretches >= FEWEST_CONDITIONS
     if not enough:
@@ -184,7 +188,7 @@ def _build_result(campaign: PendulumCampaign, found: ModelSelectionResult, decis
             **result.settings,
             "model_error_assumed": f"half-normal, torques wrong by {100.0 * usual:g} %",
             "model_error_found": float(found.nothing.marginal.error) * usual / USUAL_ERROR,
-            "window_s": WINDOW_S,
+            "window_s": describe_lengths(problem.lengths_s),
             "bin_s": BIN_S,
         },
     )

@@ -12,13 +12,14 @@ Nuisance parameters of a pendulum are the values of [known_to], of each link. `f
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.space import FitParameter, Prior, never_below
-from rfca_rig.analysis.swings import Nuisance, SwingProblem, SwingWindow, apply_nuisances, make_swing_problem
+from rfca_rig.analysis.swings import SMOOTHING_HALF_WIDTH_S, Nuisance, SwingProblem, SwingWindow, apply_nuisances, make_swing_problem
 from rfca_rig.campaign.pendulum import PendulumCampaign
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data import Label, Observations, WindowRows, group_windows, observe, start_gain
@@ -123,6 +124,11 @@ class Stretch:
         return np.empty((1, 0))
 
     @property
+    def start_std(self) -> Floats:
+        """(m,) standard deviation of the nominal prediction of each row, because the measured starts have errors."""
+        return np.concatenate([np.sqrt((each.window.start_effect**2).sum(axis=0)).ravel() for each in self.windows])
+
+    @property
     def signals(self) -> tuple[str, ...]:
         """Names of the signals, channel by channel, joint by joint."""
         channels, joints, _ = self.windows[0].window.measured.shape
@@ -163,6 +169,55 @@ def make_pendulum_dataset(stretches: Iterable[Stretch]) -> Dataset:
     return make_dataset(stretches, PendulumSimulator())
 
 
+@dataclass(frozen=True)
+class PendulumProblem:
+    """The runs of a campaign, cut into windows; `lengths_s` is the length of those of each run."""
+
+    campaign: PendulumCampaign
+    swings: SwingProblem
+    lengths_s: tuple[float, ...]
+    chooses_lengths = True
+
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """Names of the runs."""
+        return self.swings.conditions
+
+    @property
+    def recordings_s(self) -> tuple[float, ...]:
+        """The time of each run that windows can cover."""
+        return tuple(float(run.t_s[-1] - run.t_s[0]) - SMOOTHING_HALF_WIDTH_S for run in self.campaign.runs)
+
+    @cached_property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The stretches of all runs."""
+        return cut_stretches(self.swings)
+
+    @property
+    def dataset(self) -> Dataset:
+        """The stretches with the simulator that predicts them. Raises BadInput where there is none."""
+        return make_pendulum_dataset(self.stretches)
+
+    @property
+    def start_std(self) -> Floats:
+        """(m,) standard deviation of the nominal prediction of each row, because the measured starts have errors."""
+        return np.concatenate([stretch.start_std for stretch in self.stretches])
+
+    @property
+    def space(self) -> Prior[PendulumInput]:
+        """The nuisance parameters."""
+        return space_of_pendulum(self.swings.pendulum, self.swings.nuisances)
+
+    def cut_again(self, lengths_s: Sequence[float]) -> "PendulumProblem":
+        """The same runs in windows of other lengths. Raises SimulationFailed."""
+        return PendulumProblem(self.campaign, make_swing_problem(self.campaign, lengths_s, BIN_S), tuple(lengths_s))
+
+
+def make_pendulum_problem(campaign: PendulumCampaign) -> PendulumProblem:
+    """The runs of a campaign in windows of WINDOW_S. Raises BadInput where no run is long enough for one window."""
+    return PendulumProblem(campaign, make_swing_problem(campaign, WINDOW_S, BIN_S), (WINDOW_S,) * len(campaign.runs))
+
+
 def cut_stretches(problem: SwingProblem) -> tuple[Stretch, ...]:
     """The stretches of all runs, in their order."""
     return tuple(s for run in range(len(problem.conditions)) for s in _of_run(problem, run))
@@ -174,7 +229,7 @@ def _of_run(problem: SwingProblem, run: int) -> list[Stretch]:
         return []
     torque_Nm = usual_torque_Nm(problem.pendulum, windows) * problem.torque_error / USUAL_ERROR
     started = [_start_window(window, problem.pendulum, torque_Nm) for window in windows]
-    return [_stretch(problem, run, part) for part in group_windows(started)]
+    return [_stretch(problem, run, part) for part in group_windows(started, float(started[0].window.t_s[-1]))]
 
 
 def _stretch(problem: SwingProblem, run: int, windows: Sequence[StartedWindow]) -> Stretch:
