@@ -179,17 +179,17 @@ def mjcf(servo: Servo) -> str:
     motor = servo.motor
     centre_m = servo.centre_m
     across_kg_m2 = servo.inertia_kg_m2 - servo.mass_kg * centre_m**2
-    inertia = f"{across_kg_m2!r} {across_kg_m2!r} {min(LENGTHWISE_KG_M2, across_kg_m2)!r}"
-    joint = f'damping="{motor.back_emf_Nm_s_per_rad!r}" armature="{motor.reflected_kg_m2!r}"'
+    inertia = f"{across_kg_m2:.12g} {across_kg_m2:.12g} {min(LENGTHWISE_KG_M2, across_kg_m2):.12g}"
+    joint = f'damping="{motor.back_emf_Nm_s_per_rad:.12g}" armature="{motor.reflected_kg_m2:.12g}"'
     return f"""<mujoco model="servo">
  <option gravity="0 0 {-GRAVITY_M_S2}" timestep="0.001"/>
  <worldbody>
   <body name="arm">
    <joint name="joint" type="hinge" axis="0 -1 0" {joint}/>
-   <inertial pos="0 0 {-centre_m!r}" mass="{servo.mass_kg!r}" diaginertia="{inertia}"/>
+   <inertial pos="0 0 {-centre_m:.12g}" mass="{servo.mass_kg:.12g}" diaginertia="{inertia}"/>
   </body>
  </worldbody>
- <actuator><motor name="motor" joint="joint" gear="{motor.stall_Nm!r}"/></actuator>
+ <actuator><motor name="motor" joint="joint" gear="{motor.stall_Nm:.12g}"/></actuator>
 </mujoco>
 """
 
