@@ -29,6 +29,7 @@ import json
 import time
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from multiprocessing import Pool
 from pathlib import Path
 from unittest.mock import patch
@@ -90,6 +91,7 @@ STDS_OF_90 = 1.645
 ASSUMED_LIMIT = 3.0 * TORQUE_ERROR_RELATIVE
 # Lower ends of the rows of the table, in detection limits.
 SIZES_IN_LIMITS = (0.0, 1.0, 2.0, 4.0, 8.0)
+MARKS = ("right", "family", "wrong", "silent")
 RIVALS_KEPT = 12
 OWN_LAW = "power_friction"
 OWN_LAW_KNOTS = 61
@@ -112,8 +114,6 @@ class Pair:
         The servo in the first and in the second folder.
     conditions
         Motions of each folder.
-    random
-        Draws motions and supply voltages.
     """
 
     kind: str
@@ -121,7 +121,6 @@ class Pair:
     reference: Servo
     changed: Servo
     conditions: tuple[str, ...]
-    random: np.random.Generator
 
 
 def draw_servo(random):
@@ -146,7 +145,7 @@ def draw_servo(random):
         viscous_Nm_s_per_rad=random.uniform(0.02, 0.15) * motor.back_emf_Nm_s_per_rad,
         driving_share=driving_share,
         back_driving_share=driving_share * random.uniform(0.3, 1.0),
-        bristle_rad=random.uniform(0.001, 0.004),
+        bristle_rad=random.uniform(0.0005, 0.002),
     )
     controller = servos.Controller(
         rate_Hz=float(random.choice([100.0, 125.0, 200.0])),
@@ -224,12 +223,15 @@ def draw(seed, number):
         reference=reference,
         changed=change(reference, kind, random),
         conditions=draw_conditions(random),
-        random=random,
     )
 
 
-def record_all(servo, conditions, random):
-    """A recording of each motion, with a supply voltage of its own."""
+def record_all(servo, conditions, seeds):
+    """A recording of each motion, with a supply voltage of its own.
+
+    The seeds are of this folder alone, so that a run that goes on records the same.
+    """
+    random = np.random.default_rng(seeds)
     recordings = []
     for condition in conditions:
         off = np.clip(
@@ -281,14 +283,14 @@ def list_known_after(before, fit, mechanism):
     return known_to
 
 
-def fit_reference(pair, folder):
+def fit_reference(pair, folder, seeds):
     """Fit the reference folder as `rfca-rig fit --effects ... --out fitted.xml` does.
 
     Returns the fit, what MJCF does not hold of it, and [known_to] for the second folder.
     """
     before = list_known_before(pair.nominal)
     if not (folder / "reference").is_dir():
-        recordings = record_all(pair.reference, pair.conditions, pair.random)
+        recordings = record_all(pair.reference, pair.conditions, seeds)
         model = servos.mjcf(pair.nominal)
         servos.write_campaign(folder / "reference", model, recordings, before, "reference")
     experiment = read_experiment(folder / "reference")
@@ -296,6 +298,16 @@ def fit_reference(pair, folder):
     beyond = write_amended_model(fitted.plant, folder / "fitted.xml")
     mechanism = load_mechanism(folder / "fitted.xml")
     return fitted.fit, beyond, list_known_after(before, fitted.fit, mechanism)
+
+
+def describe_fit(fit, beyond):
+    """Shifts, sizes and errors of the fit of the reference, and what MJCF does not hold of it."""
+    shifts = {shift.name: [shift.value, shift.std] for shift in fit.shifts}
+    sizes = {f"{size.effect}.{size.name}": [size.value, size.std] for size in fit.sizes}
+    errors = {}
+    for error in fit.totals:
+        errors[error.signal] = [error.nominal, error.fitted, error.held_out]
+    return {"shifts": shifts, "sizes": sizes, "errors": errors, "beyond_mjcf": list(beyond)}
 
 
 def describe(servo):
@@ -321,6 +333,21 @@ def describe_model(path):
     }
 
 
+def refuse(error):
+    """The answer where recordings were refused, or a simulation failed."""
+    return {
+        "grade": "refused",
+        "message": str(error),
+        "effects": {},
+        "family": None,
+        "rivals": [],
+        "not_seen": {},
+        "held_out": {},
+        "seconds": 0.0,
+        "cpu_s": 0.0,
+    }
+
+
 def diagnose(folder):
     """The answer about a folder as plain values."""
     begun_s = time.perf_counter()
@@ -328,8 +355,7 @@ def diagnose(folder):
     try:
         result = diagnose_mechanism(read_experiment(folder), lambda *_: None).diagnosis
     except RigError as error:
-        return {"grade": "refused", "message": str(error), "effects": {}, "family": None,
-                "rivals": [], "not_seen": {}, "held_out": {}, "seconds": 0.0, "cpu_s": 0.0}  # fmt: skip
+        return refuse(error)
     effects = {}
     for effect in result.effects:
         values = {**effect.parameters, **effect.shape}
@@ -377,7 +403,6 @@ def answer(seed, number, folder):
     own = folder / f"servo-{number:04d}"
     own.mkdir(exist_ok=True)
     pair = draw(seed, number)
-    begun_s = time.perf_counter()
     said = {
         "number": number,
         "kind": pair.kind,
@@ -388,24 +413,24 @@ def answer(seed, number, folder):
             "friction": asdict(pair.reference.friction),
             "stall_Nm": pair.reference.motor.stall_Nm,
         },
+        "nominal": describe(pair.nominal),
+        "fit_seconds": 0.0,
     }
-    fit, beyond, known_to = fit_reference(pair, own)
-    said["fit"] = {
-        "shifts": {shift.name: [shift.value, shift.std] for shift in fit.shifts},
-        "sizes": {f"{size.effect}.{size.name}": [size.value, size.std] for size in fit.sizes},
-        "beyond_mjcf": list(beyond),
-        "errors": {e.signal: [e.nominal, e.fitted, e.held_out] for e in fit.totals},
-    }
-    said["nominal"] = describe_model(own / "fitted.xml")
-    said["known_to"] = known_to
-    said["fit_seconds"] = time.perf_counter() - begun_s
-    if not (own / "second").is_dir():
-        # A random state of its own, so that a run that goes on records the same.
-        random = np.random.default_rng([seed, number, 2])
-        recordings = record_all(pair.changed, pair.conditions, random)
-        model = (own / "fitted.xml").read_text(encoding="utf-8")
-        servos.write_campaign(own / "second", model, recordings, known_to, "second")
-    said |= diagnose(own / "second")
+    begun_s = time.perf_counter()
+    try:
+        fit, beyond, known_to = fit_reference(pair, own, [seed, number, 1])
+    except RigError as error:
+        said |= refuse(error)
+    else:
+        said["fit_seconds"] = time.perf_counter() - begun_s
+        said["fit"] = describe_fit(fit, beyond)
+        said["nominal"] = describe_model(own / "fitted.xml")
+        said["known_to"] = known_to
+        if not (own / "second").is_dir():
+            recordings = record_all(pair.changed, pair.conditions, [seed, number, 2])
+            model = (own / "fitted.xml").read_text(encoding="utf-8")
+            servos.write_campaign(own / "second", model, recordings, known_to, "second")
+        said |= diagnose(own / "second")
     path.write_text(json.dumps(said, indent=1), encoding="utf-8")
     return said
 
@@ -499,25 +524,29 @@ def print_table(answers):
     """Marks by size of the change relative to its detection limit, and of unchanged pairs."""
     limit, source = find_limit(answers)
     print(f"detection limit: {100 * limit:.1f} % of the weight's torque ({source})")
-    words = ("right", "family", "wrong", "silent")
-    print(f"{'change / limit':<18}" + "".join(f"{word:>8}" for word in words) + "  in 90 %")
+    print(f"{'change / limit':<18}" + "".join(f"{word:>8}" for word in MARKS) + "  in 90 %")
     changed = [said for said in answers if said["kind"] != NOTHING]
     for kind in (WEIGHT, ARM):
-        for low, high in zip(SIZES_IN_LIMITS, (*SIZES_IN_LIMITS[1:], np.inf), strict=True):
+        for low, high in pairwise((*SIZES_IN_LIMITS, np.inf)):
             row = []
             for said in changed:
                 share = abs(change_of_gravity(said)) / said["nominal"]["gravity_Nm"]
                 if said["kind"] == kind and low <= share / limit < high:
                     row.append(said)
-            counts = Counter(mark(said) for said in row)
-            inside = [is_in_interval(said) for said in row if is_in_interval(said) is not None]
-            numbers = "".join(f"{counts[word]:>8}" for word in words)
-            label = f"{kind} {low:g} to {high:g}"
-            print(f"{label:<18}{numbers}{f'{sum(inside)} of {len(inside)}':>9}")
+            print_row(f"{kind} {low:g} to {high:g}", row)
     unchanged = Counter(mark(said) for said in answers if said["kind"] == NOTHING)
     print("unchanged: " + ", ".join(f"{word} {count}" for word, count in unchanged.items()))
     exclusions = [said for said in changed if excluded_truth(said)]
     print(f"exclusions that contain the truth: {len(exclusions)} of {len(changed)}")
+
+
+def print_row(label, row):
+    """A row of the table: marks, and how many of the stated sizes hold the truth."""
+    counts = Counter(mark(said) for said in row)
+    numbers = "".join(f"{counts[word]:>8}" for word in MARKS)
+    in_interval = [is_in_interval(said) for said in row]
+    stated = [is_inside for is_inside in in_interval if is_inside is not None]
+    print(f"{label:<18}{numbers}{f'{sum(stated)} of {len(stated)}':>9}")
 
 
 def print_misses(answers):
@@ -528,24 +557,31 @@ def print_misses(answers):
             notes.append(mark(said))
         if is_in_interval(said) is False:
             change_Nm, std_Nm = implied_change(said)
-            notes.append(f"size {change_Nm:.3f} +- {std_Nm:.3f} N m")
+            notes.append(f"size {change_Nm:+.3f} +- {std_Nm:.3f} N m")
         if excluded_truth(said):
             notes.append(excluded_truth(said))
         if notes:
-            stated = {name: round(e["probability"], 3) for name, e in said["effects"].items()}
-            family = said["family"]["id"] if said["family"] else ""
-            closest = said["rivals"][0] if said["rivals"] else said.get("message", "")
             share = change_of_gravity(said) / said["truth"]["before"]["gravity_Nm"]
             truth = f"{change_of_gravity(said):+.3f} N m, {100 * share:+.0f} %"
-            print(
-                f"pair {said['number']}, {said['kind']} {truth}: {'; '.join(notes)}; {said['grade']}, {stated or family}, closest {closest}"
-            )
+            head = f"pair {said['number']}, {said['kind']} {truth}: {'; '.join(notes)}"
+            print(f"{head}; {describe_answer(said)}")
+
+
+def describe_answer(said):
+    """Grade, stated effects or family, and the closest hypothesis, in one line."""
+    if said["grade"] == "refused":
+        return f"refused: {said['message']}"
+    stated = {name: round(effect["probability"], 3) for name, effect in said["effects"].items()}
+    family = said["family"]["id"] if said["family"] else "nothing stated"
+    ids, probability = said["rivals"][0]
+    closest = " + ".join(ids) or NOTHING
+    return f"{said['grade']}, {stated or family}, closest {closest} ({probability:.2f})"
 
 
 def make_own_law(usual):
     """The lab's own law T = c |w|^n sgn w of the joint, c at 1 rad/s.
 
-    Its torque at the usual speed may be 0.2 to 80 % of the usual torque, as of the catalogue's laws.
+    c may be 0.2 to 80 % of the usual torque, as sizes of the catalogue's laws may.
     """
     torque_Nm = float(usual.torque[0])
     speed_rad_s = np.linspace(-OWN_LAW_FASTEST_RAD_S, OWN_LAW_FASTEST_RAD_S, OWN_LAW_KNOTS)
@@ -612,7 +648,7 @@ def answer_own_law(seed, number, folder):
             "command_gain_relative": LEAST_GAIN_STD,
             "torque_error_relative": TORQUE_ERROR_RELATIVE,
         }
-        recordings = record_all(servo, conditions, random)
+        recordings = record_all(servo, conditions, [seed, number, 4])
         servos.write_campaign(own, servos.mjcf(servo), recordings, known_to, "own law")
     said = {
         "number": number,
@@ -652,14 +688,13 @@ def print_own_law(answers):
     print("with the own law: " + ", ".join(f"{word} {n}" for word, n in counts.items()))
     for said in answers:
         friction = said["truth"]["friction"]
-        print(f"case {said['number']}: {mark_own_law(said)}; dry {friction['dry_Nm']:.3f} N m, c {friction['power_Nm']:.3f} N m")
+        truth = f"dry {friction['dry_Nm']:.3f} N m, c {friction['power_Nm']:.3f} N m"
+        print(f"case {said['number']}: {mark_own_law(said)}; {truth}")
         for way in ("without", "with"):
-            result = said[way]
-            stated = {}
-            for name, effect in result["effects"].items():
-                stated[name] = {key: value[0] for key, value in effect["parameters"].items()}
-            family = result["family"]["id"] if result["family"] else ""
-            print(f"  {way}: {result['grade']}, {stated or family}, closest {result['rivals'][:2]}")
+            print(f"  {way}: {describe_answer(said[way])}")
+            for name, effect in said[way]["effects"].items():
+                for key, (value, std) in effect["parameters"].items():
+                    print(f"    {name}.{key} {value:.3g} +- {std:.2g}")
 
 
 def main():
