@@ -97,6 +97,19 @@ def test_lifting_takes_the_driving_share_and_lowering_saves_the_other(shares):
     assert torque_at_horizontal(-rate_rad_s) == pytest.approx(lowering_Nm, rel=0.01)
 
 
+def test_the_model_file_has_inertia_and_weight_of_rod_weight_and_rotor():
+    servo = Servo(weight_kg=0.6, arm_m=0.15, rod_kg=0.05, motor=Motor(rotor_kg_m2=2e-7))
+    model = mujoco.MjModel.from_xml_string(mjcf(servo))
+    data = mujoco.MjData(model)
+    data.qpos[0] = np.pi / 2.0
+    mujoco.mj_forward(model, data)
+    inertia_kg_m2 = np.empty((1, 1))
+    mujoco.mj_fullM(model, data, inertia_kg_m2)
+    expected_kg_m2 = 0.6 * 0.15**2 + 0.05 * 0.15**2 / 3.0 + 225.0**2 * 2e-7
+    assert inertia_kg_m2[0, 0] == pytest.approx(expected_kg_m2, rel=1e-9)
+    assert data.qfrc_bias[0] == pytest.approx(9.81 * 0.15 * (0.6 + 0.025), rel=1e-9)
+
+
 @pytest.mark.parametrize("condition", TRAJECTORIES)
 def test_without_friction_it_moves_as_the_model_does_in_mujoco(condition):
     """Both integrate the same equations with duty held over a tick: they agree to 1e-6 rad."""
