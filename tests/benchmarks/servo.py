@@ -56,15 +56,10 @@ ARM = "arm"
 UNCHANGED = (0, 3, 6)
 # What is right where weight or arm have changed, alone or as a member of a family.
 BODY_EFFECTS = frozenset(("added_mass", "centre_of_mass"))
-# Laws that the servo has and its fitted model has not: right beside a body's effect.
-LAWS_OF_SERVO = frozenset(
-    (
-        "joint_friction",
-        "joint_stribeck",
-        "joint_hysteresis",
-        "joint_load_friction",
-    )
-)
+# Laws that the servo has and its fitted model has not.
+LAWS_OF_SERVO = frozenset(("joint_stribeck", "joint_hysteresis", "joint_load_friction"))
+# Right beside a body's effect: a heavier weight adds friction, since a share follows the load.
+RIGHT_BESIDE_BODY = LAWS_OF_SERVO | {"joint_friction"}
 # Dry friction is the friction law that MJCF holds; viscous friction is in [known_to].
 FITTED_EFFECTS = ("joint_friction",)
 SECONDS = {"lift and lower": 8.0, "sines": 8.0, "steps": 8.0, "release": 6.0}
@@ -97,7 +92,7 @@ OWN_LAW = "power_friction"
 OWN_LAW_KNOTS = 61
 # Faster than any servo of the draw turns.
 OWN_LAW_FASTEST_RAD_S = 12.0
-OWN_LAW_RIGHT = frozenset((*LAWS_OF_SERVO, "joint_damping", "joint_drag", OWN_LAW))
+OWN_LAW_RIGHT = RIGHT_BESIDE_BODY | {"joint_damping", "joint_drag", OWN_LAW}
 
 
 @dataclass(frozen=True)
@@ -446,12 +441,12 @@ def mark(said):
     if said["kind"] == NOTHING:
         if not stated and family is None:
             return "right" if said["grade"] == "nothing missing" else "silent"
-        claimed = stated or members_of(family["id"])
-        return "law of the servo" if claimed & LAWS_OF_SERVO == claimed else "wrong"
+        if stated:
+            return "law of the servo" if stated <= LAWS_OF_SERVO else "wrong"
+        return "law of the servo" if members_of(family["id"]) & LAWS_OF_SERVO else "wrong"
     if stated:
-        if stated & BODY_EFFECTS and stated <= BODY_EFFECTS | LAWS_OF_SERVO:
-            return "right"
-        return "wrong"
+        is_right = stated & BODY_EFFECTS and stated <= BODY_EFFECTS | RIGHT_BESIDE_BODY
+        return "right" if is_right else "wrong"
     if family is not None:
         return "family" if members_of(family["id"]) & BODY_EFFECTS else "wrong"
     return "silent"
