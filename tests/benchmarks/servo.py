@@ -375,6 +375,7 @@ def diagnose(folder):
         held_out[name] = [figure.before, figure.after, figure.noise_floor]
     moved = {prior.name: prior.deviations for prior in result.moved_priors}
     rivals = [[list(rival.ids), rival.probability] for rival in result.rivals[:RIVALS_KEPT]]
+    failed = {c.name: f"{c.found}; {c.required}" for c in result.criteria if not c.passed}
     return {
         "grade": result.grade,
         "probability": result.probability,
@@ -384,6 +385,8 @@ def diagnose(folder):
         "rivals": rivals,
         "not_seen": not_seen,
         "held_out": held_out,
+        "failed_criteria": failed,
+        "unexplained": list(result.unexplained),
         "moved_priors": moved,
         "seconds": time.perf_counter() - begun_s,
         "cpu_s": time.process_time() - begun_cpu_s,
