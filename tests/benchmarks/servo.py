@@ -633,6 +633,7 @@ def answer_own_law(seed, number, folder):
         dry_Nm=servo.friction.dry_Nm,
         rise=servo.friction.rise,
         falls_rad_s=servo.friction.falls_rad_s,
+        bristle_rad=servo.friction.bristle_rad,
         power_Nm=power_Nm,
         power=1.5,
     )
@@ -690,6 +691,9 @@ def print_own_law(answers):
         print(f"case {said['number']}: {mark_own_law(said)}; {truth}")
         for way in ("without", "with"):
             print(f"  {way}: {describe_answer(said[way])}")
+            limit = said[way]["not_seen"].get("joint_friction")
+            if limit is not None and limit["torque_Nm"] < friction["dry_Nm"]:
+                print(f"    excluded: dry friction from {limit['torque_Nm']:.3f} N m")
             for name, effect in said[way]["effects"].items():
                 for key, (value, std) in effect["parameters"].items():
                     print(f"    {name}.{key} {value:.3g} +- {std:.2g}")
