@@ -91,10 +91,15 @@ class SearchConfig:
     worth_a_fit
         Chi-square that an effect must promise to remove, or it is not fitted: less cannot pay for its parameters (Occam factor of about 3
         in log evidence each).
+    worth_trying_once
+        The same of the most promising effect of a family none of which is fitted otherwise: only of what was fitted can it be said that it
+        is not missing, and far from a fit the promise of a signature is no guide.
     worth_beside_a_good_fit
         The same beside an explanation that is adequate already: what a law that is off by some percent leaves.
     worth_a_probe
         Share of these that an effect must promise by a signature that is known, or it is not simulated again beside another fit.
+    singles_only
+        Whether the search ends after single effects. That is enough to choose the length of windows.
     """
 
     coarse_conditions: int = 4
@@ -110,8 +115,10 @@ class SearchConfig:
     partners: int = 5
     converged: int = 2
     worth_a_fit: float = 6.0
+    worth_trying_once: float = 2.0
     worth_beside_a_good_fit: float = 60.0
     worth_a_probe: float = 0.3
+    singles_only: bool = False
 
 
 DEFAULT_SEARCH = SearchConfig()
@@ -126,6 +133,9 @@ DOMINANT_SHARE = (
 # Held-out rms in units of noise and usual model error, up to which a law holds. It carries the uncertainty of the parameters, too: exact
 # laws reach 1.06 with four conditions, and what a wrong law leaves of an unlisted cause begins at 1.24 in 196 benchmark cases.
 USUAL_MISFIT = 1.2
+MAX_RISE = 0.05  # share by which a statement may make the held-out rms of a signal larger: what linear prediction errs by
+NOTHING_PROBABILITY = 0.5  # of nothing in the table of all sets, above which nothing is missing: more probable than all others together
+VISIBLE_PROBABILITY = 0.01  # of a set in that table, from which its effects are not excluded
 AS_GOOD_LOG_ODDS = 3.0  # log posterior odds within which the data do not tell two effects apart
 WORTH_ADDING = 0.1  # share of the held-out mean square that an effect must remove to be part of the explanation
 CONDITION_SIZE_STD = 0.5  # prior standard deviation, as a share, of an effect's size from one group of observations to the next

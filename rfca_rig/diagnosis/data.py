@@ -99,6 +99,12 @@ class Observations:
         """The kind of experiment of each row."""
         return np.array([label.experiment for label in self.labels])[self.label]
 
+    @property
+    def recording(self) -> Integers:
+        """Number of the recording of each row; a condition that is no part of one counts as a recording."""
+        names = np.array([label.recording or f"{label.experiment}, {label.condition}" for label in self.labels])[self.label]
+        return np.unique(names, return_inverse=True)[1].astype(np.intp)
+
     def names(self) -> tuple[str, ...]:
         """The conditions in words, in the order in which `condition` counts them."""
         found: dict[int, str] = {}

@@ -1,7 +1,7 @@
 """`diagnose` for the leg: recordings in, the whole answer out."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,20 +46,6 @@ SEEN_ON_THE_SHAFT = ("motor_cogging", "motor_speed_droop", "motor_speed_ripple",
 DRIVE_EFFECTS = (*SEEN_ON_THE_SHAFT, "shaft_compliance", "shaft_play")
 
 
-@dataclass(frozen=True)
-class _TrackingError:
-    """Measure of a signature for detection limits: the tracking error that it would have made."""
-
-    shafts: Sequence[ShaftCondition]
-    ramp_s: float
-
-    def power(self, signature: NDArray[np.float64]) -> float:
-        """Largest squared tracking error over all shafts, if each moved otherwise by its part of the signature (m,)."""
-        ends = np.cumsum([shaft.deviation_rad.size for shaft in self.shafts])[:-1]
-        deviating = [replace(shaft, repeats=away[None]) for shaft, away in zip(self.shafts, np.split(signature, ends), strict=True)]
-        return max(tracking_error(shaft, self.ramp_s) for shaft in deviating) ** 2
-
-
 def find_excluded_sizes(shafts: Sequence[ShaftCondition], rig: RigModel, effects: Sequence[Effect]) -> tuple[NotSeen, ...]:
     """For each of these drive effects that the nominal rig lacks, the size from which on the shaft would not have tracked its command.
 
@@ -70,8 +56,15 @@ def find_excluded_sizes(shafts: Sequence[ShaftCondition], rig: RigModel, effects
     dataset, coordinates = make_leg_dataset(shafts), Parameterization(nuisances_of_drive(rig, ModelPoint(rig), {}))
     base = without_scatter(dataset).at(coordinates, np.zeros(coordinates.size))
     probes = [] if base is None else probe_effects(dataset, base, grid_points(term for effect in candidates for term in terms_of(effect)))
+    ends = np.cumsum([shaft.deviation_rad.size for shaft in shafts])[:-1]
+
+    def power_of(signature: NDArray[np.float64]) -> float:
+        """Largest squared tracking error over all shafts, if each moved otherwise by its part of the signature (m,)."""
+        deviating = [replace(shaft, repeats=away[None]) for shaft, away in zip(shafts, np.split(signature, ends), strict=True)]
+        return max(tracking_error(shaft, rig.drive.ramp_s) for shaft in deviating) ** 2
+
     # A tracking error of 1 is the limit of `tracks_command`, so this is the power that is needed.
-    return find_detection_limits(candidates, probes, _TrackingError(shafts, rig.drive.ramp_s), rig, needed=1.0)
+    return find_detection_limits(candidates, probes, power_of, rig, needed=1.0)
 
 
 @single_threaded_blas()

@@ -263,3 +263,13 @@ class Diagnosis:
 def name_parts(text: str, of_stretches: bool) -> str:
     """A text on conditions; where these are stretches of a recording, it says so."""
     return text.replace("conditions", "stretches").replace("condition", "stretch") if of_stretches else text
+
+
+def describe_probability(probability: float) -> str:
+    """A probability in percent, never shown as certain: neither 0 nor 100."""
+    if probability < 0.0005:
+        return "< 0.1 %"
+    if probability >= 0.9995:
+        return "> 99.9 %"
+    digits = 0 if 0.01 <= probability < 0.99 else 1
+    return f"{100.0 * probability:.{digits}f} %"

@@ -12,12 +12,24 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.config import MOST_RIVALS, MOVED_PRIOR_STD, PRIOR_NOTHING, PRIOR_ONE, PRIOR_TWO, PRIOR_UNKNOWN
 from rfca_rig.diagnosis.data import Label, Observations, rms
 from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision
-from rfca_rig.diagnosis.decision.sizes import find_detection_limits
+from rfca_rig.diagnosis.decision.sizes import find_detection_limits, power_to_exclude
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import make_projection
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import loo_residuals
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
-from rfca_rig.diagnosis.result import BeforeAfter, Criterion, Diagnosis, Located, MovedPrior, NotSeen, SignalOverlay, Value, name_parts
+from rfca_rig.diagnosis.result import (
+    BeforeAfter,
+    Criterion,
+    Diagnosis,
+    Located,
+    MovedPrior,
+    NotSeen,
+    Rival,
+    SignalOverlay,
+    Value,
+    describe_probability,
+    name_parts,
+)
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
 
@@ -43,13 +55,24 @@ def describe(decision: Decision) -> str:
     if decision.grade == "not enough data":
         return f"Not enough data for a verdict: {decision.criteria[0].found}."
     if decision.grade == "nothing missing":
-        # Where the model predicts as usual without them, a probability above 0.5 is not enough to state them.
-        effects = [one for one in decision.supported if one.kind == "effect" and one.probability > 0.5]
-        likely = " and ".join(f"{one.id} ({100.0 * one.probability:.0f} %)" for one in effects)
-        tail = f" Likely there, and no more than a model's usual error: {likely}." if likely else ""
-        return f"Nothing is missing that these recordings would show.{tail}"
+        return "Nothing is missing that these recordings would show."
+    return describe_open(decision)
+
+
+def describe_open(decision: Decision) -> str:
+    """What is known where nothing is stated, and something may be missing."""
+    if decision.visible:
+        return f"The difference is within the usual model error, but visible: {describe_alternatives(decision.visible)}."
     closest = f" The closest entry is {' with '.join(decision.closest.ids)}, which is not stated." if decision.closest else ""
     return f"Something is missing that no entry of the catalogue explains.{closest}"
+
+
+def describe_alternatives(sets: Sequence[Rival]) -> str:
+    """Sets of effects of a table with their probabilities, and the probability of all together."""
+    listed = ", ".join(f"{' with '.join(one.ids)} ({describe_probability(one.probability)})" for one in sets)
+    if len(sets) == 1:
+        return listed
+    return f"one of {listed}; together {describe_probability(sum(one.probability for one in sets))}"
 
 
 def describe_refusal(decision: Decision) -> tuple[str, ...]:
@@ -92,7 +115,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         cells=cells,
         effects=decision.effects,
         criteria=decision.criteria,
-        rivals=decision.rivals[:MOST_RIVALS],
+        rivals=decision.listed_rivals(MOST_RIVALS),
         not_seen=_find_not_seen(found, explanation, decision.suspects, effects),
         fit=compare_residuals(found, explanation, experiment),
         held_out=compare_held_out(found, explanation, experiment),
@@ -135,14 +158,21 @@ def _find_not_seen(
 ) -> tuple[NotSeen, ...]:
     """Detection limits on the subset of the conditions that was screened; all conditions would exclude a little more.
 
-    Remaining misfit could hide an effect. It counts as discrepancy, at least the usual one.
+    Remaining misfit could hide an effect. It counts as discrepancy, at least the usual one. So could a nuisance parameter that has moved
+    far: it may have taken the place of the effect, so that its prior does not hold here.
     """
     fit, rows = explanation.fitted, found.in_coarse
     fitted, measured = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]), found.dataset.rows.measured[rows]
+    moved = np.flatnonzero(np.abs(explanation.marginal.posterior.mean[: fit.coordinates.nuisances]) > MOVED_PRIOR_STD)
     # The probes were simulated on the subset only.
-    projection = make_projection(fitted, measured, found.coarse.level(fitted.linear(measured)))
+    projection = make_projection(fitted, measured, found.coarse.level(fitted.linear(measured)), moved.tolist())
     others = [effect for effect in effects if effect.id not in suspects]
-    return find_detection_limits(others, found.probes, projection, found.nominal.coordinates.space.centre.rig)
+    needed = power_to_exclude(len(others))
+
+    def power_of(signature: Floats) -> float:
+        return projection.speaks_against(signature, needed)
+
+    return find_detection_limits(others, found.probes, power_of, found.nominal.coordinates.space.centre.rig, needed)
 
 
 def list_moved_priors(hypothesis: Hypothesis) -> tuple[MovedPrior, ...]:

@@ -10,7 +10,7 @@ Lengths double. The best fit on shorter windows is where the fit on longer ones 
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Protocol, Self, TypeVar
 
@@ -35,6 +35,7 @@ MAX_MISFIT_SHARE = 0.5
 LONGEST_S = 2.0
 FEWEST_STRETCHES = 4  # conditions that must remain: held-out prediction with fewer says little
 CARRIED = 2  # sets of effects whose fits go on to longer windows: on short ones a wrong law may be as good as the right one
+SHARE_OF_SINGLES = 0.2  # of the progress of a diagnosis
 LEAST_GROWTH = 1.2  # times the former length, below which another cut is not worth its simulations
 
 
@@ -105,15 +106,17 @@ def search_in_windows(
     """
     if not problem.chooses_lengths:
         return problem, search_models(problem.dataset, coordinates, effects, progress, config)
-    found = search_models(
-        problem.dataset, coordinates, effects, lambda text, share: progress(f"short windows: {text}", 0.4 * share), config
-    )
-    progress("longer windows", 0.4)
-    longer, begun = lengthen_windows(problem, found)
-    if not begun:
-        return problem, found
-    found = search_models(longer.dataset, coordinates, effects, lambda text, share: progress(text, 0.5 + 0.5 * share), config, begun)
-    return longer, found
+
+    def progress_of_singles(text: str, share: float) -> None:
+        progress(f"short windows: {text}", SHARE_OF_SINGLES * share)
+
+    def progress_of_all(text: str, share: float) -> None:
+        progress(text, SHARE_OF_SINGLES + (1.0 - SHARE_OF_SINGLES) * share)
+
+    # Single effects explain the motion well enough to tell how far a simulation can go.
+    found = search_models(problem.dataset, coordinates, effects, progress_of_singles, replace(config, singles_only=True))
+    problem, begun = lengthen_windows(problem, found)
+    return problem, search_models(problem.dataset, coordinates, effects, progress_of_all, config, begun)
 
 
 def describe_lengths(lengths_s: Sequence[float]) -> list[float]:

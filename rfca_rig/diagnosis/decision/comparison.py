@@ -18,17 +18,21 @@ from scipy.special import logsumexp
 from rfca_rig.diagnosis.config import (
     AS_GOOD_LOG_ODDS,
     CONDITION_SIZE_STD,
+    FEWEST_CONDITIONS,
     IMPLAUSIBLE,
     INFORMATIVE_SHARE,
     LAW_ERROR,
     MAX_COORDINATE,
+    MAX_RISE,
     STRAINED,
+    USUAL_MISFIT,
     WORTH_ADDING,
 )
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, propagate_smooth_error
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior, loo_residuals
+from rfca_rig.model.catalogue import list_related
 
 Floats = NDArray[np.float64]
 
@@ -63,12 +67,24 @@ class ScaledHypothesis:
     @cached_property
     def held_out_rms(self) -> Floats:
         """Rms (conditions,) of each held-out condition, predicted from the others, in units of noise and usual model error."""
-        rows = self.result.dataset.rows
-        linear = self.hypothesis.fitted.linear(rows.measured)
-        residuals = loo_residuals(linear, self.whitening, rows.condition, range(int(rows.condition.max()) + 1))
+        return self._rms_of_held_out(self.result.dataset.rows.condition)
+
+    @cached_property
+    def held_out_rms_of_recordings(self) -> Floats:
+        """The same of whole recordings, (recordings,); (0,) where there are fewer than FEWEST_CONDITIONS.
+
+        Stretches of one recording resemble each other, so that a law may predict them and fail in another recording.
+        """
+        recording = self.result.dataset.rows.recording
+        return self._rms_of_held_out(recording) if int(recording.max()) + 1 >= FEWEST_CONDITIONS else np.empty(0)
+
+    def _rms_of_held_out(self, group: NDArray[np.intp]) -> Floats:
+        """Rms (g,) of each group of rows, predicted from all others; `group` (m,) counts from 0."""
+        linear = self.hypothesis.fitted.linear(self.result.dataset.rows.measured)
+        residuals = loo_residuals(linear, self.whitening, group, range(int(group.max()) + 1))
         # One unit for all hypotheses, whatever discrepancy scale each of them has.
         square = residuals**2 / self.result.likelihood.usual.variance()
-        return np.asarray(np.sqrt(np.bincount(rows.condition, square) / np.bincount(rows.condition)))
+        return np.asarray(np.sqrt(np.bincount(group, square) / np.bincount(group)))
 
     @property
     def misfit(self) -> float:
@@ -214,18 +230,43 @@ class Comparison:
         return min(behind) < AS_GOOD_LOG_ODDS
 
     def without(self, ids: Collection[str]) -> ScaledHypothesis:
-        """The most probable hypothesis that has none of these effects."""
-        return next(one for one in self.ranked if not set(one.ids) & set(ids))
+        """The most probable hypothesis that has none of these effects.
+
+        One that needs an implausible nuisance parameter, which the best explanation does not need, explains nothing: the effect took the
+        place of that value. It counts only if there is no other.
+        """
+        rivals = [one for one in self.ranked if not set(one.ids) & set(ids)]
+        return next((one for one in rivals if not one.is_less_plausible_than(self.best)), rivals[0])
 
     def explained_share(self, one: ScaledHypothesis) -> float:
-        """Share of the removable held-out misfit that a hypothesis removes: 1 down to the noise, 0 as without effects."""
-        return self._compute_removed_share(self.nothing, one)
+        """Share of the removable held-out misfit that a hypothesis removes: 1 down to the noise, 0 as without effects.
 
-    def _compute_removed_share(self, before: ScaledHypothesis, after: ScaledHypothesis) -> float:
-        """Share of the removable held-out misfit of one hypothesis that another one removes."""
+        It is the smaller one of two: that of the median over conditions, and that of the rms over them, so that a few conditions that are
+        predicted far worse count.
+        """
+        of_median = self._compute_removed_share(self.nothing.misfit, one.misfit)
+        return min(of_median, self._compute_removed_share(self.nothing.misfit_of_all, one.misfit_of_all))
+
+    def _compute_removed_share(self, before: float, after: float) -> float:
+        """Share of the removable part of a held-out misfit that is gone after."""
         # Noise cannot be removed, so it does not count as misfit.
-        removable = before.misfit**2 - self.noise_floor**2
-        return (before.misfit**2 - after.misfit**2) / removable if removable > 0.0 else 0.0
+        removable = before**2 - self.noise_floor**2
+        return (before**2 - after**2) / removable if removable > 0.0 else 0.0
+
+    def worsens_a_signal(self, one: ScaledHypothesis) -> bool:
+        """Whether a hypothesis predicts held-out conditions worse than the one without effects, in any signal, and worse than usual."""
+        rows, conditions = self.result.dataset.rows, range(int(self.result.dataset.rows.condition.max()) + 1)
+        usual = self.result.likelihood.usual.variance()
+        square = []
+        for hypothesis in (self.nothing, one):
+            linear = hypothesis.hypothesis.fitted.linear(rows.measured)
+            square.append(loo_residuals(linear, self.result.likelihood.level(linear), rows.condition, conditions) ** 2)
+        for signal in np.unique(rows.signal):
+            own = rows.signal == signal
+            rise = np.sqrt(square[1][own].mean() / square[0][own].mean()) - 1.0
+            if rise > MAX_RISE and np.mean(square[1][own] / usual[own]) > USUAL_MISFIT**2:
+                return True
+        return False
 
     def law_error(self, one: ScaledHypothesis) -> float:
         """Root of the held-out misfit that a hypothesis leaves, over the misfit that it removes; limited to 1."""
@@ -246,6 +287,37 @@ class Comparison:
         """Rms of sensor noise alone, in units of noise and usual model error."""
         return float(np.sqrt(np.mean(self.result.dataset.rows.noise**2 / self.result.likelihood.usual.variance())))
 
+    def find_unsure_laws(self) -> frozenset[str]:
+        """Effects of the best explanation that share a family, where fewer laws of these families explain the recordings nearly as well.
+
+        The laws together may then only describe better what a single approximate law is behind, and no more than the family is known.
+        """
+        best = set(self.best.ids)
+        group = {name for name in best if not list_related((name,)).isdisjoint(best - {name})}
+        for simpler in self.ranked:
+            instead = set(simpler.ids) - (best - group)
+            is_simpler = best - group <= set(simpler.ids) and 0 < len(instead) < len(group) and instead <= list_related(group)
+            explains = is_simpler and (self.law_error(simpler) <= LAW_ERROR or _loses_little(simpler, self.best))
+            if explains and not simpler.is_less_plausible_than(self.best):
+                return frozenset(group)
+        return frozenset()
+
+    def whole_set(self, ids: Collection[str]) -> ScaledHypothesis:
+        """The most probable plausible set that has these effects: sizes without its other effects would make up for those."""
+        having = [one for one in self.ranked if set(ids) <= set(one.ids)]
+        return next((one for one in having if not one.is_less_plausible_than(self.best)), having[0])
+
+    def sets_as_good_as(self, whole: ScaledHypothesis, name: str) -> list[ScaledHypothesis]:
+        """Sets with this effect that predict held-out conditions as well, with others of the same families in place of its partners."""
+        others = set(whole.ids) - {name}
+        found = []
+        for one in self.ranked:
+            rest = set(one.ids) - {name}
+            is_swapped = name in one.ids and len(rest) == len(others) and rest <= list_related(others)
+            if is_swapped and not one.is_less_plausible_than(whole) and _loses_little(one, whole):
+                found.append(one)
+        return found
+
     def support(self, ids: Sequence[str]) -> Support:
         """The support of these effects, some of which are in the best explanation. Raises ValueError where none of them is."""
         best, rival = self.best, self.without(ids)
@@ -259,7 +331,7 @@ class Comparison:
             rival=rival.ids,
             log_bayes_factor=best.log_joint - rival.log_joint,
             held_out_ratio=float(np.median(np.log(rival.held_out_rms / best.held_out_rms))),
-            removed_share=self._compute_removed_share(rival, best),
+            removed_share=self._compute_removed_share(rival.misfit, best.misfit),
             # Of several effects of one family the best counts: the statement is true if any of them is there.
             condition_scatter=min(self.condition_scatter(number) for number in numbers),
             strain=min(one.max_nuisance_shift for one in alike if self._is_as_good(one)),
@@ -279,11 +351,8 @@ class Comparison:
         """
         for simpler in self.ranked:
             is_part = len(simpler.ids) == len(one.ids) - 1 and set(simpler.ids) < set(one.ids)
-            if is_part and not simpler.is_less_plausible_than(one):
-                log_ratio = np.median(np.log(simpler.held_out_rms / one.held_out_rms))
-                # The threshold is a share of the mean square, and `log_ratio` that of an rms, hence the half.
-                if log_ratio < -0.5 * np.log1p(-WORTH_ADDING):
-                    return simpler
+            if is_part and not simpler.is_less_plausible_than(one) and _loses_little(simpler, one):
+                return simpler
         return None
 
     def condition_scatter(self, number: int) -> float:
@@ -308,6 +377,19 @@ class Comparison:
         weight = 1.0 / std[informative] ** 2
         deviation = size[informative] - np.average(size[informative], weights=weight)
         return float(np.sqrt(max(np.average(deviation**2 - std[informative] ** 2, weights=weight), 0.0)))
+
+
+def _loses_little(one: ScaledHypothesis, other: ScaledHypothesis) -> bool:
+    """Whether a hypothesis predicts held-out conditions, or recordings, about as well as another one.
+
+    In the median over them it is worse by less than WORTH_ADDING.
+    """
+    pairs = [(one.held_out_rms, other.held_out_rms)]
+    if len(one.held_out_rms_of_recordings):
+        pairs.append((one.held_out_rms_of_recordings, other.held_out_rms_of_recordings))
+    log_ratios = [float(np.median(np.log(own / others))) for own, others in pairs]
+    # The threshold is a share of the mean square, and a ratio is that of an rms, hence the half.
+    return min(log_ratios) < -0.5 * float(np.log1p(-WORTH_ADDING))
 
 
 def compare(result: ModelSelectionResult) -> Comparison:

@@ -11,10 +11,11 @@
                     no nuisance parameter is implausible
 `mostly`            every stated effect has a probability of STATED_PROBABILITY, and together they remove DOMINANT_SHARE of what can be
                     removed of the held-out misfit, or a nuisance parameter is implausible without them; none of them only makes up for
-                    what an approximate law of the others leaves
+                    what an approximate law of the others leaves; no signal is predicted worse
 `family`            one family has a probability of STATED_PROBABILITY, and the best explanation removes as much
-`nothing missing`   nothing is stated, and the model without effects predicts all held-out conditions as well as models usually do
-`unexplained`       otherwise
+`nothing missing`   nothing is stated, the model without effects predicts all held-out conditions as well as models usually do, and in
+                    the table of all sets nothing is more probable than everything else together
+`unexplained`       otherwise: something is missing, or there is a difference that is visible but within the usual model error
 ==================  ================================================================================================================
 """
 
@@ -22,7 +23,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import logsumexp
 
 from rfca_rig.diagnosis.config import (
     DOMINANT_SHARE,
@@ -31,20 +32,23 @@ from rfca_rig.diagnosis.config import (
     LAW_ERROR,
     MAX_COORDINATE,
     MOST_RIVALS,
+    NOTHING_PROBABILITY,
     PRIOR_UNKNOWN,
     STATED_PROBABILITY,
     USUAL_MISFIT,
+    VISIBLE_PROBABILITY,
     WORTH_ADDING,
 )
 from rfca_rig.diagnosis.decision.calibration import Kind, calibration_of, support_values
 from rfca_rig.diagnosis.decision.comparison import Comparison, ScaledHypothesis, compare
-from rfca_rig.diagnosis.decision.sizes import estimate_sizes
+from rfca_rig.diagnosis.decision.sizes import estimate_sizes, widen
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import MarginalPosterior, laplace_posterior
-from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Verdict
+from rfca_rig.diagnosis.result import Criterion, Grade, NamedEffect, Rival, StatedFamily, Value, Verdict
 from rfca_rig.model.catalogue import Family, families_of, list_related
 
 UNKNOWN = ("unknown",)
+MOST_ALTERNATIVES = 5  # sets that are named beside a difference that is visible within the usual model error
 HELD_OUT = "held-out misfit"
 
 
@@ -64,6 +68,8 @@ class Supported:
         Effects that explain the data as well.
     law_error_without
         Law error of the best explanation without the effect; without the effects of a family, the largest of them.
+    is_variation
+        Whether another effect of the best explanation belongs to one of its families, so that it may only make up for that one's law.
     """
 
     kind: Kind
@@ -73,10 +79,16 @@ class Supported:
     cannot_tell_from: tuple[str, ...] = ()
     law_error_without: float = 1.0
 
+    is_variation: bool = False
+
     @property
     def is_needed(self) -> bool:
-        """Whether the laws of the other effects leave more than approximate laws usually do, or almost nothing remains with it."""
-        return self.law_error_without > LAW_ERROR or self.values["removed_share"] > 1.0 - WORTH_ADDING
+        """Whether the laws of the other effects leave more than approximate laws usually do, or almost nothing remains with it.
+
+        A variation of another law always removes most of what that law leaves, so that only the first counts for it.
+        """
+        is_small = self.law_error_without <= LAW_ERROR
+        return not is_small or (self.values["removed_share"] > 1.0 - WORTH_ADDING and not self.is_variation)
 
 
 @dataclass(frozen=True)
@@ -107,6 +119,8 @@ class Decision:
         All hypotheses with their relative probabilities, most probable first.
     supported
         The effects and families of the best explanation.
+    visible
+        Sets of effects that may be behind a difference that is within the usual model error, but visible; none otherwise.
     """
 
     grade: Grade
@@ -120,6 +134,7 @@ class Decision:
     criteria: tuple[Criterion, ...] = ()
     rivals: tuple[Rival, ...] = ()
     supported: tuple[Supported, ...] = ()
+    visible: tuple[Rival, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -132,15 +147,19 @@ class Decision:
     def suspects(self) -> frozenset[str]:
         """Effects that no detection limit may exclude.
 
-        These are the effects that are stated or closest, every one that is not surely absent, and their families where a law is only
-        approximate.
+        These are the effects that are stated or closest, every one that is not surely absent or part of a set that is not, and all that can
+        hardly be told from them: their families.
         """
-        possible = (one.id for one in self.supported if one.kind == "effect" and one.probability > 1.0 - IDENTIFIED_PROBABILITY)
-        stated = frozenset(self.explanation.ids).union(possible, *(effect.cannot_tell_from for effect in self.effects))
-        if self.grade in ("identified", "nothing missing"):
-            return stated
-        close = stated.union(() if self.closest is None else self.closest.ids)
-        return close | list_related(close)
+        possible = {one.id for one in self.supported if one.kind == "effect" and one.probability > 1.0 - IDENTIFIED_PROBABILITY}
+        in_table = {effect_id for rival in self.rivals if rival.probability > VISIBLE_PROBABILITY for effect_id in rival.ids}
+        stated = {*self.explanation.ids, *(other for effect in self.effects for other in effect.cannot_tell_from)}
+        closest = () if self.closest is None else self.closest.ids
+        return list_related({*possible, *(in_table - set(UNKNOWN)), *stated, *closest})
+
+    def listed_rivals(self, most: int) -> tuple[Rival, ...]:
+        """The first rows of the table of sets, with those of nothing and of the stated set wherever they stand."""
+        always = ((), tuple(sorted(effect.id for effect in self.effects)))
+        return tuple(rival for place, rival in enumerate(self.rivals) if place < most or tuple(sorted(rival.ids)) in always)
 
 
 def decide(found: ModelSelectionResult) -> Decision:
@@ -162,7 +181,8 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     is_usual = all(criterion.passed for criterion in _criteria(comparison.nothing, ()))
     # Where the model without effects predicts as models usually do, its error may look like an effect.
     needed = IDENTIFIED_PROBABILITY if is_usual else STATED_PROBABILITY
-    sure = {one.id for one in of_effects.values() if one.probability >= needed and one.is_needed}
+    unsure = comparison.find_unsure_laws()
+    sure = {one.id for one in of_effects.values() if one.probability >= needed and one.is_needed and one.id not in unsure}
     # The stated set must have been fitted as a whole; otherwise nothing is known of its held-out misfit.
     explanation = next((one for one in comparison.ranked if sure and set(one.ids) == sure), None)
     best = at_own_scale(comparison.best)
@@ -175,9 +195,9 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
         "unexplained", found.nothing, best if best.ids else None, criteria=criteria, rivals=rivals, supported=tuple(supported)
     )
     # A set that leaves much misfit may still be the dominant omission: then it is stated as "mostly".
-    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)):
+    if explanation is not None and (is_exact or _is_dominant(comparison, explanation)) and not comparison.worsens_a_signal(explanation):
         hypothesis = at_own_scale(explanation)
-        effects = tuple(_describe_effect(comparison, hypothesis, number, of_effects[name]) for number, name in enumerate(explanation.ids))
+        effects = tuple(_describe_effect(comparison, explanation, effect_id, of_effects[effect_id]) for effect_id in explanation.ids)
         return replace(
             decision,
             grade="identified" if is_exact else "mostly",
@@ -189,7 +209,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             explained_share=comparison.explained_share(explanation),
             relieved_strain=_describe_relief(comparison, explanation),
         )
-    if family is not None and is_family:
+    if family is not None and is_family and not comparison.worsens_a_signal(comparison.best):
         return replace(
             decision,
             grade="family",
@@ -199,12 +219,29 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             explained_share=comparison.explained_share(comparison.best),
             relieved_strain=_describe_relief(comparison, comparison.best),
         )
-    # A usual held-out misfit alone is not enough: something unlisted must also be less probable. This is the probability that nothing is
-    # missing, if only something unlisted is left as an alternative.
-    against_unknown = float(expit(found.nothing.log_joint - found.unknown.log_evidence - np.log(PRIOR_UNKNOWN)))
-    if is_usual and against_unknown > 0.5:
-        return replace(decision, grade="nothing missing", probability=against_unknown)
-    return replace(decision, probability=1.0 - next(rival.probability for rival in rivals if not rival.ids))
+    nothing = probability_of((), rivals)
+    if is_usual and nothing > NOTHING_PROBABILITY:
+        return replace(decision, grade="nothing missing", probability=nothing)
+    # Within the usual error only what the table shows can be named: its sets, none of which is stated.
+    visible = list_alternatives(rivals) if is_usual else ()
+    return replace(decision, probability=1.0 - nothing, visible=visible)
+
+
+def probability_of(ids: Sequence[str], rivals: Sequence[Rival]) -> float:
+    """Probability of a set of effects in the table; 0 where it is not listed."""
+    return next((rival.probability for rival in rivals if rival.ids == tuple(ids)), 0.0)
+
+
+def list_alternatives(rivals: Sequence[Rival]) -> tuple[Rival, ...]:
+    """The sets of effects of a table that share nearly all of the probability that something is missing, most probable first."""
+    with_effects = [rival for rival in rivals if rival.ids not in ((), UNKNOWN)]
+    total = sum(rival.probability for rival in with_effects)
+    found: list[Rival] = []
+    for rival in with_effects:
+        if sum(one.probability for one in found) >= (1.0 - VISIBLE_PROBABILITY) * total:
+            break
+        found.append(rival)
+    return tuple(found[:MOST_ALTERNATIVES])
 
 
 def _describe_relief(comparison: Comparison, one: ScaledHypothesis) -> str:
@@ -233,7 +270,8 @@ def support_of_best(comparison: Comparison) -> tuple[Supported, ...]:
         alike, equal = comparison.as_good_as(effect_id), comparison.equals_of(comparison.best, effect_id)
         values = support_values(comparison.support((effect_id, *alike, *comparison.variants_of(effect_id), *equal)))
         without = comparison.law_error_without(effect_id)
-        found.append(Supported("effect", effect_id, calibration_of("effect").probability(values), values, alike, without))
+        is_variation = not list_related((effect_id,)).isdisjoint(set(comparison.best.ids) - {effect_id})
+        found.append(Supported("effect", effect_id, calibration_of("effect").probability(values), values, alike, without, is_variation))
     for family in _families_of_best(comparison).values():
         # A size at the end of its range is evidence against the law, not against its family.
         values = support_values(comparison.support(tuple(sorted(family.members)))) | {"bound": 0.0}
@@ -307,28 +345,42 @@ def at_own_scale(one: ScaledHypothesis) -> Hypothesis:
     return replace(one.hypothesis, marginal=marginal)
 
 
-def _describe_effect(comparison: Comparison, hypothesis: Hypothesis, number: int, supported: Supported) -> NamedEffect:
+def _describe_effect(comparison: Comparison, one: ScaledHypothesis, effect_id: str, supported: Supported) -> NamedEffect:
     """One stated effect with its sizes, and the effects that the data do not distinguish from it."""
-    one, effect = comparison.scaled(hypothesis), hypothesis.fitted.coordinates.choices[number].effect
-    parameters, shape = estimate_sizes(comparison, hypothesis, number)
+    whole = comparison.whole_set(one.ids)
+    effect = whole.hypothesis.fitted.coordinates.choices[whole.ids.index(effect_id)].effect
+    parameters, shape = estimate_stated_sizes(comparison, whole, effect_id)
     law_error = comparison.law_error(one)
     off = f"the law is off by about {100.0 * law_error:.0f} % of what it explains"
     # Effects of the same family that could take its place, and whose law error is usual, or no larger than its own.
-    kept, most = set(one.ids) - {effect.id}, max(LAW_ERROR, comparison.law_error(one))
+    kept, most = set(one.ids) - {effect_id}, max(LAW_ERROR, comparison.law_error(one))
     swapped = [rival for rival in comparison.ranked if len(rival.ids) == len(one.ids) and kept <= set(rival.ids)]
     others = {other for rival in swapped if comparison.law_error(rival) <= most for other in set(rival.ids) - set(one.ids)}
     return NamedEffect(
-        id=effect.id,
+        id=effect_id,
         left_out=effect.left_out,
         # The calibration rests on some dozens of statements, so more digits would claim too much.
         probability=min(supported.probability, 0.999),
         parameters=parameters,
         shape=shape,
         cannot_tell_from=tuple(
-            sorted({*supported.cannot_tell_from, *comparison.equals_of(one, effect.id), *(others & list_related((effect.id,)))})
+            sorted({*supported.cannot_tell_from, *comparison.equals_of(one, effect_id), *(others & list_related((effect_id,)))})
         ),
         wording=off if law_error < 1.0 else "these data do not tell how well the law holds",
     )
+
+
+def estimate_stated_sizes(comparison: Comparison, whole: ScaledHypothesis, effect_id: str) -> tuple[dict[str, Value], dict[str, Value]]:
+    """Parameters and shape parameters of a stated effect, from the best whole set, widened over the sets that predict as well.
+
+    Without its partners an effect takes up what they do, and its size is off by that.
+    """
+    sizes = [_sizes_in(comparison, one, effect_id) for one in (whole, *comparison.sets_as_good_as(whole, effect_id))]
+    return widen(sizes, 0), widen(sizes, 1)
+
+
+def _sizes_in(comparison: Comparison, one: ScaledHypothesis, effect_id: str) -> tuple[dict[str, Value], dict[str, Value]]:
+    return estimate_sizes(comparison, at_own_scale(one), one.ids.index(effect_id))
 
 
 def rank_rivals(comparison: Comparison) -> tuple[Rival, ...]:
@@ -359,7 +411,8 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
     """
     each, grades = (forces, shaft), {forces.grade, shaft.grade}
     stated = [one for one in each if one.grade in ("identified", "mostly", "family")]
-    if "identified" in grades and grades <= {"identified", "nothing missing"}:
+    # What is visible within the usual error of one of the two says nothing against what is identified in the other.
+    if "identified" in grades and all(one.grade in ("identified", "nothing missing") or one.visible for one in each):
         grade: Grade = "identified"
     elif forces.effects or shaft.effects:
         grade = "mostly"
@@ -367,7 +420,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         grade = next(one for one in ("family", "unexplained", "nothing missing") if one in grades)
     # Nothing is missing only if nothing is missing in either of them.
     nothing = float(np.prod([one.probability if one.grade == "nothing missing" else 1.0 - one.probability for one in each]))
-    pairs = [(a, b) for a in forces.rivals[:MOST_RIVALS] for b in shaft.rivals[:MOST_RIVALS]]
+    pairs = [(a, b) for a in forces.listed_rivals(MOST_RIVALS) for b in shaft.listed_rivals(MOST_RIVALS)]
     rivals = [
         Rival(
             (*a.ids, *b.ids),
@@ -390,4 +443,5 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         criteria=tuple(criterion for one in each if one.grade != "nothing missing" for criterion in one.criteria),
         rivals=tuple(sorted(rivals, key=lambda rival: -rival.probability)),
         supported=(*forces.supported, *shaft.supported),
+        visible=() if stated else (*forces.visible, *shaft.visible),
     )

@@ -7,11 +7,10 @@ The standard deviation of a parameter has two independent parts:
 2. The law itself: a real cause departs from its law in the catalogue by LAW_SIZE_ERROR at least. Where held-out misfit remains, it
    departs by up to the share of that misfit in what the effect removes.
 
-The detection limit of an effect that was not found is the smallest size at which these recordings would have shown it.
+The detection limit of an effect that was not found is the smallest size that these recordings speak against.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +57,25 @@ def estimate_sizes(comparison: Comparison, hypothesis: Hypothesis, number: int) 
     return parameters, shape
 
 
+def widen(sizes: Sequence[tuple[Mapping[str, Value], Mapping[str, Value]]], part: int) -> dict[str, Value]:
+    """The values of the first of several estimates, their standard deviations widened by how far the others differ from them.
+
+    Parameters
+    ----------
+    sizes
+        Parameters and shape parameters by name, of each estimate.
+    part
+        0 for the parameters, 1 for the shape parameters.
+    """
+    widened = {}
+    for name, value in sizes[0][part].items():
+        differences = [other[part][name].value - value.value for other in sizes if name in other[part]]
+        # A parameter that counts something has no standard deviation, and another count is another statement.
+        spread = float(np.sqrt(np.mean(np.square(differences)))) if value.std > 0.0 else 0.0
+        widened[name] = Value(value.value, float(np.hypot(value.std, spread)))
+    return widened
+
+
 def _law_uncertainty(term: EffectTerm, parameter: Parameter, value: float, law: float, hypothesis: Hypothesis) -> float:
     """Standard deviation of a value because the law is only approximate.
 
@@ -95,16 +113,20 @@ def without_effect(effect: Effect, rig: RigModel) -> float:
     return 0.0
 
 
-class SignatureMeasure(Protocol):
-    """Measure of how clearly a signature (m,) shows."""
+# Measure of how clearly a signature (m,) shows, in the unit of the power that is needed.
+PowerOf = Callable[[Floats], float]
 
-    def power(self, signature: Floats) -> float:
-        """Squared size of a signature (m,), in the unit of `needed`."""
-        ...
+
+def power_to_exclude(effects: int) -> float:
+    """Chi-square by which the recordings must speak against an effect, one of so many, to exclude it.
+
+    It is twice a log evidence: odds of 20, the choice among all effects, and the cost of one parameter. See docs/method.md.
+    """
+    return 2.0 * (3.0 + float(np.log(max(effects, 1))) + OCCAM)
 
 
 def find_detection_limits(
-    effects: Sequence[Effect], probes: Sequence[EffectProbe], shows: SignatureMeasure, rig: RigModel, needed: float | None = None
+    effects: Sequence[Effect], probes: Sequence[EffectProbe], power_of: PowerOf, rig: RigModel, needed: float
 ) -> tuple[NotSeen, ...]:
     """Detection limit of each effect.
 
@@ -114,27 +136,22 @@ def find_detection_limits(
         The effects that were not found.
     probes
         Their signatures (m,) at grid points.
-    shows
+    power_of
         Measures the power of a signature.
     rig
         The nominal model, from which sizes are counted.
     needed
-        The power that is enough. If not given, it is the power at which an effect would have been identified, beyond noise and nuisances.
+        The power that is enough.
 
     Returns
     -------
     tuple
         One entry per effect.
     """
-    if needed is None:
-        # Chi-square is twice a log evidence: odds of 20, the choice among all effects, and the cost of one parameter. See docs/method.md.
-        needed = 2.0 * (3.0 + float(np.log(max(len(effects), 1))) + OCCAM)
-    return tuple(NotSeen(effect.id, _size(effect, probes, shows, rig, needed)) for effect in effects)
+    return tuple(NotSeen(effect.id, _size(effect, probes, power_of, rig, needed)) for effect in effects)
 
 
-def _size(
-    effect: Effect, probes: Sequence[EffectProbe], shows: SignatureMeasure, rig: RigModel, needed: float
-) -> Mapping[str, float] | None:
+def _size(effect: Effect, probes: Sequence[EffectProbe], power_of: PowerOf, rig: RigModel, needed: float) -> Mapping[str, float] | None:
     size, off = size_parameter(effect), without_effect(effect, rig)
     powers: dict[float, list[float]] = {}
     signed_sum = 0.0
@@ -143,7 +160,7 @@ def _size(
             value = dict(probe.choice.present(probe.z).values)[size.name]
             signed_sum += value - off
             # Sizes on both sides of zero count by their distance. Rounding joins what is equal but for the last digits.
-            powers.setdefault(round(abs(value - off), 12), []).append(shows.power(probe.signature))
+            powers.setdefault(round(abs(value - off), 12), []).append(power_of(probe.signature))
     # Several probes may have one distance, for example one per hinge; their median power counts.
     points = sorted((distance, max(float(np.median(p)), NEGLIGIBLE_POWER * needed)) for distance, p in powers.items() if distance > 0.0)
     if not any(power > NEGLIGIBLE_POWER * needed for _, power in points):

@@ -47,7 +47,7 @@ from rfca_rig.diagnosis.likelihood.marginal_likelihood import make_marginal_like
 from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.executors.parallel import map_in_processes
-from rfca_rig.model.catalogue import DRY, RISING_WITH_SPEED, list_related, members_of
+from rfca_rig.model.catalogue import DRY, RISING_WITH_SPEED, families_of, list_related, members_of
 from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
@@ -174,7 +174,9 @@ def search_models(
         *_first_sets(_single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit), config.singles_coarse),
         *_first_sets(_single_starts(beside_nothing, 1, config.worth_a_fit), config.beside_nothing),
     ]
-    state = _fit_best(state, starts, config.singles_full)
+    if config.singles_only:
+        return _result(_converge(_fit_best(state, starts, config.singles_full), 1, config), coordinates, beside_nominal.probes, effects)
+    state = _fit_best(state, [*starts, *_family_starts(beside_nothing, starts, config.worth_trying_once)], config.singles_full)
     # History and scatter are learned only from a good fit, and before pairs are compared on them.
     state = _learn(_exchange(_converge(state, 1, config), beside_nominal.probes, config), GOOD_FIT, config)
     progress("pairs of effects", 0.5)
@@ -275,6 +277,18 @@ def _single_starts(screen: Screen, count: int, least: float) -> list[FitStart]:
         # A second point must promise at least half as much as the first.
         found += [pair for pair in points[:count] if pair[0] >= 0.5 * points[0][0]]
     return [_beside(screen.base, (probe,)) for _, probe in sorted(found, key=lambda pair: -pair[0])]
+
+
+def _family_starts(screen: Screen, starts: Sequence[FitStart], least: float) -> list[FitStart]:
+    """The most promising effect of every family that has no start yet, if it promises `least` of chi-square."""
+    tried = list_related(start.terms[-1].effect.id for start in starts)
+    found: dict[str, FitStart] = {}
+    for start in _single_starts(screen, 1, least):
+        effect_id = start.terms[-1].effect.id
+        for family in families_of(effect_id):
+            if effect_id not in tried:
+                found.setdefault(family.id, start)
+    return list(found.values())
 
 
 def _pair_starts(screen: Screen, count: int, least: float) -> list[FitStart]:

@@ -19,6 +19,7 @@ from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.model.effect import Effect, Parameter
 
 Floats = NDArray[np.float64]
+NO_PRIOR = 1e-6  # precision in prior standard deviations: none, and an unknown that no row depends on still has an inverse
 Point = tuple[EffectTerm, Floats]
 """One effect at the coordinates z of its free parameters, (p,)."""
 
@@ -109,6 +110,19 @@ class Projection:
         white = self.whitening(signature)
         return float(white @ self.project(white))
 
+    def speaks_against(self, signature: Floats, needed: float) -> float:
+        """The power (m,) of a signature that the residual speaks against by `needed` of chi-square, in the scale of `power`.
+
+        The residual may have a part along the signature. The effect is then there, perhaps, and only much larger sizes are excluded: the
+        factor f on the signature with f^2 power - 2 f match = needed. A signature of size 1 / f of that power would need f as well.
+        """
+        white = self.whitening(signature)
+        power, match = float(white @ self.project(white)), max(float(white @ self.residual), 0.0)
+        if power <= 0.0:
+            return 0.0
+        factor = (match + np.sqrt(match**2 + power * needed)) / power
+        return float(needed / factor**2)
+
     def gain(self, signature: Floats) -> tuple[float, float]:
         """Chi-square that a signature (m,) could remove, and the factor by which it would have to be scaled for that."""
         white = self.whitening(signature)
@@ -132,7 +146,7 @@ def promising_points(projection: Projection, probes: Sequence[EffectProbe], most
     return [(probe.choice, probe.z) for best in of_effect.values() for probe in best[:most]]
 
 
-def make_projection(base: MapFit, measured: Floats, whitening: Whitening) -> Projection:
+def make_projection(base: MapFit, measured: Floats, whitening: Whitening, free: Sequence[int] = ()) -> Projection:
     """The projection around a fit.
 
     Parameters
@@ -143,6 +157,8 @@ def make_projection(base: MapFit, measured: Floats, whitening: Whitening) -> Pro
         (m,) the measured rows.
     whitening
         The covariance.
+    free
+        Numbers of the unknowns whose prior does not hold.
 
     Returns
     -------
@@ -150,7 +166,9 @@ def make_projection(base: MapFit, measured: Floats, whitening: Whitening) -> Pro
         Its residual is what remains after the best linear correction of all unknowns under their prior.
     """
     jacobian = whitening(base.jacobian)
-    inverse = np.asarray(np.linalg.inv(jacobian.T @ jacobian + np.eye(jacobian.shape[1])), dtype=np.float64)
+    prior = np.ones(jacobian.shape[1])
+    prior[list(free)] = NO_PRIOR
+    inverse = np.asarray(np.linalg.inv(jacobian.T @ jacobian + np.diag(prior)), dtype=np.float64)
     linear = base.linear(measured)
     residual = whitening(linear.target)
     return Projection(whitening, jacobian, inverse, residual - jacobian @ (inverse @ (jacobian.T @ residual)))

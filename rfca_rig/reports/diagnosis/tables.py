@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rfca_rig.diagnosis.config import MAX_COORDINATE
 from rfca_rig.diagnosis.residual_force.law import MeasuredLaw, StatedLaw
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MovedPrior, Value, name_parts
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MovedPrior, Value, describe_probability, name_parts
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.reports.diagnosis.pictures import residuals_of
@@ -67,14 +67,7 @@ def format_with_interval_90(value: Value) -> str:
 
 def format_probability(probability: float) -> str:
     """A probability in percent, never shown as certain: neither 0 nor 100."""
-    text = f"{100.0 * probability:.0f}"
-    if probability < 0.0005:
-        text = "< 0.1"
-    elif probability >= 0.9995:
-        text = "> 99.9"
-    elif not 0.01 <= probability < 0.99:
-        text = f"{100.0 * probability:.1f}"
-    return f"{text} %".replace(" ", NO_BREAK) if isfinite(probability) else NOTHING
+    return describe_probability(probability).replace(" ", NO_BREAK) if isfinite(probability) else NOTHING
 
 
 def compare_with_usual_error(place: Located) -> str:
