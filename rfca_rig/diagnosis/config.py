@@ -150,6 +150,7 @@ LAW_MISFIT_SHARE = 0.6  # of the remaining misfit over the removed one that coun
 OCCAM = 1.5  # log evidence that one more parameter costs
 NEGLIGIBLE_POWER = 1e-6  # share of the power that is needed: a stop that no hinge reaches
 MOVED_PRIOR_STD = 2.0  # prior standard deviations beyond which a nuisance parameter is reported: one in twenty moves so by chance
+CONFIRMED_SETS = 12  # most probable sets whose evidence held-out conditions must confirm: those of the table
 MOST_RIVALS = 12  # hypotheses that are listed
 
 

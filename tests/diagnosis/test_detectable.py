@@ -37,11 +37,9 @@ def test_a_stiffness_shows_the_less_the_larger_it_is():
     assert distance == pytest.approx(500.0)
 
 
-class Given:
+def first_row(signature):
     """The power of a signature is what its first row says."""
-
-    def power(self, signature):
-        return float(signature[0])
+    return float(signature[0])
 
 
 def would_have_seen(effect, powers):
@@ -52,7 +50,7 @@ def would_have_seen(effect, powers):
         EffectProbe(choice, np.array([coordinate_of(size, value), *(0.0 for _ in others)]), np.array([power]))
         for value, power in powers.items()
     ]
-    return find_detection_limits([choice.effect], probes, Given(), RIG, needed=16.0)[0].would_have_seen
+    return find_detection_limits([choice.effect], probes, first_row, RIG, needed=16.0)[0].would_have_seen
 
 
 def test_a_stop_that_no_hinge_reaches_is_not_ruled_out():

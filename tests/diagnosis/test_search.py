@@ -59,7 +59,7 @@ def test_without_anything_missing_nothing_leads():
 
 
 def test_an_effect_that_promises_too_little_is_not_fitted():
-    assert search((HEAVY,), config=SearchConfig(worth_a_fit=np.inf, worth_beside_a_good_fit=np.inf)).named == ()
+    assert search((HEAVY,), config=SearchConfig(worth_a_fit=np.inf, worth_trying_once=np.inf, worth_beside_a_good_fit=np.inf)).named == ()
 
 
 @pytest.mark.slow

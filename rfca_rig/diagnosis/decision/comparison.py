@@ -8,7 +8,7 @@ much better held-out conditions are predicted with an effect than with the best 
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,7 @@ from scipy.special import logsumexp
 from rfca_rig.diagnosis.config import (
     AS_GOOD_LOG_ODDS,
     CONDITION_SIZE_STD,
+    CONFIRMED_SETS,
     FEWEST_CONDITIONS,
     IMPLAUSIBLE,
     INFORMATIVE_SHARE,
@@ -393,9 +394,36 @@ def _loses_little(one: ScaledHypothesis, other: ScaledHypothesis) -> bool:
 
 
 def compare(result: ModelSelectionResult) -> Comparison:
-    """All hypotheses of a search with the discrepancy scale free."""
+    """All hypotheses of a search with the discrepancy scale free.
+
+    Evidence that an effect brings counts only if held-out conditions confirm it. What one condition alone gains by an effect is a part of
+    its discrepancy that resembles the effect.
+    """
     found = [_integrate_scale(result, hypothesis) for hypothesis in (result.nothing, *result.named)]
-    return Comparison(result, tuple(sorted(found, key=lambda one: -one.log_joint)))
+    confirmed: set[int] = set()
+    while True:
+        found.sort(key=lambda one: -one.log_joint)
+        place = next((place for place, one in enumerate(found[:CONFIRMED_SETS]) if id(one) not in confirmed), None)
+        if place is None:
+            return Comparison(result, tuple(found))
+        found[place] = _without_unconfirmed(found[place], found)
+        confirmed.add(id(found[place]))
+
+
+def _without_unconfirmed(one: ScaledHypothesis, found: Sequence[ScaledHypothesis]) -> ScaledHypothesis:
+    """The hypothesis without evidence beyond that of a subset, one effect smaller, that predicts held-out conditions about as well."""
+    unconfirmed = 0.0
+    for subset in found:
+        is_part = len(subset.ids) == len(one.ids) - 1 and set(subset.ids) < set(one.ids)
+        gained = one.log_joint - one.hypothesis.log_prior - (subset.log_joint - subset.hypothesis.log_prior)
+        if is_part and gained > unconfirmed and not subset.is_less_plausible_than(one) and _loses_little(subset, one):
+            unconfirmed = gained
+    if unconfirmed == 0.0:
+        return one
+    reduced = replace(one, log_joint=one.log_joint - unconfirmed, log_evidence=one.log_evidence - unconfirmed)
+    # What was computed for the same fit stays valid.
+    reduced.__dict__.update({name: value for name, value in one.__dict__.items() if name not in ("log_joint", "log_evidence")})
+    return reduced
 
 
 def _integrate_scale(result: ModelSelectionResult, hypothesis: Hypothesis) -> ScaledHypothesis:
