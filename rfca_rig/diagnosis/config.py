@@ -92,8 +92,8 @@ class SearchConfig:
         Chi-square that an effect must promise to remove, or it is not fitted: less cannot pay for its parameters (Occam factor of about 3
         in log evidence each).
     worth_trying_once
-        The same of the most promising effect of a family none of which is fitted otherwise: only of what was fitted can it be said that it
-        is not missing, and far from a fit the promise of a signature is no guide.
+        The same of the most promising effect of a family none of which is fitted otherwise: only what was fitted is known not to be
+        missing, and far from a fit the promise of a signature is no guide.
     worth_beside_a_good_fit
         The same beside an explanation that is adequate already: what a law that is off by some percent leaves.
     worth_a_probe

@@ -115,7 +115,7 @@ def build_result(title: str, found: ModelSelectionResult, decision: Decision, ef
         cells=cells,
         effects=decision.effects,
         criteria=decision.criteria,
-        rivals=decision.listed_rivals(MOST_RIVALS),
+        rivals=decision.list_rivals(MOST_RIVALS),
         not_seen=_find_not_seen(found, explanation, decision.suspects, effects),
         fit=compare_residuals(found, explanation, experiment),
         held_out=compare_held_out(found, explanation, experiment),

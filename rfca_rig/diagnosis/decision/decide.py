@@ -147,8 +147,8 @@ class Decision:
     def suspects(self) -> frozenset[str]:
         """Effects that no detection limit may exclude.
 
-        These are the effects that are stated or closest, every one that is not surely absent or part of a set that is not, and all that can
-        hardly be told from them: their families.
+        These are the effects that are stated or closest, every one that is not surely absent or part of a set that is not, and all that the
+        data hardly distinguish from them: their families.
         """
         possible = {one.id for one in self.supported if one.kind == "effect" and one.probability > 1.0 - IDENTIFIED_PROBABILITY}
         in_table = {effect_id for rival in self.rivals if rival.probability > VISIBLE_PROBABILITY for effect_id in rival.ids}
@@ -156,7 +156,7 @@ class Decision:
         closest = () if self.closest is None else self.closest.ids
         return list_related({*possible, *(in_table - set(UNKNOWN)), *stated, *closest})
 
-    def listed_rivals(self, most: int) -> tuple[Rival, ...]:
+    def list_rivals(self, most: int) -> tuple[Rival, ...]:
         """The first rows of the table of sets, with those of nothing and of the stated set wherever they stand."""
         always = ((), tuple(sorted(effect.id for effect in self.effects)))
         return tuple(rival for place, rival in enumerate(self.rivals) if place < most or tuple(sorted(rival.ids)) in always)
@@ -420,7 +420,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         grade = next(one for one in ("family", "unexplained", "nothing missing") if one in grades)
     # Nothing is missing only if nothing is missing in either of them.
     nothing = float(np.prod([one.probability if one.grade == "nothing missing" else 1.0 - one.probability for one in each]))
-    pairs = [(a, b) for a in forces.listed_rivals(MOST_RIVALS) for b in shaft.listed_rivals(MOST_RIVALS)]
+    pairs = [(a, b) for a in forces.list_rivals(MOST_RIVALS) for b in shaft.list_rivals(MOST_RIVALS)]
     rivals = [
         Rival(
             (*a.ids, *b.ids),
