@@ -61,8 +61,11 @@ def describe(decision: Decision) -> str:
 
 def describe_open(decision: Decision) -> str:
     """What is known where nothing is stated, and something may be missing."""
-    if decision.visible:
-        return f"The difference is within the usual model error, but visible: {describe_alternatives(decision.visible)}."
+    if decision.alternatives and decision.within_usual:
+        return f"The difference is within the usual model error, but visible: {describe_alternatives(decision.alternatives)}."
+    is_explained = any(criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT)
+    if decision.alternatives and is_explained:
+        return f"Something is missing, and no cause is sure enough to be stated: {describe_alternatives(decision.alternatives)}."
     closest = f" The closest entry is {' with '.join(decision.closest.ids)}, which is not stated." if decision.closest else ""
     return f"Something is missing that no entry of the catalogue explains.{closest}"
 

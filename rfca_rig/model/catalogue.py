@@ -25,6 +25,7 @@ from rfca_rig.model.motion import ShaftMotion
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.model.setup import Setup
 from rfca_rig.model.tabulated_law import TABULATED_LAW, effect_of_table
+from rfca_rig.suggestions import suggestion
 
 FOLDER_VARIABLE = "RFCA_RIG_EFFECTS"
 
@@ -73,6 +74,9 @@ def _effect_of(module: ModuleType) -> Effect:
     effect = getattr(module, "EFFECT", None)
     if not isinstance(effect, Effect):
         raise BadInput(f"{module.__file__}: defines no EFFECT; see docs/add-an-effect.md for the form")
+    known = [family.id for family in FAMILIES]
+    if effect.family and effect.family not in known:
+        raise BadInput(f"{module.__file__}: family {effect.family!r} is none of the catalogue; {suggestion(effect.family, known)}")
     return effect
 
 
@@ -282,15 +286,28 @@ FAMILIES = (
 )
 
 
+def families() -> tuple[Family, ...]:
+    """All families, with the lab's own effects that name one of them."""
+    return _families(os.environ.get(FOLDER_VARIABLE))
+
+
+@cache
+def _families(folder: str | None) -> tuple[Family, ...]:
+    own: dict[str, set[str]] = {}
+    for name, (effect, _) in _lab_effects(folder).items():
+        own.setdefault(effect.family, set()).add(name)
+    return tuple(replace(family, members=family.members | own.get(family.id, set())) for family in FAMILIES)
+
+
 def families_of(effect_id: str) -> tuple[Family, ...]:
-    """The families that an effect belongs to; a lab's own effect is a family of its own."""
-    families = tuple(family for family in FAMILIES if effect_id in family.members)
-    return families or (Family(effect_id, effect_id.replace("_", " "), "", frozenset((effect_id,))),)
+    """The families that an effect belongs to; a lab's own effect that names none is a family of its own."""
+    found = tuple(family for family in families() if effect_id in family.members)
+    return found or (Family(effect_id, effect_id.replace("_", " "), "", frozenset((effect_id,))),)
 
 
 def members_of(family_id: str) -> frozenset[str]:
-    """The effects of a family; a lab's own effect is the only one of its own."""
-    return next((family.members for family in FAMILIES if family.id == family_id), frozenset((family_id,)))
+    """The effects of a family; a lab's own effect that names none is the only one of its own."""
+    return next((family.members for family in families() if family.id == family_id), frozenset((family_id,)))
 
 
 def list_related(ids: Iterable[str]) -> frozenset[str]:

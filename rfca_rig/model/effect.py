@@ -68,6 +68,7 @@ class Effect:
     distinguishes the two.
     `variant_of` names the most general effect of which this one is a special case, as dry friction is of Stribeck's.
     `equal_limits` are those in which its law becomes that of another effect: a diagnosis then reports both as one set.
+    `family` is the id of a family of the catalogue whose laws act alike, for an effect that the catalogue does not list there.
     `needs_order`: its law counts the strokes that the leg has made before. It is tried only where recordings state their order.
     `needs_k2`: its law is written in k0 and k2 of the spring, so that it has no meaning in a leg with a measured curve.
     """
@@ -86,6 +87,7 @@ class Effect:
     needs_k2: bool = False
     needs_order: bool = False
     equal_limits: tuple[EqualLimit, ...] = ()
+    family: str = ""
 
     def __post_init__(self) -> None:
         for parameter in self.shape:

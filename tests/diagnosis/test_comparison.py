@@ -312,7 +312,7 @@ def test_a_difference_that_the_table_shows_is_not_nothing(gained, probability):
     """However small the calibrated probability of the effect is."""
     decision = graded(as_usual(gained), probability)
     assert decision.grade == "unexplained"
-    assert [rival.ids for rival in decision.visible] == [("sensor_gain",)]
+    assert [rival.ids for rival in decision.alternatives] == [("sensor_gain",)]
     assert "within the usual model error, but visible: sensor_gain (> 99.9 %)" in describe(decision)
     assert decision.suspects >= {"sensor_gain", "sensor_crosstalk"}  # nor can what is hardly told from it be excluded
 
@@ -321,7 +321,7 @@ def test_nothing_is_missing_with_the_probability_of_the_table(gained):
     decision = graded(where_nothing_leads(as_usual(gained)), 0.05)
     assert decision.grade == "nothing missing"
     assert decision.probability == next(rival.probability for rival in decision.rivals if not rival.ids)
-    assert decision.visible == ()
+    assert decision.alternatives == ()
 
 
 def test_an_explanation_with_an_implausible_value_is_not_identified(gained):

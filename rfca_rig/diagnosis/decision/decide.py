@@ -119,8 +119,10 @@ class Decision:
         All hypotheses with their relative probabilities, most probable first.
     supported
         The effects and families of the best explanation.
-    visible
-        Sets of effects that may be behind a difference that is within the usual model error, but visible; none otherwise.
+    alternatives
+        Where nothing is stated and something is missing or visible: the sets of effects that may be behind it.
+    within_usual
+        Whether the model without effects predicts as models usually do.
     """
 
     grade: Grade
@@ -134,7 +136,8 @@ class Decision:
     criteria: tuple[Criterion, ...] = ()
     rivals: tuple[Rival, ...] = ()
     supported: tuple[Supported, ...] = ()
-    visible: tuple[Rival, ...] = ()
+    alternatives: tuple[Rival, ...] = ()
+    within_usual: bool = False
 
     @property
     def verdict(self) -> Verdict:
@@ -192,7 +195,13 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     criteria = _criteria(judged, [of_effects[name] for name in judged.ids])
     is_exact = all(criterion.passed for criterion in criteria)
     decision = Decision(
-        "unexplained", found.nothing, best if best.ids else None, criteria=criteria, rivals=rivals, supported=tuple(supported)
+        "unexplained",
+        found.nothing,
+        best if best.ids else None,
+        criteria=criteria,
+        rivals=rivals,
+        supported=tuple(supported),
+        within_usual=is_usual,
     )
     # A set that leaves much misfit may still be the dominant omission: then it is stated as "mostly".
     if explanation is not None and (is_exact or _is_dominant(comparison, explanation)) and not comparison.worsens_a_signal(explanation):
@@ -222,9 +231,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     nothing = probability_of((), rivals)
     if is_usual and nothing > NOTHING_PROBABILITY:
         return replace(decision, grade="nothing missing", probability=nothing)
-    # Within the usual error only what the table shows can be named: its sets, none of which is stated.
-    visible = list_alternatives(rivals) if is_usual else ()
-    return replace(decision, probability=1.0 - nothing, visible=visible)
+    return replace(decision, probability=1.0 - nothing, alternatives=list_alternatives(rivals))
 
 
 def probability_of(ids: Sequence[str], rivals: Sequence[Rival]) -> float:
@@ -412,7 +419,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
     each, grades = (forces, shaft), {forces.grade, shaft.grade}
     stated = [one for one in each if one.grade in ("identified", "mostly", "family")]
     # What is visible within the usual error of one of the two says nothing against what is identified in the other.
-    if "identified" in grades and all(one.grade in ("identified", "nothing missing") or one.visible for one in each):
+    if "identified" in grades and all(one.grade == "identified" or one.within_usual for one in each):
         grade: Grade = "identified"
     elif forces.effects or shaft.effects:
         grade = "mostly"
@@ -443,5 +450,6 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         criteria=tuple(criterion for one in each if one.grade != "nothing missing" for criterion in one.criteria),
         rivals=tuple(sorted(rivals, key=lambda rival: -rival.probability)),
         supported=(*forces.supported, *shaft.supported),
-        visible=() if stated else (*forces.visible, *shaft.visible),
+        alternatives=() if stated else (*forces.alternatives, *shaft.alternatives),
+        within_usual=forces.within_usual and shaft.within_usual,
     )

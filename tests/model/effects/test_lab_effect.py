@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.catalogue import FOLDER_VARIABLE, catalogue
+from rfca_rig.model.catalogue import FOLDER_VARIABLE, catalogue, families_of, list_related, members_of
 from tests.model.effects.rigs import having, paper_stroke, released
 from tests.model.legs import pendulum
 
@@ -59,6 +59,32 @@ def test_a_law_that_cannot_be_compiled_or_called_gives_one_line_that_names_its_f
     with pytest.raises(BadInput, match=r"wrong_law\.py: torque") as refused:
         paper_stroke(cubic_damping={"coefficient_Nm_s3_per_rad3": 0.01})
     assert "\n" not in str(refused.value)
+
+
+def with_family(tmp_path, family):
+    """The lab's own effect as a member of a family of the catalogue."""
+    text = (LAB / "our_effect.py").read_text()
+    assert "    id=" in text
+    (tmp_path / "our_effect.py").write_text(text.replace("    id=", f'    family="{family}",\n    id=', 1))
+
+
+def test_a_lab_s_own_effect_may_belong_to_a_family(tmp_path, monkeypatch):
+    """Then it is no rival of the family: a statement about the family holds whichever of its laws is the true one."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(LAB))
+    assert [family.members for family in families_of("cubic_damping")] == [{"cubic_damping"}]
+    with_family(tmp_path, "hinge_dissipation")
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    assert {"cubic_damping", "hinge_viscous_damping"} <= members_of("hinge_dissipation")
+    assert "cubic_damping" in list_related(("hinge_viscous_damping",))
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    assert "cubic_damping" not in members_of("hinge_dissipation")
+
+
+def test_a_family_that_is_not_in_the_catalogue_is_refused(tmp_path, monkeypatch):
+    with_family(tmp_path, "hinge_disipation")
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    with pytest.raises(BadInput, match=r"our_effect\.py: family 'hinge_disipation'.*hinge_dissipation"):
+        catalogue()
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path, monkeypatch):
