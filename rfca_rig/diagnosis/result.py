@@ -126,7 +126,7 @@ class MovedPrior:
 
 @dataclass(frozen=True)
 class NotSeen:
-    """An effect that was looked for and not found, with its detection limit; None where no plausible size would have been seen."""
+    """An effect that was looked for and not found, with its detection limit; None where no plausible size is excluded."""
 
     id: str
     would_have_seen: Mapping[str, float] | None

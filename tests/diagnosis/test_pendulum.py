@@ -12,8 +12,8 @@ from rfca_rig.analysis.swings import Nuisance, make_swing_problem
 from rfca_rig.campaign.pendulum import KnownToPendulum, PendulumCampaign, PendulumRun, read_pendulum_campaign
 from rfca_rig.diagnosis.decision.decide import Decision, decide
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.pendulums.diagnose import BIN_S, WINDOW_S, _build_result, _describe_closest, diagnose_pendulum, search_pendulum
-from rfca_rig.diagnosis.pendulums.windows import PendulumInput, cut_stretches, space_of_pendulum
+from rfca_rig.diagnosis.pendulums.diagnose import _build_result, _describe_closest, diagnose_pendulum, search_pendulum
+from rfca_rig.diagnosis.pendulums.windows import PendulumInput, cut_stretches, make_pendulum_problem, space_of_pendulum
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.effects.joint_torques import torque_trace
@@ -56,9 +56,9 @@ def of_dry_friction():
     """The same recordings, where only the two laws of dry friction are looked for, which takes a fraction of the time."""
     campaign = read_pendulum_campaign(DATA / "simple")
     others = [effect_id for effect_id in catalogue() if effect_id not in ("joint_friction", "joint_stribeck")]
-    found, effects = search_pendulum(make_swing_problem(campaign, WINDOW_S, BIN_S), lambda *_: None, others)
+    problem, found, effects = search_pendulum(make_pendulum_problem(campaign), lambda *_: None, others)
     decision = decide(found)
-    return Found(found, decision, _build_result(campaign, found, decision, effects))
+    return Found(found, decision, _build_result(problem, found, decision, effects))
 
 
 @pytest.mark.slow

@@ -311,7 +311,7 @@ def detection_limits_table(diagnosis: Diagnosis) -> Table:
         TableColumn("unit", "Unit"),
     )
     caption = (
-        "Effects looked for and not found, with the size from which on they would have been seen in these data; without a size: "
+        "Effects looked for and not found, with the size from which on these data exclude them; without a size: "
         "not tested by them."
     )
     return Table("ruled-out", caption, columns, tuple(rows))
