@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from tests.every_answer import SEEN, take_contradictions, watch_entry_points
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -43,6 +45,12 @@ atexit.register(_remove_config_home, os.environ["XDG_CONFIG_HOME"], os.getpid())
 # a shell that starts tests in the background has them and their children deaf to ^C, which some are about
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Before any other module of the package is imported, so that no answer of a diagnosis is missed.
+watch_entry_points()
+
+# Name under which a test's report carries the number of its answers.
+ANSWERS = "answers of diagnoses"
 
 # Folders in which at most a few tests simulate a leg or a mechanism.
 WITHOUT_MODEL = {"acquisition", "campaign", "codecs", "description", "devices", "doctor", "logbook", "protocol", "structure", "vision"}
@@ -91,6 +99,40 @@ def _each_function_compiled_by_one_worker(tmp_path_factory: pytest.TempPathFacto
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Dispatcher, "compile", compile_alone)
         yield
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Fails a test where an answer that was made for it, also by a fixture, contradicts itself."""
+    try:
+        result = yield
+    except BaseException as error:
+        for contradiction in take_contradictions():
+            error.add_note(contradiction)
+        raise
+    contradictions = take_contradictions()
+    if contradictions:
+        pytest.fail("\n".join(contradictions), pytrace=False)
+    return result
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item) -> None:
+    """Hands the number of answers on to the end of all tests, which may be in another process."""
+    if SEEN:
+        item.user_properties.append((ANSWERS, len(SEEN)))
+        SEEN.clear()
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Says how many answers of diagnoses were looked at."""
+    reports = [report for reports in terminalreporter.stats.values() for report in reports]
+    answers = 0
+    for report in reports:
+        if getattr(report, "when", "") == "teardown":
+            answers += dict(report.user_properties).get(ANSWERS, 0)
+    if answers:
+        terminalreporter.write_line(f"answers of diagnoses compared with their own numbers: {answers}")
 
 
 # Files with slow tests of up to a minute each. At the end of all tests such a test leaves the other workers idle. Pictures need the
