@@ -1,8 +1,7 @@
 """What no answer may say, because its own numbers deny it.
 
 `list_contradictions` compares the parts of a Diagnosis with each other. It needs neither the
-recordings nor the truth, so it holds for every answer that any test makes. tests/conftest.py applies
-it to all of them.
+recordings nor the truth, so it holds for every answer that any test makes.
 """
 
 import math
