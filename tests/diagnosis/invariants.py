@@ -192,7 +192,7 @@ def _check_probability(diagnosis: Diagnosis) -> Iterator[str]:
     stated = diagnosis.probability
     share = diagnosis.explained_share
     if share is not None and not share <= 1.0 + SAME_PROBABILITY:
-        yield f"The stated effects explain a share of {share:.4g} of the misfit."
+        yield f"The stated effects explain a share of {share:.6g} of the misfit."
     if stated is None:
         return
     if not 0.0 <= stated <= 1.0:
