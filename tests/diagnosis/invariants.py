@@ -152,6 +152,10 @@ def _check_exclusions(diagnosis: Diagnosis) -> Iterator[str]:
         effect_id = exclusion.id
         limits = [f"{name} {value:g}" for name, value in exclusion.would_have_seen.items()]
         excluded = f"{effect_id} is excluded from {_join(limits)}"
+        for name, value in exclusion.would_have_seen.items():
+            # a factor does nothing at 1, any other size at 0
+            if value == (1.0 if name.endswith("factor") else 0.0):
+                yield f"{excluded}, where it does nothing."
         if effect_id in stated:
             yield f"{excluded}, but it is stated."
         elif effect_id in alternatives:

@@ -208,6 +208,10 @@ BAD = {
         replace(NOTHING, not_seen=excluded("height_offset")),
         "height, which acts exactly like it, moved by +2.5 prior standard deviations",
     ),
+    "an effect is excluded where it does nothing": (
+        replace(NOTHING, not_seen=(NotSeen("torque_scale", {"motor1_factor": 1.0}),)),
+        "torque_scale is excluded from motor1_factor 1, where it does nothing.",
+    ),
     "an effect is excluded twice": (
         replace(NOTHING, not_seen=excluded("sensor_lag", "sensor_lag")),
         "The list of exclusions has sensor_lag 2 times.",
