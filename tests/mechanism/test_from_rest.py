@@ -170,6 +170,8 @@ def test_damping_of_a_joint_without_an_encoder_is_found(tmp_path):
 
 
 @pytest.mark.long
-def test_nothing_is_said_to_be_missing_where_nothing_is(folder):
+def test_nothing_is_stated_where_nothing_is_missing(folder):
+    """The recording holds each command for a sample, which the model does not: that is visible, and within the usual error."""
     found = diagnose_mechanism(read_experiment(folder), lambda *_: None).diagnosis
-    assert found.grade == "nothing missing"
+    assert found.effects == () and found.family is None
+    assert found.grade == "nothing missing" or "within the usual model error" in found.sentence

@@ -34,6 +34,7 @@ from rfca_rig.diagnosis.inference.map_fit import log_evidence_by_scale
 from rfca_rig.diagnosis.likelihood.covariance import DiscrepancyWhitening, propagate_smooth_error
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import LinearModel, laplace_posterior, loo_residuals
 from rfca_rig.model.catalogue import list_related
+from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
 
@@ -210,9 +211,8 @@ class Comparison:
 
     def variants_of(self, name: str) -> tuple[str, ...]:
         """Effects with the same law that are not in the best explanation: more general ones, and other special cases."""
-        effects = {term.effect.id: term.effect for one in self.ranked for term in one.hypothesis.fitted.coordinates.choices}
-        general = effects[name].variant_of or name
-        alike = {other.id for other in effects.values() if (other.variant_of or other.id) == general}
+        general = self._effects[name].variant_of or name
+        alike = {other.id for other in self._effects.values() if (other.variant_of or other.id) == general}
         return tuple(sorted(alike - {name} - set(self.best.ids)))
 
     def equals_of(self, one: ScaledHypothesis, name: str) -> tuple[str, ...]:
@@ -252,7 +252,8 @@ class Comparison:
         """Share of the removable part of a held-out misfit that is gone after."""
         # Noise cannot be removed, so it does not count as misfit.
         removable = before**2 - self.noise_floor**2
-        return (before**2 - after**2) / removable if removable > 0.0 else 0.0
+        # A fit may lie a little below the stated noise.
+        return min((before**2 - after**2) / removable, 1.0) if removable > 0.0 else 0.0
 
     def worsens_a_signal(self, one: ScaledHypothesis) -> bool:
         """Whether a hypothesis predicts held-out conditions worse than the one without effects, in any signal, and worse than usual."""
@@ -295,13 +296,25 @@ class Comparison:
         """
         best = set(self.best.ids)
         group = {name for name in best if not list_related((name,)).isdisjoint(best - {name})}
+        laws_of_group = self._laws_of(group)
         for simpler in self.ranked:
             instead = set(simpler.ids) - (best - group)
             is_simpler = best - group <= set(simpler.ids) and 0 < len(instead) < len(group) and instead <= list_related(group)
-            explains = is_simpler and (self.law_error(simpler) <= LAW_ERROR or _loses_little(simpler, self.best))
+            # A subset, or a variant of one, only says that the other laws are not needed.
+            is_other = is_simpler and not self._laws_of(instead) <= laws_of_group
+            explains = is_other and (self.law_error(simpler) <= LAW_ERROR or _loses_little(simpler, self.best))
             if explains and not simpler.is_less_plausible_than(self.best):
                 return frozenset(group)
         return frozenset()
+
+    def _laws_of(self, ids: Collection[str]) -> set[str]:
+        """The most general effects of which these are variants."""
+        return {self._effects[name].variant_of or name for name in ids}
+
+    @cached_property
+    def _effects(self) -> dict[str, Effect]:
+        """All effects of the hypotheses, by id."""
+        return {term.effect.id: term.effect for one in self.ranked for term in one.hypothesis.fitted.coordinates.choices}
 
     def whole_set(self, ids: Collection[str]) -> ScaledHypothesis:
         """The most probable plausible set that has these effects: sizes without its other effects would make up for those."""

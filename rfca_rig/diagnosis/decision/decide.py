@@ -419,7 +419,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
     each, grades = (forces, shaft), {forces.grade, shaft.grade}
     stated = [one for one in each if one.grade in ("identified", "mostly", "family")]
     # What is visible within the usual error of one of the two says nothing against what is identified in the other.
-    if "identified" in grades and all(one.grade == "identified" or one.within_usual for one in each):
+    if "identified" in grades and all(one.grade in ("identified", "nothing missing") or one.within_usual for one in each):
         grade: Grade = "identified"
     elif forces.effects or shaft.effects:
         grade = "mostly"
@@ -427,17 +427,9 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         grade = next(one for one in ("family", "unexplained", "nothing missing") if one in grades)
     # Nothing is missing only if nothing is missing in either of them.
     nothing = float(np.prod([one.probability if one.grade == "nothing missing" else 1.0 - one.probability for one in each]))
-    pairs = [(a, b) for a in forces.list_rivals(MOST_RIVALS) for b in shaft.list_rivals(MOST_RIVALS)]
-    rivals = [
-        Rival(
-            (*a.ids, *b.ids),
-            a.probability * b.probability,
-            a.log_evidence + b.log_evidence,
-            max(a.model_error, b.model_error),
-            None if a.prior is None or b.prior is None else a.prior * b.prior,
-        )
-        for a, b in pairs
-    ]
+    rivals = _combine_tables(forces.list_rivals(MOST_RIVALS), shaft.list_rivals(MOST_RIVALS))
+    # What is visible within the usual error is no criterion of what is identified in the other part.
+    judged = [one for one in each if one.grade != "nothing missing" and (grade != "identified" or one.grade == "identified")]
     return Decision(
         grade=grade,
         explanation=forces.explanation,
@@ -447,9 +439,33 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         probability=min(one.probability for one in stated) if stated else (nothing if grade == "nothing missing" else 1.0 - nothing),
         explained_share=min((one.explained_share for one in stated), default=1.0),
         relieved_strain=next((one.relieved_strain for one in stated if one.relieved_strain), ""),
-        criteria=tuple(criterion for one in each if one.grade != "nothing missing" for criterion in one.criteria),
-        rivals=tuple(sorted(rivals, key=lambda rival: -rival.probability)),
+        criteria=tuple(criterion for one in judged for criterion in one.criteria),
+        rivals=rivals,
         supported=(*forces.supported, *shaft.supported),
-        alternatives=() if stated else (*forces.alternatives, *shaft.alternatives),
+        alternatives=list_alternatives(rivals) if grade == "unexplained" else (),
         within_usual=forces.within_usual and shaft.within_usual,
     )
+
+
+def _combine_tables(forces: Sequence[Rival], shaft: Sequence[Rival]) -> tuple[Rival, ...]:
+    """The table of all pairs of rows, most probable first; something unlisted in both parts is one row."""
+    rows: dict[tuple[str, ...], Rival] = {}
+    for a in forces:
+        for b in shaft:
+            ids = tuple(dict.fromkeys((*a.ids, *b.ids)))
+            row = Rival(
+                ids,
+                a.probability * b.probability,
+                a.log_evidence + b.log_evidence,
+                max(a.model_error, b.model_error),
+                None if a.prior is None or b.prior is None else a.prior * b.prior,
+            )
+            known = rows.get(ids)
+            rows[ids] = (
+                row if known is None else replace(max(known, row, key=_probability), probability=known.probability + row.probability)
+            )
+    return tuple(sorted(rows.values(), key=_probability, reverse=True))
+
+
+def _probability(rival: Rival) -> float:
+    return rival.probability

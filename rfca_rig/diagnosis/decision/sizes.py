@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.config import LAW_MISFIT_SHARE, LAW_SHAPE_ERROR, LAW_SIZE_ERROR, NEGLIGIBLE_POWER, OCCAM
+from rfca_rig.diagnosis.config import LAW_MISFIT_SHARE, LAW_SHAPE_ERROR, LAW_SIZE_ERROR, NEGLIGIBLE_POWER, OCCAM, USUAL_ERROR
 from rfca_rig.diagnosis.decision.comparison import Comparison
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, std_of, value_of
@@ -99,6 +99,33 @@ def size_parameter(effect: Effect) -> Parameter:
     return next(parameter for parameter in effect.parameters if not parameter.whole)
 
 
+# Words of units at the end of the names of parameters.
+UNITS = frozenset(
+    ("Nm", "N", "m", "mm", "s", "ms", "rad", "deg", "rad2", "kg", "g", "m2", "m3", "m1p5", "s2", "s3", "Hz", "per", "SI", "relative")
+)
+
+
+def has_several_sizes(effect: Effect) -> bool:
+    """Whether an effect has one size for each of several joints, actuators or sensors.
+
+    A limit of the first size says nothing of the others, whose effects are part of the same signature.
+    """
+    first = size_parameter(effect).name.split("_")
+    for parameter in effect.parameters:
+        other = parameter.name.split("_")
+        if parameter.whole or other == first:
+            continue
+        # Names are OWNER_QUANTITY_UNIT: the common end of the names of two sizes holds the quantity, not only the unit.
+        common = []
+        for a, b in zip(reversed(first), reversed(other), strict=False):
+            if a != b:
+                break
+            common.append(a)
+        if not set(common) <= UNITS:
+            return True
+    return False
+
+
 def without_effect(effect: Effect, rig: RigModel) -> float:
     """Value of the size parameter at which an effect does nothing.
 
@@ -152,6 +179,8 @@ def find_detection_limits(
 
 
 def _size(effect: Effect, probes: Sequence[EffectProbe], power_of: PowerOf, rig: RigModel, needed: float) -> Mapping[str, float] | None:
+    if has_several_sizes(effect):
+        return None
     size, off = size_parameter(effect), without_effect(effect, rig)
     powers: dict[float, list[float]] = {}
     signed_sum = 0.0
@@ -166,6 +195,9 @@ def _size(effect: Effect, probes: Sequence[EffectProbe], power_of: PowerOf, rig:
     if not any(power > NEGLIGIBLE_POWER * needed for _, power in points):
         return None
     distance, rising = _threshold(np.array(points), needed)
+    # A scale that is wrong by less than the usual error is no missing physics.
+    if size.name.endswith("factor"):
+        distance = max(distance, USUAL_ERROR)
     value = off + distance if off == 0.0 or signed_sum >= 0.0 else off - distance
     value = value if rising else min(value, size.high)
     if (rising and value > size.high) or (not rising and value < size.low) or value < min(size.low, 0.0):

@@ -310,10 +310,7 @@ def detection_limits_table(diagnosis: Diagnosis) -> Table:
         TableColumn("size", "Size", set_value=True),
         TableColumn("unit", "Unit"),
     )
-    caption = (
-        "Effects looked for and not found, with the size from which on these data exclude them; without a size: "
-        "not tested by them."
-    )
+    caption = "Effects looked for and not found, with the size from which on these data exclude them; without a size: not tested by them."
     return Table("ruled-out", caption, columns, tuple(rows))
 
 
