@@ -8,13 +8,14 @@ import pytest
 
 from rfca_rig.diagnosis.config import AS_GOOD_LOG_ODDS, IMPLAUSIBLE, LAW_ERROR, LAW_SIZE_ERROR, MAX_COORDINATE
 from rfca_rig.diagnosis.decision import decide, sizes
-from rfca_rig.diagnosis.decision.comparison import Comparison, compare
+from rfca_rig.diagnosis.decision.comparison import Comparison, _without_unconfirmed, compare
 from rfca_rig.diagnosis.decision.decide import Supported, _best_family, _families_of_best, decide_from, support_of_best
-from rfca_rig.diagnosis.decision.sizes import estimate_sizes
+from rfca_rig.diagnosis.decision.sizes import estimate_sizes, widen
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
+from rfca_rig.diagnosis.result import Value
 from rfca_rig.diagnosis.result_builder import describe
-from rfca_rig.model.catalogue import members_of
-from rfca_rig.model.effect import EqualLimit
+from rfca_rig.model.catalogue import catalogue, members_of
+from rfca_rig.model.effect import EqualLimit, Parameter
 from tests.diagnosis.by_hand import KNOWN_TO, RIG, flaps_of, found_among, present, recorded
 
 CONDITIONS = [(205.0, 2.0), (215.0, 2.4), (230.0, 3.0), (210.0, 2.2), (222.0, 2.7)]
@@ -432,3 +433,61 @@ def test_a_law_that_the_effect_becomes_in_a_limit_is_reported_with_it_where_the_
     rival = comparison.support(("sensor_gain", "sensor_crosstalk") if holds else ("sensor_gain",))
     values = next(one.values for one in support_of_best(comparison) if one.kind == "effect")
     assert values["log_bayes_factor"] == pytest.approx(np.log1p(rival.log_bayes_factor))
+
+
+def test_a_rival_that_needs_an_implausible_value_explains_nothing(gained):
+    """The effect took the place of that value; the next set that needs none is the rival."""
+    crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
+    nothing = strained(gained.nothing, IMPLAUSIBLE + 1.0)
+    others = [replace(strained(crosstalk, 1.0), log_joint=nothing.log_joint - 5.0), strained(gained.best, 1.0)]
+    comparison = Comparison(gained.result, tuple(sorted((nothing, *others), key=lambda one: -one.log_joint)))
+    assert comparison.without(("sensor_gain",)).ids == ("sensor_crosstalk",)
+    # where every rival needs such a value, the most probable one counts
+    alone = Comparison(gained.result, tuple(one for one in comparison.ranked if one.ids != ("sensor_crosstalk",)))
+    assert alone.without(("sensor_gain",)).ids == ()
+
+
+def test_a_few_conditions_that_are_predicted_far_worse_count_in_the_explained_share(gained):
+    plain = replace(gained.nothing)
+    best = replace(gained.best)
+    comparison = _with(Comparison(gained.result, (best, plain)), "nothing", _with_rms(plain, np.full(5, 4.0)))
+    assert comparison.explained_share(_with_rms(replace(best), np.full(5, 1.0))) > 0.9
+    assert comparison.explained_share(_with_rms(replace(best), np.array([1.0, 1.0, 1.0, 1.0, 30.0]))) < 0.0
+
+
+def test_evidence_counts_only_where_held_out_conditions_confirm_it(gained):
+    nothing = _with_rms(replace(strained(gained.nothing, 1.0)), np.full(5, 1.0))
+
+    def evidence(rms):
+        best = _with_rms(strained(gained.best, 1.0), np.full(5, rms))
+        reduced = _without_unconfirmed(best, (nothing, best))
+        return reduced.log_joint - reduced.hypothesis.log_prior - (nothing.log_joint - nothing.hypothesis.log_prior)
+
+    assert evidence(0.97) == pytest.approx(0.0, abs=1e-9)
+    assert evidence(0.5) > 100.0
+
+
+def test_a_partner_that_is_as_good_as_another_widens_a_size():
+    """Friction of 17 with one law of drag beside it, and of 11 with another."""
+    sizes = [({"torque_Nm": Value(17.0, 3.0)}, {}), ({"torque_Nm": Value(11.0, 3.0)}, {})]
+    (value,) = widen(sizes, 0).values()
+    assert value.value == 17.0
+    assert value.std == pytest.approx(np.hypot(3.0, 6.0 / np.sqrt(2.0)))
+    assert widen(sizes[:1], 0) == sizes[0][0]
+
+
+@pytest.mark.parametrize(
+    ("names", "several"),
+    [
+        (("joint1_torque_Nm", "joint2_torque_Nm"), True),
+        (("motor1_factor", "motor2_factor"), True),
+        (("left_knee_torque_Nm", "hip_torque_Nm", "rise_relative"), True),
+        (("kp_Nm_s_per_rad", "ki_Nm_per_rad"), False),
+        (("angle_deg", "stiffness_Nm_per_rad"), False),
+        (("torque_Nm",), False),
+    ],
+)
+def test_an_effect_may_have_a_size_for_each_of_several_joints(names, several):
+    parameters = tuple(Parameter(name, 0.1, 1.0) for name in names)
+    effect = replace(catalogue()["joint_friction"], parameters=parameters)
+    assert sizes.has_several_sizes(effect) == several
