@@ -30,6 +30,7 @@ from rfca_rig.diagnosis.result import (
     describe_probability,
     name_parts,
 )
+from rfca_rig.model.catalogue import list_effects_like
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
 
@@ -162,14 +163,17 @@ def _find_not_seen(
     """Detection limits on the subset of the conditions that was screened; all conditions would exclude a little more.
 
     Remaining misfit could hide an effect. It counts as discrepancy, at least the usual one. So could a nuisance parameter that has moved
-    far: it may have taken the place of the effect, so that its prior does not hold here.
+    far: it may have taken the place of the effect, so that its prior does not hold here. What acts much as it does is not excluded at all,
+    because the fit may have found one of two optima.
     """
     fit, rows = explanation.fitted, found.in_coarse
     fitted, measured = replace(fit, predicted=fit.predicted[rows], jacobian=fit.jacobian[rows]), found.dataset.rows.measured[rows]
     moved = np.flatnonzero(np.abs(explanation.marginal.posterior.mean[: fit.coordinates.nuisances]) > MOVED_PRIOR_STD)
     # The probes were simulated on the subset only.
     projection = make_projection(fitted, measured, found.coarse.level(fitted.linear(measured)), moved.tolist())
-    others = [effect for effect in effects if effect.id not in suspects]
+    names = [fit.coordinates.space.names[place] for place in moved]
+    imitated = list_effects_like(names).union(effect.id for effect in effects if effect.same_as in names)
+    others = [effect for effect in effects if effect.id not in imitated.union(suspects)]
     needed = power_to_exclude(len(others))
 
     def power_of(signature: Floats) -> float:

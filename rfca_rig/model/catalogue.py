@@ -286,6 +286,46 @@ FAMILIES = (
 )
 
 
+_WEIGHT = ("joint_position_torque", "joint_inertia", "body_mass")
+_LOSS = ("joint_dissipation",)
+# Families whose effects act much as an error of a nominal value does, by the name of the value without that of its joint, body or actuator.
+FAMILIES_OF_VALUES = {
+    "mass_relative": _WEIGHT,
+    "centre_of_mass_m": _WEIGHT,
+    "inertia_relative": _WEIGHT,
+    "rotor_inertia_kg_m2": ("joint_inertia",),
+    "zero_offset_rad": ("joint_position_torque",),
+    "zero_offset_m": ("joint_position_torque",),
+    "torque_offset_Nm": ("joint_position_torque", "torque_scale"),
+    "joint_damping_Nm_s_per_rad": _LOSS,
+    "joint_damping_N_s_per_m": _LOSS,
+    "joint_friction_Nm": _LOSS,
+    "joint_friction_N": _LOSS,
+    "command_gain_relative": ("torque_scale",),
+    "command_delay_s": ("torque_scale", "joint_inertia"),
+    "torque_delay_s": ("torque_scale", "joint_inertia"),
+    "contact_stiffness_relative": ("contact_compliance",),
+    "contact_damping_relative": ("contact_compliance",),
+    "k0": ("hinge_stiffness",),
+    "k2": ("hinge_stiffness",),
+    "hinge_damping": ("hinge_dissipation",),
+    "mass": ("leg_mass",),
+    "height": ("floor_geometry",),
+    "friction": ("floor_friction",),
+    "presliding": ("floor_friction",),
+    "tangential_damping": ("floor_friction",),
+    "friction_rise": ("floor_friction",),
+    "contact_stiffness": ("floor_yields",),
+    "command_delay": ("drive_yields", "sensor_late"),
+}
+
+
+def list_effects_like(values: Iterable[str]) -> frozenset[str]:
+    """Effects that act much as errors of these nominal values do, for example of "link1.mass_relative"."""
+    names = [value.rpartition(".")[2] for value in values]
+    return frozenset().union(*(members_of(family) for name in names for family in FAMILIES_OF_VALUES.get(name, ())))
+
+
 def families() -> tuple[Family, ...]:
     """All families, with the lab's own effects that name one of them."""
     return _families(os.environ.get(FOLDER_VARIABLE))

@@ -1,6 +1,6 @@
 """How often the diagnosis sees a heavier weight or another arm on a position servo.
 
-Run: python -m tests.benchmarks.servo FOLDER [--pairs 40] [--seed 1] [--processes 1] [--own-law]
+Run: python -m tests.benchmarks.servo FOLDER [--pairs 40] [--seed 1] [--own-law]
 
 Each pair draws a servo with its weight and arm, and does what a user would do:
 
@@ -30,7 +30,6 @@ import time
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
-from multiprocessing import Pool
 from pathlib import Path
 from unittest.mock import patch
 
@@ -705,17 +704,12 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("--pairs", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--own-law", action="store_true")
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
     work = answer_own_law if asked.own_law else answer
-    jobs = [(asked.seed, number, asked.folder) for number in range(asked.pairs)]
-    if asked.processes == 1:
-        answers = [work(*job) for job in jobs]
-    else:
-        with Pool(asked.processes) as pool:
-            answers = pool.starmap(work, jobs, chunksize=1)
+    # One after the other: a diagnosis uses all cores itself.
+    answers = [work(asked.seed, number, asked.folder) for number in range(asked.pairs)]
     if asked.own_law:
         print_own_law(answers)
         return

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from rfca_rig.errors import BadInput
-from rfca_rig.model.catalogue import FOLDER_VARIABLE, catalogue, families_of, list_related, members_of
+from rfca_rig.model.catalogue import (
+    FAMILIES,
+    FAMILIES_OF_VALUES,
+    FOLDER_VARIABLE,
+    catalogue,
+    families_of,
+    list_effects_like,
+    list_related,
+    members_of,
+)
 from tests.model.effects.rigs import having, paper_stroke, released
 from tests.model.legs import pendulum
 
@@ -91,3 +100,11 @@ def test_a_folder_that_is_not_there_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "nowhere"))
     with pytest.raises(BadInput, match="nowhere"):
         catalogue()
+
+
+def test_what_acts_as_a_wrong_nominal_value_does_is_known_by_the_name_of_the_value():
+    assert {"added_mass", "centre_of_mass", "joint_inertia"} <= list_effects_like(["arm2.centre_of_mass_m"])
+    assert "hinge_viscous_damping" in list_effects_like(["hinge_damping"])
+    assert list_effects_like(["shaft.no_such_value"]) == frozenset()
+    known = {family.id for family in FAMILIES}
+    assert all(known.issuperset(named) for named in FAMILIES_OF_VALUES.values())
