@@ -1,4 +1,4 @@
-"""Looks at every final answer of a diagnosis that is made in this process, whoever asks for it.
+"""Looks at every final answer of a diagnosis that is made in this process, for any caller.
 
 The three entry points (`diagnose`, `diagnose_pendulum`, `diagnose_mechanism`) limit linear algebra
 to one thread by the decorator `single_threaded_blas`. So the decorator is the one place that every

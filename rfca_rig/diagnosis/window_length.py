@@ -24,7 +24,7 @@ from rfca_rig.diagnosis.inference.map_fit import MapFit, without_scatter
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.simulator import Dataset
-from rfca_rig.errors import SimulationFailed
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.effect import Effect
 
 Floats = NDArray[np.float64]
@@ -34,6 +34,7 @@ MAX_START_SHARE = 0.25
 MAX_MISFIT_SHARE = 0.5
 LONGEST_S = 2.0
 FEWEST_STRETCHES = 4  # conditions that must remain: held-out prediction with fewer says little
+LEAST_ROWS = 0.8  # share of the rows on shorter windows that must remain
 CARRIED = 2  # sets of effects whose fits go on to longer windows: on short ones a wrong law may be as good as the right one
 SHARE_OF_SINGLES = 0.2  # of the progress of a diagnosis
 LEAST_GROWTH = 1.2  # times the former length, below which another cut is not worth its simulations
@@ -73,7 +74,10 @@ class WindowedProblem(Protocol):
         ...
 
     def cut_again(self, lengths_s: Sequence[float]) -> Self:
-        """The same recordings in windows of other lengths, with the same effects and nuisance parameters. Raises SimulationFailed."""
+        """The same recordings in windows of other lengths, with the same effects and nuisance parameters.
+
+        Raises SimulationFailed, and BadInput where no such window can be used.
+        """
         ...
 
 
@@ -174,12 +178,17 @@ def _double_lengths(problem: WindowedProblem, growing: Collection[int]) -> list[
 
 
 def _cut_and_fit(problem: P, lengths_s: Sequence[float], begun: Sequence[MapFit]) -> tuple[P, tuple[MapFit, ...]] | None:
-    """The problem in windows of these lengths, and the fits on them; None where that cannot be simulated, or leaves few conditions."""
+    """The problem in windows of these lengths, and the fits on them.
+
+    None where that cannot be simulated, leaves few conditions, or loses much of the recordings because more windows span a gap.
+    """
     try:
         longer = problem.cut_again(lengths_s)
-    except SimulationFailed:
+    except (SimulationFailed, BadInput):
         return None
     if len(longer.dataset.parts) < FEWEST_STRETCHES:
+        return None
+    if len(longer.dataset.rows.measured) < LEAST_ROWS * len(problem.dataset.rows.measured):
         return None
     optimizer = without_scatter(longer.dataset)
     at_former = [optimizer.at(fit.coordinates, fit.x) for fit in begun]

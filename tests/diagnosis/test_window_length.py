@@ -9,6 +9,7 @@ import pytest
 from rfca_rig.diagnosis import window_length
 from rfca_rig.diagnosis.data import Label
 from rfca_rig.diagnosis.window_length import LONGEST_S, WindowErrors, _double_lengths, lengthen_windows, measure_window_errors
+from rfca_rig.errors import BadInput, SimulationFailed
 
 SMALL = WindowErrors(start=0.01, misfit=0.01)
 
@@ -91,3 +92,21 @@ def test_errors_are_shares_of_what_the_signals_change_over_all_recordings():
     errors = measure_window_errors(problem, SimpleNamespace(predicted=measured - missed))
     assert (errors["moves"].start, errors["moves"].misfit) == pytest.approx((0.1, 0.2))
     assert (errors["rests"].start, errors["rests"].misfit) == pytest.approx((0.1, 0.4))
+
+
+@pytest.mark.parametrize("failure", ["simulation", "no window", "few conditions", "few rows"])
+def test_longer_windows_that_cannot_be_used_are_not_taken(failure):
+    """For example where every longer window spans a gap of the recording."""
+
+    def dataset(parts, rows):
+        return SimpleNamespace(parts=range(parts), rows=SimpleNamespace(measured=np.zeros(rows)))
+
+    def cut_again(lengths_s):
+        if failure == "simulation":
+            raise SimulationFailed("diverges")
+        if failure == "no window":
+            raise BadInput("every window has a gap")
+        return SimpleNamespace(dataset=dataset(3, 100) if failure == "few conditions" else dataset(4, 70))
+
+    problem = SimpleNamespace(dataset=dataset(8, 100), cut_again=cut_again)
+    assert window_length._cut_and_fit(problem, [1.0], ()) is None

@@ -143,10 +143,16 @@ class MechanismProblem:
 
         Raises
         ------
+        BadInput
+            Where every such window has a gap.
         SimulationFailed
             Where the nominal model cannot be simulated over such a window.
         """
         cut, recorded = _cut_and_thin(self.experiment, self.simulator.mechanism, self.match, lengths_s)
+        if not any(cut):
+            raise BadInput(
+                f"{self.experiment.path}: every window of {max(lengths_s):.3g} s has a gap; give a shorter length_s in [windows]"
+            )
         simulator = replace(self.simulator, step_s=STEP_OF_ERRORS_S)
         plant = simulator.plant(MechanismInput())
         corrected = [[correct_window(window, simulator, plant, self.torque) for window in of_run] for of_run in cut]
